@@ -1,0 +1,144 @@
+"""What an argument may be, said once.
+
+Every quantity has a `Domain`. Where its value is concrete, a value outside is a
+`ValueError` that names the argument, the value and what is allowed. Where it is
+traced (under ``jit``, ``vmap``, ``grad``) nothing can be raised, so the elements
+concerned become NaN, and a harmless value stands in for them while the function
+is evaluated: neither the neighbours nor their derivatives see them.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, NamedTuple, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Real
+
+Number = Real[ArrayLike, "..."]
+Reals = Float[Array, "..."]
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+class Domain(NamedTuple):
+    """The values that an argument may have."""
+
+    allowed: str  # in words, for the error message
+    contains: Callable[[Any], Any]
+    stand_in: float  # taken in the place of a value outside
+
+
+POSITIVE = Domain("finite and greater than 0", lambda x: (x > 0) & (x < jnp.inf), 1.0)
+NON_NEGATIVE = Domain("finite and at least 0", lambda x: (x >= 0) & (x < jnp.inf), 0.0)
+FINITE = Domain("finite", lambda x: abs(x) < jnp.inf, 0.0)
+UNIT_INTERVAL = Domain("between 0 and 1", lambda x: (x >= 0) & (x <= 1), 0.5)
+BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0.5)
+COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == x // 1), 1.0)
+GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
+
+
+def as_real(name: str, value: Any) -> Array:
+    """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
+    try:
+        array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
+        real = jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
+    except (TypeError, ValueError):
+        real = False
+    if not real:
+        raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def check(name: str, value: Any, domain: Domain) -> None:
+    """Raise `ValueError` if `value` is concrete and anywhere outside `domain`."""
+    if isinstance(value, jax.core.Tracer):
+        return
+    values = np.asarray(value)
+    with np.errstate(invalid="ignore"):
+        outside = ~np.asarray(domain.contains(values))
+    if outside.any():
+        first = f"{float(values[outside].flat[0]):.9g}"
+        if values.ndim:
+            first = f"{first} (first of {outside.sum()} such elements out of {outside.size})"
+        raise ValueError(f"{name} must be {domain.allowed}, got {first}")
+
+
+def quantity(domain: Domain, name: str, **options: Any) -> Any:
+    """A field of a `Checked` module that has to lie in `domain`."""
+    return eqx.field(
+        converter=functools.partial(as_real, name), metadata={"domain": domain}, **options
+    )
+
+
+class Checked(eqx.Module):
+    """A module whose `quantity` fields are checked when it is made from concrete values."""
+
+    def __check_init__(self):
+        for field in self.__dataclass_fields__.values():
+            if "domain" in field.metadata:
+                check(field.name, getattr(self, field.name), field.metadata["domain"])
+
+
+def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
+    valid = domain.contains(value)
+    return jnp.where(valid, value, domain.stand_in), valid
+
+
+def _module_within(module: Checked) -> tuple[Checked, Any]:
+    valid: Any = True
+    for name, field in module.__dataclass_fields__.items():
+        value = getattr(module, name)
+        if "domain" in field.metadata:
+            stand_in, ok = _within(value, field.metadata["domain"])
+        elif isinstance(value, Checked):
+            stand_in, ok = _module_within(value)
+        else:
+            continue
+        module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, stand_in)
+        valid = valid & ok
+    return module, valid
+
+
+def is_valid(module: Checked) -> Bool[Array, "..."]:
+    """Whether each element of `module` lies in its domain."""
+    return jnp.asarray(_module_within(module)[1])
+
+
+def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Guard an elementwise function.
+
+    Arguments named in `domains`, and all `Checked` modules, are checked where they
+    are concrete. The function sees valid elements only; results are NaN where an
+    argument was not valid, with derivative zero, so that a masked sum over a batch
+    has the derivative of the elements that are kept.
+    """
+
+    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        signature = inspect.signature(function)
+
+        @functools.wraps(function)
+        def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            valid: Any = True
+            for name, value in bound.arguments.items():
+                if isinstance(value, Checked):
+                    bound.arguments[name], ok = _module_within(value)
+                elif name in domains:
+                    value = as_real(name, value)
+                    check(name, value, domains[name])
+                    bound.arguments[name], ok = _within(value, domains[name])
+                else:
+                    continue
+                valid = valid & ok
+            result = function(*bound.args, **bound.kwargs)
+            return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
+
+        return guarded
+
+    return decorate

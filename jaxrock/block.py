@@ -1,0 +1,113 @@
+"""The block: its geometry, and what follows from geometry and gravity alone."""
+
+import jax.numpy as jnp
+
+from .arguments import NON_NEGATIVE, POSITIVE, Checked, Number, Reals, check, elementwise, quantity
+
+
+class Block(Checked):
+    """A rigid, homogeneous, rectangular block standing on a rigid base (Fig. 1).
+
+    Parameters
+    ----------
+    half_width : array_like
+        b, half the width of the base [m], greater than 0.
+    slenderness : array_like
+        lambda = a / b, height over width [-], greater than 0.
+    gravity : array_like, optional
+        g, acceleration of gravity [m/s2], greater than 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is not finite and greater than 0. Traced values outside
+        give NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.4, slenderness=5.0)
+    >>> print(f"{block.critical_angle:.4f} rad")
+    0.1974 rad
+    """
+
+    half_width: Reals = quantity(POSITIVE, "half_width")
+    slenderness: Reals = quantity(POSITIVE, "slenderness")
+    gravity: Reals = quantity(POSITIVE, "gravity", default=9.81)
+
+    @classmethod
+    def from_size(cls, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
+        """The block of the given full `width` 2b and full `height` 2a, both in m.
+
+        Raises
+        ------
+        ValueError
+            If a concrete value is not finite and greater than 0.
+        """
+        check("width", width, POSITIVE)
+        check("height", height, POSITIVE)
+        return cls(jnp.divide(width, 2), jnp.divide(height, width), gravity)
+
+    @property
+    @elementwise()
+    def half_height(self) -> Reals:
+        """a = lambda b, half the height [m]."""
+        return self.slenderness * self.half_width
+
+    @property
+    @elementwise()
+    def half_diagonal(self) -> Reals:
+        """R = sqrt(a^2 + b^2) = b sqrt(1 + lambda^2), from the centre to a corner [m]."""
+        return self.half_width * diagonal_ratio(self)
+
+    @property
+    @elementwise()
+    def critical_angle(self) -> Reals:
+        """alpha_c = arctan(1 / lambda), the rotation of unstable balance [rad]."""
+        return jnp.arctan2(1.0, self.slenderness)
+
+    @property
+    @elementwise()
+    def frequency_parameter(self) -> Reals:
+        """p = sqrt(3 g / (4 R)), the rate at which free rocking grows or decays [1/s]."""
+        return jnp.sqrt(0.75 * self.gravity / (self.half_width * diagonal_ratio(self)))
+
+    @elementwise(intensity=NON_NEGATIVE)
+    def pulse_velocity(self, intensity: Number) -> Reals:
+        """Angular velocity that an instantaneous pulse gives to the block at rest (Eq. 2).
+
+        Conservation of angular momentum about the corner, the same for slender and stocky
+        blocks and independent of gravity.
+
+        Parameters
+        ----------
+        intensity : array_like
+            I, change of the ground velocity [m/s], finite and at least 0.
+
+        Returns
+        -------
+        Array
+            ``3 lambda I / (4 b (1 + lambda^2))`` [rad/s].
+        """
+        shape = self.slenderness / (1 + self.slenderness**2)
+        return 0.75 * shape * intensity / self.half_width
+
+
+def diagonal_ratio(block: Block) -> Reals:
+    """R / b = sqrt(1 + lambda^2); ``1 / (R / b)`` is sin(alpha_c)."""
+    return jnp.sqrt(1 + block.slenderness**2)
+
+
+@elementwise()
+def housner_restitution(block: Block) -> Reals:
+    """Housner's coefficient of restitution, a ratio of angular velocities.
+
+    Angular momentum about the new corner is conserved in the impact (Housner 1963).
+    Below a slenderness of 0.707 it is negative: such a block does not rock on.
+
+    Returns
+    -------
+    Array
+        ``1 - (3/2) sin(alpha_c)^2`` [-].
+    """
+    return 1 - 1.5 / (1 + block.slenderness**2)

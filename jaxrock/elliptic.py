@@ -1,0 +1,165 @@
+"""Elliptic integrals and functions, which JAX lacks.
+
+Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the
+series to order 7), Jacobi's sn, cn, dn by the arithmetic-geometric mean
+(DLMF 22.20(ii)), and two ratios whose automatic derivative would cancel. All are
+elementwise and differentiable any number of times.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .arguments import Reals
+
+
+def _duplications(dtype: jnp.dtype) -> int:
+    """Duplications after which the series is exact to `dtype`, for arguments down to its eps.
+
+    A duplication about halves the logarithm of the ratio of the arguments while that
+    is large, then divides their relative differences by four.
+    """
+    return 11 if jnp.finfo(dtype).bits > 32 else 7
+
+
+def _duplicate(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+    root_x, root_y, root_z = jnp.sqrt(x), jnp.sqrt(y), jnp.sqrt(z)
+    shift = root_x * (root_y + root_z) + root_y * root_z
+    return (x + shift) / 4, (y + shift) / 4, (z + shift) / 4, 1 / (root_z * (z + shift))
+
+
+@jax.custom_jvp
+def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
+    """Carlson's R_F(x, y, z), the symmetric integral of the first kind (DLMF 19.16.1).
+
+    Parameters
+    ----------
+    x, y, z : array_like
+        Arguments, greater than 0, their ratios within 1/eps of the dtype; elementwise.
+
+    Returns
+    -------
+    Array
+        R_F, homogeneous of degree -1/2; ``R_F(x, x, x) = 1 / sqrt(x)``.
+    """
+    for _ in range(_duplications(jnp.result_type(x, y, z))):
+        x, y, z, _ = _duplicate(x, y, z)
+    mean = (x + y + z) / 3
+    dx, dy = (mean - x) / mean, (mean - y) / mean
+    dz = -dx - dy
+    e2, e3 = dx * dy - dz * dz, dx * dy * dz
+    series = (
+        e2 * (-1 / 10 + e2 * (1 / 24 - e2 * (5 / 208) + e3 / 16) - e3 * (3 / 44))
+        + e3 * (1 / 14 + e3 * (3 / 104))
+        + 1
+    )
+    return series / jnp.sqrt(mean)
+
+
+@carlson_rf.defjvp
+def _carlson_rf_jvp(primals, tangents):
+    x, y, z = primals
+    dx, dy, dz = tangents
+    slope = dx * carlson_rd(y, z, x) + dy * carlson_rd(z, x, y) + dz * carlson_rd(x, y, z)
+    return carlson_rf(x, y, z), -slope / 6
+
+
+def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
+    """Carlson's R_D(x, y, z), the elliptic integral of the second kind (DLMF 19.16.5).
+
+    Parameters
+    ----------
+    x, y, z : array_like
+        Arguments, greater than 0, their ratios within 1/eps of the dtype; elementwise.
+
+    Returns
+    -------
+    Array
+        R_D, symmetric in x and y only, of degree -3/2; ``R_D(x, x, x) = x**(-3/2)``.
+    """
+    total = jnp.zeros_like(x)
+    weight = 3.0
+    for _ in range(_duplications(jnp.result_type(x, y, z))):
+        x, y, z, term = _duplicate(x, y, z)
+        total = total + weight * term
+        weight = weight / 4
+    mean = (x + y + 3 * z) / 5
+    dx, dy = (mean - x) / mean, (mean - y) / mean
+    dz = -(dx + dy) / 3
+    xy, zz = dx * dy, dz * dz
+    e2, e3, e4, e5 = xy - 6 * zz, (3 * xy - 8 * zz) * dz, 3 * (xy - zz) * zz, xy * zz * dz
+    series = (
+        1
+        + e2 * (-3 / 14 + e2 * (9 / 88 - e2 / 16) - e3 * (9 / 52 - e2 * (45 / 272)))
+        + e3 * (1 / 6 + e3 * (3 / 40))
+        + e4 * (-3 / 22 + e2 * (3 / 20) - e3 * (9 / 68))
+        + e5 * (3 / 26 - e2 * (9 / 68))
+    )
+    return total + weight / 3 * series / (mean * jnp.sqrt(mean))
+
+
+def jacobi(
+    argument: Reals, complement: Reals
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """Jacobi's elliptic functions sn, cn and dn (DLMF 22.2).
+
+    Parameters
+    ----------
+    argument : array_like
+        u, any real number; elementwise.
+    complement : array_like
+        1 - m, the complement of the parameter, which is what is known exactly when m is
+        close to 1. Negative values (m > 1) are allowed.
+
+    Returns
+    -------
+    tuple of Array
+        ``sn(u|m), cn(u|m), dn(u|m)``.
+    """
+    # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges;
+    # the floor is far below what dn can resolve.
+    beyond = complement < 0
+    stretch = jnp.sqrt(1 - jnp.where(beyond, complement, 0))
+    floor = jnp.finfo(jnp.result_type(argument, complement)).eps ** 4
+    m1 = jnp.maximum(jnp.where(beyond, -complement / stretch**2, complement), floor)
+    mean, root = jnp.ones_like(m1), jnp.sqrt(m1)
+    stages = []
+    for _ in range(10):
+        mean, root, gap = (mean + root) / 2, jnp.sqrt(mean * root), (mean - root) / 2
+        stages.append((root, gap))
+    phase = 2.0 ** len(stages) * mean * stretch * argument
+    for root, gap in reversed(stages):
+        # arcsin(gap sin(phase) / mean), without its cancellation near pi/2
+        adjacent = jnp.sqrt(root**2 + (gap * jnp.cos(phase)) ** 2)
+        phase = (phase + jnp.arctan2(gap * jnp.sin(phase), adjacent)) / 2
+    sn, cn = jnp.sin(phase), jnp.cos(phase)
+    dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
+    return sn / stretch, jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
+
+
+@jax.custom_jvp
+def arctan_ratio(z: Reals) -> Reals:
+    """``arctan(z) / z`` for z > 0, elementwise; its derivative keeps all digits at small z."""
+    return jnp.arctan(z) / z
+
+
+@arctan_ratio.defjvp
+def _arctan_ratio_jvp(primals, tangents):
+    (z,), (dz,) = primals, tangents
+    y = 1 + z**2
+    return arctan_ratio(z), -2 / 3 * z * carlson_rd(jnp.ones_like(y), y, y) * dz
+
+
+@jax.custom_jvp
+def arcsin_ratio(q: Reals) -> Reals:
+    """``arcsin(q) / q`` for 0 <= q < 1, elementwise; its derivative keeps all digits at small q."""
+    positive = q > 0
+    divisor = jnp.where(positive, q, 1)
+    return jnp.where(positive, jnp.arcsin(q) / divisor, 1)
+
+
+@arcsin_ratio.defjvp
+def _arcsin_ratio_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    one = jnp.ones_like(q)
+    return arcsin_ratio(q), q / 3 * carlson_rd(one, one, 1 - q**2) * dq

@@ -1,0 +1,268 @@
+"""Free rocking between two impacts, in closed form: the two rungs of the ladder.
+
+`Linearized` is exact for slender blocks (Eq. 4), `Nonlinear` for any block (Eq. 1
+without input). Both answer the same questions. Free rocking conserves energy, so a
+block lands as fast as it took off, and all of it depends on ``x = velocity /
+critical_velocity``: the block stands while x < 1, and overturns from 1 on.
+
+Notation in the code: ``h = sqrt(1 + lambda^2)`` is R / b, ``k = sqrt(1 - x^2)`` is the
+square root of the energy left to the barrier (as a share of it), and ``tau =
+tan(alpha_c / 2)``.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .arguments import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
+from .block import Block, diagonal_ratio
+from .elliptic import arcsin_ratio, arctan_ratio, carlson_rf, jacobi
+
+
+class FreeRocking(eqx.Module):
+    """What both rungs can answer; see `Linearized` and `Nonlinear`."""
+
+    @abc.abstractmethod
+    def _critical_velocity(self, block: Block) -> Reals: ...
+
+    @abc.abstractmethod
+    def _peak_rotation(self, block: Block, x: Reals) -> Reals: ...
+
+    @abc.abstractmethod
+    def _pulse_peak_rotation(self, block: Block, x: Reals, pulse: Reals) -> Reals: ...
+
+    @abc.abstractmethod
+    def _rotation_ratio(self, block: Block, x: Reals) -> Reals: ...
+
+    @abc.abstractmethod
+    def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals: ...
+
+    @abc.abstractmethod
+    def _half_cycle_duration(self, block: Block, x: Reals) -> Reals: ...
+
+    @abc.abstractmethod
+    def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals: ...
+
+    @elementwise()
+    def critical_velocity(self, block: Block) -> Reals:
+        """Launch velocity that just overturns the block.
+
+        Returns
+        -------
+        Array
+            ``alpha_c p`` (`Linearized`) or ``2 p sin(alpha_c / 2)`` (`Nonlinear`) [rad/s].
+        """
+        return self._critical_velocity(block)
+
+    @elementwise(velocity=NON_NEGATIVE)
+    def peak_rotation(self, block: Block, velocity: Number) -> Reals:
+        """Largest rotation after a launch (Eqs. 6 and 12).
+
+        Parameters
+        ----------
+        block : Block
+        velocity : array_like
+            Launch velocity [rad/s], finite and at least 0.
+
+        Returns
+        -------
+        Array
+            Peak rotation [rad]; NaN where the launch overturns the block.
+        """
+        x, stands = self._speed_ratio(block, velocity)
+        return jnp.where(stands, self._peak_rotation(block, x), jnp.nan)
+
+    @elementwise(velocity=NON_NEGATIVE)
+    def half_cycle_duration(self, block: Block, velocity: Number) -> Reals:
+        """Time from a launch to the next impact (Eqs. 7 and 9).
+
+        Parameters
+        ----------
+        block : Block
+        velocity : array_like
+            Launch velocity [rad/s], finite and at least 0.
+
+        Returns
+        -------
+        Array
+            Duration [s]; NaN where the launch overturns the block.
+        """
+        x, stands = self._speed_ratio(block, velocity)
+        return jnp.where(stands, self._half_cycle_duration(block, x), jnp.nan)
+
+    @elementwise(velocity=NON_NEGATIVE, time=FINITE)
+    def motion(self, block: Block, velocity: Number, time: Number) -> tuple[Reals, Reals]:
+        """Rotation and angular velocity at a time after the launch (Eq. 5).
+
+        The solution without the ground: past the next impact, at
+        `half_cycle_duration`, the rotation returned is negative. A launch faster than
+        `critical_velocity` carries the block over.
+
+        Parameters
+        ----------
+        block : Block
+        velocity : array_like
+            Launch velocity [rad/s], finite and at least 0.
+        time : array_like
+            Time since the launch [s].
+
+        Returns
+        -------
+        tuple of Array
+            Rotation [rad] and angular velocity [rad/s].
+        """
+        x = velocity / self._critical_velocity(block)
+        x, time = jnp.broadcast_arrays(x, time)
+        return jax.jvp(lambda t: self._rotation(block, x, t), (time,), (jnp.ones_like(time),))
+
+    @elementwise(velocity=NON_NEGATIVE, growth=GROWTH)
+    def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
+        """How many times higher a block rocks if launched ``1 + growth`` times as fast.
+
+        As a function of its own because the quotient of two peaks loses its derivatives
+        where they are small, and its digits where they are almost equal.
+
+        Parameters
+        ----------
+        block : Block
+        velocity : array_like
+            Slower launch velocity [rad/s], finite and at least 0.
+        growth : array_like
+            Relative increase of the launch velocity [-], at least 0.
+
+        Returns
+        -------
+        Array
+            ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], with
+            its limit ``(1 + growth)^2`` at zero velocity; NaN where the faster launch
+            overturns the block.
+        """
+        x = velocity / self._critical_velocity(block)
+        stands = x * (1 + growth) < 1
+        x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
+        return jnp.where(stands, self._peak_amplification(block, x, growth), jnp.nan)
+
+    def _speed_ratio(self, block: Block, velocity: Reals) -> tuple[Reals, Reals]:
+        x = velocity / self._critical_velocity(block)
+        stands = x < 1
+        return jnp.where(stands, x, 0), stands
+
+
+class Linearized(FreeRocking):
+    """Free rocking of slender blocks, the equation of motion linearized (Eq. 4).
+
+    At slenderness 3 its critical velocity is 0.4 % too large, its peak and duration 1.6
+    to 1.9 % too small up to 0.9 of that velocity; the error falls as 1 / lambda^2.
+    """
+
+    def _critical_velocity(self, block: Block) -> Reals:
+        return block.critical_angle * block.frequency_parameter
+
+    def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
+        return x**2 / (1 + _barrier(x))
+
+    def _peak_rotation(self, block: Block, x: Reals) -> Reals:
+        return block.critical_angle * self._rotation_ratio(block, x)
+
+    def _pulse_peak_rotation(self, block: Block, x: Reals, pulse: Reals) -> Reals:
+        # alpha_c x^2 = pulse^2 lambda^2 / (alpha_c h^3): two factors that tend to 1 for
+        # slender blocks, so that the slope to lambda is what is left of them.
+        cotangent = 1 / block.slenderness
+        shape = arctan_ratio(cotangent) * (1 + cotangent**2) ** 1.5
+        return pulse**2 / (shape * (1 + _barrier(x)))
+
+    def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
+        before, after = _barrier(x), _barrier(x * (1 + growth))
+        return 1 + growth * (2 + growth) * (1 + before) / (before + after)
+
+    def _half_cycle_duration(self, block: Block, x: Reals) -> Reals:
+        return jnp.log1p(2 * x / (1 - x)) / block.frequency_parameter
+
+    def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
+        half = block.frequency_parameter * time / 2
+        return 2 * block.critical_angle * jnp.sinh(half) * (x * jnp.cosh(half) - jnp.sinh(half))
+
+
+class Nonlinear(FreeRocking):
+    """Free rocking of any block, the equation of motion (Eq. 1) in full.
+
+    From the conservation of energy and Carlson's elliptic integral R_F; the path over
+    time by Jacobi's elliptic functions.
+    """
+
+    def _critical_velocity(self, block: Block) -> Reals:
+        return 2 * block.frequency_parameter * _sine_of_half(block)
+
+    def _peak_rotation(self, block: Block, x: Reals) -> Reals:
+        return 2 * jnp.arcsin(_tangent_of_half(block) * x**2 / self._denominator(block, x))
+
+    def _pulse_peak_rotation(self, block: Block, x: Reals, pulse: Reals) -> Reals:
+        # tau x^2 = pulse^2 cos(alpha_c)^2 / 2
+        cosine_squared = 1 / (1 + block.slenderness**-2)
+        return 2 * jnp.arcsin(pulse**2 * cosine_squared / (2 * self._denominator(block, x)))
+
+    def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
+        return self._peak_rotation(block, x) / block.critical_angle
+
+    def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
+        tau = _tangent_of_half(block)
+        x_after = x * (1 + growth)
+        before, after = _barrier(x), _barrier(x_after)
+        w_before, w_after = _stiffening(block, x), _stiffening(block, x_after)
+        gain = growth * (2 + growth)
+        crossed = before * w_after + after * w_before
+        peak = arcsin_ratio(tau * x**2 / (w_before + before))
+        rise = arcsin_ratio(tau * x**2 * gain / crossed)
+        return 1 + gain * (w_before + before) / crossed * rise / peak
+
+    def _half_cycle_duration(self, block: Block, x: Reals) -> Reals:
+        barrier_squared = (1 - x) * (1 + x)
+        w = _stiffening(block, x)
+        integral = carlson_rf(jnp.ones_like(w), barrier_squared, barrier_squared / w**2)
+        return 2 * x * integral / (block.frequency_parameter * _cosine_of_half(block) * w)
+
+    def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
+        sine, cosine = _sine_of_half(block), _cosine_of_half(block)
+        m1 = sine**2 * (1 - x) * (1 + x)
+        sn, cn, dn = jacobi(block.frequency_parameter * time, m1)
+        # r is sin((alpha_c - alpha) / 2) over its value at rest, `fall` is 1 - r.
+        across = dn + x * cosine * sn * cn
+        r = (1 - x**2 * sn**2) / across
+        fall = sn * (x * cosine * cn - ((1 - m1) / (1 + dn) - x**2) * sn) / across
+        before = r > 0
+        r_before, r_after = jnp.where(before, r, 1), jnp.where(before, 0, r)
+        side = jnp.sqrt(1 - sine**2 * r_before**2) + r_before * cosine
+        rotation = 2 * jnp.arcsin(sine * fall * (1 + r_before) / side)
+        beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_after)
+        return jnp.where(before, rotation, beyond)
+
+    def _denominator(self, block: Block, x: Reals) -> Reals:
+        return _stiffening(block, x) + _barrier(x)
+
+
+def _barrier(x: Reals) -> Reals:
+    """k = sqrt(1 - x^2)."""
+    return jnp.sqrt((1 - x) * (1 + x))
+
+
+def _tangent_of_half(block: Block) -> Reals:
+    """tau = tan(alpha_c / 2) = 1 / (h + lambda)."""
+    return 1 / (diagonal_ratio(block) + block.slenderness)
+
+
+def _sine_of_half(block: Block) -> Reals:
+    """s = sin(alpha_c / 2)."""
+    h = diagonal_ratio(block)
+    return jnp.sqrt(0.5 / (h * (h + block.slenderness)))
+
+
+def _cosine_of_half(block: Block) -> Reals:
+    """cos(alpha_c / 2) = sqrt(1 - s^2)."""
+    return jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
+
+
+def _stiffening(block: Block, x: Reals) -> Reals:
+    """w = sqrt(1 + tau^2 x^2), which is 1 in the linearized equation."""
+    return jnp.sqrt(1 + (_tangent_of_half(block) * x) ** 2)

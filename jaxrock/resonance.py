@@ -1,0 +1,264 @@
+"""Rocking resonance: the half-cycle map under the paper's input, and where it settles.
+
+The input is an unlimited train of equal, alternating, instantaneous pulses: the first
+starts the motion, each further one comes right after an impact (Fig. 2).
+"""
+
+import jax
+import jax.numpy as jnp
+
+from .arguments import (
+    COUNT,
+    NON_NEGATIVE,
+    UNIT_INTERVAL,
+    Checked,
+    Number,
+    Reals,
+    elementwise,
+    quantity,
+)
+from .block import Block
+from .free import FreeRocking, Linearized
+from .series import share_of_one
+
+
+class Scene(Checked):
+    """A block, what an impact leaves of its velocity, and the pulses that drive it.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    intensity : array_like
+        I, the change of ground velocity in each pulse [m/s], finite and at least 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> scene = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.rotation_ratio(scene):.4f}")
+    0.1232
+    """
+
+    block: Block
+    restitution: Reals = quantity(UNIT_INTERVAL, "restitution")
+    intensity: Reals = quantity(NON_NEGATIVE, "intensity")
+
+
+@elementwise()
+def launch_velocity(scene: Scene) -> Reals:
+    """Velocity at the beginning of the first half-cycle (Eq. 2) [rad/s]."""
+    return scene.block.pulse_velocity(scene.intensity)
+
+
+@elementwise(velocity=NON_NEGATIVE)
+def next_velocity(scene: Scene, velocity: Number) -> Reals:
+    """The half-cycle map: one launch velocity to the next (Eq. 8, its recursion).
+
+    The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
+    pulse adds `launch_velocity`. Exact in both rungs.
+
+    Parameters
+    ----------
+    scene : Scene
+    velocity : array_like
+        Launch velocity of this half-cycle [rad/s], finite and at least 0.
+
+    Returns
+    -------
+    Array
+        Launch velocity of the next half-cycle [rad/s].
+    """
+    return scene.restitution * velocity + launch_velocity(scene)
+
+
+@elementwise(half_cycle=COUNT)
+def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
+    """Launch velocity of a half-cycle (Eq. 8), whether or not an earlier one overturns.
+
+    The closed sum printed in Eq. 8 lacks its last term; this is what the recursion beside
+    it gives.
+
+    Parameters
+    ----------
+    scene : Scene
+    half_cycle : array_like
+        i, a whole number from 1 on, or inf for the limit.
+
+    Returns
+    -------
+    Array
+        ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s].
+    """
+    return launch_velocity(scene) / share_of_one(scene.restitution, half_cycle)
+
+
+@elementwise()
+def stabilized_velocity(scene: Scene) -> Reals:
+    """Limit of the launch velocity (Eq. 10), whether or not the block stands.
+
+    Returns
+    -------
+    Array
+        ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
+    """
+    return _unlimited(launch_velocity(scene), scene)
+
+
+@elementwise()
+def stabilized_period(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+    """Full period of the stabilized phase (Eq. 11).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+
+    Returns
+    -------
+    Array
+        T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+    """
+    x, stands = _stabilized(scene, model)
+    return jnp.where(stands, 2 * model._half_cycle_duration(scene.block, x), jnp.nan)
+
+
+@elementwise()
+def stabilized_rotation(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+    """Peak rotation in the stabilized phase (Eq. 12).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+
+    Returns
+    -------
+    Array
+        alpha*_max [rad]; NaN where the block overturns.
+    """
+    x, stands = _stabilized(scene, model)
+    block = scene.block
+    # The pulse as a dimensionless number: its square is twice the rotation that a weak
+    # pulse causes. From it rather than from the velocity, because velocity and peak
+    # depend on the slenderness in opposite ways that almost cancel for slender blocks.
+    pulse = scene.intensity / jnp.sqrt(block.gravity * block.half_width / 0.75)
+    pulse = jnp.where(stands, _unlimited(pulse, scene), 0)
+    return jnp.where(stands, model._pulse_peak_rotation(block, x, pulse), jnp.nan)
+
+
+@elementwise()
+def rotation_ratio(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+    """Peak rotation in the stabilized phase over the critical angle (Figs. 6 to 8).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+
+    Returns
+    -------
+    Array
+        alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
+    """
+    x, stands = _stabilized(scene, model)
+    return jnp.where(stands, model._rotation_ratio(scene.block, x), jnp.nan)
+
+
+@elementwise()
+def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+    """Stabilized peak rotation over the peak after the first pulse (zeta, Fig. 4).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+
+    Returns
+    -------
+    Array
+        zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
+        it tends to ``1 / (1 - C)^2``.
+    """
+    _, stands = _stabilized(scene, model)
+    x = launch_velocity(scene) / model._critical_velocity(scene.block)
+    growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
+    x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
+    return jnp.where(stands, model._peak_amplification(scene.block, x, growth), jnp.nan)
+
+
+@elementwise()
+def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+    """Energy left to the barrier in the stabilized phase, as a share of the barrier.
+
+    Smooth through the verge of overturning, where the peak rotation has an infinite slope:
+    the quantity to search and to optimise on.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+
+    Returns
+    -------
+    Array
+        ``1 - (v* / v_c)^2`` [-]: 1 without pulses, positive while the block stands, at
+        most 0 where it has no stabilized phase, -inf for C = 1.
+    """
+    x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
+    return (1 - x) * (1 + x)
+
+
+@elementwise()
+def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+    """The first half-cycle in which the block overturns.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+
+    Returns
+    -------
+    Array
+        Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
+        floating-point number; inf where there is none. Its derivative is zero.
+    """
+    scene = jax.lax.stop_gradient(scene)
+    x = launch_velocity(scene) / model._critical_velocity(scene.block)
+    restitution = scene.restitution
+
+    def reaches(half_cycle: Reals) -> Reals:
+        return x >= share_of_one(restitution, half_cycle)
+
+    # x (1 - C^i) / (1 - C) >= 1, solved for i ...
+    limited = (restitution > 0) & (restitution < 1)
+    base = jnp.where(limited, restitution, 0.5)
+    remainder = jnp.where(x > 0, (1 - restitution) / jnp.where(x > 0, x, 1), 2.0)
+    overturns = remainder < 1
+    count = jnp.log1p(-jnp.where(overturns, remainder, 0.5)) / jnp.log(base)
+    count = jnp.where(restitution == 1, 1 / jnp.where(x > 0, x, 1), count)
+    # ... and set right where the rounding of the solution went past a whole number.
+    count = jnp.maximum(jnp.ceil(count), 1)
+    count = jnp.where(reaches(jnp.maximum(count - 1, 1)), jnp.maximum(count - 1, 1), count)
+    count = jnp.where(reaches(count), count, count + 1)
+    return jnp.where(x >= 1, 1.0, jnp.where(overturns & (x > 0), count, jnp.inf))
+
+
+def _unlimited(first: Reals, scene: Scene) -> Reals:
+    """What pulses worth `first` each amount to in the long run: ``first / (1 - C)``."""
+    loss = 1 - scene.restitution
+    return first / jnp.where((first == 0) & (loss == 0), 1, loss)
+
+
+def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals]:
+    """x* = v* / v_c where the block stands (0 elsewhere), and whether it stands."""
+    x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
+    stands = x < 1
+    return jnp.where(stands, x, 0), stands
