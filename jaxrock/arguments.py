@@ -38,7 +38,7 @@ NON_NEGATIVE = Domain("finite and at least 0", lambda x: (x >= 0) & (x < jnp.inf
 FINITE = Domain("finite", lambda x: abs(x) < jnp.inf, 0.0)
 UNIT_INTERVAL = Domain("between 0 and 1", lambda x: (x >= 0) & (x <= 1), 0.5)
 BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0.5)
-COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == x // 1), 1.0)
+COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0)
 GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 

@@ -2,7 +2,7 @@
 
 Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the
 series to order 7), Jacobi's sn, cn, dn by the arithmetic-geometric mean
-(DLMF 22.20(ii)), and two ratios whose automatic derivative would cancel. All are
+(DLMF 22.20(ii)), and the elementary ratios whose automatic derivative would cancel. All are
 elementwise and differentiable any number of times.
 """
 
@@ -14,7 +14,7 @@ from .arguments import Reals
 
 
 def _duplications(dtype: jnp.dtype) -> int:
-    """Duplications after which the series is exact to `dtype`, for arguments down to its eps.
+    """Duplications that are enough for arguments whose ratios reach 1/eps of `dtype`.
 
     A duplication about halves the logarithm of the ratio of the arguments while that
     is large, then divides their relative differences by four.
@@ -22,10 +22,21 @@ def _duplications(dtype: jnp.dtype) -> int:
     return 11 if jnp.finfo(dtype).bits > 32 else 7
 
 
-def _duplicate(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+def _duplicate(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    """The shift that all three arguments take, and the term it adds to R_D."""
     root_x, root_y, root_z = jnp.sqrt(x), jnp.sqrt(y), jnp.sqrt(z)
     shift = root_x * (root_y + root_z) + root_y * root_z
-    return (x + shift) / 4, (y + shift) / 4, (z + shift) / 4, 1 / (root_z * (z + shift))
+    return shift, 1 / (root_z * (z + shift))
+
+
+def _apart(x: Array, y: Array, z: Array) -> Array:
+    """Whether the arguments are still too different for the series.
+
+    Where they are not, duplication has to stop: each further one would only round.
+    """
+    mean = (x + y + z) / 3
+    spread = jnp.maximum(jnp.maximum(abs(x - mean), abs(y - mean)), abs(z - mean))
+    return spread > (jnp.finfo(mean.dtype).eps / 8) ** 0.125 * mean
 
 
 @jax.custom_jvp
@@ -43,7 +54,9 @@ def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
         R_F, homogeneous of degree -1/2; ``R_F(x, x, x) = 1 / sqrt(x)``.
     """
     for _ in range(_duplications(jnp.result_type(x, y, z))):
-        x, y, z, _ = _duplicate(x, y, z)
+        shift, _ = _duplicate(x, y, z)
+        apart = _apart(x, y, z)
+        x, y, z = (jnp.where(apart, (t + shift) / 4, t) for t in (x, y, z))
     mean = (x + y + z) / 3
     dx, dy = (mean - x) / mean, (mean - y) / mean
     dz = -dx - dy
@@ -78,11 +91,13 @@ def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
         R_D, symmetric in x and y only, of degree -3/2; ``R_D(x, x, x) = x**(-3/2)``.
     """
     total = jnp.zeros_like(x)
-    weight = 3.0
+    weight = jnp.ones_like(x)
     for _ in range(_duplications(jnp.result_type(x, y, z))):
-        x, y, z, term = _duplicate(x, y, z)
-        total = total + weight * term
-        weight = weight / 4
+        shift, term = _duplicate(x, y, z)
+        apart = _apart(x, y, z)
+        total = jnp.where(apart, total + 3 * weight * term, total)
+        weight = jnp.where(apart, weight / 4, weight)
+        x, y, z = (jnp.where(apart, (t + shift) / 4, t) for t in (x, y, z))
     mean = (x + y + 3 * z) / 5
     dx, dy = (mean - x) / mean, (mean - y) / mean
     dz = -(dx + dy) / 3
@@ -95,7 +110,7 @@ def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
         + e4 * (-3 / 22 + e2 * (3 / 20) - e3 * (9 / 68))
         + e5 * (3 / 26 - e2 * (9 / 68))
     )
-    return total + weight / 3 * series / (mean * jnp.sqrt(mean))
+    return total + weight * series / (mean * jnp.sqrt(mean))
 
 
 def jacobi(
@@ -139,7 +154,7 @@ def jacobi(
 
 @jax.custom_jvp
 def arctan_ratio(z: Reals) -> Reals:
-    """``arctan(z) / z`` for z > 0, elementwise; its derivative keeps all digits at small z."""
+    """``arctan(z) / z`` for z > 0; elementwise, its derivative accurate for small z."""
     return jnp.arctan(z) / z
 
 
@@ -151,11 +166,22 @@ def _arctan_ratio_jvp(primals, tangents):
 
 
 @jax.custom_jvp
+def artanh_ratio(x: Reals) -> Reals:
+    """``artanh(x) / x`` for 0 <= x < 1; elementwise, its derivative accurate for small x."""
+    return _ratio(lambda t: jnp.log1p(2 * t / (1 - t)) / 2, x)
+
+
+@artanh_ratio.defjvp
+def _artanh_ratio_jvp(primals, tangents):
+    (x,), (dx,) = primals, tangents
+    y = (1 - x) * (1 + x)
+    return artanh_ratio(x), 2 / 3 * x * carlson_rd(jnp.ones_like(y), y, y) * dx
+
+
+@jax.custom_jvp
 def arcsin_ratio(q: Reals) -> Reals:
-    """``arcsin(q) / q`` for 0 <= q < 1, elementwise; its derivative keeps all digits at small q."""
-    positive = q > 0
-    divisor = jnp.where(positive, q, 1)
-    return jnp.where(positive, jnp.arcsin(q) / divisor, 1)
+    """``arcsin(q) / q`` for 0 <= q < 1; elementwise, its derivative accurate for small q."""
+    return _ratio(jnp.arcsin, q)
 
 
 @arcsin_ratio.defjvp
@@ -163,3 +189,9 @@ def _arcsin_ratio_jvp(primals, tangents):
     (q,), (dq,) = primals, tangents
     one = jnp.ones_like(q)
     return arcsin_ratio(q), q / 3 * carlson_rd(one, one, 1 - q**2) * dq
+
+
+def _ratio(function, argument: Array) -> Array:
+    differs = argument**2 > jnp.finfo(argument.dtype).eps
+    divisor = jnp.where(differs, argument, 0.5)
+    return jnp.where(differs, function(divisor) / divisor, 1)

@@ -11,6 +11,7 @@ tan(alpha_c / 2)``.
 """
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -18,20 +19,22 @@ import jax.numpy as jnp
 
 from .arguments import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
 from .block import Block, diagonal_ratio
-from .elliptic import arcsin_ratio, arctan_ratio, carlson_rf, jacobi
+from .elliptic import arcsin_ratio, arctan_ratio, artanh_ratio, carlson_rf, jacobi
 
 
 class FreeRocking(eqx.Module):
-    """What both rungs can answer; see `Linearized` and `Nonlinear`."""
+    """What both rungs can answer; see `Linearized` and `Nonlinear`.
+
+    A rung is written in terms of x and of the pulse that gives the launch velocity to the
+    block at rest. The pulse, and not the velocity, because velocity and peak, velocity
+    and duration depend on slenderness and width in opposite ways: their slopes cancel.
+    """
 
     @abc.abstractmethod
     def _critical_velocity(self, block: Block) -> Reals: ...
 
     @abc.abstractmethod
-    def _peak_rotation(self, block: Block, x: Reals) -> Reals: ...
-
-    @abc.abstractmethod
-    def _pulse_peak_rotation(self, block: Block, x: Reals, pulse: Reals) -> Reals: ...
+    def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals: ...
 
     @abc.abstractmethod
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals: ...
@@ -40,7 +43,7 @@ class FreeRocking(eqx.Module):
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals: ...
 
     @abc.abstractmethod
-    def _half_cycle_duration(self, block: Block, x: Reals) -> Reals: ...
+    def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals: ...
 
     @abc.abstractmethod
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals: ...
@@ -71,8 +74,7 @@ class FreeRocking(eqx.Module):
         Array
             Peak rotation [rad]; NaN where the launch overturns the block.
         """
-        x, stands = self._speed_ratio(block, velocity)
-        return jnp.where(stands, self._peak_rotation(block, x), jnp.nan)
+        return self._where_standing(self._peak_rotation, block, velocity)
 
     @elementwise(velocity=NON_NEGATIVE)
     def half_cycle_duration(self, block: Block, velocity: Number) -> Reals:
@@ -89,8 +91,7 @@ class FreeRocking(eqx.Module):
         Array
             Duration [s]; NaN where the launch overturns the block.
         """
-        x, stands = self._speed_ratio(block, velocity)
-        return jnp.where(stands, self._half_cycle_duration(block, x), jnp.nan)
+        return self._where_standing(self._half_cycle_duration, block, velocity)
 
     @elementwise(velocity=NON_NEGATIVE, time=FINITE)
     def motion(self, block: Block, velocity: Number, time: Number) -> tuple[Reals, Reals]:
@@ -144,10 +145,14 @@ class FreeRocking(eqx.Module):
         x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
         return jnp.where(stands, self._peak_amplification(block, x, growth), jnp.nan)
 
-    def _speed_ratio(self, block: Block, velocity: Reals) -> tuple[Reals, Reals]:
+    def _where_standing(
+        self, answer: Callable[[Block, Reals, Reals], Reals], block: Block, velocity: Reals
+    ) -> Reals:
         x = velocity / self._critical_velocity(block)
         stands = x < 1
-        return jnp.where(stands, x, 0), stands
+        x, velocity = jnp.where(stands, x, 0), jnp.where(stands, velocity, 0)
+        intensity = velocity / block.pulse_velocity(1.0)
+        return jnp.where(stands, answer(block, x, intensity), jnp.nan)
 
 
 class Linearized(FreeRocking):
@@ -160,25 +165,24 @@ class Linearized(FreeRocking):
     def _critical_velocity(self, block: Block) -> Reals:
         return block.critical_angle * block.frequency_parameter
 
-    def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
-        return x**2 / (1 + _barrier(x))
-
-    def _peak_rotation(self, block: Block, x: Reals) -> Reals:
-        return block.critical_angle * self._rotation_ratio(block, x)
-
-    def _pulse_peak_rotation(self, block: Block, x: Reals, pulse: Reals) -> Reals:
-        # alpha_c x^2 = pulse^2 lambda^2 / (alpha_c h^3): two factors that tend to 1 for
-        # slender blocks, so that the slope to lambda is what is left of them.
+    def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals:
+        # alpha_c x^2: what depends on the slenderness tends to 1 with it.
         cotangent = 1 / block.slenderness
         shape = arctan_ratio(cotangent) * (1 + cotangent**2) ** 1.5
-        return pulse**2 / (shape * (1 + _barrier(x)))
+        return _weight_of(intensity, block) ** 2 / (shape * (1 + _barrier(x)))
+
+    def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
+        return x**2 / (1 + _barrier(x))
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
         before, after = _barrier(x), _barrier(x * (1 + growth))
         return 1 + growth * (2 + growth) * (1 + before) / (before + after)
 
-    def _half_cycle_duration(self, block: Block, x: Reals) -> Reals:
-        return jnp.log1p(2 * x / (1 - x)) / block.frequency_parameter
+    def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
+        # 2 x / p = 2 I cos(alpha_c) / (g alpha_c)
+        cosine = block.slenderness / diagonal_ratio(block)
+        weak = 2 * intensity * cosine / (block.gravity * block.critical_angle)
+        return weak * artanh_ratio(x)
 
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
         half = block.frequency_parameter * time / 2
@@ -195,16 +199,15 @@ class Nonlinear(FreeRocking):
     def _critical_velocity(self, block: Block) -> Reals:
         return 2 * block.frequency_parameter * _sine_of_half(block)
 
-    def _peak_rotation(self, block: Block, x: Reals) -> Reals:
-        return 2 * jnp.arcsin(_tangent_of_half(block) * x**2 / self._denominator(block, x))
-
-    def _pulse_peak_rotation(self, block: Block, x: Reals, pulse: Reals) -> Reals:
-        # tau x^2 = pulse^2 cos(alpha_c)^2 / 2
+    def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals:
+        # sin(peak / 2) = tau x^2 / (w + k), and tau x^2 = weight^2 cos(alpha_c)^2 / 2
         cosine_squared = 1 / (1 + block.slenderness**-2)
-        return 2 * jnp.arcsin(pulse**2 * cosine_squared / (2 * self._denominator(block, x)))
+        tallness = 2 * (_stiffening(block, x) + _barrier(x))
+        return 2 * jnp.arcsin(_weight_of(intensity, block) ** 2 * cosine_squared / tallness)
 
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
-        return self._peak_rotation(block, x) / block.critical_angle
+        sine = _tangent_of_half(block) * x**2 / (_stiffening(block, x) + _barrier(x))
+        return 2 * jnp.arcsin(sine) / block.critical_angle
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
         tau = _tangent_of_half(block)
@@ -217,15 +220,17 @@ class Nonlinear(FreeRocking):
         rise = arcsin_ratio(tau * x**2 * gain / crossed)
         return 1 + gain * (w_before + before) / crossed * rise / peak
 
-    def _half_cycle_duration(self, block: Block, x: Reals) -> Reals:
-        barrier_squared = (1 - x) * (1 + x)
+    def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
+        # 2 x / (p cos(alpha_c / 2)) = 2 I lambda / g
         w = _stiffening(block, x)
-        integral = carlson_rf(jnp.ones_like(w), barrier_squared, barrier_squared / w**2)
-        return 2 * x * integral / (block.frequency_parameter * _cosine_of_half(block) * w)
+        left = energy_left(x)
+        integral = carlson_rf(jnp.ones_like(w), left, left / w**2)
+        return 2 * intensity * block.slenderness / (block.gravity * w) * integral
 
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
-        sine, cosine = _sine_of_half(block), _cosine_of_half(block)
-        m1 = sine**2 * (1 - x) * (1 + x)
+        sine = _sine_of_half(block)
+        cosine = jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
+        m1 = sine**2 * energy_left(x)
         sn, cn, dn = jacobi(block.frequency_parameter * time, m1)
         # r is sin((alpha_c - alpha) / 2) over its value at rest, `fall` is 1 - r.
         across = dn + x * cosine * sn * cn
@@ -238,13 +243,30 @@ class Nonlinear(FreeRocking):
         beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_after)
         return jnp.where(before, rotation, beyond)
 
-    def _denominator(self, block: Block, x: Reals) -> Reals:
-        return _stiffening(block, x) + _barrier(x)
+
+@jax.custom_jvp
+def energy_left(x: Reals) -> Reals:
+    """``1 - x^2``, the energy left to the barrier, accurate near 1; elementwise.
+
+    With its own derivative, because that of the product cancels for small x.
+    """
+    return (1 - x) * (1 + x)
+
+
+@energy_left.defjvp
+def _energy_left_jvp(primals, tangents):
+    (x,), (dx,) = primals, tangents
+    return energy_left(x), -2 * x * dx
 
 
 def _barrier(x: Reals) -> Reals:
     """k = sqrt(1 - x^2)."""
-    return jnp.sqrt((1 - x) * (1 + x))
+    return jnp.sqrt(energy_left(x))
+
+
+def _weight_of(intensity: Reals, block: Block) -> Reals:
+    """A pulse as a pure number; its square is twice the peak it causes, if it is weak."""
+    return intensity / jnp.sqrt(block.gravity * block.half_width / 0.75)
 
 
 def _tangent_of_half(block: Block) -> Reals:
@@ -256,11 +278,6 @@ def _sine_of_half(block: Block) -> Reals:
     """s = sin(alpha_c / 2)."""
     h = diagonal_ratio(block)
     return jnp.sqrt(0.5 / (h * (h + block.slenderness)))
-
-
-def _cosine_of_half(block: Block) -> Reals:
-    """cos(alpha_c / 2) = sqrt(1 - s^2)."""
-    return jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
 
 
 def _stiffening(block: Block, x: Reals) -> Reals:

@@ -18,7 +18,7 @@ from .arguments import (
     quantity,
 )
 from .block import Block
-from .free import FreeRocking, Linearized
+from .free import FreeRocking, Linearized, energy_left
 from .series import share_of_one
 
 
@@ -125,8 +125,9 @@ def stabilized_period(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     Array
         T* [s], twice the duration of a half-cycle; NaN where the block overturns.
     """
-    x, stands = _stabilized(scene, model)
-    return jnp.where(stands, 2 * model._half_cycle_duration(scene.block, x), jnp.nan)
+    x, intensity, stands = _stabilized(scene, model)
+    half = model._half_cycle_duration(scene.block, x, intensity)
+    return jnp.where(stands, 2 * half, jnp.nan)
 
 
 @elementwise()
@@ -143,14 +144,8 @@ def stabilized_rotation(scene: Scene, model: FreeRocking = Linearized()) -> Real
     Array
         alpha*_max [rad]; NaN where the block overturns.
     """
-    x, stands = _stabilized(scene, model)
-    block = scene.block
-    # The pulse as a dimensionless number: its square is twice the rotation that a weak
-    # pulse causes. From it rather than from the velocity, because velocity and peak
-    # depend on the slenderness in opposite ways that almost cancel for slender blocks.
-    pulse = scene.intensity / jnp.sqrt(block.gravity * block.half_width / 0.75)
-    pulse = jnp.where(stands, _unlimited(pulse, scene), 0)
-    return jnp.where(stands, model._pulse_peak_rotation(block, x, pulse), jnp.nan)
+    x, intensity, stands = _stabilized(scene, model)
+    return jnp.where(stands, model._peak_rotation(scene.block, x, intensity), jnp.nan)
 
 
 @elementwise()
@@ -167,7 +162,7 @@ def rotation_ratio(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  #
     Array
         alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
     """
-    x, stands = _stabilized(scene, model)
+    x, _, stands = _stabilized(scene, model)
     return jnp.where(stands, model._rotation_ratio(scene.block, x), jnp.nan)
 
 
@@ -186,7 +181,7 @@ def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # 
         zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
         it tends to ``1 / (1 - C)^2``.
     """
-    _, stands = _stabilized(scene, model)
+    _, _, stands = _stabilized(scene, model)
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
     growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
     x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
@@ -212,7 +207,7 @@ def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals
         most 0 where it has no stabilized phase, -inf for C = 1.
     """
     x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
-    return (1 - x) * (1 + x)
+    return energy_left(x)
 
 
 @elementwise()
@@ -257,8 +252,12 @@ def _unlimited(first: Reals, scene: Scene) -> Reals:
     return first / jnp.where((first == 0) & (loss == 0), 1, loss)
 
 
-def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals]:
-    """x* = v* / v_c where the block stands (0 elsewhere), and whether it stands."""
+def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals, Reals]:
+    """x* = v* / v_c, the single pulse that launches at v*, and where the block stands.
+
+    The first two are 0 where it does not.
+    """
     x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
     stands = x < 1
-    return jnp.where(stands, x, 0), stands
+    intensity = _unlimited(scene.intensity, scene)
+    return jnp.where(stands, x, 0), jnp.where(stands, intensity, 0), stands

@@ -54,18 +54,14 @@ def _share_of_one_jvp(primals, tangents):
     from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)
     # ... and elsewhere from l = -ln C, with g(x) = 1/x - 1/expm1(x).
     logarithm = -jnp.log(jnp.where(small, 0.5, ratio))
-    from_logarithm = (_g(logarithm) - n * _g(n * logarithm)) / ratio_or_one(ratio, small)
+    from_logarithm = (_g(logarithm) - n * _g(n * logarithm)) / jnp.where(small, 1, ratio)
     slope = share * jnp.where(small, from_definition, from_logarithm)
     return share, jnp.where(finite, slope, -1) * dratio
 
 
-def ratio_or_one(ratio: Array, small: Array) -> Array:
-    return jnp.where(small, 1, ratio)
-
-
 def _g(x: Array) -> Array:
     """1 / x - 1 / expm1(x), for x >= 0; 1/2 at 0."""
-    near = x < 1.5
+    near = x < 1
     x_near, x_far = jnp.where(near, x, 0), jnp.where(near, 1, x)
     series = jnp.polyval(jnp.asarray(_BERNOULLI[::-1], x.dtype), x_near**2)
     return jnp.where(near, 0.5 - x_near * series, 1 / x_far - 1 / jnp.expm1(x_far))

@@ -1,0 +1,125 @@
+"""The quantities of the library again, in mpmath, from the equations as first written.
+
+Nothing here is rearranged for accuracy: Eqs. 6, 7 and 12 with cosh of artanh, the
+nonlinear peak from the cosine form of the energy, its duration from Legendre's
+integrals. Cancellation is met with digits instead.
+"""
+
+import mpmath as mp
+
+mp.mp.dps = 110
+
+
+def half_diagonal(b, slenderness):
+    return b * mp.sqrt(1 + slenderness**2)
+
+
+def frequency(b, slenderness, gravity):
+    return mp.sqrt(3 * gravity / (4 * half_diagonal(b, slenderness)))
+
+
+def critical_angle(slenderness):
+    return mp.atan(1 / slenderness)
+
+
+def launch_velocity(b, slenderness, gravity, intensity):
+    """Eqs. 2 and 3, through the angular acceleration that they name."""
+    acceleration = mp.mpf(3) / 4 * b / ((slenderness * b) ** 2 + b**2) * gravity
+    return slenderness * acceleration * intensity / gravity
+
+
+class Linearized:
+    @staticmethod
+    def critical_velocity(b, slenderness, gravity):
+        return critical_angle(slenderness) * frequency(b, slenderness, gravity)
+
+    @staticmethod
+    def peak_rotation(b, slenderness, gravity, velocity):
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        argument = mp.atanh(velocity / (angle * p))
+        return angle * (1 - mp.cosh(argument)) + velocity / p * mp.sinh(argument)
+
+    @staticmethod
+    def half_cycle_duration(b, slenderness, gravity, velocity):
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        return 2 / p * mp.atanh(velocity / (angle * p))
+
+    @staticmethod
+    def motion(b, slenderness, gravity, velocity, time):
+        """Eq. 5."""
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        return angle * (1 - mp.cosh(p * time)) + velocity / p * mp.sinh(p * time)
+
+
+class Nonlinear:
+    @staticmethod
+    def critical_velocity(b, slenderness, gravity):
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        return p * mp.sqrt(2 * (1 - mp.cos(angle)))
+
+    @staticmethod
+    def peak_rotation(b, slenderness, gravity, velocity):
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        return angle - mp.acos(mp.cos(angle) + velocity**2 / (2 * p**2))
+
+    @staticmethod
+    def half_cycle_duration(b, slenderness, gravity, velocity):
+        """The block as a pendulum of frequency p that hangs at rotation alpha_c - pi."""
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
+        launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
+        return 2 / p * (mp.ellipk(modulus) - mp.ellipf(launch, modulus))
+
+    @classmethod
+    def motion(cls, b, slenderness, gravity, velocity, time):
+        """The same pendulum, at a time counted from its lowest point."""
+        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
+        launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
+        phase = mp.ellipf(launch, modulus) + p * time
+        half_swing = mp.sqrt(modulus) * mp.ellipfun("sn", phase, m=modulus)
+        return angle - mp.pi + 2 * mp.asin(half_swing)
+
+
+def half_cycle_velocity(b, slenderness, gravity, restitution, intensity, count):
+    """Eq. 8, its recursion; the limit of Eq. 10 where count is inf."""
+    first = launch_velocity(b, slenderness, gravity, intensity)
+    if count == mp.inf:
+        return first / (1 - restitution)
+    velocity = first
+    for _ in range(int(count) - 1):
+        velocity = restitution * velocity + first
+    return velocity
+
+
+def stabilized(name):
+    """A function (model, b, slenderness, gravity, restitution, intensity) -> value."""
+
+    def stabilized_period(model, *block, velocity, first):
+        return 2 * model.half_cycle_duration(*block, velocity)
+
+    def stabilized_rotation(model, *block, velocity, first):
+        return model.peak_rotation(*block, velocity)
+
+    def rotation_ratio(model, *block, velocity, first):
+        return model.peak_rotation(*block, velocity) / critical_angle(block[1])
+
+    def amplification(model, *block, velocity, first):
+        return model.peak_rotation(*block, velocity) / model.peak_rotation(*block, first)
+
+    def overturning_margin(model, *block, velocity, first):
+        return 1 - (velocity / model.critical_velocity(*block)) ** 2
+
+    definition = locals()[name]
+
+    def function(model, b, slenderness, gravity, restitution, intensity):
+        first = launch_velocity(b, slenderness, gravity, intensity)
+        velocity = first / (1 - restitution)
+        return definition(model, b, slenderness, gravity, velocity=velocity, first=first)
+
+    return function
+
+
+def critical_intensity(model, b, slenderness, gravity, restitution, count):
+    unit = half_cycle_velocity(b, slenderness, gravity, restitution, mp.mpf(1), count)
+    return model.critical_velocity(b, slenderness, gravity) / unit
