@@ -121,23 +121,30 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
         signature = inspect.signature(function)
 
+        # Compiled as a whole, since a call outside of `jit` would else compile and dispatch
+        # every operation by itself; inlined where it is traced.
+        @functools.partial(jax.jit, inline=True)
+        def masked(arguments: dict[str, Any]) -> Any:
+            valid: Any = True
+            for name, value in arguments.items():
+                if isinstance(value, Checked):
+                    arguments[name], ok = _module_within(value)
+                elif name in domains:
+                    arguments[name], ok = _within(value, domains[name])
+                else:
+                    continue
+                valid = valid & ok
+            result = function(**arguments)  # type: ignore[call-arg]
+            return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
+
         @functools.wraps(function)
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            valid: Any = True
-            for name, value in bound.arguments.items():
-                if isinstance(value, Checked):
-                    bound.arguments[name], ok = _module_within(value)
-                elif name in domains:
-                    value = as_real(name, value)
-                    check(name, value, domains[name])
-                    bound.arguments[name], ok = _within(value, domains[name])
-                else:
-                    continue
-                valid = valid & ok
-            result = function(*bound.args, **bound.kwargs)
-            return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
+            for name, domain in domains.items():
+                bound.arguments[name] = as_real(name, bound.arguments[name])
+                check(name, bound.arguments[name], domain)
+            return masked(bound.arguments)
 
         return guarded
 

@@ -6,6 +6,8 @@ series to order 7), Jacobi's sn, cn, dn by the arithmetic-geometric mean
 elementwise and differentiable any number of times.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,30 +15,64 @@ from jaxtyping import Array, Float
 from .arguments import Reals
 
 
-def _duplications(dtype: jnp.dtype) -> int:
-    """Duplications that are enough for arguments whose ratios reach 1/eps of `dtype`.
+def _duplicated(
+    arguments: tuple[Array, ...], slopes: tuple[int, ...] = ()
+) -> tuple[tuple[Array, ...], list[Array], Array]:
+    """Duplicate the arguments of R_F until they are as good as equal.
 
-    A duplication about halves the logarithm of the ratio of the arguments while that
-    is large, then divides their relative differences by four.
+    Returns them, the part of R_D that has then been split off with the argument of each
+    index in `slopes` as its last, and the factor of what is left of it.
+
+    A duplication about halves the logarithm of the ratio of the arguments while that is
+    large, then divides their relative differences by four: so many are enough for ratios
+    up to 1/eps. Where fewer are, it stops, since each further one would only round.
     """
-    return 11 if jnp.finfo(dtype).bits > 32 else 7
+    dtype = jnp.result_type(*arguments)
+    factor = jnp.ones_like(sum(arguments))
+    parts = [jnp.zeros_like(factor) for _ in slopes]
+    for _ in range(11 if jnp.finfo(dtype).bits > 32 else 7):
+        mean = sum(arguments) / 3
+        spread = functools.reduce(jnp.maximum, (abs(t - mean) for t in arguments))
+        apart = spread > (jnp.finfo(dtype).eps / 64) ** 0.125 * mean
+        roots = [jnp.sqrt(t) for t in arguments]
+        shift = roots[0] * (roots[1] + roots[2]) + roots[1] * roots[2]
+        for i, index in enumerate(slopes):
+            term = 3 * factor / (roots[index] * (arguments[index] + shift))
+            parts[i] = jnp.where(apart, parts[i] + term, parts[i])
+        factor = jnp.where(apart, factor / 4, factor)
+        arguments = tuple(jnp.where(apart, (t + shift) / 4, t) for t in arguments)
+    return arguments, parts, factor
 
 
-def _duplicate(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """The shift that all three arguments take, and the term it adds to R_D."""
-    root_x, root_y, root_z = jnp.sqrt(x), jnp.sqrt(y), jnp.sqrt(z)
-    shift = root_x * (root_y + root_z) + root_y * root_z
-    return shift, 1 / (root_z * (z + shift))
-
-
-def _apart(x: Array, y: Array, z: Array) -> Array:
-    """Whether the arguments are still too different for the series.
-
-    Where they are not, duplication has to stop: each further one would only round.
-    """
+def _rf_series(x: Array, y: Array, z: Array) -> Array:
+    """R_F of almost equal arguments (DLMF 19.36.1)."""
     mean = (x + y + z) / 3
-    spread = jnp.maximum(jnp.maximum(abs(x - mean), abs(y - mean)), abs(z - mean))
-    return spread > (jnp.finfo(mean.dtype).eps / 8) ** 0.125 * mean
+    dx, dy = (mean - x) / mean, (mean - y) / mean
+    dz = -dx - dy
+    e2, e3 = dx * dy - dz * dz, dx * dy * dz
+    series = (
+        e2 * (-1 / 10 + e2 * (1 / 24 - e2 * (5 / 208) + e3 / 16) - e3 * (3 / 44))
+        + e3 * (1 / 14 + e3 * (3 / 104))
+        + 1
+    )
+    return series / jnp.sqrt(mean)
+
+
+def _rd_series(x: Array, y: Array, z: Array) -> Array:
+    """R_D of almost equal arguments (DLMF 19.36.2)."""
+    mean = (x + y + 3 * z) / 5
+    dx, dy = (mean - x) / mean, (mean - y) / mean
+    dz = -(dx + dy) / 3
+    xy, zz = dx * dy, dz * dz
+    e2, e3, e4, e5 = xy - 6 * zz, (3 * xy - 8 * zz) * dz, 3 * (xy - zz) * zz, xy * zz * dz
+    series = (
+        1
+        + e2 * (-3 / 14 + e2 * (9 / 88 - e2 / 16) - e3 * (9 / 52 - e2 * (45 / 272)))
+        + e3 * (1 / 6 + e3 * (3 / 40))
+        + e4 * (-3 / 22 + e2 * (3 / 20) - e3 * (9 / 68))
+        + e5 * (3 / 26 - e2 * (9 / 68))
+    )
+    return series / (mean * jnp.sqrt(mean))
 
 
 @jax.custom_jvp
@@ -53,28 +89,26 @@ def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
     Array
         R_F, homogeneous of degree -1/2; ``R_F(x, x, x) = 1 / sqrt(x)``.
     """
-    for _ in range(_duplications(jnp.result_type(x, y, z))):
-        shift, _ = _duplicate(x, y, z)
-        apart = _apart(x, y, z)
-        x, y, z = (jnp.where(apart, (t + shift) / 4, t) for t in (x, y, z))
-    mean = (x + y + z) / 3
-    dx, dy = (mean - x) / mean, (mean - y) / mean
-    dz = -dx - dy
-    e2, e3 = dx * dy - dz * dz, dx * dy * dz
-    series = (
-        e2 * (-1 / 10 + e2 * (1 / 24 - e2 * (5 / 208) + e3 / 16) - e3 * (3 / 44))
-        + e3 * (1 / 14 + e3 * (3 / 104))
-        + 1
-    )
-    return series / jnp.sqrt(mean)
+    arguments, _, _ = _duplicated((x, y, z))
+    return _rf_series(*arguments)
 
 
-@carlson_rf.defjvp
 def _carlson_rf_jvp(primals, tangents):
-    x, y, z = primals
-    dx, dy, dz = tangents
-    slope = dx * carlson_rd(y, z, x) + dy * carlson_rd(z, x, y) + dz * carlson_rd(x, y, z)
-    return carlson_rf(x, y, z), -slope / 6
+    # dR_F/dz = -R_D(x, y, z) / 6, and so for x and y: all from the same duplications.
+    moving = tuple(
+        i for i, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)
+    )
+    arguments, parts, factor = _duplicated(primals, moving)
+    value = _rf_series(*arguments)
+    slope = jnp.zeros_like(value)
+    for i, part in zip(moving, parts, strict=True):
+        others = [t for j, t in enumerate(arguments) if j != i]
+        rd = part + factor * _rd_series(*others, arguments[i])
+        slope = slope - rd / 6 * tangents[i]
+    return value, slope
+
+
+carlson_rf.defjvp(_carlson_rf_jvp, symbolic_zeros=True)
 
 
 def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
@@ -90,27 +124,8 @@ def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
     Array
         R_D, symmetric in x and y only, of degree -3/2; ``R_D(x, x, x) = x**(-3/2)``.
     """
-    total = jnp.zeros_like(x)
-    weight = jnp.ones_like(x)
-    for _ in range(_duplications(jnp.result_type(x, y, z))):
-        shift, term = _duplicate(x, y, z)
-        apart = _apart(x, y, z)
-        total = jnp.where(apart, total + 3 * weight * term, total)
-        weight = jnp.where(apart, weight / 4, weight)
-        x, y, z = (jnp.where(apart, (t + shift) / 4, t) for t in (x, y, z))
-    mean = (x + y + 3 * z) / 5
-    dx, dy = (mean - x) / mean, (mean - y) / mean
-    dz = -(dx + dy) / 3
-    xy, zz = dx * dy, dz * dz
-    e2, e3, e4, e5 = xy - 6 * zz, (3 * xy - 8 * zz) * dz, 3 * (xy - zz) * zz, xy * zz * dz
-    series = (
-        1
-        + e2 * (-3 / 14 + e2 * (9 / 88 - e2 / 16) - e3 * (9 / 52 - e2 * (45 / 272)))
-        + e3 * (1 / 6 + e3 * (3 / 40))
-        + e4 * (-3 / 22 + e2 * (3 / 20) - e3 * (9 / 68))
-        + e5 * (3 / 26 - e2 * (9 / 68))
-    )
-    return total + weight * series / (mean * jnp.sqrt(mean))
+    arguments, (part,), factor = _duplicated((x, y, z), (2,))
+    return part + factor * _rd_series(*arguments)
 
 
 def jacobi(

@@ -1,0 +1,184 @@
+"""The elastic damped oscillator under the same input (section IV of the paper).
+
+For comparison only: what resonance does to a system that has a natural frequency. Each
+pulse comes when the oscillator passes zero, every half of its damped period.
+"""
+
+import jax.numpy as jnp
+
+from .arguments import (
+    BELOW_ONE,
+    COUNT,
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Checked,
+    Number,
+    Reals,
+    elementwise,
+    quantity,
+)
+
+
+class Oscillator(Checked):
+    """A linear elastic oscillator with viscous damping (Eq. 15).
+
+    Parameters
+    ----------
+    angular_frequency : array_like
+        omega, undamped [rad/s], greater than 0.
+    damping_ratio : array_like
+        xi, share of critical damping [-], at least 0 and below 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.Oscillator(angular_frequency=6.28, damping_ratio=0.05).amplification:.2f}")
+    6.87
+    """
+
+    angular_frequency: Reals = quantity(POSITIVE, "angular_frequency")
+    damping_ratio: Reals = quantity(BELOW_ONE, "damping_ratio")
+
+    @property
+    @elementwise()
+    def damped_frequency(self) -> Reals:
+        """Omega = omega sqrt(1 - xi^2) (Eq. 16) [rad/s]."""
+        return self.angular_frequency * _damped_share(self)
+
+    @property
+    @elementwise()
+    def velocity_decay(self) -> Reals:
+        """B = exp(-pi xi / sqrt(1 - xi^2)), velocity kept over a half-cycle (Eq. 18) [-].
+
+        What the coefficient of restitution is to the block, except that the loss is spread
+        over the half-cycle.
+        """
+        return jnp.exp(-_decrement(self))
+
+    @property
+    @elementwise()
+    def amplification(self) -> Reals:
+        """psi = 1 / (1 - B), stabilized displacement over the first (Eq. 23) [-].
+
+        Infinite without damping.
+        """
+        return 1 / -jnp.expm1(-_decrement(self))
+
+    @elementwise(velocity=FINITE, time=FINITE)
+    def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
+        """Displacement and velocity at a time after it passed zero (Eq. 16).
+
+        Parameters
+        ----------
+        velocity : array_like
+            Velocity at time zero [m/s].
+        time : array_like
+            Time since then [s].
+
+        Returns
+        -------
+        tuple of Array
+            Displacement [m] and velocity [m/s].
+        """
+        loss = self.damping_ratio * self.angular_frequency
+        frequency = self.damped_frequency
+        decay = velocity * jnp.exp(-loss * time)
+        sine, cosine = jnp.sin(frequency * time), jnp.cos(frequency * time)
+        return decay * sine / frequency, decay * (cosine - loss / frequency * sine)
+
+    @elementwise(intensity=NON_NEGATIVE, half_cycle=COUNT)
+    def half_cycle_velocity(self, intensity: Number, half_cycle: Number) -> Reals:
+        """Velocity at the beginning of a half-cycle (Eqs. 14, 20 and 21).
+
+        From the recursion of Eq. 20; its closed sum lacks the last term, as that of Eq. 8.
+
+        Parameters
+        ----------
+        intensity : array_like
+            I, change of velocity in each pulse [m/s], finite and at least 0.
+        half_cycle : array_like
+            i, a whole number from 1 on, or inf for the limit.
+
+        Returns
+        -------
+        Array
+            ``I (1 - B^i) / (1 - B)`` [m/s].
+        """
+        decrement = _decrement(self)
+        damped = decrement > 0
+        safe = jnp.where(damped, decrement, 1)
+        share = jnp.expm1(-half_cycle * safe) / jnp.expm1(-safe)
+        return intensity * jnp.where(damped, share, half_cycle)
+
+    @elementwise(velocity=NON_NEGATIVE)
+    def quarter_cycle_displacement(self, velocity: Number) -> Reals:
+        """Displacement at a quarter of the damped period, as printed in Eq. 22 [m].
+
+        Not the maximum, which comes earlier: see `peak_displacement`. The ratio of two such
+        displacements (Eq. 23) is that of the maxima.
+        """
+        return velocity / self.damped_frequency * jnp.exp(-_decrement(self) / 2)
+
+    @elementwise(velocity=NON_NEGATIVE)
+    def peak_displacement(self, velocity: Number) -> Reals:
+        """Largest displacement after it passed zero with `velocity` [m].
+
+        It is reached at ``tan(Omega t) = Omega / (xi omega)``.
+        """
+        phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
+        decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
+        return velocity / self.angular_frequency * decay
+
+
+@elementwise(restitution=UNIT_INTERVAL)
+def equivalent_damping(restitution: Number) -> Reals:
+    """Viscous damping ratio equivalent to a coefficient of restitution, as its source means it.
+
+    Makris and Konstantinidis fit ``beta = -0.34 ln(r)`` with r the ratio of kinetic energies
+    over an impact, which is the square of the ratio of velocities C.
+
+    Parameters
+    ----------
+    restitution : array_like
+        C, between 0 and 1 [-].
+
+    Returns
+    -------
+    Array
+        ``-0.68 ln(C)`` [-].
+    """
+    return -0.68 * jnp.log(restitution)
+
+
+@elementwise(restitution=UNIT_INTERVAL)
+def equivalent_damping_as_printed(restitution: Number) -> Reals:
+    """``-0.34 ln(C)`` as printed in Eq. 13: half of `equivalent_damping` [-]."""
+    return -0.34 * jnp.log(restitution)
+
+
+@elementwise(velocity_decay=UNIT_INTERVAL)
+def damping_from_decay(velocity_decay: Number) -> Reals:
+    """Damping ratio of a lightly damped oscillator from its velocity decay B (Eq. 19).
+
+    Returns
+    -------
+    Array
+        ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
+    """
+    return -jnp.log(velocity_decay) / jnp.pi
+
+
+def _damped_share(oscillator: Oscillator) -> Reals:
+    return jnp.sqrt((1 - oscillator.damping_ratio) * (1 + oscillator.damping_ratio))
+
+
+def _decrement(oscillator: Oscillator) -> Reals:
+    """-ln(B)."""
+    return jnp.pi * oscillator.damping_ratio / _damped_share(oscillator)

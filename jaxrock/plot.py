@@ -1,0 +1,127 @@
+"""Figures. Each takes ``ax=None`` and returns the axes it drew on."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+    import xarray
+
+_LABELS = {
+    "slenderness": r"slenderness $\lambda$",
+    "width": "width $2b$",
+    "restitution": "restitution $C$",
+    "intensity": "pulse intensity $I$",
+    "rotation_ratio": r"rotation ratio $\alpha^*_{max}/\alpha_c$",
+    "peak_rotation": r"peak rotation $\alpha^*_{max}$",
+    "period": "stabilized period $T^*$",
+    "amplification": r"amplification $\zeta$",
+    "overturning_margin": "overturning margin",
+    "overturning_half_cycle": "half-cycle that overturns",
+    "critical_intensity": "critical intensity",
+}
+_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+_UNITS = {"m s-1": "m/s", "1": ""}
+
+
+def plot_curves(
+    variable: "xarray.DataArray",
+    hue: str,
+    along: str = "slenderness",
+    ax: "matplotlib.axes.Axes | None" = None,
+) -> "matplotlib.axes.Axes":
+    """Draw a variable of a spectrum along one dimension, one curve for each value of another.
+
+    A curve ends where the block overturns; a cross marks the last point that stands.
+
+    Parameters
+    ----------
+    variable : xarray.DataArray
+        With dimensions `along` and `hue` only, for example
+        ``spectrum.rotation_ratio.sel(restitution=0.6)``.
+    hue : str
+        Dimension that tells the curves apart.
+    along : str
+        Dimension of the horizontal axis.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If `variable` has other dimensions.
+    """
+    if set(variable.dims) != {along, hue}:
+        raise ValueError(
+            f"variable must have the dimensions {along} and {hue}, got {variable.dims}"
+        )
+    import matplotlib
+    import matplotlib.pyplot as plt
+
+    if ax is None:
+        _, ax = plt.subplots(layout="constrained")
+    x = variable[along].values
+    levels = variable[hue].values
+    # Dark to light, stopping short of what is too pale to read; with a style of its own
+    # each, so that the curves differ without colours.
+    colours = matplotlib.colormaps["cividis"](np.linspace(0, 0.85, levels.size))
+    for index, (level, colour) in enumerate(zip(levels, colours, strict=True)):
+        y = variable.sel({hue: level}).values
+        style = _STYLES[index % len(_STYLES)]
+        ax.plot(x, y, color=colour, linestyle=style, label=f"{level:g}")
+        standing = np.flatnonzero(np.isfinite(y))
+        if standing.size and standing[-1] + 1 < x.size:
+            ax.plot(x[standing[-1]], y[standing[-1]], marker="x", color=colour)
+    ax.set_xlabel(_label(variable[along]))
+    ax.set_ylabel(_label(variable))
+    ax.set_xlim(x.min(), x.max())
+    ax.set_ylim(bottom=0)
+    ax.grid(alpha=0.3)
+    ax.legend(title=_label(variable[hue]))
+    return ax
+
+
+def plot_spectrum(
+    spectrum: "xarray.Dataset", variable: str = "rotation_ratio"
+) -> "matplotlib.figure.Figure":
+    """Draw a variable of `resonance_spectrum` over slenderness, a panel each restitution.
+
+    One row of panels for each intensity, one curve for each width.
+    """
+    import matplotlib.pyplot as plt
+
+    data = spectrum[variable]
+    restitutions = np.atleast_1d(data.restitution.values)
+    has_rows = "intensity" in data.dims
+    rows = data.intensity.values if has_rows else [float(spectrum.intensity)]
+    figure, panels = plt.subplots(
+        len(rows),
+        restitutions.size,
+        figsize=(0.8 + 3.2 * restitutions.size, 0.6 + 3.0 * len(rows)),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for row, intensity in zip(panels, rows, strict=True):
+        for panel, restitution in zip(row, restitutions, strict=True):
+            chosen = {"restitution": restitution} | ({"intensity": intensity} if has_rows else {})
+            plot_curves(data.sel(chosen), hue="width", ax=panel)
+            panel.set_title(f"$C$ = {restitution:g}, $I$ = {intensity:g} m/s")
+            if panel is not panels[0, 0]:
+                panel.get_legend().remove()
+            panel.label_outer()
+    return figure
+
+
+def _label(variable: "xarray.DataArray") -> str:
+    name = str(variable.name)
+    units = variable.attrs.get("units", "1")
+    units = _UNITS.get(units, units)
+    return _LABELS.get(name, name) + (f" [{units}]" if units else "")

@@ -1,0 +1,279 @@
+"""Sweeps over grids of scenes, to labelled datasets and files."""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from tqdm import tqdm
+
+from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, check
+from .block import Block
+from .critical import critical_intensity
+from .files import written_whole
+from .free import FreeRocking, Linearized
+from .resonance import (
+    Scene,
+    amplification,
+    overturning_half_cycle,
+    overturning_margin,
+    rotation_ratio,
+    stabilized_period,
+    stabilized_rotation,
+)
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class _Axis(NamedTuple):
+    long_name: str
+    units: str
+    domain: Domain
+
+
+class _Variable(NamedTuple):
+    long_name: str
+    units: str
+    function: Callable[[Scene, FreeRocking], Array]
+
+
+_AXES = {
+    "slenderness": _Axis("slenderness, height over width", "1", POSITIVE),
+    "width": _Axis("full width 2b of the base", "m", POSITIVE),
+    "restitution": _Axis("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
+    "intensity": _Axis("intensity of each pulse", "m s-1", NON_NEGATIVE),
+}
+
+_VARIABLES = {
+    "rotation_ratio": _Variable(
+        "stabilized peak rotation over critical angle", "1", rotation_ratio
+    ),
+    "peak_rotation": _Variable("stabilized peak rotation", "rad", stabilized_rotation),
+    "period": _Variable("stabilized period", "s", stabilized_period),
+    "amplification": _Variable(
+        "stabilized peak rotation over peak after the first pulse", "1", amplification
+    ),
+    "overturning_margin": _Variable(
+        "energy left to the barrier over the barrier, overturns from 0 down",
+        "1",
+        overturning_margin,
+    ),
+    "overturning_half_cycle": _Variable(
+        "first half-cycle that overturns, inf if none does", "1", overturning_half_cycle
+    ),
+    "critical_intensity": _Variable(
+        "intensity of unlimited pulses on the verge of overturning",
+        "m s-1",
+        lambda scene, model: critical_intensity(scene.block, scene.restitution, model=model),
+    ),
+}
+
+
+def resonance_spectrum(
+    slenderness: Number,
+    width: Number,
+    restitution: Number,
+    intensity: Number,
+    *,
+    model: FreeRocking = Linearized(),  # noqa: B008
+    gravity: float = 9.81,
+    chunk: int = 2**20,
+    store: str | Path | None = None,
+) -> "xarray.Dataset":
+    """Resonance spectra over a full grid of blocks, restitutions and pulse intensities.
+
+    Parameters
+    ----------
+    slenderness, width, restitution : array_like
+        Values of lambda [-], full width 2b [m] and C [-], each a number or one-dimensional.
+    intensity : array_like
+        I [m/s]; a one-dimensional array adds the dimension intensity.
+    model : Linearized or Nonlinear
+        Rung of the ladder of models.
+    gravity : float
+        g [m/s2].
+    chunk : int
+        Most grid points that are computed at once. A grid of several chunks shows its
+        progress if it takes long and standard error is a terminal.
+    store : path, optional
+        A NetCDF file to put the values into as they are computed. The dataset returned then
+        reads from it when asked, so that neither has to fit into memory. An existing file
+        is replaced, once all is computed.
+
+    Returns
+    -------
+    xarray.Dataset
+        With dimensions slenderness, width, restitution (and intensity) the variables
+        rotation_ratio, peak_rotation, period, amplification, overturning_margin,
+        overturning_half_cycle and critical_intensity. NaN where the block overturns and
+        the quantity presupposes that it does not; overturning_margin says where.
+
+    Raises
+    ------
+    ValueError
+        If an argument is empty, has several dimensions, or has a value outside of what is
+        allowed; if `store` cannot be written.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
+    >>> print(spectrum.rotation_ratio.sel(width=0.4, restitution=0.6).values.round(3))
+    [0.077 0.317]
+    """
+    check("gravity", gravity, POSITIVE)
+    if chunk < 1:
+        raise ValueError(f"chunk must be at least 1, got {chunk}")
+    given = (slenderness, width, restitution, intensity)
+    axes = {name: _axis(name, value) for name, value in zip(_AXES, given, strict=True)}
+    template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, gravity)
+    if store is None:
+        values = {
+            name: np.empty(variable.shape, variable.dtype) for name, variable in template.items()
+        }
+        _fill(values, axes, model, gravity, chunk)
+        return template.assign(
+            {name: (template[name].dims, values[name], template[name].attrs) for name in values}
+        )
+    path = Path(store)
+    with written_whole(path.parent, [path.name], overwrite=True) as scratch:
+        _store(scratch / path.name, template, axes, model, gravity, chunk)
+    import xarray
+
+    return xarray.open_dataset(path)
+
+
+def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
+    """Write a spectrum as CSV: a column each dimension and variable, a row each grid point.
+
+    Row by row of slenderness, so that the table need not fit into memory. An existing file
+    is replaced.
+
+    Raises
+    ------
+    ValueError
+        If `path` cannot be written.
+    """
+    path = Path(path)
+    with written_whole(path.parent, [path.name], overwrite=True) as scratch:
+        with open(scratch / path.name, "w", newline="", encoding="utf-8") as file:
+            for index in _progress(range(dataset.sizes["slenderness"]), "table"):
+                row = dataset.isel(slenderness=[index]).to_dataframe()
+                row.to_csv(file, header=index == 0)
+
+
+def _axis(name: str, value: Number) -> np.ndarray:
+    try:
+        values = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number or numbers, got {value!r}") from None
+    if values.ndim > 1 or values.size == 0:
+        raise ValueError(
+            f"{name} must be a number or a one-dimensional array of at least one,"
+            f" got an array of shape {values.shape}"
+        )
+    check(name, values, _AXES[name].domain)
+    return np.atleast_1d(values)
+
+
+def _template(
+    axes: Mapping[str, np.ndarray], with_intensity: bool, model: FreeRocking, gravity: float
+) -> "xarray.Dataset":
+    """The dataset without values: coordinates, attributes, and variables that take no memory."""
+    import xarray
+
+    dims = tuple(axes) if with_intensity else tuple(axes)[:3]
+    dtype = jnp.result_type(float)
+    variables = {}
+    for name, variable in _VARIABLES.items():
+        own = dims[:3] if name == "critical_intensity" else dims
+        empty = np.broadcast_to(np.zeros((), dtype), [axes[dim].size for dim in own])
+        variables[name] = (own, empty, {"long_name": variable.long_name, "units": variable.units})
+    coordinates = {
+        name: (
+            (name,) if name in dims else (),
+            values if name in dims else values[0],
+            {"long_name": _AXES[name].long_name, "units": _AXES[name].units},
+        )
+        for name, values in axes.items()
+    }
+    attributes = {
+        "title": "Resonance spectra of rigid rocking blocks",
+        "source": f"jaxrock {version('jaxrock')}",
+        "model": type(model).__name__,
+        "gravity": gravity,
+        "gravity_units": "m s-2",
+    }
+    return xarray.Dataset(variables, coordinates, attributes)
+
+
+@eqx.filter_jit
+def _evaluate(scene: Scene, model: FreeRocking) -> dict[str, Array]:
+    return {name: variable.function(scene, model) for name, variable in _VARIABLES.items()}
+
+
+def _fill(
+    targets: Mapping[str, Any],
+    axes: Mapping[str, np.ndarray],
+    model: FreeRocking,
+    gravity: float,
+    chunk: int,
+) -> None:
+    """Compute the grid chunk by chunk into `targets`, anything that takes slices."""
+    blocks = list(_chunks([values.size for values in axes.values()], chunk))
+    for block in _progress(blocks, "spectrum"):
+        grid = (
+            jnp.expand_dims(values[part], [other for other in range(4) if other != position])
+            for position, (values, part) in enumerate(zip(axes.values(), block, strict=True))
+        )
+        slenderness, width, restitution, intensity = grid
+        scene = Scene(Block(width / 2, slenderness, gravity), restitution, intensity)
+        for name, values in _evaluate(scene, model).items():
+            target = targets[name]
+            part = block[: target.ndim]
+            target[part] = np.asarray(values).reshape([p.stop - p.start for p in part])
+
+
+def _chunks(sizes: list[int], most: int) -> Iterator[tuple[slice, ...]]:
+    """Cut a grid into blocks of at most `most` points, the last axes kept whole first."""
+    lengths, left = [], most
+    for size in reversed(sizes):
+        lengths.insert(0, min(size, max(left, 1)))
+        left //= max(lengths[0], 1)
+    starts = (range(0, size, length) for size, length in zip(sizes, lengths, strict=True))
+    for corner in itertools.product(*starts):
+        yield tuple(
+            slice(start, min(start + length, size))
+            for start, length, size in zip(corner, lengths, sizes, strict=True)
+        )
+
+
+def _store(
+    path: Path,
+    template: "xarray.Dataset",
+    axes: Mapping[str, np.ndarray],
+    model: FreeRocking,
+    gravity: float,
+    chunk: int,
+) -> None:
+    import netCDF4
+
+    template.drop_vars(list(template)).to_netcdf(path)
+    with netCDF4.Dataset(path, "a") as file:
+        for name, variable in template.items():
+            target = file.createVariable(name, variable.dtype, variable.dims, fill_value=math.nan)
+            target.setncatts(variable.attrs)
+            if "intensity" not in variable.dims:
+                target.coordinates = "intensity"
+        _fill(file.variables, axes, model, gravity, chunk)
+
+
+def _progress(items: Any, label: str) -> Any:
+    return tqdm(items, desc=label, delay=2.0, disable=None, leave=False)
