@@ -20,6 +20,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Real
 
 Number = Real[ArrayLike, "..."]
 Reals = Float[Array, "..."]
+Booleans = Bool[Array, "..."]
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -104,7 +105,7 @@ def _module_within(module: Checked) -> tuple[Checked, Any]:
     return module, valid
 
 
-def is_valid(module: Checked) -> Bool[Array, "..."]:
+def is_valid(module: Checked) -> Booleans:
     """Whether each element of `module` lies in its domain."""
     return jnp.asarray(_module_within(module)[1])
 

@@ -110,4 +110,5 @@ def housner_restitution(block: Block) -> Reals:
     Array
         ``1 - (3/2) sin(alpha_c)^2`` [-].
     """
-    return 1 - 1.5 / (1 + block.slenderness**2)
+    square = block.slenderness**2
+    return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 
 from .arguments import COUNT, UNIT_INTERVAL, Number, Reals, elementwise
 from .block import Block
+from .elementary import share_of_one
 from .free import FreeRocking, Linearized
-from .series import share_of_one
 
 
 @elementwise(restitution=UNIT_INTERVAL, half_cycles=COUNT)

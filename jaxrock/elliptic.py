@@ -1,9 +1,8 @@
 """Elliptic integrals and functions, which JAX lacks.
 
-Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the
-series to order 7), Jacobi's sn, cn, dn by the arithmetic-geometric mean
-(DLMF 22.20(ii)), and the elementary ratios whose automatic derivative would cancel. All are
-elementwise and differentiable any number of times.
+Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the series to
+order 7) and Jacobi's sn, cn, dn by the arithmetic-geometric mean (DLMF 22.20(ii)). All
+are elementwise and differentiable any number of times.
 """
 
 import functools
@@ -146,12 +145,14 @@ def jacobi(
     tuple of Array
         ``sn(u|m), cn(u|m), dn(u|m)``.
     """
-    # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges;
-    # the floor is far below what dn can resolve.
+    # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges.
+    eps = jnp.finfo(jnp.result_type(argument, complement)).eps
+    parabolic = abs(complement) < eps**2
     beyond = complement < 0
     stretch = jnp.sqrt(1 - jnp.where(beyond, complement, 0))
-    floor = jnp.finfo(jnp.result_type(argument, complement)).eps ** 4
-    m1 = jnp.maximum(jnp.where(beyond, -complement / stretch**2, complement), floor)
+    m1 = jnp.where(beyond, -complement / stretch**2, complement)
+    m1 = jnp.where(parabolic, 0.5, m1)
+
     mean, root = jnp.ones_like(m1), jnp.sqrt(m1)
     stages = []
     for _ in range(10):
@@ -164,49 +165,14 @@ def jacobi(
         phase = (phase + jnp.arctan2(gap * jnp.sin(phase), adjacent)) / 2
     sn, cn = jnp.sin(phase), jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
-    return sn / stretch, jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
+    general = sn / stretch, jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
+    limit = _jacobi_near_one(argument, complement)
+    return tuple(jnp.where(parabolic, a, b) for a, b in zip(limit, general, strict=True))
 
 
-@jax.custom_jvp
-def arctan_ratio(z: Reals) -> Reals:
-    """``arctan(z) / z`` for z > 0; elementwise, its derivative accurate for small z."""
-    return jnp.arctan(z) / z
-
-
-@arctan_ratio.defjvp
-def _arctan_ratio_jvp(primals, tangents):
-    (z,), (dz,) = primals, tangents
-    y = 1 + z**2
-    return arctan_ratio(z), -2 / 3 * z * carlson_rd(jnp.ones_like(y), y, y) * dz
-
-
-@jax.custom_jvp
-def artanh_ratio(x: Reals) -> Reals:
-    """``artanh(x) / x`` for 0 <= x < 1; elementwise, its derivative accurate for small x."""
-    return _ratio(lambda t: jnp.log1p(2 * t / (1 - t)) / 2, x)
-
-
-@artanh_ratio.defjvp
-def _artanh_ratio_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    y = (1 - x) * (1 + x)
-    return artanh_ratio(x), 2 / 3 * x * carlson_rd(jnp.ones_like(y), y, y) * dx
-
-
-@jax.custom_jvp
-def arcsin_ratio(q: Reals) -> Reals:
-    """``arcsin(q) / q`` for 0 <= q < 1; elementwise, its derivative accurate for small q."""
-    return _ratio(jnp.arcsin, q)
-
-
-@arcsin_ratio.defjvp
-def _arcsin_ratio_jvp(primals, tangents):
-    (q,), (dq,) = primals, tangents
-    one = jnp.ones_like(q)
-    return arcsin_ratio(q), q / 3 * carlson_rd(one, one, 1 - q**2) * dq
-
-
-def _ratio(function, argument: Array) -> Array:
-    differs = argument**2 > jnp.finfo(argument.dtype).eps
-    divisor = jnp.where(differs, argument, 0.5)
-    return jnp.where(differs, function(divisor) / divisor, 1)
+def _jacobi_near_one(argument: Array, complement: Array) -> tuple[Array, Array, Array]:
+    """sn, cn and dn to first order in the complement (DLMF 22.10(ii))."""
+    tanh, sech = jnp.tanh(argument), 1 / jnp.cosh(argument)
+    even, odd = jnp.sinh(argument) * tanh / 4, argument * tanh * sech / 4
+    sn = tanh + complement * (tanh - argument * sech**2) / 4
+    return sn, sech - complement * (even - odd), sech + complement * (even + odd)

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 
 from .arguments import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
 from .block import Block, diagonal_ratio
-from .elliptic import arcsin_ratio, arctan_ratio, artanh_ratio, carlson_rf, jacobi
+from .elementary import arcsin_ratio, arctan_ratio, artanh_ratio, one_minus_square
+from .elliptic import carlson_rf, jacobi
 
 
 class FreeRocking(eqx.Module):
@@ -223,45 +224,31 @@ class Nonlinear(FreeRocking):
     def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
         # 2 x / (p cos(alpha_c / 2)) = 2 I lambda / g
         w = _stiffening(block, x)
-        left = energy_left(x)
+        left = one_minus_square(x)
         integral = carlson_rf(jnp.ones_like(w), left, left / w**2)
         return 2 * intensity * block.slenderness / (block.gravity * w) * integral
 
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
         sine = _sine_of_half(block)
         cosine = jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
-        m1 = sine**2 * energy_left(x)
+        m1 = sine**2 * one_minus_square(x)
         sn, cn, dn = jacobi(block.frequency_parameter * time, m1)
         # r is sin((alpha_c - alpha) / 2) over its value at rest, `fall` is 1 - r.
         across = dn + x * cosine * sn * cn
         r = (1 - x**2 * sn**2) / across
         fall = sn * (x * cosine * cn - ((1 - m1) / (1 + dn) - x**2) * sn) / across
         before = r > 0
-        r_before, r_after = jnp.where(before, r, 1), jnp.where(before, 0, r)
-        side = jnp.sqrt(1 - sine**2 * r_before**2) + r_before * cosine
-        rotation = 2 * jnp.arcsin(sine * fall * (1 + r_before) / side)
+        r_after = jnp.where(before, 0, r)
+        r, fall = jnp.where(before, r, 1), jnp.where(before, fall, 0)
+        side = jnp.sqrt(1 - sine**2 * r**2) + r * cosine
+        rotation = 2 * jnp.arcsin(sine * fall * (1 + r) / side)
         beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_after)
         return jnp.where(before, rotation, beyond)
 
 
-@jax.custom_jvp
-def energy_left(x: Reals) -> Reals:
-    """``1 - x^2``, the energy left to the barrier, accurate near 1; elementwise.
-
-    With its own derivative, because that of the product cancels for small x.
-    """
-    return (1 - x) * (1 + x)
-
-
-@energy_left.defjvp
-def _energy_left_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    return energy_left(x), -2 * x * dx
-
-
 def _barrier(x: Reals) -> Reals:
     """k = sqrt(1 - x^2)."""
-    return jnp.sqrt(energy_left(x))
+    return jnp.sqrt(one_minus_square(x))
 
 
 def _weight_of(intensity: Reals, block: Block) -> Reals:

@@ -19,6 +19,7 @@ from .arguments import (
     elementwise,
     quantity,
 )
+from .elementary import decaying_share_of_one, one_minus_square
 
 
 class Oscillator(Checked):
@@ -69,7 +70,7 @@ class Oscillator(Checked):
 
         Infinite without damping.
         """
-        return 1 / -jnp.expm1(-_decrement(self))
+        return 1 / decaying_share_of_one(_decrement(self), jnp.inf)
 
     @elementwise(velocity=FINITE, time=FINITE)
     def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
@@ -111,11 +112,7 @@ class Oscillator(Checked):
         Array
             ``I (1 - B^i) / (1 - B)`` [m/s].
         """
-        decrement = _decrement(self)
-        damped = decrement > 0
-        safe = jnp.where(damped, decrement, 1)
-        share = jnp.expm1(-half_cycle * safe) / jnp.expm1(-safe)
-        return intensity * jnp.where(damped, share, half_cycle)
+        return intensity / decaying_share_of_one(_decrement(self), half_cycle)
 
     @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
@@ -176,7 +173,7 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
 
 
 def _damped_share(oscillator: Oscillator) -> Reals:
-    return jnp.sqrt((1 - oscillator.damping_ratio) * (1 + oscillator.damping_ratio))
+    return jnp.sqrt(one_minus_square(oscillator.damping_ratio))
 
 
 def _decrement(oscillator: Oscillator) -> Reals:

@@ -455,17 +455,22 @@ def _falls(values: Array, axis: int) -> bool:
     return _rises(-values, axis)
 
 
-def _markdown(report: Report) -> str:
+def summary(report: Report) -> str:
+    """What agrees, in a sentence."""
     known = sum(bool(entry.fault) for entry in report.entries)
-    agreeing = sum(entry.agrees for entry in report.entries)
+    return (
+        f"{sum(entry.agrees for entry in report.entries)} of {len(report.entries)} printed"
+        f" numbers agree to the digits printed ({known} known to be wrong),"
+        f" {sum(c.holds for c in report.claims)} of {len(report.claims)} claims hold,"
+        f" {sum(f.holds for f in report.faults)} of {len(report.faults)} known faults reproduced."
+    )
+
+
+def _markdown(report: Report) -> str:
     lines = [
         "# On the Resonance Conditions of Rigid Rocking Blocks, recomputed",
         "",
-        f"{agreeing} of {len(report.entries)} printed numbers agree to the digits printed"
-        f" ({known} known to be wrong), {sum(c.holds for c in report.claims)} of"
-        f" {len(report.claims)} claims hold, {sum(f.holds for f in report.faults)} of"
-        f" {len(report.faults)} known faults reproduced."
-        " Gravity 9.81 m/s2, pulses of 0.15 m/s.",
+        f"{summary(report)} Gravity 9.81 m/s2, pulses of 0.15 m/s.",
         "",
     ]
     if report.mismatches:

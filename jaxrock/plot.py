@@ -81,9 +81,11 @@ def plot_curves(
     ax.set_xlabel(_label(variable[along]))
     ax.set_ylabel(_label(variable))
     ax.set_xlim(x.min(), x.max())
-    ax.set_ylim(bottom=0)
+    ax.set_ylim(bottom=0, auto=True)
     ax.grid(alpha=0.3)
-    ax.legend(title=_label(variable[hue]))
+    ax.legend(
+        title=_label(variable[hue]), loc="center left", bbox_to_anchor=(1, 0.5), frameon=False
+    )
     return ax
 
 
@@ -92,12 +94,28 @@ def plot_spectrum(
 ) -> "matplotlib.figure.Figure":
     """Draw a variable of `resonance_spectrum` over slenderness, a panel each restitution.
 
-    One row of panels for each intensity, one curve for each width.
+    A row of panels each intensity, a curve each width. Of a dimension with more values than
+    can be told apart (4 panels a side, 7 curves) some are drawn, evenly chosen.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        From `jaxrock.resonance_spectrum`.
+    variable : str
+        Which of its variables.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     import matplotlib.pyplot as plt
 
     data = spectrum[variable]
-    restitutions = np.atleast_1d(data.restitution.values)
+    for name, most in (("width", 7), ("restitution", 4), ("intensity", 4)):
+        size = data.sizes.get(name, 1)
+        if size > most:
+            data = data.isel({name: np.linspace(0, size - 1, most).round().astype(int)})
+    restitutions = data.restitution.values
     has_rows = "intensity" in data.dims
     rows = data.intensity.values if has_rows else [float(spectrum.intensity)]
     figure, panels = plt.subplots(
@@ -114,7 +132,7 @@ def plot_spectrum(
             chosen = {"restitution": restitution} | ({"intensity": intensity} if has_rows else {})
             plot_curves(data.sel(chosen), hue="width", ax=panel)
             panel.set_title(f"$C$ = {restitution:g}, $I$ = {intensity:g} m/s")
-            if panel is not panels[0, 0]:
+            if panel is not panels[0, -1]:
                 panel.get_legend().remove()
             panel.label_outer()
     return figure

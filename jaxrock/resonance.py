@@ -11,6 +11,7 @@ from .arguments import (
     COUNT,
     NON_NEGATIVE,
     UNIT_INTERVAL,
+    Booleans,
     Checked,
     Number,
     Reals,
@@ -18,8 +19,8 @@ from .arguments import (
     quantity,
 )
 from .block import Block
-from .free import FreeRocking, Linearized, energy_left
-from .series import share_of_one
+from .elementary import one_minus_square, share_of_one
+from .free import FreeRocking, Linearized
 
 
 class Scene(Checked):
@@ -207,7 +208,7 @@ def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals
         most 0 where it has no stabilized phase, -inf for C = 1.
     """
     x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
-    return energy_left(x)
+    return one_minus_square(x)
 
 
 @elementwise()
@@ -229,7 +230,7 @@ def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> R
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
     restitution = scene.restitution
 
-    def reaches(half_cycle: Reals) -> Reals:
+    def reaches(half_cycle: Reals) -> Booleans:
         return x >= share_of_one(restitution, half_cycle)
 
     # x (1 - C^i) / (1 - C) >= 1, solved for i ...
@@ -252,7 +253,7 @@ def _unlimited(first: Reals, scene: Scene) -> Reals:
     return first / jnp.where((first == 0) & (loss == 0), 1, loss)
 
 
-def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals, Reals]:
+def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals, Booleans]:
     """x* = v* / v_c, the single pulse that launches at v*, and where the block stands.
 
     The first two are 0 where it does not.

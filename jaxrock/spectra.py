@@ -153,8 +153,8 @@ def resonance_spectrum(
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """Write a spectrum as CSV: a column each dimension and variable, a row each grid point.
 
-    Row by row of slenderness, so that the table need not fit into memory. An existing file
-    is replaced.
+    Some values of the slenderness at a time, so that the table need not fit into memory. An
+    existing file is replaced.
 
     Raises
     ------
@@ -164,9 +164,26 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     path = Path(path)
     with written_whole(path.parent, [path.name], overwrite=True) as scratch:
         with open(scratch / path.name, "w", newline="", encoding="utf-8") as file:
-            for index in _progress(range(dataset.sizes["slenderness"]), "table"):
-                row = dataset.isel(slenderness=[index]).to_dataframe()
-                row.to_csv(file, header=index == 0)
+            for part in _progress(_slabs(dataset), "table"):
+                rows = dataset.isel(slenderness=part).to_dataframe()
+                rows.to_csv(file, header=part.start == 0)
+
+
+def overturned_share(dataset: "xarray.Dataset") -> float:
+    """The share of the scenes in a spectrum that overturn under unlimited pulses."""
+    margin = dataset.overturning_margin
+    overturned = sum(
+        int((margin.isel(slenderness=part) <= 0).sum())
+        for part in _progress(_slabs(dataset), "overturned")
+    )
+    return overturned / margin.size
+
+
+def _slabs(dataset: "xarray.Dataset", points: int = 2**18) -> list[slice]:
+    """Slices of the slenderness, each of about so many points of the grid."""
+    size = dataset.sizes["slenderness"]
+    step = max(1, points * size // dataset.overturning_margin.size)
+    return [slice(start, min(start + step, size)) for start in range(0, size, step)]
 
 
 def _axis(name: str, value: Number) -> np.ndarray:

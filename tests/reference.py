@@ -7,7 +7,7 @@ integrals. Cancellation is met with digits instead.
 
 import mpmath as mp
 
-mp.mp.dps = 110
+mp.mp.dps = 70
 
 
 def half_diagonal(b, slenderness):
@@ -68,7 +68,8 @@ class Nonlinear:
         p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
         modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
         launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
-        return 2 / p * (mp.ellipk(modulus) - mp.ellipf(launch, modulus))
+        swing = mp.ellipk(modulus) - mp.ellipf(launch, modulus)
+        return mp.sign(velocity) * 2 / p * swing  # odd, so that it has a slope at 0
 
     @classmethod
     def motion(cls, b, slenderness, gravity, velocity, time):
@@ -77,8 +78,9 @@ class Nonlinear:
         modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
         launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
         phase = mp.ellipf(launch, modulus) + p * time
-        half_swing = mp.sqrt(modulus) * mp.ellipfun("sn", phase, m=modulus)
-        return angle - mp.pi + 2 * mp.asin(half_swing)
+        sine = mp.sqrt(modulus) * mp.re(mp.ellipfun("sn", phase, m=modulus))
+        cosine = mp.re(mp.ellipfun("dn", phase, m=modulus))
+        return angle - mp.pi + 2 * mp.atan2(sine, cosine)
 
 
 def half_cycle_velocity(b, slenderness, gravity, restitution, intensity, count):
@@ -121,5 +123,30 @@ def stabilized(name):
 
 
 def critical_intensity(model, b, slenderness, gravity, restitution, count):
-    unit = half_cycle_velocity(b, slenderness, gravity, restitution, mp.mpf(1), count)
-    return model.critical_velocity(b, slenderness, gravity) / unit
+    critical = model.critical_velocity(b, slenderness, gravity)
+    if count == mp.inf:
+        return critical * (1 - restitution) / launch_velocity(b, slenderness, gravity, mp.mpf(1))
+    return critical / half_cycle_velocity(b, slenderness, gravity, restitution, mp.mpf(1), count)
+
+
+def oscillator_motion(omega, xi, velocity, time):
+    """Eq. 16."""
+    damped = omega * mp.sqrt(1 - xi**2)
+    return mp.exp(-xi * omega * time) * velocity / damped * mp.sin(damped * time)
+
+
+def oscillator_velocity(xi, intensity, count):
+    """Eq. 20, its recursion; Eq. 21 where count is inf."""
+    decay = mp.exp(-xi * mp.pi / mp.sqrt(1 - xi**2))  # Eq. 18
+    if count == mp.inf:
+        return intensity / (1 - decay)
+    velocity = intensity
+    for _ in range(int(count) - 1):
+        velocity = velocity * decay + intensity
+    return velocity
+
+
+def oscillator_peak(omega, xi, velocity):
+    """The largest value of Eq. 16."""
+    damped = omega * mp.sqrt(1 - xi**2)
+    return oscillator_motion(omega, xi, velocity, mp.atan2(damped, xi * omega) / damped)

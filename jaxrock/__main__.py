@@ -1,0 +1,5 @@
+"""``python -m jaxrock``."""
+
+from .cli import main
+
+main()

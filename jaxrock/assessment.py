@@ -1,0 +1,191 @@
+"""Everything about one scene, in both rungs, as numbers and as text."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .block import Block, housner_restitution
+from .critical import critical_intensity
+from .free import FreeRocking, Linearized, Nonlinear
+from .resonance import (
+    Scene,
+    amplification,
+    launch_velocity,
+    overturning_half_cycle,
+    overturning_margin,
+    rotation_ratio,
+    stabilized_period,
+    stabilized_rotation,
+    stabilized_velocity,
+)
+
+HALF_CYCLES = ("1", "2", "5", "10", "unlimited")
+
+
+def assess(scene: Scene) -> dict[str, Any]:
+    """Geometry, single pulse, stabilized phase, critical intensities and sensitivities.
+
+    Parameters
+    ----------
+    scene : Scene
+        A single scene: all its values are numbers.
+
+    Returns
+    -------
+    dict
+        Nested, of numbers with NaN where a quantity does not exist; ``models`` holds the
+        answers of each rung, ``linearization_error`` what `Linearized` says relative to
+        `Nonlinear`, less 1.
+
+    Raises
+    ------
+    ValueError
+        If `scene` holds arrays.
+    """
+    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
+    if shape:
+        raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
+    return jax.tree.map(float, jax.device_get(_everything(scene)))
+
+
+@eqx.filter_jit
+def _everything(scene: Scene) -> dict[str, Any]:
+    block = scene.block
+    geometry = {
+        "width": 2 * block.half_width,
+        "height": 2 * block.half_height,
+        "slenderness": block.slenderness,
+        "half_diagonal": block.half_diagonal,
+        "critical_angle": block.critical_angle,
+        "frequency_parameter": block.frequency_parameter,
+        "gravity": block.gravity,
+        "restitution": scene.restitution,
+        "housner_restitution": housner_restitution(block),
+        "intensity": scene.intensity,
+        "launch_velocity": launch_velocity(scene),
+        "stabilized_velocity": stabilized_velocity(scene),
+    }
+    linearized, nonlinear = _answers(scene, Linearized()), _answers(scene, Nonlinear())
+    compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
+    error = {
+        key: jax.tree.map(lambda ours, full: ours / full - 1, linearized[key], nonlinear[key])
+        for key in compared
+    }
+    models = {"linearized": linearized, "nonlinear": nonlinear}
+    return {"geometry": geometry, "models": models, "linearization_error": error}
+
+
+def _answers(scene: Scene, model: FreeRocking) -> dict[str, Any]:
+    block, velocity = scene.block, launch_velocity(scene)
+    ratio, slopes = jax.value_and_grad(rotation_ratio)(scene, model)
+    quantities = {
+        "restitution": (scene.restitution, slopes.restitution),
+        "slenderness": (block.slenderness, slopes.block.slenderness),
+        "half_width": (block.half_width, slopes.block.half_width),
+        "intensity": (scene.intensity, slopes.intensity),
+    }
+    stands = overturning_margin(scene, model) > 0
+    half_cycles = jnp.asarray([float(n.replace("unlimited", "inf")) for n in HALF_CYCLES])
+    critical = critical_intensity(block, scene.restitution, half_cycles, model)
+    return {
+        "critical_velocity": model.critical_velocity(block),
+        "single_pulse": {
+            "peak_rotation": model.peak_rotation(block, velocity),
+            "rotation_ratio": model.peak_rotation(block, velocity) / block.critical_angle,
+            "half_cycle_duration": model.half_cycle_duration(block, velocity),
+        },
+        "overturning_margin": overturning_margin(scene, model),
+        "overturning_half_cycle": overturning_half_cycle(scene, model),
+        "stabilized": {
+            "peak_rotation": stabilized_rotation(scene, model),
+            "rotation_ratio": ratio,
+            "period": stabilized_period(scene, model),
+            "amplification": amplification(scene, model),
+        },
+        "critical_intensity": dict(zip(HALF_CYCLES, critical, strict=True)),
+        "derivatives": {
+            name: jnp.where(stands, slope, jnp.nan) for name, (_, slope) in quantities.items()
+        },
+        "elasticities": {
+            name: jnp.where(stands, slope * value / ratio, jnp.nan)
+            for name, (value, slope) in quantities.items()
+        },
+    }
+
+
+def text(result: dict[str, Any]) -> str:
+    """The answers of `assess` as a page to read."""
+    geometry, models = result["geometry"], result["models"]
+    lines = [
+        f"Block {geometry['width']:.6g} m wide, {geometry['height']:.6g} m high"
+        f" (slenderness {geometry['slenderness']:.6g}), C = {geometry['restitution']:.6g},"
+        f" pulses of {geometry['intensity']:.6g} m/s",
+        "",
+        *_rows(
+            [
+                ("half-diagonal R", geometry["half_diagonal"], "m"),
+                ("critical angle alpha_c", geometry["critical_angle"], "rad"),
+                ("frequency parameter p", geometry["frequency_parameter"], "1/s"),
+                ("Housner's restitution", geometry["housner_restitution"], "-"),
+                ("launch velocity (Eq. 2)", geometry["launch_velocity"], "rad/s"),
+            ]
+        ),
+        "",
+        f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}",
+    ]
+
+    def row(label: str, *path: str, units: str = "-") -> None:
+        found = []
+        for values in (models["linearized"], models["nonlinear"], result["linearization_error"]):
+            for key in path:
+                values = values.get(key, math.nan) if isinstance(values, dict) else math.nan
+            found.append(values)
+        error = f"{100 * found[2]:+.2f} %" if math.isfinite(found[2]) else ""
+        columns = f"{_number(found[0]):>14}{_number(found[1]):>14}{error:>10}"
+        lines.append(f"  {f'{label} [{units}]':32}{columns}".rstrip())
+
+    row("critical velocity", "critical_velocity", units="rad/s")
+    lines.append("after one pulse")
+    row("peak rotation", "single_pulse", "peak_rotation", units="rad")
+    row("peak / alpha_c", "single_pulse", "rotation_ratio")
+    row("half-cycle", "single_pulse", "half_cycle_duration", units="s")
+    lines.append("pulses without end")
+    row("overturning margin", "overturning_margin")
+    row("overturns in half-cycle", "overturning_half_cycle")
+    row("peak rotation", "stabilized", "peak_rotation", units="rad")
+    row("rotation ratio", "stabilized", "rotation_ratio")
+    row("period T*", "stabilized", "period", units="s")
+    row("amplification zeta", "stabilized", "amplification")
+    lines.append("critical intensity, in half-cycles")
+    for n in HALF_CYCLES:
+        row(n, "critical_intensity", n, units="m/s")
+    lines.append("derivative of the rotation ratio to")
+    symbols = {"restitution": "C", "slenderness": "lambda", "half_width": "b", "intensity": "I"}
+    units = {"half_width": "1/m", "intensity": "s/m"}
+    for name, symbol in symbols.items():
+        row(f"{name} {symbol}", "derivatives", name, units=units.get(name, "-"))
+    lines.append("elasticity of the rotation ratio to")
+    for name, symbol in symbols.items():
+        row(f"{name} {symbol}", "elasticities", name)
+    lines.append("")
+    lines.append(_verdict(models["nonlinear"]))
+    return "\n".join(lines)
+
+
+def _rows(rows: list[tuple[str, float, str]]) -> list[str]:
+    return [f"  {f'{label} [{units}]':32}{_number(value):>14}" for label, value, units in rows]
+
+
+def _number(value: float) -> str:
+    return "none" if math.isnan(value) else "never" if math.isinf(value) else f"{value:.6g}"
+
+
+def _verdict(answers: dict[str, Any]) -> str:
+    half_cycle = answers["overturning_half_cycle"]
+    if math.isfinite(half_cycle):
+        return f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): there is no stabilized phase."
+    ratio = answers["stabilized"]["rotation_ratio"]
+    return f"Stands (nonlinear): the rocking settles at {100 * ratio:.3g} % of the critical angle."

@@ -1,0 +1,334 @@
+"""Every public closed-form function, what it should be, and where to ask.
+
+A case evaluates the library at floating-point arguments and the reference at exactly the
+same numbers. `x` says how close to the verge of overturning each sample is.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import reference
+
+import jaxrock as jr
+
+RUNGS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
+GRAVITY = 9.81
+
+
+class Samples(NamedTuple):
+    arguments: tuple[np.ndarray, ...]
+    x: np.ndarray
+
+
+class Case(NamedTuple):
+    name: str
+    ours: Callable
+    theirs: Callable
+    sample: Callable[[np.random.Generator, int, type], Samples]
+    # A path over time: its derivatives pass through zero, and its value takes many steps.
+    path: bool = False
+
+
+def _log_uniform(rng, low, high, n):
+    return 10 ** rng.uniform(np.log10(low), np.log10(high), n)
+
+
+def _near_one(rng, n, dtype, smallest_gap):
+    gap = max(smallest_gap, 16 * float(np.finfo(dtype).eps))
+    return 1 - _log_uniform(rng, gap, 1, n)
+
+
+def _round(dtype, *arrays):
+    return tuple(np.asarray(array, dtype).astype(float) for array in arrays)
+
+
+def _blocks(rng, n, dtype):
+    slenderness, width = _log_uniform(rng, 0.1, 1e4, n), _log_uniform(rng, 1e-4, 1e3, n)
+    return _round(dtype, width, slenderness, np.full(n, GRAVITY))
+
+
+def _speed_ratios(rng, n, dtype):
+    kind = rng.random(n)
+    x = np.where(kind < 0.4, _log_uniform(rng, 1e-15, 1, n), _near_one(rng, n, dtype, 1e-12))
+    return np.where(kind < 0.6, x, np.where(kind < 0.8, rng.uniform(0, 1, n), x))
+
+
+def _restitutions(rng, n, dtype):
+    kind = rng.random(n)
+    some = np.where(kind < 0.4, rng.uniform(0, 1, n), _near_one(rng, n, dtype, 1e-12))
+    some = np.where(kind < 0.2, _log_uniform(rng, 1e-15, 1, n), some)
+    return _round(dtype, np.where(kind < 0.1, 0, some))[0]
+
+
+def only_blocks(rng, n, dtype):
+    return Samples(_blocks(rng, n, dtype), np.zeros(n))
+
+
+def with_intensity(rng, n, dtype):
+    intensity = _log_uniform(rng, 1e-12, 1e2, n)
+    return Samples((*_blocks(rng, n, dtype), *_round(dtype, intensity)), np.zeros(n))
+
+
+def with_restitution(rng, n, dtype):
+    arguments = (*_blocks(rng, n, dtype), _restitutions(rng, n, dtype))
+    return Samples(arguments, np.zeros(n))
+
+
+def scenes_anywhere(rng, n, dtype):
+    blocks, intensity = _blocks(rng, n, dtype), _log_uniform(rng, 1e-12, 1e2, n)
+    arguments = (*blocks, _restitutions(rng, n, dtype), *_round(dtype, intensity))
+    return Samples(arguments, np.zeros(n))
+
+
+def with_velocity(rung):
+    def sample(rng, n, dtype):
+        blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
+        velocity = x * _critical_velocity(rung, blocks)
+        return Samples((*blocks, *_round(dtype, velocity)), x)
+
+    return sample
+
+
+def with_growth(rung):
+    def sample(rng, n, dtype):
+        (*blocks, velocity), x = with_velocity(rung)(rng, n, dtype)
+        growth = _log_uniform(rng, 1e-6, 1e3, n)
+        return Samples((*blocks, *_round(dtype, velocity / (1 + growth), growth)), x)
+
+    return sample
+
+
+def standing_scenes(rung):
+    def sample(rng, n, dtype):
+        blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
+        restitution = _restitutions(rng, n, dtype)
+        unit = np.array([float(reference.launch_velocity(*_exact(b), 1)) for b in zip(*blocks, strict=True)])
+        intensity = x * _critical_velocity(rung, blocks) / unit * (1 - restitution)
+        return Samples((*blocks, restitution, *_round(dtype, intensity)), x)
+
+    return sample
+
+
+def in_motion(rung):
+    """Up to the next impact, and beyond the barrier until the block lies on its side."""
+
+    def sample(rng, n, dtype):
+        blocks = _blocks(rng, n, dtype)
+        over = rng.random(n) < 0.3
+        x = np.where(over, rng.uniform(1.05, 3, n), _speed_ratios(rng, n, dtype) * 0.99)
+        velocity = x * _critical_velocity(rung, blocks)
+        theirs = getattr(reference, rung)
+        share = rng.uniform(0.01, 0.95, n)
+        durations = [
+            1 / float(reference.frequency(*_exact(block)))
+            if beyond
+            else float(theirs.half_cycle_duration(*_exact(block), mp.mpf(v)))
+            for beyond, v, *block in zip(over, velocity, *blocks, strict=True)
+        ]
+        time = share * np.array(durations)
+        return Samples((*blocks, *_round(dtype, velocity, time)), np.where(over, 0, x))
+
+    return sample
+
+
+def oscillators(rng, n, dtype):
+    omega, damping = _log_uniform(rng, 0.1, 1e3, n), _log_uniform(rng, 1e-8, 0.99, n)
+    velocity, time = _log_uniform(rng, 1e-6, 10, n), rng.uniform(0.05, 0.9, n) * np.pi / omega
+    return Samples(_round(dtype, omega, damping, velocity, time), np.zeros(n))
+
+
+def _exact(numbers):
+    return tuple(mp.mpf(float(number)) for number in numbers)
+
+
+def _critical_velocity(rung, blocks):
+    theirs = getattr(reference, rung).critical_velocity
+    return np.array([float(theirs(*_exact(block))) for block in zip(*blocks, strict=True)])
+
+
+def _cases():
+    def block_property(name):
+        return lambda b, slenderness, g: getattr(jr.Block(b, slenderness, g), name)
+
+    for name, theirs in {
+        "half_height": lambda b, s, g: s * b,
+        "half_diagonal": lambda b, s, g: reference.half_diagonal(b, s),
+        "critical_angle": lambda b, s, g: reference.critical_angle(s),
+        "frequency_parameter": reference.frequency,
+    }.items():
+        yield Case(f"Block.{name}", block_property(name), theirs, only_blocks)
+    yield Case(
+        "housner_restitution",
+        lambda *b: jr.housner_restitution(jr.Block(*b)),
+        lambda b, s, g: 1 - mp.mpf(3) / 2 * mp.sin(reference.critical_angle(s)) ** 2,
+        only_blocks,
+    )
+    yield Case(
+        "Block.pulse_velocity",
+        lambda b, s, g, i: jr.Block(b, s, g).pulse_velocity(i),
+        reference.launch_velocity,
+        with_intensity,
+    )
+
+    def scene(b, slenderness, g, restitution, intensity):
+        return jr.Scene(jr.Block(b, slenderness, g), restitution, intensity)
+
+    yield Case(
+        "launch_velocity",
+        lambda *a: jr.launch_velocity(scene(*a)),
+        lambda b, s, g, c, i: reference.launch_velocity(b, s, g, i),
+        scenes_anywhere,
+    )
+    yield Case(
+        "next_velocity",
+        lambda *a: jr.next_velocity(scene(*a), a[0]),
+        lambda b, s, g, c, i: c * b + reference.launch_velocity(b, s, g, i),
+        scenes_anywhere,
+    )
+    yield Case(
+        "stabilized_velocity",
+        lambda *a: jr.stabilized_velocity(scene(*a)),
+        lambda *a: reference.half_cycle_velocity(*a, mp.inf),
+        scenes_anywhere,
+    )
+    for count in (1, 2, 5, 30, mp.inf):
+        yield Case(
+            f"half_cycle_velocity({count})",
+            lambda *a, n=float(count): jr.half_cycle_velocity(scene(*a), n),
+            lambda *a, n=count: reference.half_cycle_velocity(*a, n),
+            scenes_anywhere,
+        )
+    for rung, model in RUNGS.items():
+        theirs = getattr(reference, rung)
+
+        def method(name, model=model):
+            return lambda b, s, g, *a: getattr(model, name)(jr.Block(b, s, g), *a)
+
+        yield Case(
+            f"{rung}.critical_velocity",
+            method("critical_velocity"),
+            theirs.critical_velocity,
+            only_blocks,
+        )
+        for name in ("peak_rotation", "half_cycle_duration"):
+            yield Case(
+                f"{rung}.{name}", method(name), getattr(theirs, name), with_velocity(rung)
+            )
+        yield Case(
+            f"{rung}.peak_amplification",
+            method("peak_amplification"),
+            lambda b, s, g, v, r, theirs=theirs: (
+                theirs.peak_rotation(b, s, g, v * (1 + r)) / theirs.peak_rotation(b, s, g, v)
+            ),
+            with_growth(rung),
+        )
+        yield Case(
+            f"{rung}.motion rotation",
+            lambda *a, motion=method("motion"): motion(*a)[0],
+            theirs.motion,
+            in_motion(rung),
+            path=True,
+        )
+        yield Case(
+            f"{rung}.motion velocity",
+            lambda *a, motion=method("motion"): motion(*a)[1],
+            lambda *a, theirs=theirs: mp.diff(lambda t: theirs.motion(*a[:-1], t), a[-1]),
+            in_motion(rung),
+            path=True,
+        )
+        for name in (
+            "stabilized_rotation",
+            "stabilized_period",
+            "rotation_ratio",
+            "amplification",
+            "overturning_margin",
+        ):
+            yield Case(
+                f"{rung} {name}",
+                lambda *a, f=getattr(jr, name), model=model: f(scene(*a), model),
+                lambda *a, f=reference.stabilized(name), theirs=theirs: f(theirs, *a),
+                standing_scenes(rung),
+            )
+        for count in (1, 2, 5, 30, mp.inf):
+            yield Case(
+                f"{rung} critical_intensity({count})",
+                lambda b, s, g, c, n=float(count), model=model: jr.critical_intensity(
+                    jr.Block(b, s, g), c, n, model
+                ),
+                lambda b, s, g, c, n=count, theirs=theirs: reference.critical_intensity(
+                    theirs, b, s, g, c, n
+                ),
+                with_restitution,
+            )
+
+    def of_oscillator(name):
+        return lambda omega, xi, v, t: getattr(jr.Oscillator(omega, xi), name)(v)
+
+    pi = mp.pi
+    yield Case(
+        "Oscillator.velocity_decay",
+        lambda omega, xi, v, t: jr.Oscillator(omega, xi).velocity_decay,
+        lambda omega, xi, v, t: mp.exp(-xi * pi / mp.sqrt(1 - xi**2)),
+        oscillators,
+    )
+    yield Case(
+        "Oscillator.amplification",
+        lambda omega, xi, v, t: jr.Oscillator(omega, xi).amplification,
+        lambda omega, xi, v, t: reference.oscillator_velocity(xi, mp.mpf(1), mp.inf),
+        oscillators,
+    )
+    yield Case(
+        "Oscillator.motion displacement",
+        lambda omega, xi, v, t: jr.Oscillator(omega, xi).motion(v, t)[0],
+        reference.oscillator_motion,
+        oscillators,
+        path=True,
+    )
+    yield Case(
+        "Oscillator.motion velocity",
+        lambda omega, xi, v, t: jr.Oscillator(omega, xi).motion(v, t)[1],
+        lambda *a: mp.diff(lambda t: reference.oscillator_motion(*a[:-1], t), a[-1]),
+        oscillators,
+        path=True,
+    )
+    yield Case(
+        "Oscillator.half_cycle_velocity(7)",
+        lambda omega, xi, v, t: jr.Oscillator(omega, xi).half_cycle_velocity(v, 7.0),
+        lambda omega, xi, v, t: reference.oscillator_velocity(xi, v, 7),
+        oscillators,
+    )
+    yield Case(
+        "Oscillator.quarter_cycle_displacement",
+        of_oscillator("quarter_cycle_displacement"),
+        lambda omega, xi, v, t: reference.oscillator_motion(
+            omega, xi, v, pi / (2 * omega * mp.sqrt(1 - xi**2))
+        ),
+        oscillators,
+    )
+    yield Case(
+        "Oscillator.peak_displacement",
+        of_oscillator("peak_displacement"),
+        lambda omega, xi, v, t: reference.oscillator_peak(omega, xi, v),
+        oscillators,
+    )
+    for name, factor in (
+        ("equivalent_damping", mp.mpf("-0.68")),
+        ("equivalent_damping_as_printed", mp.mpf("-0.34")),
+        ("damping_from_decay", -1 / mp.pi),
+    ):
+        yield Case(
+            name,
+            lambda omega, xi, v, t, f=getattr(jr, name): f(xi),
+            lambda omega, xi, v, t, factor=factor: factor * mp.log(xi),
+            oscillators,
+        )
+
+
+CASES = {case.name: case for case in _cases()}
+
+
+def evaluate(case, samples, dtype):
+    return np.asarray(case.ours(*(jnp.asarray(a, dtype) for a in samples.arguments)))

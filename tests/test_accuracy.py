@@ -1,0 +1,161 @@
+"""Every closed-form function and all its first derivatives, against mpmath.
+
+The reference is evaluated at exactly the floating-point arguments. The bound on a value is
+2 units in the last place times (1 + condition number), the condition number being the sum
+of the relative sensitivities to all arguments (twice that along paths over time). A
+derivative is compared relative to itself; along a path, where derivatives change sign,
+relative to all of them.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+from cases import CASES, Samples, evaluate, scenes_anywhere, with_restitution
+
+NUMBER = 100
+
+
+class Truth:
+    def __init__(self, case, samples):
+        self.values, self.gradients = [], []
+        for arguments in zip(*samples.arguments, strict=True):
+            exact = tuple(mp.mpf(float(a)) for a in arguments)
+            self.values.append(case.theirs(*exact))
+            self.gradients.append(
+                [
+                    mp.diff(case.theirs, exact, tuple(int(i == j) for j in range(len(exact))))
+                    for i in range(len(exact))
+                ]
+            )
+
+    def condition(self, samples, index):
+        total = mp.mpf(0)
+        for argument, slope in zip(samples.arguments, self.gradients[index], strict=True):
+            total += abs(mp.mpf(float(argument[index])) * slope)
+        return float(total / abs(self.values[index]))
+
+
+@functools.cache
+def known(name, dtype):
+    case = CASES[name]
+    samples = case.sample(np.random.default_rng(20150403), NUMBER, dtype)
+    return samples, Truth(case, samples)
+
+
+def check_values(name, dtype):
+    samples, truth = known(name, dtype)
+    ours = evaluate(CASES[name], samples, dtype)
+    eps = float(np.finfo(dtype).eps)
+    compared = 0
+    for index, (value, exact) in enumerate(zip(ours, truth.values, strict=True)):
+        if isinstance(exact, mp.mpc):  # rounding the arguments took it past the verge
+            continue
+        condition = truth.condition(samples, index)
+        if condition * eps > 0.01:  # the condition number says nothing any more
+            continue
+        ulp = mp.mpf(2) ** mp.floor(mp.log(abs(exact), 2)) * eps
+        error = abs(mp.mpf(float(value)) - exact) / ulp
+        arguments = [a[index] for a in samples.arguments]
+        bound = (4 if CASES[name].path else 2) * (1 + condition)
+        assert error <= bound, (arguments, value, exact, condition)
+        compared += 1
+    assert ours.dtype == dtype
+    assert compared > 0.7 * NUMBER
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("name", CASES)
+def test_value_in_float64(name):
+    check_values(name, np.float64)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_value_in_float32(name):
+    check_values(name, np.float32)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("name", CASES)
+def test_derivatives(name):
+    """To 1e-10, and near the verge to what the rounding of the speed ratio x allows."""
+    samples, truth = known(name, np.float64)
+    arguments = tuple(jnp.asarray(a) for a in samples.arguments)
+    which = tuple(range(len(arguments)))
+    reverse = jax.jit(jax.vmap(jax.grad(CASES[name].ours, which)))(*arguments)
+    forward = jax.jit(jax.vmap(jax.jacfwd(CASES[name].ours, which)))(*arguments)
+    eps = float(np.finfo(np.float64).eps)
+    for index, gradient in enumerate(truth.gradients):
+        left = 1 - min(samples.x[index], 1 - 1e-13) ** 2
+        numbers = [mp.mpf(float(a[index])) for a in samples.arguments]
+        total = sum(abs(a * g) for a, g in zip(numbers, gradient, strict=True))
+        for position, exact in enumerate(gradient):
+            if isinstance(exact, mp.mpc):
+                continue
+            ours, other = float(reverse[position][index]), float(forward[position][index])
+            where = ([a[index] for a in samples.arguments], position, ours, other, exact)
+            if abs(exact) < 1e-60 * abs(truth.values[index]):  # does not depend on it at all
+                assert ours == other == 0, where
+                continue
+            scale = total / numbers[position] if CASES[name].path else abs(exact)
+            assert abs(mp.mpf(ours) - exact) <= (1e-10 + 100 * eps / left) * scale, where
+            assert abs(ours - other) <= 1e-13 * scale, where
+
+
+# Arguments on the edges: b, lambda, g, C, I, and what the edge is.
+ON_SCENES = (scenes_anywhere, with_restitution)
+EDGES = [
+    ((0.4, 5.0, 9.81, 0.0, 0.15), "no restitution"),
+    ((0.4, 5.0, 9.81, 1e-300, 0.15), "hardly any restitution"),
+    ((0.4, 5.0, 9.81, 0.7, 0.0), "no pulse"),
+    ((0.4, 5.0, 9.81, 0.7, 1e-15), "hardly any pulse"),
+    ((0.4, 5.0, 9.81, 0.0, 0.0), "neither"),
+    ((0.4, 1e4, 9.81, 0.7, 0.15 / 1000), "very slender"),
+    ((0.4, 1e4, 9.81, 0.0, 0.15e-12), "very slender, hardly any pulse"),
+    ((1e3, 0.1, 9.81, 0.99, 0.15), "very stocky"),
+]
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(("arguments", "edge"), EDGES, ids=[edge for _, edge in EDGES])
+@pytest.mark.parametrize("name", [n for n in CASES if CASES[n].sample in ON_SCENES
+                                  or CASES[n].sample.__qualname__.startswith("standing_scenes")])  # fmt: skip
+def test_derivatives_on_the_edges(name, arguments, edge):
+    case = CASES[name]
+    arity = len(case.sample(np.random.default_rng(0), 1, np.float64).arguments)
+    arguments = arguments[:arity]
+    exact_arguments = tuple(mp.mpf(a) for a in arguments)
+    gradient = jax.grad(case.ours, tuple(range(arity)))(*arguments)
+    for position, slope in enumerate(gradient):
+        orders = tuple(int(position == j) for j in range(arity))
+        if edge in ("no pulse", "neither") and "amplification" in name:
+            # 0 / 0 in the reference: it is even in the pulse and tends to 1 / (1 - C)^2.
+            exact = {3: 2 / (1 - exact_arguments[3]) ** 3}.get(position, 0)
+        else:
+            exact = mp.diff(case.theirs, exact_arguments, orders)
+        assert np.isfinite(slope)
+        assert abs(mp.mpf(float(slope)) - exact) <= 1e-10 * abs(exact) + 1e-50, position
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("name", [n for n in CASES if "critical_intensity" in n])
+def test_derivatives_of_critical_intensity_without_loss(name):
+    arguments = (0.4, 5.0, 9.81, 1.0)
+    gradient = jax.grad(CASES[name].ours, (0, 1, 2, 3))(*arguments)
+    exact_arguments = tuple(mp.mpf(a) for a in arguments)
+    for position, slope in enumerate(gradient):
+        orders = tuple(int(position == j) for j in range(4))
+        exact = mp.diff(CASES[name].theirs, exact_arguments, orders)
+        assert abs(mp.mpf(float(slope)) - exact) <= 1e-10 * abs(exact) + 1e-40
+
+
+def test_first_pulse_on_a_large_block_keeps_its_digits_in_float32():
+    case = CASES["Linearized stabilized_rotation"]
+    arguments = tuple(np.asarray([v], np.float32).astype(float) for v in (10, 5, 9.81, 0, 0.15))
+    samples = Samples(arguments, np.zeros(1))
+    ours = evaluate(case, samples, np.float32)[0]
+    exact = Truth(case, samples).values[0]
+    assert abs(float(ours) / float(exact) - 1) < 4 * np.finfo(np.float32).eps
