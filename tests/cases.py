@@ -220,25 +220,17 @@ def _cases():
         yield Case(
             f"{rung}.peak_amplification",
             method("peak_amplification"),
-            lambda b, s, g, v, r, theirs=theirs: (
-                theirs.peak_rotation(b, s, g, v * (1 + r)) / theirs.peak_rotation(b, s, g, v)
-            ),
+            lambda *a, theirs=theirs: reference.peak_amplification(theirs, *a),
             with_growth(rung),
         )
-        yield Case(
-            f"{rung}.motion rotation",
-            lambda *a, motion=method("motion"): motion(*a)[0],
-            theirs.motion,
-            in_motion(rung),
-            path=True,
-        )
-        yield Case(
-            f"{rung}.motion velocity",
-            lambda *a, motion=method("motion"): motion(*a)[1],
-            lambda *a, theirs=theirs: mp.diff(lambda t: theirs.motion(*a[:-1], t), a[-1]),
-            in_motion(rung),
-            path=True,
-        )
+        for index, name in enumerate(("rotation", "velocity")):
+            yield Case(
+                f"{rung}.motion {name}",
+                lambda *a, motion=method("motion"), index=index: motion(*a)[index],
+                lambda *a, motion=theirs.motion, index=index: motion(*a)[index],
+                in_motion(rung),
+                path=True,
+            )
         for name in (
             "stabilized_rotation",
             "stabilized_period",
@@ -280,20 +272,14 @@ def _cases():
         lambda omega, xi, v, t: reference.oscillator_velocity(xi, mp.mpf(1), mp.inf),
         oscillators,
     )
-    yield Case(
-        "Oscillator.motion displacement",
-        lambda omega, xi, v, t: jr.Oscillator(omega, xi).motion(v, t)[0],
-        reference.oscillator_motion,
-        oscillators,
-        path=True,
-    )
-    yield Case(
-        "Oscillator.motion velocity",
-        lambda omega, xi, v, t: jr.Oscillator(omega, xi).motion(v, t)[1],
-        lambda *a: mp.diff(lambda t: reference.oscillator_motion(*a[:-1], t), a[-1]),
-        oscillators,
-        path=True,
-    )
+    for index, name in enumerate(("displacement", "velocity")):
+        yield Case(
+            f"Oscillator.motion {name}",
+            lambda omega, xi, v, t, index=index: jr.Oscillator(omega, xi).motion(v, t)[index],
+            lambda *a, index=index: reference.oscillator_motion(*a)[index],
+            oscillators,
+            path=True,
+        )
     yield Case(
         "Oscillator.half_cycle_velocity(7)",
         lambda omega, xi, v, t: jr.Oscillator(omega, xi).half_cycle_velocity(v, 7.0),
@@ -305,7 +291,7 @@ def _cases():
         of_oscillator("quarter_cycle_displacement"),
         lambda omega, xi, v, t: reference.oscillator_motion(
             omega, xi, v, pi / (2 * omega * mp.sqrt(1 - xi**2))
-        ),
+        )[0],
         oscillators,
     )
     yield Case(

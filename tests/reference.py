@@ -46,9 +46,10 @@ class Linearized:
 
     @staticmethod
     def motion(b, slenderness, gravity, velocity, time):
-        """Eq. 5."""
+        """Eq. 5: rotation and velocity."""
         p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
-        return angle * (1 - mp.cosh(p * time)) + velocity / p * mp.sinh(p * time)
+        sinh, cosh = mp.sinh(p * time), mp.cosh(p * time)
+        return angle * (1 - cosh) + velocity / p * sinh, -angle * p * sinh + velocity * cosh
 
 
 class Nonlinear:
@@ -62,9 +63,14 @@ class Nonlinear:
         p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
         return angle - mp.acos(mp.cos(angle) + velocity**2 / (2 * p**2))
 
-    @staticmethod
-    def half_cycle_duration(b, slenderness, gravity, velocity):
+    @classmethod
+    def half_cycle_duration(cls, b, slenderness, gravity, velocity):
         """The block as a pendulum of frequency p that hangs at rotation alpha_c - pi."""
+        with mp.extradps(40):
+            return cls._half_cycle_duration(b, slenderness, gravity, velocity)
+
+    @staticmethod
+    def _half_cycle_duration(b, slenderness, gravity, velocity):
         p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
         modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
         launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
@@ -80,7 +86,8 @@ class Nonlinear:
         phase = mp.ellipf(launch, modulus) + p * time
         sine = mp.sqrt(modulus) * mp.re(mp.ellipfun("sn", phase, m=modulus))
         cosine = mp.re(mp.ellipfun("dn", phase, m=modulus))
-        return angle - mp.pi + 2 * mp.atan2(sine, cosine)
+        rate = 2 * p * mp.sqrt(modulus) * mp.re(mp.ellipfun("cn", phase, m=modulus))
+        return angle - mp.pi + 2 * mp.atan2(sine, cosine), rate
 
 
 def half_cycle_velocity(b, slenderness, gravity, restitution, intensity, count):
@@ -92,6 +99,13 @@ def half_cycle_velocity(b, slenderness, gravity, restitution, intensity, count):
     for _ in range(int(count) - 1):
         velocity = restitution * velocity + first
     return velocity
+
+
+def peak_amplification(model, b, slenderness, gravity, velocity, growth):
+    block = b, slenderness, gravity
+    with mp.extradps(60):
+        higher = model.peak_rotation(*block, velocity * (1 + growth))
+        return higher / model.peak_rotation(*block, velocity)
 
 
 def stabilized(name):
@@ -107,7 +121,7 @@ def stabilized(name):
         return model.peak_rotation(*block, velocity) / critical_angle(block[1])
 
     def amplification(model, *block, velocity, first):
-        return model.peak_rotation(*block, velocity) / model.peak_rotation(*block, first)
+        return peak_amplification(model, *block, first, velocity / first - 1)
 
     def overturning_margin(model, *block, velocity, first):
         return 1 - (velocity / model.critical_velocity(*block)) ** 2
@@ -130,9 +144,11 @@ def critical_intensity(model, b, slenderness, gravity, restitution, count):
 
 
 def oscillator_motion(omega, xi, velocity, time):
-    """Eq. 16."""
+    """Eq. 16: displacement and velocity."""
     damped = omega * mp.sqrt(1 - xi**2)
-    return mp.exp(-xi * omega * time) * velocity / damped * mp.sin(damped * time)
+    decay = mp.exp(-xi * omega * time) * velocity
+    sine, cosine = mp.sin(damped * time), mp.cos(damped * time)
+    return decay / damped * sine, decay * (cosine - xi * omega / damped * sine)
 
 
 def oscillator_velocity(xi, intensity, count):
@@ -149,4 +165,4 @@ def oscillator_velocity(xi, intensity, count):
 def oscillator_peak(omega, xi, velocity):
     """The largest value of Eq. 16."""
     damped = omega * mp.sqrt(1 - xi**2)
-    return oscillator_motion(omega, xi, velocity, mp.atan2(damped, xi * omega) / damped)
+    return oscillator_motion(omega, xi, velocity, mp.atan2(damped, xi * omega) / damped)[0]

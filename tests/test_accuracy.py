@@ -7,8 +7,6 @@ derivative is compared relative to itself; along a path, where derivatives chang
 relative to all of them.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import mpmath as mp
@@ -39,15 +37,9 @@ class Truth:
         return float(total / abs(self.values[index]))
 
 
-@functools.cache
-def known(name, dtype):
-    case = CASES[name]
-    samples = case.sample(np.random.default_rng(20150403), NUMBER, dtype)
-    return samples, Truth(case, samples)
-
-
 def check_values(name, dtype):
-    samples, truth = known(name, dtype)
+    samples = CASES[name].sample(np.random.default_rng(20150403), NUMBER, dtype)
+    truth = Truth(CASES[name], samples)
     ours = evaluate(CASES[name], samples, dtype)
     eps = float(np.finfo(dtype).eps)
     compared = 0
@@ -65,12 +57,7 @@ def check_values(name, dtype):
         compared += 1
     assert ours.dtype == dtype
     assert compared > 0.7 * NUMBER
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("name", CASES)
-def test_value_in_float64(name):
-    check_values(name, np.float64)
+    return samples, truth
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -80,9 +67,9 @@ def test_value_in_float32(name):
 
 @pytest.mark.float64
 @pytest.mark.parametrize("name", CASES)
-def test_derivatives(name):
-    """To 1e-10, and near the verge to what the rounding of the speed ratio x allows."""
-    samples, truth = known(name, np.float64)
+def test_value_and_derivatives_in_float64(name):
+    """Slopes to 1e-10, and near the verge to what the rounding of the speed ratio x allows."""
+    samples, truth = check_values(name, np.float64)
     arguments = tuple(jnp.asarray(a) for a in samples.arguments)
     which = tuple(range(len(arguments)))
     reverse = jax.jit(jax.vmap(jax.grad(CASES[name].ours, which)))(*arguments)
