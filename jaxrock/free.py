@@ -98,9 +98,9 @@ class FreeRocking(eqx.Module):
     def motion(self, block: Block, velocity: Number, time: Number) -> tuple[Reals, Reals]:
         """Rotation and angular velocity at a time after the launch (Eq. 5).
 
-        The solution without the ground: past the next impact, at
-        `half_cycle_duration`, the rotation returned is negative. A launch faster than
-        `critical_velocity` carries the block over.
+        The solution without the ground: past the next impact, at `half_cycle_duration`,
+        it goes on below zero. A launch faster than `critical_velocity` carries the block
+        over.
 
         Parameters
         ----------

@@ -207,8 +207,8 @@ def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals
         ``1 - (v* / v_c)^2`` [-]: 1 without pulses, positive while the block stands, at
         most 0 where it has no stabilized phase, -inf for C = 1.
     """
-    x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
-    return one_minus_square(x)
+    x, limited = _limit(scene, model)
+    return jnp.where(limited, one_minus_square(x), -jnp.inf)
 
 
 @elementwise()
@@ -250,15 +250,24 @@ def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> R
 def _unlimited(first: Reals, scene: Scene) -> Reals:
     """What pulses worth `first` each amount to in the long run: ``first / (1 - C)``."""
     loss = 1 - scene.restitution
-    return first / jnp.where((first == 0) & (loss == 0), 1, loss)
+    limited = loss > 0
+    lossless = jnp.where(first > 0, jnp.inf, 0)
+    return jnp.where(limited, first / jnp.where(limited, loss, 1), lossless)
+
+
+def _limit(scene: Scene, model: FreeRocking) -> tuple[Reals, Booleans]:
+    """x* = v* / v_c, and whether it is finite (0 where it is not)."""
+    velocity = stabilized_velocity(scene)
+    limited = velocity < jnp.inf
+    return jnp.where(limited, velocity, 0) / model._critical_velocity(scene.block), limited
 
 
 def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals, Booleans]:
-    """x* = v* / v_c, the single pulse that launches at v*, and where the block stands.
+    """x*, the single pulse that launches as fast, and where the block stands.
 
     The first two are 0 where it does not.
     """
-    x = stabilized_velocity(scene) / model._critical_velocity(scene.block)
-    stands = x < 1
+    x, limited = _limit(scene, model)
+    stands = limited & (x < 1)
     intensity = _unlimited(scene.intensity, scene)
     return jnp.where(stands, x, 0), jnp.where(stands, intensity, 0), stands

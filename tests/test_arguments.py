@@ -1,0 +1,86 @@
+"""What is not allowed: an error where it can be said, NaN where it cannot."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxrock as jr
+
+BLOCK = jr.Block(0.4, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jr.Block(-0.4, 5.0), "half_width must be finite and greater than 0, got -0.4"),
+        (lambda: jr.Block(0.4, 0), "slenderness must be finite and greater than 0, got 0"),
+        (lambda: jr.Block(0.4, 5.0, np.nan), "gravity must be finite and greater than 0, got nan"),
+        (lambda: jr.Block("wide", 5.0), "half_width must be a real number .* got 'wide'"),
+        (lambda: jr.Block(0.4 + 1j, 5.0), "half_width must be a real number"),
+        (lambda: jr.Block.from_size(0.4, -1.0), "height must be finite and greater than 0"),
+        (
+            lambda: jr.Block([0.4, -0.4, 0.0], 5.0),
+            r"half_width .* got -0.4 \(first of 2 such elements out of 3\)",
+        ),
+        (lambda: jr.Scene(BLOCK, 1.2, 0.1), "restitution must be between 0 and 1, got 1.2"),
+        (lambda: jr.Scene(BLOCK, -0.1, 0.1), "restitution must be between 0 and 1, got -0.1"),
+        (lambda: jr.Scene(BLOCK, 0.5, -1), "intensity must be finite and at least 0, got -1"),
+        (lambda: jr.Scene(BLOCK, 0.5, np.inf), "intensity must be finite and at least 0, got inf"),
+        (lambda: jr.Linearized().peak_rotation(BLOCK, -1.0), "velocity must be finite"),
+        (lambda: jr.critical_intensity(BLOCK, 2.0), "restitution must be between 0 and 1, got 2"),
+        (lambda: jr.critical_intensity(BLOCK, 0.5, 0), "half_cycles must be a whole number"),
+        (lambda: jr.critical_intensity(BLOCK, 0.5, 1.5), "half_cycles must be a whole number"),
+        (lambda: jr.Oscillator(1.0, 1.0), "damping_ratio must be at least 0 and less than 1"),
+        (lambda: jr.equivalent_damping(-1.0), "restitution must be between 0 and 1"),
+    ],
+)
+def test_concrete_values_are_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()], ids=repr)
+@pytest.mark.parametrize("position", range(5))
+@pytest.mark.parametrize("wrong", [-1.0, np.nan, np.inf])
+def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position, wrong):
+    numbers = np.full((5, 3), [[0.4], [5.0], [9.81], [0.6], [0.1]])
+    spoiled = numbers.copy()
+    spoiled[position, 1] = wrong
+    functions = (
+        jr.rotation_ratio,
+        jr.stabilized_period,
+        jr.stabilized_rotation,
+        jr.amplification,
+        jr.overturning_margin,
+        jr.overturning_half_cycle,
+    )
+
+    @jax.jit
+    def all_of_them(b, lam, g, c, i, shared):
+        # Spoiled is one parameter, shared by all elements another.
+        b, lam = (b * shared, lam) if position == 1 else (b, lam * shared)
+        one = jr.Scene(jr.Block(b, lam, g), c, i)
+        answers = [function(one, model) for function in functions]
+        return sum(jnp.nansum(jnp.where(jnp.isinf(a), 0, a)) for a in answers), answers
+
+    shared = jnp.asarray(1.0)
+    _, good = all_of_them(*numbers, shared)
+    _, bad = all_of_them(*spoiled, shared)
+    for expected, found in zip(good, bad, strict=True):
+        assert jnp.isnan(found[1])
+        assert (expected[::2] == found[::2]).all()
+    slope = jax.grad(all_of_them, 5, has_aux=True)(*spoiled, shared)[0]
+    whole = jax.grad(all_of_them, 5, has_aux=True)(*numbers, shared)[0]
+    np.testing.assert_allclose(slope, whole * 2 / 3, rtol=1e-5)
+
+
+def test_derivative_of_an_element_that_is_not_allowed_is_zero():
+    def ratio(c):
+        return jr.rotation_ratio(jr.Scene(BLOCK, c, 0.1))
+
+    restitution = jnp.asarray([0.6, -0.5, 0.99])
+    assert jnp.isnan(jax.vmap(ratio)(restitution)).tolist() == [False, True, True]
+    slopes = jax.vmap(jax.grad(ratio))(restitution)
+    assert slopes[0] > 0
+    assert slopes[1] == slopes[2] == 0

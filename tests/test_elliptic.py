@@ -1,0 +1,97 @@
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxrock as jr
+from jaxrock.elliptic import carlson_rd, carlson_rf, jacobi
+
+
+def spread_arguments(dtype, number=300):
+    """Three arguments of very different size; in some, two are smallest and equal."""
+    rng = np.random.default_rng(7)
+    smallest = np.log10(np.finfo(dtype).eps)
+    x, y, z = (np.asarray(10 ** rng.uniform(smallest, 0, number), dtype) for _ in range(3))
+    x[: number // 4] = 1
+    y[: number // 4] = z[: number // 4]
+    return x, y, z
+
+
+@pytest.mark.parametrize(
+    "dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.float64)]
+)
+@pytest.mark.parametrize(("ours", "theirs"), [(carlson_rf, mp.elliprf), (carlson_rd, mp.elliprd)])
+def test_carlson_against_mpmath(ours, theirs, dtype):
+    arguments = spread_arguments(dtype)
+    values = np.asarray(ours(*map(jnp.asarray, arguments)))
+    exact = [theirs(*(mp.mpf(float(a)) for a in point)) for point in zip(*arguments, strict=True)]
+    errors = [abs(mp.mpf(float(v)) / e - 1) for v, e in zip(values, exact, strict=True)]
+    assert max(errors) < 5 * np.finfo(dtype).eps
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_repeated_derivatives_of_rf(order):
+    point = (jnp.asarray(1.0), jnp.asarray(0.3), jnp.asarray(1e-5))
+    derivative = carlson_rf
+    for _ in range(order):
+        derivative = jax.grad(derivative, 2)
+    exact = mp.diff(lambda z: mp.elliprf(1, mp.mpf(0.3), z), mp.mpf(1e-5), order)
+    assert abs(float(derivative(*point)) / float(exact) - 1) < 1e-11
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("complement", [1e-30, 1e-9, 0.1, 0.5, 0.99, 0.0, -1e-40, -0.2, -3.0])
+def test_jacobi_against_mpmath(complement):
+    arguments = np.linspace(-9, 9, 37)
+    values = np.asarray(jacobi(jnp.asarray(arguments), jnp.asarray(complement)))
+    exact = [
+        [mp.re(mp.ellipfun(name, mp.mpf(u), m=1 - mp.mpf(complement))) for u in arguments]
+        for name in ("sn", "cn", "dn")
+    ]
+    np.testing.assert_allclose(values, np.array(exact, float), rtol=0, atol=2e-14)
+
+
+@pytest.mark.float64
+def test_motion_on_the_very_verge_has_its_derivatives():
+    """At exactly the critical velocity the parameter of the elliptic functions is 1."""
+    model, block = jr.Nonlinear(), jr.Block(0.4, 2.0)
+    verge = model.critical_velocity(block)
+
+    def rotation(velocity):
+        return model.motion(block, velocity, 1.3)[0]
+
+    step = 1e-5
+    slope = (rotation(verge + step) - rotation(verge - step)) / (2 * step)
+    np.testing.assert_allclose(jax.grad(rotation)(verge), slope, rtol=1e-7)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("slenderness", [0.2, 1.0, 5.0, 100.0])
+@pytest.mark.parametrize("ratio", [1.001, 1.5, 20.0])
+def test_path_over_the_top_against_integration(slenderness, ratio):
+    """Eq. 1 without input, until the block lies on its side."""
+    model, block = jr.Nonlinear(), jr.Block(0.4, slenderness)
+    velocity = ratio * model.critical_velocity(block)
+    p, critical = float(block.frequency_parameter), float(block.critical_angle)
+
+    def on_its_side(t, state):
+        return state[0] - np.pi / 2
+
+    on_its_side.terminal = True
+    solution = solve_ivp(
+        lambda t, state: [state[1], -(p**2) * np.sin(critical - state[0])],
+        (0, 100 / p),
+        [0.0, float(velocity)],
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-14,
+        dense_output=True,
+        events=on_its_side,
+    )
+    time = np.linspace(0, solution.t[-1], 20)
+    ours = np.array(model.motion(block, velocity, time))
+    np.testing.assert_allclose(ours, solution.sol(time), rtol=1e-7, atol=1e-9)
+    assert abs(ours[0, -1] - np.pi / 2) < 1e-8

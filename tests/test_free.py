@@ -1,0 +1,106 @@
+"""Laws that free rocking has to obey, in both rungs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import jaxrock as jr
+
+RUNGS = [jr.Linearized(), jr.Nonlinear()]
+rungs = st.sampled_from(RUNGS)
+slenderness = st.floats(0.25, 100, width=32)
+half_width = st.floats(0.0078125, 100, width=32)
+ratio = st.floats(0.0009765625, 0.9990234375, width=32)
+
+
+def energy(model, block, rotation, velocity):
+    """Per unit of moment of inertia: kinetic, and potential as the rung has it."""
+    p, critical = block.frequency_parameter, block.critical_angle
+    if isinstance(model, jr.Linearized):
+        return velocity**2 / 2 + p**2 * rotation * (critical - rotation / 2)
+    # cos(critical - rotation) - cos(critical), without its cancellation
+    lift = 2 * jnp.sin(rotation / 2) * jnp.sin(critical - rotation / 2)
+    return velocity**2 / 2 + p**2 * lift
+
+
+@given(rungs, half_width, slenderness, ratio, st.floats(0, 1, width=32))
+def test_energy_is_conserved_along_the_motion(model, b, lam, x, share):
+    eps = float(jnp.finfo(jnp.result_type(float)).eps)
+    block = jr.Block(b, lam)
+    velocity = x * model.critical_velocity(block)
+    time = share * model.half_cycle_duration(block, velocity)
+    found = energy(model, block, *model.motion(block, velocity, time))
+    np.testing.assert_allclose(found, velocity**2 / 2, rtol=1000 * eps / (1 - x))
+
+
+@given(rungs, half_width, slenderness, ratio)
+def test_motion_peaks_at_half_time_and_returns(model, b, lam, x):
+    eps = float(jnp.finfo(jnp.result_type(float)).eps)
+    tolerance = 500 * eps / (1 - x)
+    block = jr.Block(b, lam)
+    velocity = x * model.critical_velocity(block)
+    peak = model.peak_rotation(block, velocity)
+    duration = model.half_cycle_duration(block, velocity)
+    rotation, speed = model.motion(block, velocity, duration / 2)
+    np.testing.assert_allclose(rotation, peak, rtol=tolerance)
+    assert abs(speed) < tolerance * velocity
+    rotation, speed = model.motion(block, velocity, duration)
+    assert abs(rotation) < tolerance * peak
+    np.testing.assert_allclose(speed, -velocity, rtol=tolerance)
+
+
+@given(rungs, half_width, slenderness, ratio, st.floats(1.0009765625, 2, width=32))
+def test_peak_grows_with_velocity_and_shrinks_with_size(model, b, lam, x, factor):
+    block = jr.Block(b, lam)
+    velocity = x * model.critical_velocity(block) / factor
+    peak = model.peak_rotation(block, velocity)
+    assert model.peak_rotation(block, velocity * factor) > peak
+    pulse = velocity / block.pulse_velocity(1.0)
+    larger = jr.Block(b * factor, lam)
+    assert model.peak_rotation(larger, larger.pulse_velocity(pulse)) < peak
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("question", ["peak_rotation", "half_cycle_duration"])
+@pytest.mark.parametrize("x", [1e-3, 0.5, 0.9])
+def test_nonlinear_tends_to_linearized_as_slenderness_squared(question, x):
+    lam = jnp.asarray([10.0, 100.0, 1000.0])
+    block = jr.Block(0.4, lam)
+    velocity = x * jr.Nonlinear().critical_velocity(block)
+    linearized, nonlinear = (getattr(model, question)(block, velocity) for model in RUNGS)
+    difference = np.asarray(abs(linearized / nonlinear - 1))
+    rate = np.log10(difference[:-1] / difference[1:])
+    np.testing.assert_allclose(rate, 2, atol=0.02)
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_the_verge(model):
+    block = jr.Block(0.4, 5.0)
+    velocity = jnp.asarray([0.999, 1.001]) * model.critical_velocity(block)
+    peak = model.peak_rotation(block, velocity)
+    assert 0.9 * block.critical_angle < peak[0] < block.critical_angle
+    assert jnp.isnan(peak[1])
+    assert jnp.isnan(model.half_cycle_duration(block, velocity)).tolist() == [False, True]
+    time = 1.2 * model.half_cycle_duration(block, velocity)[0]
+    later, _ = model.motion(block, velocity, time)
+    assert later[0] < 0 < block.critical_angle < later[1]  # fell back, was carried over
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
+    """With a parameter that all share: NaN times zero must not get in."""
+
+    def total(shared, x):
+        block = jr.Block(shared, 5.0)
+        velocity = x * jax.lax.stop_gradient(model.critical_velocity(block))
+        peak = model.peak_rotation(block, velocity)
+        return jnp.nansum(peak), peak
+
+    slope = jax.jit(jax.grad(total, has_aux=True))
+    several, peaks = slope(0.4, jnp.asarray([0.3, 1.5, jnp.nan]))
+    alone, _ = slope(0.4, jnp.asarray([0.3]))
+    assert jnp.isnan(peaks).tolist() == [False, True, True]
+    np.testing.assert_allclose(several, alone, rtol=1e-6)

@@ -1,0 +1,113 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import jaxrock as jr
+
+RUNGS = [jr.Linearized(), jr.Nonlinear()]
+
+
+def scene(restitution=0.7, intensity=0.15, half_width=0.4, slenderness=5.0):
+    return jr.Scene(jr.Block(half_width, slenderness), restitution, intensity)
+
+
+@given(st.floats(0, 1, width=32), st.integers(1, 40))
+def test_half_cycle_velocity_is_the_map_iterated(restitution, number):
+    eps = float(jnp.finfo(jnp.result_type(float)).eps)
+    one = scene(restitution)
+    velocity = jr.launch_velocity(one)
+    for _ in range(number - 1):
+        velocity = jr.next_velocity(one, velocity)
+    found = jr.half_cycle_velocity(one, number)
+    np.testing.assert_allclose(found, velocity, rtol=2 * (number + 2) * eps)
+
+
+@pytest.mark.float64
+@given(st.floats(0.0625, 0.9375, width=32), st.integers(1, 8))
+def test_half_cycles_tend_to_the_limit_as_powers_of_restitution(restitution, number):
+    one = scene(restitution)
+    limit = jr.stabilized_velocity(one)
+    short = 1 - jr.half_cycle_velocity(one, number) / limit
+    np.testing.assert_allclose(short, restitution**number, rtol=1e-6)
+
+
+def test_the_limit_is_a_fixed_point_of_the_map(eps):
+    one = scene()
+    limit = jr.stabilized_velocity(one)
+    np.testing.assert_allclose(jr.next_velocity(one, limit), limit, rtol=4 * eps)
+    assert jr.half_cycle_velocity(one, jnp.inf) == limit
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_stabilized_quantities_follow_from_the_limit(model, eps):
+    one = scene()
+    limit = jr.stabilized_velocity(one)
+    peak = model.peak_rotation(one.block, limit)
+    first = model.peak_rotation(one.block, jr.launch_velocity(one))
+    expected = {
+        jr.stabilized_rotation: peak,
+        jr.rotation_ratio: peak / one.block.critical_angle,
+        jr.amplification: peak / first,
+        jr.stabilized_period: 2 * model.half_cycle_duration(one.block, limit),
+        jr.overturning_margin: 1 - (limit / model.critical_velocity(one.block)) ** 2,
+    }
+    for function, value in expected.items():
+        np.testing.assert_allclose(function(one, model), value, rtol=50 * eps)
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9, 0.99, 1.0])
+def test_overturning_half_cycle_is_the_first_to_reach_the_critical_velocity(model, restitution):
+    intensity = np.geomspace(1e-3, 3, 60)
+    scenes = scene(restitution, intensity)
+    found = np.asarray(jr.overturning_half_cycle(scenes, model))
+    critical = float(model.critical_velocity(scenes.block))
+    assert found.min() == 1
+    for value, first in zip(found, np.asarray(jr.launch_velocity(scenes)), strict=True):
+        velocity, number = first, 1
+        while velocity < critical and number < 20000:
+            velocity, number = restitution * velocity + first, number + 1
+        assert value == (number if velocity >= critical else np.inf)
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_restitution_of_one_overturns(model):
+    one = scene(1.0)
+    assert jr.overturning_margin(one, model) == -jnp.inf
+    assert jnp.isfinite(jr.overturning_half_cycle(one, model))
+    assert jr.stabilized_velocity(one) == jnp.inf
+    for function in (jr.rotation_ratio, jr.stabilized_rotation, jr.amplification):
+        assert jnp.isnan(function(one, model))
+        assert all(jnp.isfinite(g) for g in jax.tree.leaves(jax.grad(function)(one, model)))
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_without_pulses_nothing_moves(restitution):
+    one = scene(restitution, 0.0)
+    assert jr.stabilized_velocity(one) == jr.rotation_ratio(one) == jr.stabilized_period(one) == 0
+    assert jr.overturning_margin(one) == 1
+    assert jr.overturning_half_cycle(one) == jnp.inf
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_sensitivities_have_the_shape_of_the_scene_and_the_known_signs(model):
+    slopes = jax.grad(jr.rotation_ratio)(scene(), model)
+    assert isinstance(slopes, jr.Scene)
+    assert slopes.restitution > 0
+    assert slopes.intensity > 0
+    assert slopes.block.slenderness > 0
+    assert slopes.block.half_width < 0
+    assert slopes.block.gravity < 0
+
+
+def test_scenes_that_overturn_do_not_spoil_the_derivatives_of_others():
+    def total(half_width):
+        return jnp.nansum(jr.amplification(scene(jnp.asarray([0.6, 0.99, 1.0]), 0.15, half_width)))
+
+    def alone(half_width):
+        return jr.amplification(scene(0.6, 0.15, half_width))
+
+    np.testing.assert_allclose(jax.grad(total)(0.4), jax.grad(alone)(0.4), rtol=1e-6)
