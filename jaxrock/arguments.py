@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Real
@@ -47,12 +48,13 @@ def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
     try:
         array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
-        real = jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
     except (TypeError, ValueError):
-        real = False
-    if not real:
-        raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
-    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+        array = None
+    if array is not None and jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if array is not None and jnp.issubdtype(array.dtype, jnp.integer):
+        return array.astype(float)
+    raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
 
 
 def check(name: str, value: Any, domain: Domain) -> None:
@@ -69,11 +71,9 @@ def check(name: str, value: Any, domain: Domain) -> None:
         raise ValueError(f"{name} must be {domain.allowed}, got {first}")
 
 
-def quantity(domain: Domain, name: str, **options: Any) -> Any:
+def quantity(domain: Domain) -> Any:
     """A field of a `Checked` module that has to lie in `domain`."""
-    return eqx.field(
-        converter=functools.partial(as_real, name), metadata={"domain": domain}, **options
-    )
+    return eqx.field(metadata={"domain": domain})
 
 
 class Checked(eqx.Module):
@@ -135,7 +135,7 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
                 else:
                     continue
                 valid = valid & ok
-            result = function(**arguments)  # type: ignore[call-arg]
+            result = function(**arguments)
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
 
         @functools.wraps(function)

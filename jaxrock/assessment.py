@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .block import Block, housner_restitution
+from .block import housner_restitution
 from .critical import critical_intensity
 from .free import FreeRocking, Linearized, Nonlinear
 from .resonance import (
@@ -186,6 +186,6 @@ def _number(value: float) -> str:
 def _verdict(answers: dict[str, Any]) -> str:
     half_cycle = answers["overturning_half_cycle"]
     if math.isfinite(half_cycle):
-        return f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): there is no stabilized phase."
+        return f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
     ratio = answers["stabilized"]["rotation_ratio"]
     return f"Stands (nonlinear): the rocking settles at {100 * ratio:.3g} % of the critical angle."

@@ -2,7 +2,17 @@
 
 import jax.numpy as jnp
 
-from .arguments import NON_NEGATIVE, POSITIVE, Checked, Number, Reals, check, elementwise, quantity
+from .arguments import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Checked,
+    Number,
+    Reals,
+    as_real,
+    check,
+    elementwise,
+    quantity,
+)
 
 
 class Block(Checked):
@@ -31,9 +41,14 @@ class Block(Checked):
     0.1974 rad
     """
 
-    half_width: Reals = quantity(POSITIVE, "half_width")
-    slenderness: Reals = quantity(POSITIVE, "slenderness")
-    gravity: Reals = quantity(POSITIVE, "gravity", default=9.81)
+    half_width: Reals = quantity(POSITIVE)
+    slenderness: Reals = quantity(POSITIVE)
+    gravity: Reals = quantity(POSITIVE)
+
+    def __init__(self, half_width: Number, slenderness: Number, gravity: Number = 9.81):
+        self.half_width = as_real("half_width", half_width)
+        self.slenderness = as_real("slenderness", slenderness)
+        self.gravity = as_real("gravity", gravity)
 
     @classmethod
     def from_size(cls, width: Number, height: Number, gravity: Number = 9.81) -> "Block":

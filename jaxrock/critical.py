@@ -13,7 +13,7 @@ def critical_intensity(
     block: Block,
     restitution: Number,
     half_cycles: Number = jnp.inf,
-    model: FreeRocking = Linearized(),  # noqa: B008
+    model: FreeRocking = Linearized(),
 ) -> Reals:
     """Intensity of the pulses that just overturn the block within so many half-cycles.
 

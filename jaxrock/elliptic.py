@@ -101,8 +101,8 @@ def _carlson_rf_jvp(primals, tangents):
     value = _rf_series(*arguments)
     slope = jnp.zeros_like(value)
     for i, part in zip(moving, parts, strict=True):
-        others = [t for j, t in enumerate(arguments) if j != i]
-        rd = part + factor * _rd_series(*others, arguments[i])
+        x, y = (t for j, t in enumerate(arguments) if j != i)
+        rd = part + factor * _rd_series(x, y, arguments[i])
         slope = slope - rd / 6 * tangents[i]
     return value, slope
 
@@ -165,9 +165,13 @@ def jacobi(
         phase = (phase + jnp.arctan2(gap * jnp.sin(phase), adjacent)) / 2
     sn, cn = jnp.sin(phase), jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
-    general = sn / stretch, jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
-    limit = _jacobi_near_one(argument, complement)
-    return tuple(jnp.where(parabolic, a, b) for a, b in zip(limit, general, strict=True))
+    cn, dn = jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
+    limit_sn, limit_cn, limit_dn = _jacobi_near_one(argument, complement)
+    return (
+        jnp.where(parabolic, limit_sn, sn / stretch),
+        jnp.where(parabolic, limit_cn, cn),
+        jnp.where(parabolic, limit_dn, dn),
+    )
 
 
 def _jacobi_near_one(argument: Array, complement: Array) -> tuple[Array, Array, Array]:

@@ -147,7 +147,7 @@ class FreeRocking(eqx.Module):
         return jnp.where(stands, self._peak_amplification(block, x, growth), jnp.nan)
 
     def _where_standing(
-        self, answer: Callable[[Block, Reals, Reals], Reals], block: Block, velocity: Reals
+        self, answer: Callable[[Block, Reals, Reals], Reals], block: Block, velocity: Number
     ) -> Reals:
         x = velocity / self._critical_velocity(block)
         stands = x < 1

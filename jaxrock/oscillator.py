@@ -16,6 +16,7 @@ from .arguments import (
     Checked,
     Number,
     Reals,
+    as_real,
     elementwise,
     quantity,
 )
@@ -44,8 +45,12 @@ class Oscillator(Checked):
     6.87
     """
 
-    angular_frequency: Reals = quantity(POSITIVE, "angular_frequency")
-    damping_ratio: Reals = quantity(BELOW_ONE, "damping_ratio")
+    angular_frequency: Reals = quantity(POSITIVE)
+    damping_ratio: Reals = quantity(BELOW_ONE)
+
+    def __init__(self, angular_frequency: Number, damping_ratio: Number):
+        self.angular_frequency = as_real("angular_frequency", angular_frequency)
+        self.damping_ratio = as_real("damping_ratio", damping_ratio)
 
     @property
     @elementwise()
@@ -90,7 +95,7 @@ class Oscillator(Checked):
         """
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
-        decay = velocity * jnp.exp(-loss * time)
+        decay = jnp.exp(-loss * time) * velocity
         sine, cosine = jnp.sin(frequency * time), jnp.cos(frequency * time)
         return decay * sine / frequency, decay * (cosine - loss / frequency * sine)
 
@@ -112,7 +117,7 @@ class Oscillator(Checked):
         Array
             ``I (1 - B^i) / (1 - B)`` [m/s].
         """
-        return intensity / decaying_share_of_one(_decrement(self), half_cycle)
+        return 1 / decaying_share_of_one(_decrement(self), half_cycle) * intensity
 
     @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
@@ -121,7 +126,7 @@ class Oscillator(Checked):
         Not the maximum, which comes earlier: see `peak_displacement`. The ratio of two such
         displacements (Eq. 23) is that of the maxima.
         """
-        return velocity / self.damped_frequency * jnp.exp(-_decrement(self) / 2)
+        return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
@@ -131,7 +136,7 @@ class Oscillator(Checked):
         """
         phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
         decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
-        return velocity / self.angular_frequency * decay
+        return decay / self.angular_frequency * velocity
 
 
 @elementwise(restitution=UNIT_INTERVAL)

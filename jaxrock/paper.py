@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .block import Block
-from .free import FreeRocking, Linearized, Nonlinear
+from .free import Linearized, Nonlinear
 from .oscillator import (
     Oscillator,
     damping_from_decay,
@@ -154,7 +154,7 @@ def write(report: Report, folder: Path) -> None:
                 if entry.table == table:
                     file.write(
                         f'"{entry.quantity}",{entry.row},{entry.column},{entry.printed},'
-                        f'{entry.computed:.9g},{entry.nonlinear:.9g},{entry.agrees},'
+                        f"{entry.computed:.9g},{entry.nonlinear:.9g},{entry.agrees},"
                         f'"{entry.fault}"\n'
                     )
     for name, (variable, hue, title) in figures().items():

@@ -15,6 +15,7 @@ from .arguments import (
     Checked,
     Number,
     Reals,
+    as_real,
     elementwise,
     quantity,
 )
@@ -48,8 +49,13 @@ class Scene(Checked):
     """
 
     block: Block
-    restitution: Reals = quantity(UNIT_INTERVAL, "restitution")
-    intensity: Reals = quantity(NON_NEGATIVE, "intensity")
+    restitution: Reals = quantity(UNIT_INTERVAL)
+    intensity: Reals = quantity(NON_NEGATIVE)
+
+    def __init__(self, block: Block, restitution: Number, intensity: Number):
+        self.block = block
+        self.restitution = as_real("restitution", restitution)
+        self.intensity = as_real("intensity", intensity)
 
 
 @elementwise()
@@ -113,7 +119,7 @@ def stabilized_velocity(scene: Scene) -> Reals:
 
 
 @elementwise()
-def stabilized_period(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+def stabilized_period(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     """Full period of the stabilized phase (Eq. 11).
 
     Parameters
@@ -132,7 +138,7 @@ def stabilized_period(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
 
 
 @elementwise()
-def stabilized_rotation(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+def stabilized_rotation(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     """Peak rotation in the stabilized phase (Eq. 12).
 
     Parameters
@@ -150,7 +156,7 @@ def stabilized_rotation(scene: Scene, model: FreeRocking = Linearized()) -> Real
 
 
 @elementwise()
-def rotation_ratio(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+def rotation_ratio(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     """Peak rotation in the stabilized phase over the critical angle (Figs. 6 to 8).
 
     Parameters
@@ -168,7 +174,7 @@ def rotation_ratio(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  #
 
 
 @elementwise()
-def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     """Stabilized peak rotation over the peak after the first pulse (zeta, Fig. 4).
 
     Parameters
@@ -190,7 +196,7 @@ def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # 
 
 
 @elementwise()
-def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     """Energy left to the barrier in the stabilized phase, as a share of the barrier.
 
     Smooth through the verge of overturning, where the peak rotation has an infinite slope:
@@ -212,7 +218,7 @@ def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals
 
 
 @elementwise()
-def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> Reals:  # noqa: B008
+def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     """The first half-cycle in which the block overturns.
 
     Parameters

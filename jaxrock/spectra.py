@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,6 +30,8 @@ from .resonance import (
 
 if TYPE_CHECKING:
     import xarray
+
+Values = Number | Sequence[float | int]
 
 
 class _Axis(NamedTuple):
@@ -77,12 +79,12 @@ _VARIABLES = {
 
 
 def resonance_spectrum(
-    slenderness: Number,
-    width: Number,
-    restitution: Number,
-    intensity: Number,
+    slenderness: Values,
+    width: Values,
+    restitution: Values,
+    intensity: Values,
     *,
-    model: FreeRocking = Linearized(),  # noqa: B008
+    model: FreeRocking = Linearized(),
     gravity: float = 9.81,
     chunk: int = 2**20,
     store: str | Path | None = None,
@@ -136,7 +138,8 @@ def resonance_spectrum(
     template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, gravity)
     if store is None:
         values = {
-            name: np.empty(variable.shape, variable.dtype) for name, variable in template.items()
+            str(name): np.empty(variable.shape, variable.dtype)
+            for name, variable in template.items()
         }
         _fill(values, axes, model, gravity, chunk)
         return template.assign(
@@ -162,11 +165,13 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
         If `path` cannot be written.
     """
     path = Path(path)
-    with written_whole(path.parent, [path.name], overwrite=True) as scratch:
-        with open(scratch / path.name, "w", newline="", encoding="utf-8") as file:
-            for part in _progress(_slabs(dataset), "table"):
-                rows = dataset.isel(slenderness=part).to_dataframe()
-                rows.to_csv(file, header=part.start == 0)
+    with (
+        written_whole(path.parent, [path.name], overwrite=True) as scratch,
+        open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
+    ):
+        for part in _progress(_slabs(dataset), "table"):
+            rows = dataset.isel(slenderness=part).to_dataframe()
+            rows.to_csv(file, header=part.start == 0)
 
 
 def overturned_share(dataset: "xarray.Dataset") -> float:
@@ -186,7 +191,7 @@ def _slabs(dataset: "xarray.Dataset", points: int = 2**18) -> list[slice]:
     return [slice(start, min(start + step, size)) for start in range(0, size, step)]
 
 
-def _axis(name: str, value: Number) -> np.ndarray:
+def _axis(name: str, value: Values) -> np.ndarray:
     try:
         values = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -285,7 +290,8 @@ def _store(
     template.drop_vars(list(template)).to_netcdf(path)
     with netCDF4.Dataset(path, "a") as file:
         for name, variable in template.items():
-            target = file.createVariable(name, variable.dtype, variable.dims, fill_value=math.nan)
+            dims = [str(dim) for dim in variable.dims]
+            target = file.createVariable(str(name), variable.dtype, dims, fill_value=math.nan)
             target.setncatts(variable.attrs)
             if "intensity" not in variable.dims:
                 target.coordinates = "intensity"

@@ -1,7 +1,7 @@
 """Strict settings for all tests.
 
 Float64 unless ``--precision 32``; promotions of rank and dtype raise; two host devices;
-types and shapes of all arguments and results of the package are checked.
+types of all arguments and results of the package are checked; 70 digits in mpmath.
 """
 
 import os
@@ -13,11 +13,13 @@ os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + (
 import hypothesis
 import jax
 import matplotlib
+import mpmath
 import pytest
 from jaxtyping import install_import_hook
 
 install_import_hook("jaxrock", "beartype.beartype")
 matplotlib.use("agg")
+mpmath.mp.dps = 70
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 hypothesis.settings.register_profile("jaxrock", deadline=None, max_examples=50, derandomize=True)

@@ -7,8 +7,6 @@ integrals. Cancellation is met with digits instead.
 
 import mpmath as mp
 
-mp.mp.dps = 70
-
 
 def half_diagonal(b, slenderness):
     return b * mp.sqrt(1 + slenderness**2)

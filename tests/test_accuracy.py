@@ -93,7 +93,12 @@ def test_value_and_derivatives_in_float64(name):
 
 
 # Arguments on the edges: b, lambda, g, C, I, and what the edge is.
-ON_SCENES = (scenes_anywhere, with_restitution)
+ON_SCENES = [
+    name
+    for name, case in CASES.items()
+    if case.sample in (scenes_anywhere, with_restitution)
+    or case.sample.__qualname__.startswith("standing_scenes")
+]
 EDGES = [
     ((0.4, 5.0, 9.81, 0.0, 0.15), "no restitution"),
     ((0.4, 5.0, 9.81, 1e-300, 0.15), "hardly any restitution"),
@@ -108,8 +113,7 @@ EDGES = [
 
 @pytest.mark.float64
 @pytest.mark.parametrize(("arguments", "edge"), EDGES, ids=[edge for _, edge in EDGES])
-@pytest.mark.parametrize("name", [n for n in CASES if CASES[n].sample in ON_SCENES
-                                  or CASES[n].sample.__qualname__.startswith("standing_scenes")])  # fmt: skip
+@pytest.mark.parametrize("name", ON_SCENES)
 def test_derivatives_on_the_edges(name, arguments, edge):
     case = CASES[name]
     arity = len(case.sample(np.random.default_rng(0), 1, np.float64).arguments)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
+from jaxrock.arguments import as_real
 
 BLOCK = jr.Block(0.4, 5.0)
 
@@ -16,12 +17,12 @@ BLOCK = jr.Block(0.4, 5.0)
         (lambda: jr.Block(-0.4, 5.0), "half_width must be finite and greater than 0, got -0.4"),
         (lambda: jr.Block(0.4, 0), "slenderness must be finite and greater than 0, got 0"),
         (lambda: jr.Block(0.4, 5.0, np.nan), "gravity must be finite and greater than 0, got nan"),
-        (lambda: jr.Block("wide", 5.0), "half_width must be a real number .* got 'wide'"),
-        (lambda: jr.Block(0.4 + 1j, 5.0), "half_width must be a real number"),
+        (lambda: as_real("width", "wide"), "width must be a real number .* got 'wide'"),
+        (lambda: as_real("width", 0.4 + 1j), "width must be a real number"),
         (lambda: jr.Block.from_size(0.4, -1.0), "height must be finite and greater than 0"),
         (
-            lambda: jr.Block([0.4, -0.4, 0.0], 5.0),
-            r"half_width .* got -0.4 \(first of 2 such elements out of 3\)",
+            lambda: jr.Block(np.array([0.4, -0.4, 0.0]), 5.0),
+            r"half_width .* got -0.4\d* \(first of 2 such elements out of 3\)",
         ),
         (lambda: jr.Scene(BLOCK, 1.2, 0.1), "restitution must be between 0 and 1, got 1.2"),
         (lambda: jr.Scene(BLOCK, -0.1, 0.1), "restitution must be between 0 and 1, got -0.1"),
@@ -42,11 +43,8 @@ def test_concrete_values_are_refused(call, message):
 
 @pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()], ids=repr)
 @pytest.mark.parametrize("position", range(5))
-@pytest.mark.parametrize("wrong", [-1.0, np.nan, np.inf])
-def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position, wrong):
+def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position):
     numbers = np.full((5, 3), [[0.4], [5.0], [9.81], [0.6], [0.1]])
-    spoiled = numbers.copy()
-    spoiled[position, 1] = wrong
     functions = (
         jr.rotation_ratio,
         jr.stabilized_period,
@@ -56,7 +54,6 @@ def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, positi
         jr.overturning_half_cycle,
     )
 
-    @jax.jit
     def all_of_them(b, lam, g, c, i, shared):
         # Spoiled is one parameter, shared by all elements another.
         b, lam = (b * shared, lam) if position == 1 else (b, lam * shared)
@@ -64,15 +61,16 @@ def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, positi
         answers = [function(one, model) for function in functions]
         return sum(jnp.nansum(jnp.where(jnp.isinf(a), 0, a)) for a in answers), answers
 
-    shared = jnp.asarray(1.0)
-    _, good = all_of_them(*numbers, shared)
-    _, bad = all_of_them(*spoiled, shared)
-    for expected, found in zip(good, bad, strict=True):
-        assert jnp.isnan(found[1])
-        assert (expected[::2] == found[::2]).all()
-    slope = jax.grad(all_of_them, 5, has_aux=True)(*spoiled, shared)[0]
-    whole = jax.grad(all_of_them, 5, has_aux=True)(*numbers, shared)[0]
-    np.testing.assert_allclose(slope, whole * 2 / 3, rtol=1e-5)
+    answer = jax.jit(jax.value_and_grad(all_of_them, 5, has_aux=True))
+    (_, good), whole = answer(*numbers, 1.0)
+    for wrong in (-1.0, np.nan, np.inf):
+        spoiled = numbers.copy()
+        spoiled[position, 1] = wrong
+        (_, bad), slope = answer(*spoiled, 1.0)
+        for expected, found in zip(good, bad, strict=True):
+            assert jnp.isnan(found[1])
+            assert (expected[::2] == found[::2]).all()
+        np.testing.assert_allclose(slope, whole * 2 / 3, rtol=1e-5)
 
 
 def test_derivative_of_an_element_that_is_not_allowed_is_zero():

@@ -19,9 +19,7 @@ def spread_arguments(dtype, number=300):
     return x, y, z
 
 
-@pytest.mark.parametrize(
-    "dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.float64)]
-)
+@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.float64)])
 @pytest.mark.parametrize(("ours", "theirs"), [(carlson_rf, mp.elliprf), (carlson_rd, mp.elliprd)])
 def test_carlson_against_mpmath(ours, theirs, dtype):
     arguments = spread_arguments(dtype)

@@ -1,0 +1,61 @@
+import math
+
+import jax
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock import assessment
+
+BLOCK = jr.Block.from_size(0.8, 4.0)
+
+
+def test_every_answer_is_that_of_its_function():
+    scene = jr.Scene(BLOCK, 0.7, 0.15)
+    found = jr.assess(scene)
+    assert found["geometry"]["height"] == pytest.approx(4.0)
+    for name, model in (("linearized", jr.Linearized()), ("nonlinear", jr.Nonlinear())):
+        answers = found["models"][name]
+        stabilized = answers["stabilized"]
+        for key, function in (
+            ("peak_rotation", jr.stabilized_rotation),
+            ("rotation_ratio", jr.rotation_ratio),
+            ("period", jr.stabilized_period),
+            ("amplification", jr.amplification),
+        ):
+            np.testing.assert_allclose(stabilized[key], function(scene, model), rtol=1e-5)
+        slopes = jax.grad(jr.rotation_ratio)(scene, model)
+        np.testing.assert_allclose(
+            answers["derivatives"]["half_width"], slopes.block.half_width, rtol=1e-5
+        )
+        assert answers["elasticities"]["intensity"] == pytest.approx(
+            answers["derivatives"]["intensity"] * 0.15 / stabilized["rotation_ratio"], rel=1e-5
+        )
+        for label, count in (("1", 1), ("5", 5), ("unlimited", np.inf)):
+            np.testing.assert_allclose(
+                answers["critical_intensity"][label],
+                jr.critical_intensity(BLOCK, 0.7, count, model),
+                rtol=1e-5,
+            )
+    ratio = [found["models"][m]["stabilized"]["period"] for m in ("linearized", "nonlinear")]
+    error = found["linearization_error"]["stabilized"]["period"]
+    assert error == pytest.approx(ratio[0] / ratio[1] - 1, abs=1e-6)
+    text = assessment.text(found)
+    assert "Stands (nonlinear): the rocking settles at 12.4 % of the critical angle." in text
+    assert "nan" not in text
+
+
+def test_a_block_that_overturns():
+    found = jr.assess(jr.Scene(BLOCK, 0.97, 0.15))
+    for answers in found["models"].values():
+        assert answers["overturning_half_cycle"] == 8
+        assert all(math.isnan(v) for v in answers["stabilized"].values())
+        assert all(math.isnan(v) for v in answers["derivatives"].values())
+    text = assessment.text(found)
+    assert "Overturns in half-cycle 8 (nonlinear): no stabilized phase." in text
+    assert "nan" not in text
+
+
+def test_one_scene_at_a_time():
+    with pytest.raises(ValueError, match=r"single one to be assessed, got an array of \(2,\)"):
+        jr.assess(jr.Scene(BLOCK, np.array([0.5, 0.6]), 0.15))

@@ -1,0 +1,124 @@
+"""The commands as a user calls them, in this process; one of them in its own."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import xarray
+
+from jaxrock.cli import main
+
+pytestmark = pytest.mark.float64
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output, standard error."""
+    try:
+        main([str(argument) for argument in arguments])
+        code = 0
+    except SystemExit as stop:
+        code = stop.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_assess(capsys):
+    code, out, _ = run(capsys, "assess", "--width", 0.8, "--height", 4, "--restitution", 0.7)
+    assert code == 0
+    assert "settles at 12.4 %" in out
+    code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, "--json")
+    assert code == 0
+    answers = json.loads(out)
+    assert answers["geometry"]["restitution"] == answers["geometry"]["housner_restitution"]
+    assert answers["models"]["nonlinear"]["stabilized"]["period"] is None
+
+
+SMALL = ("--slenderness", "3:10:8", "--width", 0.4, 1.2, "--restitution", 0.6, 0.8)
+
+
+def test_spectrum(capsys, tmp_path):
+    out = tmp_path / "deep" / "er"
+    code, text, _ = run(capsys, "spectrum", "--out", out, *SMALL)
+    assert code == 0
+    names = ["spectrum.csv", "spectrum.nc", "spectrum.png"]
+    assert sorted(path.name for path in out.iterdir()) == names
+    assert "32 scenes" in text
+    with xarray.open_dataset(out / "spectrum.nc") as dataset:
+        assert dict(dataset.sizes) == {"slenderness": 8, "width": 2, "restitution": 2}
+        overturned = float((dataset.overturning_margin <= 0).mean())
+    before = (out / "spectrum.nc").read_bytes()
+    code, _, err = run(capsys, "spectrum", "--out", out, *SMALL)
+    assert code == 2
+    assert "spectrum.nc exists" in err
+    assert (out / "spectrum.nc").read_bytes() == before
+    nonlinear = ("--model", "nonlinear", "--force", "--json")
+    code, text, _ = run(capsys, "spectrum", "--out", out, *SMALL, *nonlinear)
+    assert code == 0
+    assert json.loads(text)["overturned"] == overturned
+    with xarray.open_dataset(out / "spectrum.nc") as dataset:
+        assert dataset.attrs["model"] == "Nonlinear"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("assess", "--width", -1), "width must be finite and greater than 0, got -1"),
+        (("assess", "--slenderness", 0), "slenderness must be finite and greater than 0, got 0"),
+        (("assess", "--gravity", "nan"), "gravity must be finite and greater than 0, got nan"),
+        (("assess", "--restitution", 1.1), "restitution must be between 0 and 1, got 1.1"),
+        (("assess", "--intensity", -0.1), "intensity must be finite and at least 0, got -0.1"),
+        (("assess", "--height", 1, "--slenderness", 2), "exclude each other"),
+        (("assess", "--slenderness", 0.5), "restitution must be given for a block this stocky"),
+        (("assess", "--width", "broad"), "broad"),
+        (("spectrum", "--width"), "width must be a number"),
+        (("spectrum", "--slenderness", "3:10"), "slenderness must be numbers or START:STOP:COUNT"),
+        (("spectrum", "--slenderness", "3:10:0"), "got '3:10:0'"),
+        (("spectrum", "--restitution", 0.5, 2), "restitution must be between 0 and 1, got 2"),
+        ((), "spectrum"),
+    ],
+)
+def test_bad_input_ends_with_one_clear_sentence(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *arguments)
+    assert code == 2
+    assert message in out + err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written(capsys, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    for command in (("spectrum", *SMALL), ("paper",)):
+        code, _, err = run(capsys, *command, "--out", tmp_path / "file" / "inside")
+        assert code == 2
+        assert "cannot be written to" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_paper(capsys, tmp_path):
+    code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper", "--json")
+    assert code == 0
+    outcome = json.loads(text)
+    assert (outcome["agreeing"], outcome["printed"]) == (93, 94)
+    assert outcome["mismatches"] == []
+
+
+def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
+    from jaxrock import paper
+
+    tables = paper.printed_tables()
+    tables["table_1"]["printed"][0][0] = "3.84e-3"
+    monkeypatch.setattr(paper, "printed_tables", lambda: tables)
+    code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper")
+    assert code == 1
+    assert "mismatch: Table I, peak rotation" in text
+    assert "printed 3.84e-3" in (tmp_path / "paper" / "report.md").read_text(encoding="utf-8")
+
+
+def test_as_a_module():
+    done = subprocess.run(
+        [sys.executable, "-m", "jaxrock", "--help"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert all(command in done.stdout for command in ("assess", "spectrum", "paper"))
+    assert done.stderr == ""

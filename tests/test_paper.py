@@ -1,0 +1,90 @@
+"""The paper regenerated; each comparison is also broken once, to see that it notices."""
+
+import math
+
+import pytest
+
+from jaxrock import paper
+
+pytestmark = pytest.mark.float64
+
+
+@pytest.fixture(scope="module")
+def report():
+    return paper.regenerate()
+
+
+def test_nothing_disagrees_but_the_known_fault(report):
+    assert report.mismatches == []
+    disagreeing = [entry for entry in report.entries if not entry.agrees]
+    assert [(entry.table, entry.row, entry.printed) for entry in disagreeing] == [
+        ("III", "C = 0.9", "182.37")
+    ]
+    assert math.isnan(disagreeing[0].computed)
+
+
+def test_everything_printed_is_compared(report):
+    by_table = [entry.table for entry in report.entries]
+    assert (by_table.count("I"), by_table.count("II"), by_table.count("III")) == (20, 24, 50)
+    zeta = {e.row: e for e in report.entries if e.quantity.startswith("rocking")}
+    assert all(zeta[f"C = {c}"].agrees for c in (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85))
+    psi = [e for e in report.entries if "amplification, Eqs. 18" in e.quantity]
+    assert len(psi) == 10
+    assert all(entry.agrees for entry in psi)
+    assert (len(report.claims), len(report.faults)) == (10, 6)
+    assert all(finding.figure for finding in (*report.claims, *report.faults))
+
+
+def test_the_nonlinear_rung_stands_beside_the_blocks(report):
+    for entry in report.entries:
+        if entry.table in ("I", "II") and entry.row != "all":
+            assert 0 < entry.nonlinear / entry.computed - 1 < 0.02
+
+
+@pytest.mark.parametrize(
+    ("printed", "computed", "agrees"),
+    [
+        ("3.83e-3", 0.0038349, True),
+        ("3.83e-3", 0.0038351, False),
+        ("0.1530", 0.15304, True),
+        ("0.1530", 0.15306, False),
+        ("inf", math.inf, True),
+        ("inf", 1e9, False),
+        ("overturning", math.nan, True),
+        ("overturning", 40.0, False),
+    ],
+)
+def test_agreement_to_the_digits_printed(printed, computed, agrees):
+    entry = paper.Entry("I", "", "", "", printed, computed, math.nan)
+    assert entry.agrees == agrees
+
+
+def test_mismatches_are_named(report):
+    wrong = report.entries[0]._replace(computed=1.0)
+    healed = next(e for e in report.entries if e.fault)._replace(computed=182.37)
+    claim = report.claims[0]._replace(holds=False)
+    spoiled = paper.Report([wrong, healed], [claim], report.faults)
+    assert len(spoiled.mismatches) == 3
+    assert spoiled.mismatches[0].startswith("Table I, peak rotation")
+
+
+def test_files(report, tmp_path):
+    paper.write(report, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(paper.FILES)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "93 of 94 printed numbers agree" in text
+    assert "10 of 10 claims hold, 6 of 6 known faults reproduced" in text
+    assert text.count("| **no**") == 1
+    assert len((tmp_path / "table_3.csv").read_text(encoding="utf-8").splitlines()) == 51
+    for name in paper.FILES:
+        if name.endswith(".png"):
+            assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_figures_end_where_blocks_overturn():
+    drawn = paper.figures()
+    assert set(drawn) == {f"figure_{n}" for n in ("3", "4a", "4b", "5", "6", "7", "8")}
+    ratio = drawn["figure_8"][0].sel(width=0.6)
+    last = float(ratio.slenderness[ratio.notnull().values][-1])
+    assert 7.0 < last < 7.1
+    assert drawn["figure_6"][0].notnull().all()

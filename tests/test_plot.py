@@ -1,0 +1,69 @@
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock.plot import plot_curves, plot_spectrum
+
+
+@pytest.fixture(scope="module")
+def spectrum():
+    return jr.resonance_spectrum(np.linspace(3, 10, 29), [0.4, 1.2], [0.6, 0.8], 0.15)
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def test_curves_end_where_the_block_overturns(spectrum):
+    _, given = plt.subplots()
+    data = spectrum.rotation_ratio.sel(restitution=0.8)
+    ax = plot_curves(data, hue="width", ax=given)
+    assert ax is given
+    small, end, large = ax.get_lines()
+    np.testing.assert_array_equal(small.get_ydata(), data.sel(width=0.4))
+    np.testing.assert_array_equal(large.get_ydata(), data.sel(width=1.2))
+    assert end.get_xdata().tolist() == [4.75]  # overturns from a slenderness of 4.8
+    assert end.get_marker() == "x"
+    assert small.get_linestyle() != large.get_linestyle()
+    assert ax.get_xlim() == (3, 10)
+    assert ax.get_ylim()[0] == 0
+    assert ax.get_xlabel() == r"slenderness $\lambda$"
+    assert ax.get_ylabel() == r"rotation ratio $\alpha^*_{max}/\alpha_c$"
+    legend = ax.get_legend()
+    assert legend.get_title().get_text() == "width $2b$ [m]"
+    assert [text.get_text() for text in legend.get_texts()] == ["0.4", "1.2"]
+
+
+def test_new_axes_and_units(spectrum):
+    ax = plot_curves(spectrum.period.sel(width=0.4), hue="restitution")
+    assert ax.get_ylabel() == "stabilized period $T^*$ [s]"
+
+
+def test_curves_refuse_other_dimensions(spectrum):
+    with pytest.raises(ValueError, match="variable must have the dimensions"):
+        plot_curves(spectrum.period, hue="width")
+
+
+def test_a_panel_each_restitution(spectrum):
+    figure = plot_spectrum(spectrum)
+    assert [ax.get_title() for ax in figure.axes] == [
+        "$C$ = 0.6, $I$ = 0.15 m/s",
+        "$C$ = 0.8, $I$ = 0.15 m/s",
+    ]
+    assert [ax.get_legend() is None for ax in figure.axes] == [True, False]
+    top = np.nanmax(spectrum.rotation_ratio)
+    assert all(top < ax.get_ylim()[1] < 1.2 * top for ax in figure.axes)
+
+
+def test_of_many_values_some_are_drawn():
+    many = jr.resonance_spectrum(
+        [3.0, 4.0], np.linspace(0.4, 1.2, 20), np.linspace(0.1, 0.6, 9), [0.1, 0.15]
+    )
+    figure = plot_spectrum(many, "period")
+    assert len(figure.axes) == 8
+    assert all(len(ax.get_lines()) == 7 for ax in figure.axes)
+    assert figure.axes[0].get_title() == "$C$ = 0.1, $I$ = 0.1 m/s"
+    assert figure.axes[-1].get_title() == "$C$ = 0.6, $I$ = 0.15 m/s"

@@ -1,0 +1,117 @@
+import csv
+
+import numpy as np
+import pytest
+import xarray
+
+import jaxrock as jr
+
+GRID = {
+    "slenderness": np.linspace(3, 10, 8),
+    "width": [0.4, 0.8, 1.2],
+    "restitution": [0.6, 0.9],
+    "intensity": 0.15,
+}
+
+
+def test_a_grid_is_its_scenes_one_by_one():
+    spectrum = jr.resonance_spectrum(**GRID, model=jr.Nonlinear())
+    assert dict(spectrum.sizes) == {"slenderness": 8, "width": 3, "restitution": 2}
+    for at in ({"slenderness": 2, "width": 1, "restitution": 0}, {"slenderness": 7, "width": 0}):
+        point = spectrum.isel({"restitution": 1} | at)
+        scene = jr.Scene(
+            jr.Block.from_size(float(point.width), float(point.width * point.slenderness)),
+            float(point.restitution),
+            0.15,
+        )
+        expected = {
+            "rotation_ratio": jr.rotation_ratio,
+            "peak_rotation": jr.stabilized_rotation,
+            "period": jr.stabilized_period,
+            "amplification": jr.amplification,
+            "overturning_margin": jr.overturning_margin,
+            "overturning_half_cycle": jr.overturning_half_cycle,
+        }
+        for name, function in expected.items():
+            value = function(scene, jr.Nonlinear())
+            np.testing.assert_allclose(point[name], value, rtol=1e-4, err_msg=name)
+        critical = jr.critical_intensity(scene.block, scene.restitution, model=jr.Nonlinear())
+        np.testing.assert_allclose(point.critical_intensity, critical, rtol=1e-5)
+
+
+def test_labels():
+    spectrum = jr.resonance_spectrum(**GRID)
+    assert spectrum.attrs["model"] == "Linearized"
+    assert spectrum.attrs["gravity"] == 9.81
+    assert spectrum.attrs["source"].startswith("jaxrock 0.")
+    for variable in (*spectrum.variables.values(),):
+        assert variable.attrs["long_name"]
+    assert spectrum.period.attrs["units"] == "s"
+    assert spectrum.width.attrs["units"] == "m"
+    assert spectrum.intensity.attrs["units"] == "m s-1"
+
+
+def test_an_array_of_intensities_adds_a_dimension():
+    spectrum = jr.resonance_spectrum(**(GRID | {"intensity": [0.1, 0.15]}))
+    assert spectrum.period.dims == ("slenderness", "width", "restitution", "intensity")
+    assert spectrum.critical_intensity.dims == ("slenderness", "width", "restitution")
+    alone = jr.resonance_spectrum(**GRID)
+    xarray.testing.assert_allclose(spectrum.period.sel(intensity=0.15), alone.period, rtol=1e-5)
+
+
+@pytest.mark.parametrize("chunk", [1, 5, 7, 16, 1000])
+def test_chunks_and_files_change_nothing(tmp_path, chunk):
+    grid = GRID | {"intensity": [0.1, 0.15]}
+    whole = jr.resonance_spectrum(**grid)
+    xarray.testing.assert_allclose(jr.resonance_spectrum(**grid, chunk=chunk), whole, rtol=1e-4)
+    path = tmp_path / "new" / "spectrum.nc"
+    with jr.resonance_spectrum(**grid, chunk=chunk, store=path) as stored:
+        xarray.testing.assert_allclose(stored.load(), whole, rtol=1e-4)
+        assert stored.attrs == whole.attrs
+        assert stored.period.attrs == whole.period.attrs
+    assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
+
+
+def test_table(tmp_path):
+    spectrum = jr.resonance_spectrum(**GRID)
+    jr.write_table(spectrum, tmp_path / "spectrum.csv")
+    with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == spectrum.period.size
+    for row in (rows[0], rows[-2]):
+        at = {name: float(row[name]) for name in ("slenderness", "width", "restitution")}
+        value = float(spectrum.period.sel(at, method="nearest"))
+        np.testing.assert_allclose(float(row["period"] or "nan"), value, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"slenderness": []}, r"slenderness must be .* got an array of shape \(0,\)"),
+        ({"width": np.array([[0.4]])}, r"width must be .* got an array of shape \(1, 1\)"),
+        ({"width": [0.4, -1]}, r"width must be finite and greater than 0, got -1 \(first of 1"),
+        ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
+        ({"intensity": np.nan}, "intensity must be finite and at least 0, got nan"),
+        ({"gravity": 0.0}, "gravity must be finite and greater than 0, got 0"),
+        ({"chunk": 0}, "chunk must be at least 1, got 0"),
+    ],
+)
+def test_bad_grids(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        jr.resonance_spectrum(**(GRID | wrong))
+
+
+def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr("jaxrock.spectra._evaluate", fail)
+    with pytest.raises(RuntimeError, match="broken"):
+        jr.resonance_spectrum(**GRID, store=tmp_path / "deep" / "er" / "spectrum.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_path_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(ValueError, match=r"folder .*file.* cannot be written to"):
+        jr.resonance_spectrum(**GRID, store=tmp_path / "file" / "spectrum.nc")
