@@ -117,7 +117,7 @@ class Oscillator(Checked):
         Array
             ``I (1 - B^i) / (1 - B)`` [m/s].
         """
-        return 1 / decaying_share_of_one(_decrement(self), half_cycle) * intensity
+        return jnp.divide(intensity, decaying_share_of_one(_decrement(self), half_cycle))
 
     @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
