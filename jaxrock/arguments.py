@@ -48,12 +48,13 @@ def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
     try:
         array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = None
     if array is not None and jnp.issubdtype(array.dtype, jnp.floating):
         return array
     if array is not None and jnp.issubdtype(array.dtype, jnp.integer):
-        return array.astype(float)
+        with jax.numpy_dtype_promotion("standard"):
+            return array * 1.0  # weakly typed, so that it takes the precision of the rest
     raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
 
 
@@ -80,9 +81,16 @@ class Checked(eqx.Module):
     """A module whose `quantity` fields are checked when it is made from concrete values."""
 
     def __check_init__(self):
+        self.check()
+
+    def check(self) -> None:
+        """Raise `ValueError` if a concrete value lies outside of its domain."""
         for field in self.__dataclass_fields__.values():
+            value = getattr(self, field.name)
             if "domain" in field.metadata:
-                check(field.name, getattr(self, field.name), field.metadata["domain"])
+                check(field.name, value, field.metadata["domain"])
+            elif isinstance(value, Checked):
+                value.check()
 
 
 def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
@@ -103,11 +111,6 @@ def _module_within(module: Checked) -> tuple[Checked, Any]:
         module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, stand_in)
         valid = valid & ok
     return module, valid
-
-
-def is_valid(module: Checked) -> Booleans:
-    """Whether each element of `module` lies in its domain."""
-    return jnp.asarray(_module_within(module)[1])
 
 
 def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
@@ -135,16 +138,20 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
                 else:
                     continue
                 valid = valid & ok
-            result = function(**arguments)
+            evaluate: Callable[..., Any] = function
+            result = evaluate(**arguments)
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
 
         @functools.wraps(function)
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            for name, domain in domains.items():
-                bound.arguments[name] = as_real(name, bound.arguments[name])
-                check(name, bound.arguments[name], domain)
+            for name, value in bound.arguments.items():
+                if isinstance(value, Checked):
+                    value.check()
+                elif name in domains:
+                    bound.arguments[name] = as_real(name, value)
+                    check(name, bound.arguments[name], domains[name])
             return masked(bound.arguments)
 
         return guarded

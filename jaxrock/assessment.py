@@ -36,9 +36,9 @@ def assess(scene: Scene) -> dict[str, Any]:
     Returns
     -------
     dict
-        Nested, of numbers with NaN where a quantity does not exist; ``models`` holds the
-        answers of each rung, ``linearization_error`` what `Linearized` says relative to
-        `Nonlinear`, less 1.
+        Nested, of numbers with NaN where a quantity does not exist; ``scene`` holds what both
+        rungs share, ``models`` the answers of each, ``linearization_error`` what `Linearized`
+        says relative to `Nonlinear`, less 1.
 
     Raises
     ------
@@ -48,13 +48,17 @@ def assess(scene: Scene) -> dict[str, Any]:
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
-    return jax.tree.map(float, jax.device_get(_everything(scene)))
+    result = jax.tree.map(float, jax.device_get(_everything(scene)))
+    for answers in (*result["models"].values(), result["linearization_error"]):
+        by_label = answers["critical_intensity"]  # which JAX has sorted as text
+        answers["critical_intensity"] = {label: by_label[label] for label in HALF_CYCLES}
+    return result
 
 
 @eqx.filter_jit
 def _everything(scene: Scene) -> dict[str, Any]:
     block = scene.block
-    geometry = {
+    given = {
         "width": 2 * block.half_width,
         "height": 2 * block.half_height,
         "slenderness": block.slenderness,
@@ -75,7 +79,7 @@ def _everything(scene: Scene) -> dict[str, Any]:
         for key in compared
     }
     models = {"linearized": linearized, "nonlinear": nonlinear}
-    return {"geometry": geometry, "models": models, "linearization_error": error}
+    return {"scene": given, "models": models, "linearization_error": error}
 
 
 def _answers(scene: Scene, model: FreeRocking) -> dict[str, Any]:
@@ -118,19 +122,19 @@ def _answers(scene: Scene, model: FreeRocking) -> dict[str, Any]:
 
 def text(result: dict[str, Any]) -> str:
     """The answers of `assess` as a page to read."""
-    geometry, models = result["geometry"], result["models"]
+    given, models = result["scene"], result["models"]
     lines = [
-        f"Block {geometry['width']:.6g} m wide, {geometry['height']:.6g} m high"
-        f" (slenderness {geometry['slenderness']:.6g}), C = {geometry['restitution']:.6g},"
-        f" pulses of {geometry['intensity']:.6g} m/s",
+        f"Block {given['width']:.6g} m wide, {given['height']:.6g} m high"
+        f" (slenderness {given['slenderness']:.6g}), C = {given['restitution']:.6g},"
+        f" pulses of {given['intensity']:.6g} m/s",
         "",
         *_rows(
             [
-                ("half-diagonal R", geometry["half_diagonal"], "m"),
-                ("critical angle alpha_c", geometry["critical_angle"], "rad"),
-                ("frequency parameter p", geometry["frequency_parameter"], "1/s"),
-                ("Housner's restitution", geometry["housner_restitution"], "-"),
-                ("launch velocity (Eq. 2)", geometry["launch_velocity"], "rad/s"),
+                ("half-diagonal R", given["half_diagonal"], "m"),
+                ("critical angle alpha_c", given["critical_angle"], "rad"),
+                ("frequency parameter p", given["frequency_parameter"], "1/s"),
+                ("Housner's restitution", given["housner_restitution"], "-"),
+                ("launch velocity (Eq. 2)", given["launch_velocity"], "rad/s"),
             ]
         ),
         "",
@@ -144,7 +148,10 @@ def text(result: dict[str, Any]) -> str:
                 values = values.get(key, math.nan) if isinstance(values, dict) else math.nan
             found.append(values)
         error = f"{100 * found[2]:+.2f} %" if math.isfinite(found[2]) else ""
-        columns = f"{_number(found[0]):>14}{_number(found[1]):>14}{error:>10}"
+        numbers = (_number(value) for value in found[:2])
+        if path == ("overturning_half_cycle",):
+            numbers = (number.replace("inf", "never") for number in numbers)
+        columns = "".join(f"{number:>14}" for number in numbers) + f"{error:>10}"
         lines.append(f"  {f'{label} [{units}]':32}{columns}".rstrip())
 
     row("critical velocity", "critical_velocity", units="rad/s")
@@ -180,7 +187,7 @@ def _rows(rows: list[tuple[str, float, str]]) -> list[str]:
 
 
 def _number(value: float) -> str:
-    return "none" if math.isnan(value) else "never" if math.isinf(value) else f"{value:.6g}"
+    return "none" if math.isnan(value) else f"{value:.6g}"
 
 
 def _verdict(answers: dict[str, Any]) -> str:

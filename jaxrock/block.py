@@ -59,9 +59,10 @@ class Block(Checked):
         ValueError
             If a concrete value is not finite and greater than 0.
         """
+        width, height = as_real("width", width), as_real("height", height)
         check("width", width, POSITIVE)
         check("height", height, POSITIVE)
-        return cls(jnp.divide(width, 2), jnp.divide(height, width), gravity)
+        return cls(width / 2, height / width, gravity)
 
     @property
     @elementwise()

@@ -109,7 +109,7 @@ def spectrum(
         grid["intensity"] = grid["intensity"][0]
     rung = Nonlinear() if model == "nonlinear" else Linearized()
     names = ("spectrum.nc", "spectrum.csv", "spectrum.png")
-    with written_whole(out, names, force) as scratch:
+    with written_whole("out", out, names, force) as scratch:
         store = scratch / names[0]
         with resonance_spectrum(**grid, model=rung, gravity=gravity, store=store) as dataset:
             write_table(dataset, scratch / names[1])
@@ -143,7 +143,7 @@ def paper(
     from . import paper as regenerated
     from .files import written_whole
 
-    with written_whole(out, regenerated.FILES, force) as scratch:
+    with written_whole("out", out, regenerated.FILES, force) as scratch:
         report = regenerated.regenerate()
         regenerated.write(report, scratch)
     agreeing = sum(entry.agrees for entry in report.entries)
@@ -162,8 +162,9 @@ def paper(
         print(_dumps(outcome))
     else:
         print(regenerated.summary(report))
-        print("\n".join(f"mismatch: {line}" for line in report.mismatches), end="")
-        print(f"{out / 'report.md'}")
+        for line in report.mismatches:
+            print(f"mismatch: {line}")
+        print(out / "report.md")
     if report.mismatches:
         raise SystemExit(1)
 
@@ -192,6 +193,8 @@ def _values(name: str, given: _Grid) -> list[float]:
         try:
             if len(parts) == 3 and int(parts[2]) > 0:
                 start, stop = float(parts[0]), float(parts[1])
+                if not math.isfinite(start) or not math.isfinite(stop):
+                    raise ValueError
                 values += np.linspace(start, stop, int(parts[2])).tolist()
             elif len(parts) == 1:
                 values.append(float(word))

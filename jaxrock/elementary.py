@@ -1,7 +1,7 @@
-"""Elementary functions whose automatic derivative would lose its digits, or exist nowhere.
+"""Elementary functions whose automatic derivative would lose its digits or become NaN.
 
-Each is the plain expression with a derivative of its own, accurate over the whole domain
-and differentiable again.
+Each is the plain expression, with a derivative that is accurate over the whole domain and
+can be differentiated again.
 """
 
 import jax
@@ -67,6 +67,23 @@ def _ratio(function, argument: Array) -> Array:
     differs = argument**2 > jnp.finfo(argument.dtype).eps
     divisor = jnp.where(differs, argument, 0.5)
     return jnp.where(differs, function(divisor) / divisor, 1)
+
+
+def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
+    """``numerator / denominator`` of numbers from 0 on, elementwise.
+
+    Over 0 it is inf, or 0 if the numerator is 0 too, with derivative 0, so that such
+    elements leave the derivatives of others alone.
+    """
+    limited = denominator > 0
+    unlimited = jnp.where(numerator > 0, jnp.inf, 0)
+    return jnp.where(limited, numerator / jnp.where(limited, denominator, 1), unlimited)
+
+
+def minus_log(ratio: Reals) -> Reals:
+    """``-log(ratio)`` for 0 <= ratio <= 1, elementwise; inf at 0, with derivative 0 there."""
+    positive = ratio > 0
+    return jnp.where(positive, -jnp.log(jnp.where(positive, ratio, 1)), jnp.inf)
 
 
 def share_of_one(ratio: Number, count: Number) -> Reals:
@@ -154,7 +171,7 @@ def _logarithmic_slope(decay: Array, count: Array) -> Array:
     """``1 / expm1(decay) - count / expm1(count decay)``, (count - 1) / 2 at decay 0."""
     near = decay < 1
     low, high = jnp.where(near, decay, 0), jnp.where(near, 1, decay)
-    far_slope = 1 / jnp.expm1(high) - count / jnp.expm1(count * high)
+    far_slope = _over_expm1(high) - count * _over_expm1(count * high)
     return jnp.where(near, count * _gap(count * low) - _gap(low), far_slope)
 
 
@@ -168,4 +185,9 @@ def _gap(x: Array) -> Array:
     near = x < 1
     low, high = jnp.where(near, x, 0), jnp.where(near, 1, x)
     series = jnp.polyval(jnp.asarray(_BERNOULLI[::-1], x.dtype), low**2)
-    return jnp.where(near, 0.5 - low * series, 1 / high - 1 / jnp.expm1(high))
+    return jnp.where(near, 0.5 - low * series, 1 / high - _over_expm1(high))
+
+
+def _over_expm1(x: Array) -> Array:
+    """``1 / expm1(x)``, without overflow in its derivatives."""
+    return jnp.exp(-x) / -jnp.expm1(-x)

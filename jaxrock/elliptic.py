@@ -166,7 +166,9 @@ def jacobi(
     sn, cn = jnp.sin(phase), jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
     cn, dn = jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
-    limit_sn, limit_cn, limit_dn = _jacobi_near_one(argument, complement)
+    limit_sn, limit_cn, limit_dn = _jacobi_near_one(
+        jnp.where(parabolic, argument, 0), jnp.where(parabolic, complement, 0)
+    )
     return (
         jnp.where(parabolic, limit_sn, sn / stretch),
         jnp.where(parabolic, limit_cn, cn),

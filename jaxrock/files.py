@@ -9,7 +9,9 @@ from pathlib import Path
 
 
 @contextlib.contextmanager
-def written_whole(folder: Path, names: Sequence[str], overwrite: bool) -> Iterator[Path]:
+def written_whole(
+    argument: str, folder: Path, names: Sequence[str], overwrite: bool
+) -> Iterator[Path]:
     """Let the body write the files `names` into a scratch folder, then move them to `folder`.
 
     A missing folder is made. If the body raises, nothing is left behind.
@@ -17,24 +19,28 @@ def written_whole(folder: Path, names: Sequence[str], overwrite: bool) -> Iterat
     Raises
     ------
     ValueError
-        If a file exists and `overwrite` is false, or the folder cannot be written to.
+        Naming the `argument` that said where to write: if a file exists and `overwrite` is
+        false, or if anything cannot be written.
     """
-    existing = [name for name in names if (folder / name).exists()]
-    if existing and not overwrite:
-        raise ValueError(f"{folder / existing[0]} exists and overwriting it was not asked for")
+    for path in (folder / name for name in names):
+        if path.is_dir():
+            raise ValueError(f"{argument} must name a file, and {str(path)!r} is a folder")
+        if path.exists() and not overwrite:
+            raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     scratch = None
     try:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            scratch = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
-        except OSError as error:
-            reason = error.strerror or error
-            raise ValueError(f"the folder {str(folder)!r} cannot be written to: {reason}") from None
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
         yield scratch
         for name in names:
             os.replace(scratch / name, folder / name)
         made = []
+    except OSError as error:
+        reason = error.strerror or error
+        raise ValueError(
+            f"{argument}: the folder {str(folder)!r} cannot be written to: {reason}"
+        ) from error
     finally:
         if scratch is not None:
             shutil.rmtree(scratch)

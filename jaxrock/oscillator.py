@@ -20,7 +20,7 @@ from .arguments import (
     elementwise,
     quantity,
 )
-from .elementary import decaying_share_of_one, one_minus_square
+from .elementary import decaying_share_of_one, minus_log, one_minus_square, quotient_or_infinite
 
 
 class Oscillator(Checked):
@@ -75,7 +75,8 @@ class Oscillator(Checked):
 
         Infinite without damping.
         """
-        return 1 / decaying_share_of_one(_decrement(self), jnp.inf)
+        share = decaying_share_of_one(_decrement(self), jnp.inf)
+        return quotient_or_infinite(jnp.ones_like(share), share)
 
     @elementwise(velocity=FINITE, time=FINITE)
     def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
@@ -117,7 +118,8 @@ class Oscillator(Checked):
         Array
             ``I (1 - B^i) / (1 - B)`` [m/s].
         """
-        return jnp.divide(intensity, decaying_share_of_one(_decrement(self), half_cycle))
+        share = decaying_share_of_one(_decrement(self), half_cycle)
+        return quotient_or_infinite(jnp.asarray(intensity), share)
 
     @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
@@ -156,13 +158,13 @@ def equivalent_damping(restitution: Number) -> Reals:
     Array
         ``-0.68 ln(C)`` [-].
     """
-    return -0.68 * jnp.log(restitution)
+    return 0.68 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping_as_printed(restitution: Number) -> Reals:
     """``-0.34 ln(C)`` as printed in Eq. 13: half of `equivalent_damping` [-]."""
-    return -0.34 * jnp.log(restitution)
+    return 0.34 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(velocity_decay=UNIT_INTERVAL)
@@ -174,7 +176,7 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
     Array
         ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
     """
-    return -jnp.log(velocity_decay) / jnp.pi
+    return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
 
 
 def _damped_share(oscillator: Oscillator) -> Reals:

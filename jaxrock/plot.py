@@ -34,7 +34,7 @@ def plot_curves(
 ) -> "matplotlib.axes.Axes":
     """Draw a variable of a spectrum along one dimension, one curve for each value of another.
 
-    A curve ends where the block overturns; a cross marks the last point that stands.
+    A curve ends where the block overturns; a cross marks the last value that there is.
 
     Parameters
     ----------
@@ -66,6 +66,7 @@ def plot_curves(
 
     if ax is None:
         _, ax = plt.subplots(layout="constrained")
+    variable = variable.sortby(along)
     x = variable[along].values
     levels = variable[hue].values
     # Dark to light, stopping short of what is too pale to read; with a style of its own
@@ -74,14 +75,18 @@ def plot_curves(
     for index, (level, colour) in enumerate(zip(levels, colours, strict=True)):
         y = variable.sel({hue: level}).values
         style = _STYLES[index % len(_STYLES)]
-        ax.plot(x, y, color=colour, linestyle=style, label=f"{level:g}")
-        standing = np.flatnonzero(np.isfinite(y))
-        if standing.size and standing[-1] + 1 < x.size:
-            ax.plot(x[standing[-1]], y[standing[-1]], marker="x", color=colour)
+        marker = "o" if x.size == 1 else None
+        ax.plot(x, y, color=colour, linestyle=style, marker=marker, label=f"{level:g}")
+        standing = np.isfinite(y)
+        last = standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
+        if last.any():
+            ax.plot(x[last], y[last], linestyle="", marker="x", color=colour)
     ax.set_xlabel(_label(variable[along]))
     ax.set_ylabel(_label(variable))
-    ax.set_xlim(x.min(), x.max())
-    ax.set_ylim(bottom=0, auto=True)
+    if x.size > 1:
+        ax.set_xlim(x[0], x[-1])
+    if not (variable < 0).any():
+        ax.set_ylim(bottom=0, auto=True)
     ax.grid(alpha=0.3)
     ax.legend(
         title=_label(variable[hue]), loc="center left", bbox_to_anchor=(1, 0.5), frameon=False
@@ -117,7 +122,7 @@ def plot_spectrum(
             data = data.isel({name: np.linspace(0, size - 1, most).round().astype(int)})
     restitutions = data.restitution.values
     has_rows = "intensity" in data.dims
-    rows = data.intensity.values if has_rows else [float(spectrum.intensity)]
+    rows = data.intensity.values if has_rows else [None]
     figure, panels = plt.subplots(
         len(rows),
         restitutions.size,
@@ -131,7 +136,9 @@ def plot_spectrum(
         for panel, restitution in zip(row, restitutions, strict=True):
             chosen = {"restitution": restitution} | ({"intensity": intensity} if has_rows else {})
             plot_curves(data.sel(chosen), hue="width", ax=panel)
-            panel.set_title(f"$C$ = {restitution:g}, $I$ = {intensity:g} m/s")
+            pulse = spectrum.intensity.item() if spectrum.intensity.ndim == 0 else intensity
+            title = f"$C$ = {restitution:g}"
+            panel.set_title(title if pulse is None else f"{title}, $I$ = {pulse:g} m/s")
             if panel is not panels[0, -1]:
                 panel.get_legend().remove()
             panel.label_outer()

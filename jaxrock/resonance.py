@@ -20,7 +20,7 @@ from .arguments import (
     quantity,
 )
 from .block import Block
-from .elementary import one_minus_square, share_of_one
+from .elementary import one_minus_square, quotient_or_infinite, share_of_one
 from .free import FreeRocking, Linearized
 
 
@@ -39,6 +39,11 @@ class Scene(Checked):
     ------
     ValueError
         If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+    Notes
+    -----
+    To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
+    if leaf.ndim else None, scene)``. Broadcasting needs no such thing.
 
     Examples
     --------
@@ -101,9 +106,10 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
     Returns
     -------
     Array
-        ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s].
+        ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
     """
-    return launch_velocity(scene) / share_of_one(scene.restitution, half_cycle)
+    share = share_of_one(scene.restitution, half_cycle)
+    return quotient_or_infinite(launch_velocity(scene), share)
 
 
 @elementwise()
@@ -189,6 +195,7 @@ def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
         it tends to ``1 / (1 - C)^2``.
     """
     _, _, stands = _stabilized(scene, model)
+    stands = stands & (scene.restitution < 1)  # at 1 the amplification has no limit
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
     growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
     x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
@@ -233,11 +240,11 @@ def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> R
         floating-point number; inf where there is none. Its derivative is zero.
     """
     scene = jax.lax.stop_gradient(scene)
-    x = launch_velocity(scene) / model._critical_velocity(scene.block)
-    restitution = scene.restitution
+    launch, critical = launch_velocity(scene), model._critical_velocity(scene.block)
+    x, restitution = launch / critical, scene.restitution
 
     def reaches(half_cycle: Reals) -> Booleans:
-        return x >= share_of_one(restitution, half_cycle)
+        return launch / share_of_one(restitution, half_cycle) >= critical
 
     # x (1 - C^i) / (1 - C) >= 1, solved for i ...
     limited = (restitution > 0) & (restitution < 1)
@@ -255,10 +262,7 @@ def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> R
 
 def _unlimited(first: Reals, scene: Scene) -> Reals:
     """What pulses worth `first` each amount to in the long run: ``first / (1 - C)``."""
-    loss = 1 - scene.restitution
-    limited = loss > 0
-    lossless = jnp.where(first > 0, jnp.inf, 0)
-    return jnp.where(limited, first / jnp.where(limited, loss, 1), lossless)
+    return quotient_or_infinite(first, 1 - scene.restitution)
 
 
 def _limit(scene: Scene, model: FreeRocking) -> tuple[Reals, Booleans]:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 from tqdm import tqdm
 
-from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, check
+from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
 from .block import Block
 from .critical import critical_intensity
 from .files import written_whole
@@ -130,7 +130,9 @@ def resonance_spectrum(
     >>> print(spectrum.rotation_ratio.sel(width=0.4, restitution=0.6).values.round(3))
     [0.077 0.317]
     """
-    check("gravity", gravity, POSITIVE)
+    check("gravity", as_real("gravity", gravity), POSITIVE)
+    if not isinstance(model, FreeRocking):
+        raise ValueError(f"model must be Linearized() or Nonlinear(), got {model!r}")
     if chunk < 1:
         raise ValueError(f"chunk must be at least 1, got {chunk}")
     given = (slenderness, width, restitution, intensity)
@@ -146,7 +148,7 @@ def resonance_spectrum(
             {name: (template[name].dims, values[name], template[name].attrs) for name in values}
         )
     path = Path(store)
-    with written_whole(path.parent, [path.name], overwrite=True) as scratch:
+    with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
         _store(scratch / path.name, template, axes, model, gravity, chunk)
     import xarray
 
@@ -156,8 +158,7 @@ def resonance_spectrum(
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """Write a spectrum as CSV: a column each dimension and variable, a row each grid point.
 
-    Some values of the slenderness at a time, so that the table need not fit into memory. An
-    existing file is replaced.
+    Part by part, so that the table need not fit into memory. An existing file is replaced.
 
     Raises
     ------
@@ -166,29 +167,27 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """
     path = Path(path)
     with (
-        written_whole(path.parent, [path.name], overwrite=True) as scratch,
+        written_whole("path", path.parent, [path.name], overwrite=True) as scratch,
         open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
     ):
-        for part in _progress(_slabs(dataset), "table"):
-            rows = dataset.isel(slenderness=part).to_dataframe()
-            rows.to_csv(file, header=part.start == 0)
+        for index, part in enumerate(_progress(_parts(dataset), "table")):
+            dataset.isel(part).to_dataframe().to_csv(file, header=index == 0)
 
 
 def overturned_share(dataset: "xarray.Dataset") -> float:
     """The share of the scenes in a spectrum that overturn under unlimited pulses."""
     margin = dataset.overturning_margin
     overturned = sum(
-        int((margin.isel(slenderness=part) <= 0).sum())
-        for part in _progress(_slabs(dataset), "overturned")
+        int((margin.isel(part) <= 0).sum()) for part in _progress(_parts(dataset), "overturned")
     )
     return overturned / margin.size
 
 
-def _slabs(dataset: "xarray.Dataset", points: int = 2**18) -> list[slice]:
-    """Slices of the slenderness, each of about so many points of the grid."""
-    size = dataset.sizes["slenderness"]
-    step = max(1, points * size // dataset.overturning_margin.size)
-    return [slice(start, min(start + step, size)) for start in range(0, size, step)]
+def _parts(dataset: "xarray.Dataset", most: int = 2**18) -> list[dict[str, slice]]:
+    """Cut a dataset into parts of at most `most` points, in the order of its rows."""
+    dims = dataset.overturning_margin.dims
+    parts = _chunks([dataset.sizes[dim] for dim in dims], most)
+    return [dict(zip(map(str, dims), part, strict=True)) for part in parts]
 
 
 def _axis(name: str, value: Values) -> np.ndarray:
@@ -202,7 +201,11 @@ def _axis(name: str, value: Values) -> np.ndarray:
             f" got an array of shape {values.shape}"
         )
     check(name, values, _AXES[name].domain)
-    return np.atleast_1d(values)
+    values = np.atleast_1d(values)
+    distinct, counts = np.unique(values, return_counts=True)
+    if distinct.size < values.size:
+        raise ValueError(f"{name} must not have a value twice, got {distinct[counts > 1][0]:g}")
+    return values
 
 
 def _template(

@@ -1,5 +1,6 @@
 """What is not allowed: an error where it can be said, NaN where it cannot."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +10,7 @@ import jaxrock as jr
 from jaxrock.arguments import as_real
 
 BLOCK = jr.Block(0.4, 5.0)
+SCENE = jr.Scene(BLOCK, 0.5, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +31,15 @@ BLOCK = jr.Block(0.4, 5.0)
         (lambda: jr.Scene(BLOCK, 0.5, -1), "intensity must be finite and at least 0, got -1"),
         (lambda: jr.Scene(BLOCK, 0.5, np.inf), "intensity must be finite and at least 0, got inf"),
         (lambda: jr.Linearized().peak_rotation(BLOCK, -1.0), "velocity must be finite"),
+        (lambda: jr.Nonlinear().motion(BLOCK, -1.0, 0.1), "velocity must be finite"),
+        (lambda: jr.Oscillator(1.0, 0.1).peak_displacement(-1.0), "velocity must be finite"),
+        (lambda: jr.Linearized().peak_amplification(BLOCK, 0.1, -1.0), "growth must be at least"),
+        (lambda: jr.Block.from_size(0.8, np.array([4.0, 0.0])), "height must be finite"),
+        (lambda: as_real("width", 10**400), "width must be a real number"),
+        (
+            lambda: jr.rotation_ratio(eqx.tree_at(lambda s: s.restitution, SCENE, 1.7)),
+            "restitution must be between 0 and 1, got 1.7",
+        ),
         (lambda: jr.critical_intensity(BLOCK, 2.0), "restitution must be between 0 and 1, got 2"),
         (lambda: jr.critical_intensity(BLOCK, 0.5, 0), "half_cycles must be a whole number"),
         (lambda: jr.critical_intensity(BLOCK, 0.5, 1.5), "half_cycles must be a whole number"),
@@ -82,3 +93,19 @@ def test_derivative_of_an_element_that_is_not_allowed_is_zero():
     slopes = jax.vmap(jax.grad(ratio))(restitution)
     assert slopes[0] > 0
     assert slopes[1] == slopes[2] == 0
+
+
+def test_integers_take_the_precision_of_the_rest():
+    single = np.float32(0.4)
+    scene = jr.Scene(jr.Block(single, np.arange(3, 6)), np.float32(0.5), np.float32(0.1))
+    assert jr.rotation_ratio(scene).dtype == np.float32
+    assert jr.Block(1, 5).half_height == 5
+
+
+def test_peak_amplification_leaves_blocks_that_overturn_out():
+    def total(half_width, growth):
+        return jnp.nansum(jr.Nonlinear().peak_amplification(jr.Block(half_width, 5.0), 0.1, growth))
+
+    both = jax.grad(total)(0.4, jnp.asarray([1.0, 100.0]))
+    alone = jax.grad(total)(0.4, jnp.asarray([1.0]))
+    np.testing.assert_allclose(both, alone, rtol=1e-6)

@@ -13,7 +13,7 @@ BLOCK = jr.Block.from_size(0.8, 4.0)
 def test_every_answer_is_that_of_its_function():
     scene = jr.Scene(BLOCK, 0.7, 0.15)
     found = jr.assess(scene)
-    assert found["geometry"]["height"] == pytest.approx(4.0)
+    assert found["scene"]["height"] == pytest.approx(4.0)
     for name, model in (("linearized", jr.Linearized()), ("nonlinear", jr.Nonlinear())):
         answers = found["models"][name]
         stabilized = answers["stabilized"]
@@ -41,6 +41,21 @@ def test_every_answer_is_that_of_its_function():
     error = found["linearization_error"]["stabilized"]["period"]
     assert error == pytest.approx(ratio[0] / ratio[1] - 1, abs=1e-6)
     text = assessment.text(found)
+    rows = {line[:34].strip(): line[34:].split()[:2] for line in text.splitlines()}
+    for label, path in (
+        ("half_width b [1/m]", ("derivatives", "half_width")),
+        ("intensity I [s/m]", ("derivatives", "intensity")),
+        ("2 [m/s]", ("critical_intensity", "2")),
+        ("unlimited [m/s]", ("critical_intensity", "unlimited")),
+        ("period T* [s]", ("stabilized", "period")),
+    ):
+        answers = [found["models"][m][path[0]][path[1]] for m in ("linearized", "nonlinear")]
+        assert rows[label] == [f"{answer:.6g}" for answer in answers]
+    assert rows["overturns in half-cycle [-]"] == ["never", "never"]
+    assert list(found["models"]["linearized"]["critical_intensity"]) == [
+        *("1", "2", "5", "10"),
+        "unlimited",
+    ]
     assert "Stands (nonlinear): the rocking settles at 12.4 % of the critical angle." in text
     assert "nan" not in text
 
@@ -54,6 +69,12 @@ def test_a_block_that_overturns():
     text = assessment.text(found)
     assert "Overturns in half-cycle 8 (nonlinear): no stabilized phase." in text
     assert "nan" not in text
+
+
+def test_restitution_of_one():
+    text = assessment.text(jr.assess(jr.Scene(BLOCK, 1.0, 0.15)))
+    assert "overturning margin [-]                    -inf          -inf" in text
+    assert "Overturns in half-cycle 7" in text
 
 
 def test_one_scene_at_a_time():

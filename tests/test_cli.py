@@ -30,7 +30,7 @@ def test_assess(capsys):
     code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, "--json")
     assert code == 0
     answers = json.loads(out)
-    assert answers["geometry"]["restitution"] == answers["geometry"]["housner_restitution"]
+    assert answers["scene"]["restitution"] == answers["scene"]["housner_restitution"]
     assert answers["models"]["nonlinear"]["stabilized"]["period"] is None
 
 
@@ -50,7 +50,7 @@ def test_spectrum(capsys, tmp_path):
     before = (out / "spectrum.nc").read_bytes()
     code, _, err = run(capsys, "spectrum", "--out", out, *SMALL)
     assert code == 2
-    assert "spectrum.nc exists" in err
+    assert "spectrum.nc' exists; --force overwrites it" in err
     assert (out / "spectrum.nc").read_bytes() == before
     nonlinear = ("--model", "nonlinear", "--force", "--json")
     code, text, _ = run(capsys, "spectrum", "--out", out, *SMALL, *nonlinear)
@@ -74,6 +74,8 @@ def test_spectrum(capsys, tmp_path):
         (("spectrum", "--width"), "width must be a number"),
         (("spectrum", "--slenderness", "3:10"), "slenderness must be numbers or START:STOP:COUNT"),
         (("spectrum", "--slenderness", "3:10:0"), "got '3:10:0'"),
+        (("spectrum", "--slenderness", "3:inf:5"), "got '3:inf:5'"),
+        (("spectrum", "--intensity", 0.1, 0.1), "intensity must not have a value twice"),
         (("spectrum", "--restitution", 0.5, 2), "restitution must be between 0 and 1, got 2"),
         ((), "spectrum"),
     ],
@@ -84,6 +86,15 @@ def test_bad_input_ends_with_one_clear_sentence(capsys, tmp_path, monkeypatch, a
     assert code == 2
     assert message in out + err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_gravity_reaches_the_answers(capsys, tmp_path):
+    for size in (("--height", 4), ("--slenderness", 5)):
+        _, out, _ = run(capsys, "assess", *size, "--gravity", 1.62, "--json")
+        assert json.loads(out)["scene"]["gravity"] == 1.62
+    run(capsys, "spectrum", "--out", tmp_path, *SMALL, "--gravity", 1.62)
+    with xarray.open_dataset(tmp_path / "spectrum.nc") as dataset:
+        assert dataset.attrs["gravity"] == 1.62
 
 
 def test_a_folder_that_cannot_be_written(capsys, tmp_path):
@@ -101,6 +112,9 @@ def test_paper(capsys, tmp_path):
     outcome = json.loads(text)
     assert (outcome["agreeing"], outcome["printed"]) == (93, 94)
     assert outcome["mismatches"] == []
+    code, _, err = run(capsys, "paper", "--out", tmp_path / "paper")
+    assert code == 2
+    assert "report.md' exists; --force overwrites it" in err
 
 
 def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
@@ -111,11 +125,17 @@ def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(paper, "printed_tables", lambda: tables)
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper")
     assert code == 1
-    assert "mismatch: Table I, peak rotation" in text
+    assert "\nmismatch: Table I, peak rotation" in text
+    assert text.splitlines()[-1] == str(tmp_path / "paper" / "report.md")
     assert "printed 3.84e-3" in (tmp_path / "paper" / "report.md").read_text(encoding="utf-8")
 
 
 def test_as_a_module():
+    """In a process of its own, where nothing but the command can turn on float64."""
+    command = [sys.executable, "-m", "jaxrock", "assess", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    answers = json.loads(done.stdout)
+    assert answers["scene"]["critical_angle"] == pytest.approx(0.19739555984988075, rel=1e-15)
     done = subprocess.run(
         [sys.executable, "-m", "jaxrock", "--help"], capture_output=True, text=True, check=False
     )

@@ -89,6 +89,31 @@ def test_the_verge(model):
     assert later[0] < 0 < block.critical_angle < later[1]  # fell back, was carried over
 
 
+def test_the_linearized_motion_says_when_it_leaves_the_numbers():
+    """It grows without bound; the nonlinear one does not."""
+    block, time = jr.Block(0.4, 5.0), jnp.asarray([0.1, 1e4])
+
+    def total(velocity):
+        return jnp.nansum(jr.Linearized().motion(block, velocity, time)[0])
+
+    assert jnp.isnan(jr.Linearized().motion(block, 0.1, time)[0]).tolist() == [False, True]
+    assert jnp.isfinite(jax.grad(total)(0.1))
+    assert jnp.isfinite(jr.Nonlinear().motion(block, 0.1, time)[0]).all()
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("question", ["peak_rotation", "half_cycle_duration"])
+def test_slopes_at_rest(model, question):
+    """Both start from zero, the peak with the square of the velocity."""
+    block = jr.Block(0.4, 5.0)
+    slope = jax.grad(getattr(model, question), 1)(block, 0.0)
+    deceleration = block.frequency_parameter**2 * (
+        block.critical_angle if isinstance(model, jr.Linearized) else jnp.sin(block.critical_angle)
+    )
+    expected = 0.0 if question == "peak_rotation" else 2 / deceleration
+    np.testing.assert_allclose(slope, expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize("model", RUNGS, ids=repr)
 def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
     """With a parameter that all share: NaN times zero must not get in."""

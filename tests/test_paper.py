@@ -88,3 +88,6 @@ def test_figures_end_where_blocks_overturn():
     last = float(ratio.slenderness[ratio.notnull().values][-1])
     assert 7.0 < last < 7.1
     assert drawn["figure_6"][0].notnull().all()
+    small, large = (drawn[f"figure_{n}"][0].sel(restitution=0.7) for n in ("4a", "4b"))
+    assert float(small[-1]) == pytest.approx(17.694, abs=1e-3)
+    assert float(large[-1]) == pytest.approx(12.076, abs=1e-3)

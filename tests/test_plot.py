@@ -22,7 +22,7 @@ def test_curves_end_where_the_block_overturns(spectrum):
     data = spectrum.rotation_ratio.sel(restitution=0.8)
     ax = plot_curves(data, hue="width", ax=given)
     assert ax is given
-    small, end, large = ax.get_lines()
+    small, end, large = ax.get_lines()  # a cross where a curve ends
     np.testing.assert_array_equal(small.get_ydata(), data.sel(width=0.4))
     np.testing.assert_array_equal(large.get_ydata(), data.sel(width=1.2))
     assert end.get_xdata().tolist() == [4.75]  # overturns from a slenderness of 4.8
@@ -35,6 +35,24 @@ def test_curves_end_where_the_block_overturns(spectrum):
     legend = ax.get_legend()
     assert legend.get_title().get_text() == "width $2b$ [m]"
     assert [text.get_text() for text in legend.get_texts()] == ["0.4", "1.2"]
+
+
+def test_curves_begin_where_the_block_stands(spectrum):
+    data = spectrum.rotation_ratio.sel(restitution=0.8, slenderness=[10.0, 5.0])
+    curve, start, *_ = plot_curves(data, hue="slenderness", along="width").get_lines()
+    assert curve.get_xdata().tolist() == [0.4, 1.2]
+    assert start.get_xdata().tolist() == [1.2]
+
+
+def test_any_order_one_point_and_negative_values(spectrum):
+    shuffled = spectrum.isel(slenderness=[28, 0, 14]).period.sel(restitution=0.6)
+    line = plot_curves(shuffled, hue="width").get_lines()[0]
+    assert line.get_xdata().tolist() == [3.0, 6.5, 10.0]
+    line = plot_curves(shuffled.isel(slenderness=[0]), hue="width").get_lines()[0]
+    assert line.get_marker() == "o"
+    figure = plot_spectrum(spectrum, "overturning_margin")
+    assert figure.axes[1].get_ylim()[0] < float(spectrum.overturning_margin.min()) < 0
+    assert figure.axes[0].get_ylabel() == "overturning margin"
 
 
 def test_new_axes_and_units(spectrum):
@@ -67,3 +85,5 @@ def test_of_many_values_some_are_drawn():
     assert all(len(ax.get_lines()) == 7 for ax in figure.axes)
     assert figure.axes[0].get_title() == "$C$ = 0.1, $I$ = 0.1 m/s"
     assert figure.axes[-1].get_title() == "$C$ = 0.6, $I$ = 0.15 m/s"
+    without_pulses = plot_spectrum(many, "critical_intensity")
+    assert without_pulses.axes[0].get_title() == "$C$ = 0.1"

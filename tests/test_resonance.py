@@ -1,5 +1,6 @@
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -81,7 +82,48 @@ def test_restitution_of_one_overturns(model):
     assert jr.stabilized_velocity(one) == jnp.inf
     for function in (jr.rotation_ratio, jr.stabilized_rotation, jr.amplification):
         assert jnp.isnan(function(one, model))
-        assert all(jnp.isfinite(g) for g in jax.tree.leaves(jax.grad(function)(one, model)))
+
+
+def answers_without_limit(shared):
+    """Everything that is infinite or NaN without loss or without damping."""
+    loss = jnp.asarray([0.5, 0.0, 0.5, 0.0])
+    one = jr.Scene(jr.Block(shared, 5.0), 1 - loss, jnp.asarray([0.1, 0.1, 0.0, 0.0]))
+    oscillator = jr.Oscillator(6.0, shared * loss)
+    yield from (f(one) for f in (jr.rotation_ratio, jr.stabilized_period, jr.amplification))
+    yield jr.overturning_margin(one)
+    yield jr.stabilized_velocity(one)
+    yield jr.half_cycle_velocity(one, jnp.inf)
+    yield oscillator.amplification
+    yield oscillator.half_cycle_velocity(shared, jnp.inf)
+    yield jr.equivalent_damping(shared * loss)
+
+
+@pytest.mark.parametrize("index", range(9))
+def test_elements_without_limit_leave_the_derivatives_of_others_alone(index):
+    def kept(shared):
+        values = list(answers_without_limit(shared))[index]
+        return jnp.where(jnp.isfinite(values), values, 0).sum()
+
+    slope = jax.grad(kept)(0.4)
+    step = 1e-3
+    assert jnp.isfinite(slope)
+    difference = (kept(0.4 + step) - kept(0.4 - step)) / (2 * step)
+    np.testing.assert_allclose(slope, difference, rtol=0.02, atol=1e-3)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(("restitution", "number"), [(0.5, 2000), (0.99, 10**5), (0.9, 3), (1, 7)])
+def test_second_derivatives_of_many_half_cycles(restitution, number):
+    def share(c):
+        return jr.critical_intensity(jr.Block(0.4, 5.0), c, number)
+
+    second = jax.grad(jax.grad(share))(float(restitution))
+    unit = share(0.0)
+    if number < 10:
+        exact = mp.diff(lambda c: 1 / sum(c**j for j in range(number)), mp.mpf(restitution), 2)
+    else:
+        exact = mp.diff(lambda c: (1 - c) / (1 - c**number), mp.mpf(restitution), 2)
+    np.testing.assert_allclose(second / unit, float(exact), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
@@ -90,6 +132,12 @@ def test_without_pulses_nothing_moves(restitution):
     assert jr.stabilized_velocity(one) == jr.rotation_ratio(one) == jr.stabilized_period(one) == 0
     assert jr.overturning_margin(one) == 1
     assert jr.overturning_half_cycle(one) == jnp.inf
+    assert jr.half_cycle_velocity(one, jnp.inf) == 0
+    if restitution < 1:
+        expected = 1 / (1 - restitution) ** 2
+        np.testing.assert_allclose(jr.amplification(one), expected, rtol=1e-6)
+    else:
+        assert jnp.isnan(jr.amplification(one))
 
 
 @pytest.mark.parametrize("model", RUNGS, ids=repr)

@@ -5,6 +5,7 @@ import pytest
 import xarray
 
 import jaxrock as jr
+from jaxrock import spectra
 
 GRID = {
     "slenderness": np.linspace(3, 10, 8),
@@ -39,6 +40,13 @@ def test_a_grid_is_its_scenes_one_by_one():
         np.testing.assert_allclose(point.critical_intensity, critical, rtol=1e-5)
 
 
+def test_gravity_reaches_the_scenes():
+    moon = jr.resonance_spectrum(**GRID, gravity=1.62)
+    scene = jr.Scene(jr.Block(0.2, 3.0, 1.62), 0.6, 0.15)
+    np.testing.assert_allclose(moon.period[0, 0, 0], jr.stabilized_period(scene), rtol=1e-5)
+    assert moon.attrs["gravity"] == 1.62
+
+
 def test_labels():
     spectrum = jr.resonance_spectrum(**GRID)
     assert spectrum.attrs["model"] == "Linearized"
@@ -60,10 +68,20 @@ def test_an_array_of_intensities_adds_a_dimension():
 
 
 @pytest.mark.parametrize("chunk", [1, 5, 7, 16, 1000])
-def test_chunks_and_files_change_nothing(tmp_path, chunk):
+def test_chunks_and_files_change_nothing(tmp_path, monkeypatch, chunk):
     grid = GRID | {"intensity": [0.1, 0.15]}
     whole = jr.resonance_spectrum(**grid)
+    sizes = []
+
+    def counted(scene, model, evaluate=spectra._evaluate):
+        answers = evaluate(scene, model)
+        sizes.append(answers["period"].size)
+        return answers
+
+    monkeypatch.setattr(spectra, "_evaluate", counted)
     xarray.testing.assert_allclose(jr.resonance_spectrum(**grid, chunk=chunk), whole, rtol=1e-4)
+    assert max(sizes) <= chunk
+    assert sum(sizes) == whole.period.size
     path = tmp_path / "new" / "spectrum.nc"
     with jr.resonance_spectrum(**grid, chunk=chunk, store=path) as stored:
         xarray.testing.assert_allclose(stored.load(), whole, rtol=1e-4)
@@ -78,6 +96,11 @@ def test_table(tmp_path):
     with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == spectrum.period.size
+    parts = spectra._parts(spectrum, 7)
+    assert max(spectrum.isel(part).period.size for part in parts) <= 7
+    pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
+    np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
+    assert spectra.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
     for row in (rows[0], rows[-2]):
         at = {name: float(row[name]) for name in ("slenderness", "width", "restitution")}
         value = float(spectrum.period.sel(at, method="nearest"))
@@ -94,6 +117,7 @@ def test_table(tmp_path):
         ({"intensity": np.nan}, "intensity must be finite and at least 0, got nan"),
         ({"gravity": 0.0}, "gravity must be finite and greater than 0, got 0"),
         ({"chunk": 0}, "chunk must be at least 1, got 0"),
+        ({"restitution": [0.6, 0.7, 0.6]}, "restitution must not have a value twice, got 0.6"),
     ],
 )
 def test_bad_grids(wrong, message):
@@ -111,7 +135,27 @@ def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("store", ["", "."])
+def test_a_path_that_is_a_folder(tmp_path, monkeypatch, store):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=r"store must name a file, and '\.' is a folder"):
+        jr.resonance_spectrum(**GRID, store=store)
+    with pytest.raises(ValueError, match="path must name a file"):
+        jr.write_table(jr.resonance_spectrum(**GRID), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_up(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(spectra, "_evaluate", full)
+    with pytest.raises(ValueError, match=r"store: .* cannot be written to: No space left"):
+        jr.resonance_spectrum(**GRID, store=tmp_path / "new" / "spectrum.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_path_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(ValueError, match=r"folder .*file.* cannot be written to"):
+    with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "file" / "spectrum.nc")
