@@ -8,6 +8,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 
+class CannotWrite(ValueError):
+    """A folder that cannot be written to; `reason` says why."""
+
+    def __init__(self, argument: str, folder: Path, reason: object):
+        super().__init__(f"{argument}: the folder {str(folder)!r} cannot be written to: {reason}")
+        self.reason = reason
+
+
 @contextlib.contextmanager
 def written_whole(
     argument: str, folder: Path, names: Sequence[str], overwrite: bool
@@ -37,10 +45,9 @@ def written_whole(
             os.replace(scratch / name, folder / name)
         made = []
     except OSError as error:
-        reason = error.strerror or error
-        raise ValueError(
-            f"{argument}: the folder {str(folder)!r} cannot be written to: {reason}"
-        ) from error
+        raise CannotWrite(argument, folder, error.strerror or error) from error
+    except CannotWrite as error:  # from the body, which writes into the scratch folder
+        raise CannotWrite(argument, folder, error.reason) from error
     finally:
         if scratch is not None:
             shutil.rmtree(scratch)

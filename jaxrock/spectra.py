@@ -288,9 +288,25 @@ def _store(
     gravity: float,
     chunk: int,
 ) -> None:
+    try:
+        template.drop_vars(list(template)).to_netcdf(path)
+        _store_values(path, template, axes, model, gravity, chunk)
+    except RuntimeError as error:
+        if str(error).startswith("NetCDF:"):  # how it reports a full disk, among others
+            raise OSError(str(error)) from error
+        raise
+
+
+def _store_values(
+    path: Path,
+    template: "xarray.Dataset",
+    axes: Mapping[str, np.ndarray],
+    model: FreeRocking,
+    gravity: float,
+    chunk: int,
+) -> None:
     import netCDF4
 
-    template.drop_vars(list(template)).to_netcdf(path)
     with netCDF4.Dataset(path, "a") as file:
         for name, variable in template.items():
             dims = [str(dim) for dim in variable.dims]

@@ -106,6 +106,17 @@ def test_a_folder_that_cannot_be_written(capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
+    def full(*_):
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr("jaxrock.spectra._store_values", full)
+    code, _, err = run(capsys, "spectrum", "--out", tmp_path / "new", *SMALL)
+    assert code == 2
+    assert f"out: the folder {str(tmp_path / 'new')!r} cannot be written to: NetCDF" in err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_paper(capsys, tmp_path):
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper", "--json")
     assert code == 0
