@@ -32,7 +32,7 @@ def written_whole(
     """
     for path in (folder / name for name in names):
         if path.is_dir():
-            raise ValueError(f"{argument} must name a file, and {str(path)!r} is a folder")
+            raise ValueError(f"{argument}: {str(path)!r} is a folder, a file was expected")
         if path.exists() and not overwrite:
             raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
     made = [path for path in (folder, *folder.parents) if not path.exists()]
