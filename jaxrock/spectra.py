@@ -138,18 +138,22 @@ def resonance_spectrum(
     given = (slenderness, width, restitution, intensity)
     axes = {name: _axis(name, value) for name, value in zip(_AXES, given, strict=True)}
     template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, gravity)
+
+    def fill(targets: Mapping[str, Any]) -> None:
+        _fill(targets, axes, model, gravity, chunk)
+
     if store is None:
         values = {
             str(name): np.empty(variable.shape, variable.dtype)
             for name, variable in template.items()
         }
-        _fill(values, axes, model, gravity, chunk)
+        fill(values)
         return template.assign(
             {name: (template[name].dims, values[name], template[name].attrs) for name in values}
         )
     path = Path(store)
     with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
-        _store(scratch / path.name, template, axes, model, gravity, chunk)
+        _store(scratch / path.name, template, fill)
     import xarray
 
     return xarray.open_dataset(path)
@@ -281,40 +285,25 @@ def _chunks(sizes: list[int], most: int) -> Iterator[tuple[slice, ...]]:
 
 
 def _store(
-    path: Path,
-    template: "xarray.Dataset",
-    axes: Mapping[str, np.ndarray],
-    model: FreeRocking,
-    gravity: float,
-    chunk: int,
+    path: Path, template: "xarray.Dataset", fill: Callable[[Mapping[str, Any]], None]
 ) -> None:
+    """Make a NetCDF file like `template` and let `fill` put the values into its variables."""
+    import netCDF4
+
     try:
         template.drop_vars(list(template)).to_netcdf(path)
-        _store_values(path, template, axes, model, gravity, chunk)
+        with netCDF4.Dataset(path, "a") as file:
+            for name, variable in template.items():
+                dims = [str(dim) for dim in variable.dims]
+                target = file.createVariable(str(name), variable.dtype, dims, fill_value=math.nan)
+                target.setncatts(variable.attrs)
+                if "intensity" not in variable.dims:
+                    target.coordinates = "intensity"
+            fill(file.variables)
     except RuntimeError as error:
         if str(error).startswith("NetCDF:"):  # how it reports a full disk, among others
             raise OSError(str(error)) from error
         raise
-
-
-def _store_values(
-    path: Path,
-    template: "xarray.Dataset",
-    axes: Mapping[str, np.ndarray],
-    model: FreeRocking,
-    gravity: float,
-    chunk: int,
-) -> None:
-    import netCDF4
-
-    with netCDF4.Dataset(path, "a") as file:
-        for name, variable in template.items():
-            dims = [str(dim) for dim in variable.dims]
-            target = file.createVariable(str(name), variable.dtype, dims, fill_value=math.nan)
-            target.setncatts(variable.attrs)
-            if "intensity" not in variable.dims:
-                target.coordinates = "intensity"
-        _fill(file.variables, axes, model, gravity, chunk)
 
 
 def _progress(items: Any, label: str) -> Any:
