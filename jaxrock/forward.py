@@ -1,0 +1,43 @@
+"""Derivatives of what only runs forward.
+
+A loop of unknown length has a forward-mode derivative and no reverse-mode one. Here the
+Jacobian to whatever is perturbed is computed forward, once, and then applied: a linear map,
+which both modes can use.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+
+
+def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give `function` derivatives in both modes, at the cost of one a perturbed number.
+
+    Its positional arguments are differentiated, its keyword arguments are not.
+    """
+    wrapped = eqx.filter_custom_jvp(function)
+
+    @wrapped.def_jvp
+    def _(primals: Any, tangents: Any, **options: Any) -> tuple[Any, Any]:
+        perturbed = jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
+        moving, fixed = eqx.partition(primals, perturbed)
+        numbers, unravel = ravel_pytree(moving)
+        direction, _ = ravel_pytree(tangents)
+
+        def run(numbers: Any) -> Any:
+            result = function(*eqx.combine(unravel(numbers), fixed), **options)
+            return eqx.partition(result, eqx.is_inexact_array)
+
+        def along(basis: Any) -> Any:
+            return jax.jvp(run, (numbers,), (basis,), has_aux=True)
+
+        eye = jnp.eye(numbers.size, dtype=numbers.dtype)
+        values, jacobian, rest = jax.vmap(along, out_axes=(None, 0, None))(eye)
+        applied = jax.tree.map(lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian)
+        return eqx.combine(values, rest), applied
+
+    return wrapped

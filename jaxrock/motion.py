@@ -1,0 +1,377 @@
+"""Ground motions: pulses of the shapes in the literature, and records.
+
+The sign is the paper's (Eq. 1): a positive acceleration pushes the block to positive
+rotations. Most of the literature has it the other way round.
+
+A motion is zero before its start and after its end, and in between is smooth from one
+kink to the next. The integrators ask for a motion through `value`, which continues what is
+inside over both ends, so that none of their steps ever sees a jump.
+"""
+
+import abc
+import math
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .arguments import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Booleans,
+    Checked,
+    Number,
+    Reals,
+    as_real,
+    check,
+    quantity,
+)
+
+
+class Motion(Checked):
+    """What all ground motions have in common; see `Rectangular`, ..., `Ricker`, `Record`."""
+
+    name: ClassVar[str]
+
+    start: eqx.AbstractVar[Reals]
+
+    @property
+    @abc.abstractmethod
+    def end(self) -> Reals:
+        """Time from which on the ground is at rest [s]."""
+
+    @property
+    @abc.abstractmethod
+    def intensity(self) -> Reals:
+        """The change of the ground velocity, the integral of the acceleration [m/s]."""
+
+    @abc.abstractmethod
+    def value(self, time: Reals) -> tuple[Reals, Reals]:
+        """Horizontal and vertical acceleration [m/s2], continued beyond start and end."""
+
+    @abc.abstractmethod
+    def knots(self) -> Float[Array, " knots"]:
+        """Times from start to end between which the horizontal acceleration is monotone."""
+
+    @abc.abstractmethod
+    def next_kink(self, time: Reals) -> Reals:
+        """The next time inside at which the acceleration has a kink; inf if there is none."""
+
+    @abc.abstractmethod
+    def scaled(self, factor: Number) -> "Motion":
+        """The same motion, `factor` times as strong."""
+
+    def shifted(self, delay: Number) -> "Motion":
+        """The same motion, beginning `delay` [s] later.
+
+        Raises
+        ------
+        ValueError
+            If it would begin before time 0.
+        """
+        start = self.start + as_real("delay", delay)
+        check("start", start, NON_NEGATIVE)
+        return eqx.tree_at(lambda motion: motion.start, self, start)
+
+    def horizontal(self, time: Number) -> Reals:
+        """Horizontal acceleration of the ground at a time [s], in m/s2; 0 outside."""
+        return self._within(time)[0]
+
+    def upward(self, time: Number) -> Reals:
+        """Vertical acceleration of the ground at a time [s], in m/s2, upward; 0 outside."""
+        return self._within(time)[1]
+
+    def acts(self, time: Reals) -> Booleans:
+        """Whether a time is from the start on and before the end."""
+        return (time >= self.start) & (time < self.end)
+
+    def _within(self, time: Number) -> tuple[Reals, Reals]:
+        time = as_real("time", time)
+        acts = self.acts(time)
+        inside = jnp.where(acts, time, self.start)
+        return jax.tree.map(lambda a: jnp.where(acts, a, 0), self.value(inside))
+
+
+class Pulse(Motion):
+    """A single pulse of a given shape.
+
+    Parameters
+    ----------
+    amplitude : array_like
+        a_p, largest acceleration [m/s2], finite; negative for a pulse to the other side.
+    duration : array_like
+        Duration [s], greater than 0.
+    start : array_like, optional
+        Time at which it begins [s], at least 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed.
+    """
+
+    amplitude: Reals = quantity(FINITE)
+    duration: Reals = quantity(POSITIVE)
+    start: Reals = quantity(NON_NEGATIVE)
+
+    # Where the acceleration turns, in durations from the start; the last one is the end.
+    turns: ClassVar[tuple[float, ...]]
+    # Intensity over amplitude and duration.
+    area: ClassVar[float]
+    # Angular frequency times duration.
+    angle: ClassVar[float]
+
+    def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
+        self.amplitude = as_real("amplitude", amplitude)
+        self.duration = as_real("duration", duration)
+        self.start = as_real("start", start)
+
+    @staticmethod
+    @abc.abstractmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude, at a time counted in durations from the start."""
+
+    @property
+    def end(self) -> Reals:
+        """Time from which on the ground is at rest [s]."""
+        return self.start + self.turns[-1] * self.duration
+
+    @property
+    def intensity(self) -> Reals:
+        """I, the change of the ground velocity [m/s]."""
+        return self.area * self.amplitude * self.duration
+
+    @property
+    def frequency(self) -> Reals:
+        """omega_p, the pulse's angular frequency in the literature [rad/s]."""
+        return self.angle / self.duration
+
+    def value(self, time: Reals) -> tuple[Reals, Reals]:
+        """Horizontal and vertical acceleration [m/s2], continued beyond start and end."""
+        horizontal = self.amplitude * self.shape((time - self.start) / self.duration)
+        return horizontal, jnp.zeros_like(horizontal)
+
+    def knots(self) -> Float[Array, " knots"]:
+        """Times from start to end between which the acceleration is monotone."""
+        return self.start + self.duration * jnp.asarray(self.turns, self.duration.dtype)
+
+    def next_kink(self, time: Reals) -> Reals:
+        """The next kink inside: inf, a pulse has none."""
+        return jnp.full_like(time, jnp.inf)
+
+    def scaled(self, factor: Number) -> "Pulse":
+        """The same pulse, `factor` times as strong."""
+        factor = as_real("factor", factor)
+        check("factor", factor, FINITE)
+        return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
+
+
+class Rectangular(Pulse):
+    """Rectangular pulse: constant acceleration; see `Pulse` for the parameters.
+
+    Intensity ``a_p duration``; angular frequency pi / duration, as for half a period.
+    """
+
+    name = "rectangular pulse"
+    turns = (0.0, 1.0)
+    area = 1.0
+    angle = math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.ones_like(phase)
+
+
+class HalfSine(Pulse):
+    """Half-sine pulse: half a period of a sine; see `Pulse` for the parameters.
+
+    Intensity ``2 a_p duration / pi``; angular frequency pi / duration.
+    """
+
+    name = "half-sine pulse"
+    turns = (0.0, 0.5, 1.0)
+    area = 2 / math.pi
+    angle = math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.sin(math.pi * phase)
+
+
+class Sine(Pulse):
+    """One-sine pulse (type A, a forward pulse of velocity); see `Pulse` for the parameters.
+
+    A full period of a sine, so that its intensity is 0; angular frequency 2 pi / duration.
+    """
+
+    name = "one-sine pulse"
+    turns = (0.0, 0.25, 0.75, 1.0)
+    area = 0.0
+    angle = 2 * math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.sin(2 * math.pi * phase)
+
+
+class Cosine(Pulse):
+    """One-cosine pulse (type B, forward and back); see `Pulse` for the parameters.
+
+    A full period of a cosine, so that its intensity is 0; angular frequency 2 pi /
+    duration.
+    """
+
+    name = "one-cosine pulse"
+    turns = (0.0, 0.5, 1.0)
+    area = 0.0
+    angle = 2 * math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.cos(2 * math.pi * phase)
+
+
+class Ricker(Pulse):
+    """Symmetric Ricker wavelet; see `Pulse` for the parameters.
+
+    ``a_p (1 - 2 pi^2 x^2) exp(-pi^2 x^2)`` with x = time / duration - 2, cut off two
+    durations before and after its peak, where it is 1e-15 of it. The duration is T_p, the
+    period at which its Fourier spectrum is largest; it acts for four of them. Intensity 0;
+    angular frequency 2 pi / duration.
+    """
+
+    name = "symmetric Ricker wavelet"
+    turns = (0.0, 2 - math.sqrt(1.5) / math.pi, 2.0, 2 + math.sqrt(1.5) / math.pi, 4.0)
+    area = 0.0
+    angle = 2 * math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        square = (math.pi * (phase - 2)) ** 2
+        return (1 - 2 * square) * jnp.exp(-square)
+
+
+class Record(Motion):
+    """A recorded ground motion, linear between samples.
+
+    Parameters
+    ----------
+    acceleration : array_like, shape (..., samples)
+        Horizontal acceleration [m/s2], finite, at least two samples.
+    time_step : array_like
+        Time from one sample to the next [s], greater than 0.
+    vertical : array_like, shape (..., samples), optional
+        Vertical acceleration [m/s2], upward, of as many samples.
+    scale : array_like, optional
+        Factor on both. What is differentiated to it costs one derivative; to the samples,
+        as many as there are.
+    start : array_like, optional
+        Time of the first sample [s], at least 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed, or if the numbers of samples
+        differ or are less than two.
+    """
+
+    acceleration: Reals = quantity(FINITE)
+    time_step: Reals = quantity(POSITIVE)
+    vertical: Reals | None
+    scale: Reals = quantity(FINITE)
+    start: Reals = quantity(NON_NEGATIVE)
+
+    name = "record"
+
+    def __init__(
+        self,
+        acceleration: Number,
+        time_step: Number,
+        vertical: Number | None = None,
+        scale: Number = 1.0,
+        start: Number = 0.0,
+    ):
+        self.acceleration = as_real("acceleration", acceleration)
+        self.time_step = as_real("time_step", time_step)
+        self.vertical = None if vertical is None else as_real("vertical", vertical)
+        self.scale = as_real("scale", scale)
+        self.start = as_real("start", start)
+        if self.acceleration.ndim == 0 or self.samples < 2:
+            raise ValueError(
+                "acceleration must have at least two samples, got an array of shape"
+                f" {self.acceleration.shape}"
+            )
+        if self.vertical is not None:
+            check("vertical", self.vertical, FINITE)
+            if self.vertical.ndim == 0 or self.vertical.shape[-1] != self.samples:
+                raise ValueError(
+                    f"vertical must have as many samples as acceleration, {self.samples},"
+                    f" got an array of shape {self.vertical.shape}"
+                )
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.acceleration.shape[-1]
+
+    @property
+    def end(self) -> Reals:
+        """Time of the last sample, from which on the ground is at rest [s]."""
+        return self.start + (self.samples - 1) * self.time_step
+
+    @property
+    def intensity(self) -> Reals:
+        """I, the change of the ground velocity [m/s]."""
+        a = self.acceleration
+        total = a.sum(axis=-1) - 0.5 * (a[..., 0] + a[..., -1])
+        return self.scale * total * self.time_step
+
+    def value(self, time: Reals) -> tuple[Reals, Reals]:
+        """Horizontal and vertical acceleration [m/s2], continued beyond start and end."""
+        position = (time - self.start) / self.time_step
+        index = jnp.clip(jnp.floor(position), 0, self.samples - 2)
+        along = position - index
+        index = jax.lax.stop_gradient(index).astype(int)
+        horizontal = self.scale * _between(self.acceleration, index, along)
+        if self.vertical is None:
+            return horizontal, jnp.zeros_like(horizontal)
+        return horizontal, self.scale * _between(self.vertical, index, along)
+
+    def knots(self) -> Float[Array, " knots"]:
+        """The times of the samples."""
+        return self.start + self.time_step * jnp.arange(self.samples, dtype=self.time_step.dtype)
+
+    def next_kink(self, time: Reals) -> Reals:
+        """The time of the next sample, inf beyond the last one.
+
+        A time within rounding of a sample counts as that sample.
+        """
+        position = (time - self.start) / self.time_step
+        near = 4 * self.samples * jnp.finfo(position.dtype).eps
+        index = jnp.maximum(jnp.floor(position + near) + 1, 0)
+        kink = self.start + index * self.time_step
+        return jnp.where(index < self.samples, kink, jnp.inf)
+
+    def scaled(self, factor: Number) -> "Record":
+        """The same record, both components `factor` times as strong."""
+        factor = as_real("factor", factor)
+        check("factor", factor, FINITE)
+        return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
+
+
+def _between(samples: Reals, index: Array, along: Reals) -> Reals:
+    """Linear interpolation in the last axis; leading axes broadcast with those of `index`."""
+    shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
+    samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
+    index = jnp.broadcast_to(index, shape)[..., None]
+    left = jnp.take_along_axis(samples, index, axis=-1)[..., 0]
+    right = jnp.take_along_axis(samples, index + 1, axis=-1)[..., 0]
+    return left + along * (right - left)

@@ -1,0 +1,681 @@
+"""Driven motion, adaptively: any ground motion, through every impact.
+
+The motion is cut where it has a corner: at uplift, at every impact, at every turn from
+rising to falling and back, and at the ends of the input. Between two cuts the lean is
+monotone, and one `diffrax.diffeqsolve` with an event goes from cut to cut, in a time of its
+own, so that the smallest bounce keeps all its digits.
+"""
+
+import enum
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from .arguments import (
+    FINITE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Number,
+    Reals,
+    as_real,
+    check,
+)
+from .block import Block
+from .equation import Equation
+from .forward import through_jacobian
+from .motion import Motion
+
+REST, RISING, FALLING, OVER = range(4)
+_MAX_STEPS = 2**20
+_MAX_CUTS = 2**22
+
+
+class Status(enum.IntEnum):
+    """How a computation ended."""
+
+    COMPLETE = 0  # nothing ran out
+    LIST_FULL = 1  # all is right, but not all impacts are listed
+    STOPPED = 2  # the integrator ran out of steps, or could not go on
+    INVALID = 3  # an argument was outside of what is allowed
+
+
+class Response(eqx.Module):
+    """What a block did under a ground motion; see `respond`.
+
+    Attributes
+    ----------
+    final_rotation, final_velocity : Array
+        alpha [rad] and its rate [rad/s] at the end of the duration.
+    peak_rotation, peak_time : Array
+        Largest abs(alpha) [rad], at most pi / 2, and when [s].
+    overturned : Array of bool
+        Whether it falls: by reaching pi / 2, or by energy once the input has ended (or the
+        duration, if that is shorter, as if the input ended there).
+    overturning_time : Array
+        When it passed the critical angle for the last time [s]; NaN if it stands, or if that
+        comes after the duration.
+    margin : Array
+        `fate_margin` at the end of the input: negative where the block falls.
+    impacts : Array of int
+        Number of impacts.
+    impact_times, impact_velocities : Array, shape (impacts,)
+        When [s], and the angular velocity just before [rad/s], signed as alpha is. Under a
+        transformation the shape is (`listed`,), filled up with NaN.
+    at_rest : Array of bool
+        Whether it rests on the ground at the end of the duration.
+    friction_demand, normal_force : Array
+        Largest ratio of horizontal to normal force at the base, and smallest normal force
+        over weight, at rest and in every step of the motion. A negative normal force means
+        that the block would have left the ground: the model is broken there.
+    status : Array of int
+        A `Status`; other than 0 or 1, the answers are NaN.
+    """
+
+    final_rotation: Reals
+    final_velocity: Reals
+    peak_rotation: Reals
+    peak_time: Reals
+    overturned: Booleans
+    overturning_time: Reals
+    margin: Reals
+    impacts: Int[Array, "..."]
+    impact_times: Reals
+    impact_velocities: Reals
+    at_rest: Booleans
+    friction_demand: Reals
+    normal_force: Reals
+    status: Int[Array, "..."]
+    cuts: "Cuts"
+    scene: "Driven"
+
+
+class Driven(eqx.Module):
+    """All that a driven motion depends on."""
+
+    block: Block
+    restitution: Reals
+    motion: Motion
+    duration: Reals
+    rotation: Reals
+    velocity: Reals
+
+
+class Cuts(eqx.Module):
+    """The state after every cut, in the order of time; NaN where there is none."""
+
+    time: Reals
+    side: Reals
+    lean: Reals
+    speed: Reals
+
+
+class _Carry(NamedTuple):
+    time: Any
+    side: Any
+    lean: Any
+    speed: Any
+    phase: Any
+    count: Any  # cuts
+    impacts: Any
+    peak: Any
+    peak_time: Any
+    crossing: Any
+    margin: Any
+    demand: Any
+    normal: Any
+    failed: Any
+    impact_times: Any
+    impact_velocities: Any
+    cuts: Any
+
+
+def _pacing() -> Any:
+    """The class of the step-size controller; made on first use, since diffrax loads slowly."""
+    import diffrax
+
+    class Pace(diffrax.AbstractStepSizeController):
+        """Diffrax's controller, stepping to every kink and over at most one turn."""
+
+        controller: diffrax.PIDController
+
+        def wrap(self, direction: Any) -> Any:
+            return self
+
+        def init(
+            self,
+            terms: Any,
+            t0: Any,
+            t1: Any,
+            y0: Any,
+            dt0: Any,
+            args: Any,
+            func: Any,
+            error_order: Any,
+        ) -> Any:
+            end, inner = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
+            demand, normal = args.forces(t0, y0)
+            state = (inner, end - t0, demand, normal)
+            return self._limit(t0, end, y0, args), state
+
+        def adapt_step_size(
+            self,
+            t0: Any,
+            t1: Any,
+            y0: Any,
+            y1_candidate: Any,
+            args: Any,
+            y_error: Any,
+            error_order: Any,
+            controller_state: Any,
+        ) -> Any:
+            inner, wish, demand, normal = controller_state
+            keep, start, end, jump, inner, result = self.controller.adapt_step_size(
+                t0, t1, y0, y1_candidate, args, y_error, error_order, inner
+            )
+            # A step cut short says nothing against the length wished for before.
+            step = jnp.where(keep, jnp.maximum(end - start, wish), end - start)
+            y = jnp.where(keep, y1_candidate, y0)
+            now, force = args.forces(start, y)
+            inside = keep & (y[0] >= 0)
+            demand = jnp.where(inside, jnp.maximum(demand, now), demand)
+            normal = jnp.where(inside, jnp.minimum(normal, force), normal)
+            end = self._limit(start, start + step, y, args)
+            wish = jnp.where(keep, step, 0)
+            return keep, start, end, jump, (inner, wish, demand, normal), result
+
+        def _limit(self, start: Any, end: Any, y: Any, args: Any) -> Any:
+            acceleration = args.field(start, y)[1]
+            slowing = y[1] * acceleration < 0
+            brake = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
+            end = jnp.where(slowing, jnp.minimum(end, start + brake), end)
+            kink = args.motion.next_kink(args.origin + start) - args.origin
+            end = jnp.where(kink > start, jnp.minimum(end, kink), end)
+            return jax.lax.stop_gradient(end)
+
+    return Pace
+
+
+class _Span(eqx.Module):
+    """The equation of motion on one side, in a time counted from `origin`."""
+
+    equation: Equation
+    motion: Motion
+    origin: Reals
+    side: Reals
+    acts: Booleans
+    rising: Booleans
+    crossed: Booleans  # starts beyond the critical angle
+    grace: Reals  # time in which nothing ends the span
+
+    def ground(self, time: Reals) -> tuple[Reals, Reals]:
+        horizontal, vertical = self.motion.value(self.origin + time)
+        over_g = jnp.where(self.acts, 1 / self.equation.gravity, 0)
+        return self.side * horizontal * over_g, vertical * over_g
+
+    def field(self, time: Reals, y: Reals) -> Reals:
+        return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
+
+    def forces(self, time: Reals, y: Reals) -> tuple[Reals, Reals]:
+        """Friction demand and normal force over weight, from the acceleration of the centre."""
+        push, lift = self.ground(time)
+        equation = self.equation
+        rate = equation.acceleration(y[0], push, lift)
+        sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
+        radius_over_g = 0.75 / equation.square
+        horizontal = radius_over_g * (cosine * rate + sine * y[1] ** 2) - push
+        normal = 1 + lift + radius_over_g * (sine * rate - cosine * y[1] ** 2)
+        demand = jnp.where(
+            normal > 0, jnp.abs(horizontal) / jnp.where(normal > 0, normal, 1), jnp.inf
+        )
+        return demand, normal
+
+    def ends(self, y: Reals) -> Reals:
+        """What is positive until the span ends, for each way it can end."""
+        angle = self.equation.critical_angle
+        lean, speed = y[0] / angle, y[1] / (jnp.sqrt(self.equation.square) * angle)
+        top = jnp.where(self.rising, 0.5 * jnp.pi / angle - lean, lean)
+        crossing = jnp.where(self.rising & ~self.crossed, 1 - lean, jnp.inf)
+        return jnp.stack([jnp.where(self.rising, speed, -speed), top, crossing])
+
+
+def _until_cut(t: Reals, y: Reals, args: _Span, **_: Any) -> Reals:
+    # Positive at the start by decree: there the span has just begun, whatever rounding says.
+    return jnp.where(t > args.grace, args.ends(y).min(), 1)
+
+
+def _solve(span: _Span, length: Reals, y: Reals, rtol: Reals, atol: Reals) -> Any:
+    """From a cut to the next: time, state, which end (3: none), friction, normal, success."""
+    import diffrax
+    import optimistix
+
+    class Halving(optimistix.Bisection):
+        """Bisection until the interval cannot be told from a point."""
+
+        def terminate(
+            self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any
+        ) -> Any:
+            width = jnp.abs(state.upper - state.lower)
+            eps = jnp.finfo(y.dtype).eps
+            small = width <= 2 * eps * jnp.maximum(jnp.abs(y), jnp.finfo(y.dtype).tiny / eps)
+            return small, optimistix.RESULTS.successful
+
+    eps = jnp.finfo(y.dtype).eps
+    Pace = _pacing()
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(lambda t, y, args: args.field(t, y)),
+        diffrax.Tsit5(),
+        jnp.zeros_like(length),
+        length,
+        _first_step(span, length, y),
+        y,
+        span,
+        saveat=diffrax.SaveAt(t1=True, controller_state=True),
+        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol)),
+        event=diffrax.Event(
+            _until_cut, Halving(rtol=float(eps), atol=0.0, flip=True), direction=False
+        ),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=_MAX_STEPS,
+        throw=False,
+    )
+    assert solution.ts is not None and solution.ys is not None
+    y = solution.ys[0]
+    happened = jnp.asarray(solution.event_mask)
+    which = jnp.where(happened, jnp.argmin(span.ends(y)), 3)
+    _, _, demand, normal = solution.controller_state
+    fine = diffrax.is_successful(solution.result) | diffrax.is_event(solution.result)
+    return solution.ts[0], y, which, demand, normal, fine
+
+
+def _first_step(span: _Span, length: Reals, y: Reals) -> Reals:
+    """A quarter of the arc, or what leaves the acceleration its sign."""
+    step = jnp.minimum(length, 0.05 / jnp.sqrt(span.equation.square))
+    kink = span.motion.next_kink(span.origin) - span.origin
+    step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
+    here, there = span.field(jnp.zeros_like(step), y)[1], span.field(step, y)[1]
+    flips = (here * there < 0) & (span.grace == 0)
+    share = here / jnp.where(flips, here - there, 1)
+    step = jnp.where(flips, 0.5 * share * step, step)
+    strongest = jnp.maximum(jnp.abs(here), jnp.abs(there))
+    quarter = 0.5 * jnp.abs(y[1]) / jnp.where(strongest > 0, strongest, 1)
+    step = jnp.where((strongest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
+    return jax.lax.stop_gradient(step)
+
+
+@through_jacobian
+def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: int) -> Response:
+    dtype = driven.duration.dtype
+    driven, valid = _valid(driven)
+    motion, duration = driven.motion, driven.duration
+    equation = Equation.of(driven.block, linearized)
+    rate = jnp.sqrt(equation.square)
+    input_end = jnp.minimum(motion.end, duration)
+    knots = motion.knots()
+
+    def span_at(c: _Carry) -> _Span:
+        return _Span(
+            equation,
+            motion,
+            c.time,
+            c.side,
+            motion.acts(c.time),
+            c.phase == RISING,
+            c.lean >= equation.critical_angle,
+            # A block that is just being lifted has an acceleration of 0, up to rounding.
+            jnp.where((c.lean == 0) & (c.speed == 0), 1e-6 / rate, 0),
+        )
+
+    def stop_after(time: Any) -> Any:
+        edges = jnp.stack([motion.start, motion.end, duration])
+        return jnp.where(edges > time, edges, jnp.inf).min()
+
+    def at_rest(c: _Carry) -> _Carry:
+        """Wait for the input to lift the block, or for the next edge of the input."""
+        stop = stop_after(c.time)
+        found, time, side = _uplift(equation, motion, knots, c.time, stop)
+        found = found & motion.acts(c.time)
+        until = jnp.where(found, time, stop)
+        waiting = jnp.clip(knots, c.time, until)
+        demand, normal = jax.vmap(
+            lambda t: span_at(c._replace(time=t)).forces(jnp.zeros_like(t), jnp.zeros(2, dtype))
+        )(waiting)
+        # A block at rest is held by the ground: only what the ground gives counts.
+        horizontal, vertical = jax.vmap(motion.value)(waiting)
+        normal = jnp.where(motion.acts(c.time), 1 + vertical / equation.gravity, 1)
+        demand = jnp.where(
+            motion.acts(c.time),
+            jnp.abs(horizontal) / equation.gravity / jnp.where(normal > 0, normal, 1),
+            0,
+        )
+        demand = jnp.where(normal > 0, demand, jnp.where(motion.acts(c.time), jnp.inf, 0))
+        return c._replace(
+            time=until,
+            side=jnp.where(found, side, c.side),
+            phase=jnp.where(found, RISING, REST),
+            demand=jnp.maximum(c.demand, demand.max()),
+            normal=jnp.minimum(c.normal, normal.min()),
+        )
+
+    def moving(c: _Carry) -> _Carry:
+        """From a cut to the next."""
+        stop = stop_after(c.time)
+        span = span_at(c)
+        length = stop - c.time
+        tau, y, which, demand, normal, fine = _solve(
+            span, length, jnp.stack([c.lean, c.speed]), rtol, atol
+        )
+        rising = c.phase == RISING
+        ended = which == 3
+        time = jnp.where(ended, stop, c.time + tau)
+        lean, speed = y[0], y[1]
+        turned = which == 0
+        crossing = rising & (which == 2)
+        over = rising & (which == 1)
+        landed = ~rising & (which == 1)
+        speed = jnp.where(turned, 0, speed)
+        lean = jnp.where(turned, jnp.maximum(lean, 0), lean)
+        lean = jnp.where(crossing, equation.critical_angle, lean)
+        lean = jnp.where(over, 0.5 * jnp.pi, lean)
+        higher = lean > c.peak
+        phase = jnp.where(turned, jnp.where(rising, FALLING, RISING), c.phase)
+        phase = jnp.where(over, OVER, phase)
+
+        # Impact: the block goes on to the other side with what restitution leaves.
+        arriving = -speed
+        leaving = jnp.where(landed, driven.restitution * arriving, 0)
+        here = span_at(c._replace(time=time, side=-c.side, lean=jnp.zeros_like(lean)))
+        onward = here.field(jnp.zeros_like(time), jnp.stack([jnp.zeros_like(time), leaving]))[1]
+        held = onward < 0
+        lost = (1 - driven.restitution) * jnp.where(held, -onward, 1)
+        bounces = 2 * leaving * rate  # time that all further bounces take, times p and `lost`
+        rests = landed & held & (bounces <= 1e-3 * rtol * lost)
+        after_demand, after_normal = here.forces(
+            jnp.zeros_like(time), jnp.stack([jnp.zeros_like(time), leaving])
+        )
+        index = jnp.where(landed, c.impacts, listed)
+        return c._replace(
+            time=time,
+            side=jnp.where(landed, -c.side, c.side),
+            lean=jnp.where(landed, 0, lean),
+            speed=jnp.where(rests, 0, jnp.where(landed, leaving, speed)),
+            phase=jnp.where(landed, jnp.where(rests, REST, RISING), phase),
+            impacts=c.impacts + landed,
+            peak=jnp.where(higher, lean, c.peak),
+            peak_time=jnp.where(higher, time, c.peak_time),
+            crossing=jnp.where(crossing, time, c.crossing),
+            demand=jnp.maximum(
+                jnp.maximum(c.demand, demand), jnp.where(landed & ~rests, after_demand, 0)
+            ),
+            normal=jnp.minimum(
+                jnp.minimum(c.normal, normal), jnp.where(landed & ~rests, after_normal, jnp.inf)
+            ),
+            failed=c.failed | ~fine,
+            impact_times=c.impact_times.at[index].set(time, mode="drop"),
+            impact_velocities=c.impact_velocities.at[index].set(-c.side * arriving, mode="drop"),
+        )
+
+    def turn_first(c: _Carry) -> _Carry:
+        """A state whose next move is not that of its phase, after an edge of the input."""
+        rate = span_at(c).field(jnp.zeros_like(c.time), jnp.stack([c.lean, c.speed]))[1]
+        still = c.speed == 0
+        phase = jnp.where(still & (rate < 0), jnp.where(c.lean > 0, FALLING, REST), c.phase)
+        phase = jnp.where(still & (rate > 0), RISING, phase)
+        return c._replace(phase=phase)
+
+    def step(c: _Carry) -> _Carry:
+        before = c
+        c = jax.lax.cond(c.phase == REST, at_rest, turn_first, c)
+        c = jax.lax.cond((c.phase == REST) | (c.phase == OVER), lambda c: c, moving, c)
+        # The fate is read where the input ends.
+        now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
+        margin = _margin(equation, driven.restitution, c.lean, c.speed)
+        fresh = _Cuts_at(c)
+        cuts = jax.tree.map(
+            lambda kept, new: kept.at[c.count].set(new, mode="drop"), before.cuts, fresh
+        )
+        return c._replace(margin=jnp.where(now, margin, c.margin), count=c.count + 1, cuts=cuts)
+
+    def goes_on(c: _Carry) -> Any:
+        return (c.time < duration) & (c.phase != OVER) & ~c.failed & (c.count < _MAX_CUTS)
+
+    # The initial state, on the side on which it leans or to which it moves.
+    zero = jnp.zeros((), dtype)
+    towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
+    side = jnp.where(towards < 0, -1, 1).astype(dtype)
+    lean, speed = side * driven.rotation, side * driven.velocity
+    phase = jnp.where(speed < 0, FALLING, RISING)
+    phase = jnp.where((lean == 0) & (speed == 0), REST, phase)
+    first = _Carry(
+        time=zero,
+        side=side,
+        lean=lean,
+        speed=speed,
+        phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
+        count=jnp.zeros((), int),
+        impacts=jnp.zeros((), int),
+        peak=lean,
+        peak_time=zero,
+        crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
+        margin=_margin(equation, driven.restitution, lean, speed),
+        demand=zero,
+        normal=zero + jnp.inf,
+        failed=~valid,
+        impact_times=jnp.full(listed, jnp.nan, dtype),
+        impact_velocities=jnp.full(listed, jnp.nan, dtype),
+        cuts=Cuts(*(jnp.full(4 * listed, jnp.nan, dtype),) * 4),
+    )
+    cuts = jax.tree.map(lambda kept, new: kept.at[0].set(new), first.cuts, _Cuts_at(first))
+    last = jax.lax.while_loop(
+        goes_on, step, first._replace(cuts=cuts, count=jnp.ones((), int))
+    )
+
+    broken = (last.failed & valid) | (last.count >= _MAX_CUTS)
+    full = (last.impacts > listed) | (last.count > 4 * listed)
+    status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, Status.COMPLETE))
+    status = jnp.where(valid, status, Status.INVALID)
+    good = valid & ~broken
+
+    def known(value: Any) -> Any:
+        return jnp.where(good, value, jnp.nan)
+
+    overturned = good & ((last.phase == OVER) | (last.margin < 0))
+    return Response(
+        final_rotation=known(last.side * last.lean),
+        final_velocity=known(last.side * last.speed),
+        peak_rotation=known(last.peak),
+        peak_time=known(last.peak_time),
+        overturned=overturned,
+        overturning_time=jnp.where(overturned, last.crossing, jnp.nan),
+        margin=known(last.margin),
+        impacts=last.impacts,
+        impact_times=last.impact_times,
+        impact_velocities=last.impact_velocities,
+        at_rest=good & (last.phase == REST),
+        friction_demand=known(last.demand),
+        normal_force=known(last.normal),
+        status=status,
+        cuts=last.cuts,
+        scene=driven,
+    )
+
+
+def _Cuts_at(c: _Carry) -> Cuts:
+    return Cuts(c.time, c.side, c.lean, c.speed)
+
+
+def _margin(equation: Equation, restitution: Any, lean: Any, speed: Any) -> Any:
+    critical = equation.critical_velocity
+    here = (equation.returning_speed(lean) - speed) / critical
+    return jnp.minimum(here, 1 - restitution * equation.landing_speed(lean, speed) / critical)
+
+
+def _uplift(
+    equation: Equation, motion: Motion, knots: Any, time: Any, stop: Any
+) -> tuple[Any, Any, Any]:
+    """Whether, when and to which side the input lifts a block that rests at `time`."""
+    import optimistix
+
+    def excess(t: Any, side: Any) -> Any:
+        horizontal, vertical = motion.value(t)
+        return equation.lifting(side * horizontal / equation.gravity, vertical / equation.gravity)
+
+    sides = jnp.asarray([1.0, -1.0], knots.dtype)
+    later = (knots > time) & (knots <= motion.end)
+    at_knots = jax.vmap(lambda side: jax.vmap(lambda t: excess(t, side))(knots))(sides)
+    lifted = (at_knots > 0).any(axis=0) & later
+    found = lifted.any()
+    index = jnp.argmax(lifted)
+    side = jnp.where(at_knots[0, index] > 0, 1, -1).astype(knots.dtype)
+    upper = knots[index]
+    lower = jnp.maximum(time, knots[jnp.maximum(index - 1, 0)])
+    now = jnp.stack([excess(time, s) for s in sides]) > 0
+    at_once = now.any()
+    bracketed = found & (excess(lower, side) < 0) & ~at_once
+    eps = float(jnp.finfo(knots.dtype).eps)
+    root = optimistix.root_find(
+        lambda t, _: jnp.where(bracketed, excess(t, side), t - lower - 0.5 * (upper - lower)),
+        optimistix.Newton(rtol=4 * eps, atol=4 * eps),
+        lower + 0.5 * (upper - lower),
+        options={"lower": lower, "upper": upper},
+        max_steps=64,
+        throw=False,
+    ).value
+    when = jnp.where(bracketed, root, lower)
+    when = jnp.where(at_once, time, when)
+    side = jnp.where(at_once, jnp.where(now[0], sides[0], sides[1]), side)
+    return (found | at_once) & (when < stop), when, side
+
+
+def _valid(driven: Driven) -> tuple[Driven, Any]:
+    """The scene with stand-ins for what is not allowed, and whether all is."""
+    from .arguments import _module_within, _within
+
+    block, valid = _module_within(driven.block)
+    restitution, ok = _within(driven.restitution, UNIT_INTERVAL)
+    duration, long = _within(driven.duration, POSITIVE)
+    motion, moves = _module_within(driven.motion)
+    rotation, there = _within(driven.rotation, FINITE)
+    velocity, going = _within(driven.velocity, FINITE)
+    valid = valid & ok & long & jnp.all(moves) & there & going
+    return Driven(block, restitution, motion, duration, rotation, velocity), valid
+
+
+@eqx.filter_jit
+def _compiled(
+    driven: Driven, rtol: float, atol: float, linearized: bool, listed: int
+) -> Response:
+    return _run(driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed)
+
+
+def respond(
+    block: Block,
+    restitution: Number,
+    motion: Motion,
+    duration: Number,
+    *,
+    rotation: Number = 0.0,
+    velocity: Number = 0.0,
+    rtol: float | None = None,
+    atol: float | None = None,
+    linearized: bool = False,
+    listed: int = 4096,
+) -> Response:
+    """Response of one block to a ground motion, through every impact.
+
+    Parameters
+    ----------
+    block : Block
+        One block; `respond_batch` and `jax.vmap` take many.
+    restitution : float
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    motion : Motion
+        A pulse or a `Record`.
+    duration : float
+        Time to follow the block for [s], greater than 0.
+    rotation, velocity : float, optional
+        Initial rotation [rad] and angular velocity [rad/s]; at rest by default.
+    rtol, atol : float, optional
+        Tolerances of each integration step, relative, and absolute in rad and rad/s. By
+        default 1e-8 (1e-5 in float32), and 1e-9 of the relative one: small bounces are
+        followed as exactly as large ones.
+    linearized : bool
+        Linearize the equation of motion, in the form of the literature (``ground / g``
+        instead of ``ground cos(alpha_c) / g``).
+    listed : int
+        Most impacts whose time and velocity are kept under `jit`, `vmap` and derivatives.
+        Outside of them all are.
+
+    Returns
+    -------
+    Response
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed or not scalar, or if the
+        precision cannot deliver the tolerance. Traced values outside give NaN and
+        `Status.INVALID`.
+
+    Notes
+    -----
+    Eq. 1, by diffrax's Tsit5. Derivatives, in both modes, cost one forward derivative a
+    perturbed number.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.2, slenderness=5.0)
+    >>> pulse = jr.Sine(amplitude=3.0, duration=0.8)
+    >>> response = jr.respond(block, 0.9, pulse, duration=5.0, rtol=1e-5)
+    >>> print(bool(response.overturned), int(response.status))
+    False 0
+    """
+    given = {
+        "restitution": (restitution, UNIT_INTERVAL),
+        "duration": (duration, POSITIVE),
+        "rotation": (rotation, FINITE),
+        "velocity": (velocity, FINITE),
+    }
+    numbers = {}
+    for name, (value, domain) in given.items():
+        numbers[name] = as_real(name, value)
+        check(name, numbers[name], domain)
+    block.check()
+    motion.check()
+    driven = Driven(block=block, motion=motion, **numbers)
+    leaves = jax.tree.leaves(driven)
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*leaves)
+    driven = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), driven)
+    for name, leaf in (("block", driven.block), *((n, getattr(driven, n)) for n in numbers)):
+        if any(jnp.ndim(part) for part in jax.tree.leaves(leaf)):
+            raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
+    eps = float(jnp.finfo(dtype).eps)
+    rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
+    atol = 1e-9 * rtol if atol is None else float(atol)
+    if not 20 * eps <= rtol < 1:
+        raise ValueError(
+            f"rtol must be less than 1 and at least {20 * eps:.1g}, which is what {dtype}"
+            f" can deliver, got {rtol:g}"
+        )
+    if not 0 <= atol < 1:
+        raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
+    if listed < 1:
+        raise ValueError(f"listed must be at least 1, got {listed}")
+    response = _compiled(driven, rtol, atol, linearized, listed)
+    if isinstance(response.status, jax.core.Tracer):
+        return response
+    while response.status == Status.LIST_FULL:
+        listed *= 8
+        response = _compiled(driven, rtol, atol, linearized, listed)
+    count = int(response.impacts)
+    return eqx.tree_at(
+        lambda r: (r.impact_times, r.impact_velocities),
+        response,
+        (response.impact_times[:count], response.impact_velocities[:count]),
+    )
