@@ -30,7 +30,9 @@ _POINTS_AND_STEP = (
     re.compile(r"\bNPTS\s*=\s*(?P<points>[^\s,]+)[\s,]+DT\s*=\s*(?P<step>[^\s,]+?)(?:SEC|[\s,]|$)"),
     re.compile(r"^\s*(?P<points>[^\s,]+)[\s,]+(?P<step>[^\s,]+)[\s,]+NPTS[\s,]+DT\b"),
 )
-_STATED_UNIT = re.compile(r"\bUNITS?\b(?:\s+(?:OF|IN|ARE))?[\s:=(\[]*([^\s,;)\]]+)", re.IGNORECASE)
+_STATED_UNIT = re.compile(
+    r"\bUNITS?(?:\s+(?:OF|IN|ARE)\b|\s*[:=(\[])[\s:=(\[]*([^\s,;)\]]+)", re.IGNORECASE
+)
 _QUANTITY = re.compile(r"\b(ACCELERATION|VELOCITY|DISPLACEMENT)(\s+TIME\b)?", re.IGNORECASE)
 
 # Fortran writes 1e-100 as 1.0-100, and leaves no space before a minus sign that fills its field.
@@ -50,7 +52,7 @@ def read_record(
     unit: str | None = None,
     column: str | None = None,
     vertical: StrPath | None = None,
-    time_step: float | None = None,
+    time_step: float | int | None = None,
 ) -> Record:
     """Read a recorded ground motion from a file.
 
@@ -95,8 +97,8 @@ def read_record(
     path = Path(path)
     if time_step is not None:
         check("time_step", as_real("time_step", time_step), POSITIVE)
-    if unit is not None:
-        _factor(unit)
+        time_step = float(time_step)
+    factor = _factor("g" if unit is None else unit)
     suffix = path.suffix.lower()
     if suffix == ".csv":
         horizontal, upward, step = _read_csv(_read(path), unit, column, vertical, time_step)
@@ -109,7 +111,7 @@ def read_record(
             upward = _read_other_at2(Path(vertical), unit, path, horizontal.size, step)
     else:
         raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
-    return _record(repr(str(path)), horizontal, step, upward)
+    return _record(repr(str(path)), factor, horizontal, step, upward)
 
 
 def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
@@ -140,15 +142,15 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
         or has no valid time step; if the traces do not match; if the unit is not known.
     """
     factor = _factor(unit)
-    horizontal, step = _trace("trace", trace, factor)
+    horizontal, step = _trace("trace", trace)
     if vertical is None:
-        return _record("trace", horizontal, step)
-    upward, other_step = _trace("vertical", vertical, factor)
+        return _record("trace", factor, horizontal, step)
+    upward, other_step = _trace("vertical", vertical)
     _same_sampling("vertical", "trace", (upward.size, other_step), (horizontal.size, step))
     starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
     if None not in starts and starts[0] != starts[1]:
         raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
-    return _record("trace", horizontal, step, upward)
+    return _record("trace", factor, horizontal, step, upward)
 
 
 def example_record(component: str = "north", *, vertical: bool = False) -> Record:
@@ -204,10 +206,10 @@ class _Text(NamedTuple):
         try:
             value = float(word.replace("_", "?"))  # Python's 1_000 is no number elsewhere
         except ValueError:
-            got = repr(word) if word.strip() else "an empty field"
+            got = _short(word) if word.strip() else "an empty field"
             raise self.fault(f"{name} must be a number, got {got}", line) from None
         if not math.isfinite(value):
-            raise self.fault(f"{name} must be finite, got {word!r}", line)
+            raise self.fault(f"{name} must be finite, got {_short(word)}", line)
         return value
 
 
@@ -232,53 +234,57 @@ def _read(path: Path) -> _Text:
 def _read_at2(
     text: _Text, unit: str | None, time_step: float | None = None
 ) -> tuple[np.ndarray, float]:
-    found = None
-    for last, line in enumerate(text.lines[:_HEADER_LINES], 1):
-        for pattern in _POINTS_AND_STEP:
-            found = found or pattern.search(line.upper())
-        if found:
-            break
-    else:
-        raise text.fault(
-            "an .AT2 file was expected, with 'NPTS= ..., DT= ...' or '... NPTS, DT' within"
-            f" its first {_HEADER_LINES} lines"
-        )
-    points = text.number(found["points"], last, "NPTS")
-    if points < 2 or points % 1:
-        raise text.fault(f"NPTS must be a whole number from 2 on, got {found['points']}", last)
-    step = text.number(found["step"], last, "DT")
-    if step <= 0:
-        raise text.fault(f"DT must be greater than 0, got {found['step']}", last)
-    factor = _factor_of_header(text, last, unit)
+    last, points, step = _points_and_step(text)
+    _check_unit(text, last, unit)
     values = []
     for number, line in enumerate(text.lines[last:], last + 1):
         for word in _GLUED.sub(" ", _EXPONENT.sub("E", line)).split():
             values.append(text.number(word, number))
     if len(values) != points:
-        raise text.fault(f"NPTS is {points:.0f}, but {len(values)} values follow", last)
-    return factor * np.array(values), _agreed(text, time_step, step)
+        raise text.fault(f"NPTS is {points}, but {len(values)} values follow", last)
+    return np.array(values), _agreed(text, time_step, step)
 
 
-def _factor_of_header(text: _Text, last: int, unit: str | None) -> float:
+def _points_and_step(text: _Text) -> tuple[int, int, float]:
+    """The last line of the header, and what it says."""
+    for number, line in enumerate(text.lines[:_HEADER_LINES], 1):
+        for pattern in _POINTS_AND_STEP:
+            if match := pattern.search(line.upper()):
+                points = text.number(match["points"], number, "NPTS")
+                if points < 2 or points % 1:
+                    raise text.fault(
+                        f"NPTS must be a whole number from 2 on, got {match['points']}", number
+                    )
+                step = text.number(match["step"], number, "DT")
+                if step <= 0:
+                    raise text.fault(f"DT must be greater than 0, got {match['step']}", number)
+                return number, int(points), step
+    raise text.fault(
+        "an .AT2 file was expected, with 'NPTS= ..., DT= ...' or '... NPTS, DT' within its first"
+        f" {_HEADER_LINES} lines"
+    )
+
+
+def _check_unit(text: _Text, last: int, unit: str | None) -> None:
+    """Whether the header, down to line `last`, is about acceleration in the right unit."""
     stated = None
-    quantities = {}
+    mentioned = {}
     for number, line in enumerate(text.lines[:last], 1):
-        for quantity, of_time in _QUANTITY.findall(line):
-            quantities[quantity.lower()] = (number, bool(of_time))
         if stated is None and (match := _STATED_UNIT.search(line)):
             stated = match[1].rstrip(".")
             if _spelled(stated) != "g":
                 raise text.fault(f"acceleration in units of g was expected, not {stated}", number)
-    for quantity in ("velocity", "displacement"):
-        number, of_time = quantities.get(quantity, (0, False))
-        # Otherwise it may be about something else, as the velocity of shear waves.
-        if of_time or (number and "acceleration" not in quantities):
-            raise text.fault(f"acceleration was expected, not {quantity}", number)
+        for quantity, time_series in _QUANTITY.findall(line):
+            mentioned.setdefault(quantity.lower(), number)
+            if time_series and quantity.lower() != "acceleration":
+                raise text.fault(f"acceleration was expected, not {quantity.lower()}", number)
+    if mentioned and "acceleration" not in mentioned:
+        quantity, number = mentioned.popitem()
+        raise text.fault(f"acceleration was expected, not {quantity}", number)
     if stated is None and unit is None:
         raise text.fault(f"the header states no unit, so that unit must be given: {_ALLOWED}")
     if stated is not None and unit is not None and _spelled(unit) != "g":
         raise text.fault(f"unit is {unit!r}, but the header states {stated}")
-    return _factor(unit or "g")
 
 
 def _read_other_at2(
@@ -339,9 +345,8 @@ def _read_csv(
         )
     else:
         step = time_step
-    factor = _factor(unit)
-    upward = None if vertical is None else factor * values[1]
-    return factor * values[0], upward, _agreed(text, time_step, step)
+    upward = None if vertical is None else values[1]
+    return values[0], upward, _agreed(text, time_step, step)
 
 
 def _names(text: _Text) -> tuple[int, list[str]]:
@@ -349,10 +354,18 @@ def _names(text: _Text) -> tuple[int, list[str]]:
     for number, line in enumerate(text.lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
             names = [name.strip() for name in _fields(line)]
-            if all(re.fullmatch(r"[-+.\deE]+|nan|inf|", name) for name in names):
-                raise text.fault(f"names of the columns were expected, got {line!r}", number)
+            if all(map(_is_number, names)):
+                raise text.fault(f"names of the columns were expected, got {_short(line)}", number)
             return number, names
     raise text.fault("a line with the names of the columns was expected, all are comments")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _columns(text: _Text, top: int, names: list[str], wanted: list[str]) -> np.ndarray:
@@ -377,10 +390,10 @@ def _fields(line: str) -> list[str]:
 
 def _uniform_step(text: _Text, top: int, name: str, times: np.ndarray) -> float:
     steps = np.diff(times)
-    step = float(times[-1] - times[0]) / steps.size
+    usual = float(np.median(steps))
     for faulty, reason in (
         (steps <= 0, "must increase"),
-        (abs(steps - step) > _UNIFORM * step, f"must have a uniform step, {step:.6g} s on average"),
+        (abs(steps - usual) > _UNIFORM * usual, f"must have a uniform step, mostly {usual:.6g} s"),
     ):
         if faulty.any():
             at = int(np.argmax(faulty))
@@ -388,7 +401,7 @@ def _uniform_step(text: _Text, top: int, name: str, times: np.ndarray) -> float:
                 f"column {name!r} {reason}, got {times[at]} and then {times[at + 1]}",
                 top + at + 2,
             )
-    return step
+    return float(times[-1] - times[0]) / steps.size
 
 
 def _agreed(text: _Text, given: float | None, step: float) -> float:
@@ -396,10 +409,10 @@ def _agreed(text: _Text, given: float | None, step: float) -> float:
         return step
     if abs(given - step) > _UNIFORM * step:
         raise text.fault(f"time_step is {given} s, but the file has {step:.6g} s")
-    return float(given)
+    return given
 
 
-def _trace(argument: str, trace: Any, factor: float) -> tuple[np.ndarray, float]:
+def _trace(argument: str, trace: Any) -> tuple[np.ndarray, float]:
     data = trace.data
     if np.ma.is_masked(data):
         count = np.ma.count_masked(data)
@@ -415,7 +428,7 @@ def _trace(argument: str, trace: Any, factor: float) -> tuple[np.ndarray, float]
         raise ValueError(f"{argument} must be finite, got {data[at]} as sample {at}")
     step = float(trace.stats.delta)
     check(f"stats.delta of {argument}", step, POSITIVE)
-    return factor * data.astype(float), step
+    return data.astype(float), step
 
 
 def _same_sampling(
@@ -428,18 +441,22 @@ def _same_sampling(
 
 
 def _record(
-    name: str, horizontal: np.ndarray, step: float, upward: np.ndarray | None = None
+    name: str,
+    factor: float,
+    horizontal: np.ndarray,
+    step: float,
+    upward: np.ndarray | None = None,
 ) -> Record:
     try:
         with np.errstate(over="ignore"):
-            return Record(horizontal, step, upward)
+            return Record(factor * horizontal, step, None if upward is None else factor * upward)
     except ValueError as error:  # too few samples, or too large for the precision
         raise ValueError(f"{name}: {error}") from error
 
 
 def _spelled(unit: str) -> str:
     """The plain spelling of a unit."""
-    unit = re.sub(r"\s", "", unit).lower().replace("sec", "s").replace("²", "2")
+    unit = re.sub(r"\s", "", str(unit)).lower().replace("sec", "s").replace("²", "2")
     return re.sub(r"\*\*|\^", "", unit).replace("/s/s", "/s2")
 
 
@@ -451,7 +468,12 @@ def _factor(unit: str) -> float:
 
 
 def _listed(names: list[str]) -> str:
-    return ", ".join(map(repr, names))
+    return ", ".join([_short(name) for name in names[:12]]) + (", ..." if names[12:] else "")
+
+
+def _short(word: str) -> str:
+    """In quotes, cut if it is no word but half a file."""
+    return repr(word if len(word) <= 60 else f"{word[:57]}...")
 
 
 _ALLOWED = f"one of {_listed(list(_UNITS))}"

@@ -27,6 +27,7 @@ from .arguments import (
 )
 from .block import Block
 from .equation import Equation
+from .fate import margin_of
 from .forward import through_jacobian
 from .motion import Motion
 
@@ -433,7 +434,7 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
         c = jax.lax.cond((c.phase == REST) | (c.phase == OVER), lambda c: c, moving, c)
         # The fate is read where the input ends.
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
-        margin = _margin(equation, driven.restitution, c.lean, c.speed)
+        margin = margin_of(equation, driven.restitution, c.lean, c.speed)
         fresh = _Cuts_at(c)
         cuts = jax.tree.map(
             lambda kept, new: kept.at[c.count].set(new, mode="drop"), before.cuts, fresh
@@ -461,7 +462,7 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
         peak=lean,
         peak_time=zero,
         crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
-        margin=_margin(equation, driven.restitution, lean, speed),
+        margin=margin_of(equation, driven.restitution, lean, speed),
         demand=zero,
         normal=zero + jnp.inf,
         failed=~valid,
@@ -506,12 +507,6 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
 
 def _Cuts_at(c: _Carry) -> Cuts:
     return Cuts(c.time, c.side, c.lean, c.speed)
-
-
-def _margin(equation: Equation, restitution: Any, lean: Any, speed: Any) -> Any:
-    critical = equation.critical_velocity
-    here = (equation.returning_speed(lean) - speed) / critical
-    return jnp.minimum(here, 1 - restitution * equation.landing_speed(lean, speed) / critical)
 
 
 def _uplift(

@@ -1,0 +1,61 @@
+"""Stands or overturns: what energy says once the ground is at rest."""
+
+import jax.numpy as jnp
+
+from .arguments import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
+from .block import Block
+from .equation import Equation
+
+
+def margin_of(equation: Equation, restitution: Reals, lean: Reals, speed: Reals) -> Reals:
+    """`fate_margin` of a lean and its rate."""
+    critical = equation.critical_velocity
+    here = (equation.returning_speed(lean) - speed) / critical
+    # A block that comes back with more than it left with may go over on the other side.
+    beyond = 1 - restitution * equation.landing_speed(lean, speed) / critical
+    return jnp.minimum(here, beyond)
+
+
+@elementwise(restitution=UNIT_INTERVAL, rotation=FINITE, velocity=FINITE)
+def fate_margin(
+    block: Block,
+    restitution: Number,
+    rotation: Number,
+    velocity: Number,
+    linearized: bool = False,
+) -> Reals:
+    """How far a block in free motion is from overturning; negative where it overturns.
+
+    Being beyond the critical angle is not overturning: a block that moves back fast enough
+    comes back, and may then overturn on the other side. Smooth through the verge, and
+    continuous everywhere.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C [-], between 0 and 1.
+    rotation, velocity : array_like
+        State [rad], [rad/s], with the ground at rest from now on.
+    linearized : bool
+        Linearize the equation of motion.
+
+    Returns
+    -------
+    Array
+        The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
+        2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the
+        one at the next impact, v_c the critical velocity. 1 at rest.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.2, slenderness=5.0)
+    >>> critical = jr.Nonlinear().critical_velocity(block)
+    >>> print(f"{jr.fate_margin(block, 0.9, 0.0, 0.25 * critical):.2f}")
+    0.75
+    """
+    equation = Equation.of(block, linearized)
+    side = jnp.where(jnp.where(rotation == 0, velocity, rotation) < 0, -1, 1)
+    lean, speed = jnp.abs(rotation), velocity * side.astype(velocity.dtype)
+    return margin_of(equation, restitution, lean, speed)
