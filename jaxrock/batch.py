@@ -7,6 +7,7 @@ and holds nobody up; what a block does depends on no other.
 """
 
 import concurrent.futures
+import itertools
 import os
 from typing import Any, NamedTuple
 
@@ -242,7 +243,8 @@ def _turn(lanes: _Lanes, equation: Equation, restitution: Any, grid: _Grid, dura
         cell=jnp.where(new_cell, lanes.cell + 1, jnp.where(ended, cells + 1, lanes.cell)),
         along=jnp.where(new_cell, 0, along),
         side=jnp.where(
-            moves, jnp.where(lands, -lanes.side, lanes.side),
+            moves,
+            jnp.where(lands, -lanes.side, lanes.side),
             jnp.where(lifted, jnp.where(to_right, 1.0, -1.0).astype(dtype), lanes.side),
         ),
         lean=jnp.where(moves, lean, lanes.lean),
@@ -280,10 +282,21 @@ def _most_turns(cells: int) -> int:
 def _march(equation: Equation, restitution: Any, grid: _Grid, duration: Any) -> BatchResponse:
     dtype, shape = duration.dtype, duration.shape
     cells = grid.table.shape[1]
-    valid = jnp.isfinite(
-        equation.square + equation.tangent + restitution + duration
-        + grid.amplitude + grid.length + grid.start + grid.table.sum()
-    ) & (equation.square > 0) & (grid.length > 0) & (duration > 0)
+    valid = (
+        jnp.isfinite(
+            equation.square
+            + equation.tangent
+            + restitution
+            + duration
+            + grid.amplitude
+            + grid.length
+            + grid.start
+            + grid.table.sum()
+        )
+        & (equation.square > 0)
+        & (grid.length > 0)
+        & (duration > 0)
+    )
     zero = jnp.zeros(shape, dtype)
     count = jnp.zeros(shape, int)
     lanes = _Lanes(
@@ -408,7 +421,7 @@ def respond_batch(
         cuts = np.linspace(0, size, workers + 1).astype(int)
         pieces = [
             jax.tree.map(lambda part, a=a, b=b: part[a:b], flat)
-            for a, b in zip(cuts[:-1], cuts[1:], strict=True)
+            for a, b in itertools.pairwise(cuts)
         ]
         with concurrent.futures.ThreadPoolExecutor(workers) as pool:
             results = list(pool.map(lambda piece: jax.block_until_ready(march(piece)), pieces))

@@ -93,6 +93,45 @@ class Response(eqx.Module):
     status: Int[Array, "..."]
     cuts: "Cuts"
     scene: "Driven"
+    linearized: bool = eqx.field(static=True)
+
+    def history(self, time: Number) -> tuple[Reals, Reals]:
+        """Rotation and angular velocity over time, to the accuracy of the integration.
+
+        Parameters
+        ----------
+        time : array_like
+            Times [s], from 0 to the duration.
+
+        Returns
+        -------
+        tuple of Array
+            Rotation [rad] and angular velocity [rad/s]; NaN outside. A block that has
+            overturned stays where it lies.
+        """
+        times = as_real("time", time).astype(self.cuts.time.dtype)
+        shape = times.shape
+        rotation, velocity = _history(self, times.reshape(-1))
+        return rotation.reshape(shape), velocity.reshape(shape)
+
+    def __str__(self) -> str:
+        if jnp.ndim(self.status) or isinstance(self.status, jax.core.Tracer):
+            return repr(self)
+        status = Status(int(self.status))
+        if status not in (Status.COMPLETE, Status.LIST_FULL):
+            return f"no response: {status.name.lower()}"
+        angle = self.scene.block.critical_angle
+        lines = [
+            f"{'overturns' if self.overturned else 'stands'}, margin {self.margin:.4g}",
+            f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
+            f" alpha_c at {self.peak_time:.4g} s",
+            f"{self.impacts} impacts, {'at rest' if self.at_rest else 'in motion'} at the end",
+            f"friction demand {self.friction_demand:.4g}, smallest normal force"
+            f" {self.normal_force:.4g} of the weight",
+        ]
+        if self.overturned and jnp.isfinite(self.overturning_time):
+            lines[0] += f", beyond return from {self.overturning_time:.4g} s"
+        return "\n".join(lines)
 
 
 class Driven(eqx.Module):
@@ -257,9 +296,7 @@ def _solve(span: _Span, length: Reals, y: Reals, rtol: Reals, atol: Reals) -> An
     class Halving(optimistix.Bisection):
         """Bisection until the interval cannot be told from a point."""
 
-        def terminate(
-            self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any
-        ) -> Any:
+        def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
             width = jnp.abs(state.upper - state.lower)
             eps = jnp.finfo(y.dtype).eps
             small = width <= 2 * eps * jnp.maximum(jnp.abs(y), jnp.finfo(y.dtype).tiny / eps)
@@ -284,7 +321,8 @@ def _solve(span: _Span, length: Reals, y: Reals, rtol: Reals, atol: Reals) -> An
         max_steps=_MAX_STEPS,
         throw=False,
     )
-    assert solution.ts is not None and solution.ys is not None
+    assert solution.ts is not None
+    assert solution.ys is not None
     y = solution.ys[0]
     happened = jnp.asarray(solution.event_mask)
     which = jnp.where(happened, jnp.argmin(span.ends(y)), 3)
@@ -309,7 +347,10 @@ def _first_step(span: _Span, length: Reals, y: Reals) -> Reals:
 
 
 @through_jacobian
-def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: int) -> Response:
+def follow(
+    driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: int, once: bool = False
+) -> Response:
+    """Follow a block to the end, or with `once` to its first impact; see `respond`."""
     dtype = driven.duration.dtype
     driven, valid = _valid(driven)
     motion, duration = driven.motion, driven.duration
@@ -424,25 +465,31 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
         """A state whose next move is not that of its phase, after an edge of the input."""
         rate = span_at(c).field(jnp.zeros_like(c.time), jnp.stack([c.lean, c.speed]))[1]
         still = c.speed == 0
-        phase = jnp.where(still & (rate < 0), jnp.where(c.lean > 0, FALLING, REST), c.phase)
+        # One that has just been lifted stays so: its acceleration is 0, up to rounding.
+        down = jnp.where(c.lean > 0, FALLING, jnp.where(c.phase == FALLING, REST, c.phase))
+        phase = jnp.where(still & (rate < 0), down, c.phase)
         phase = jnp.where(still & (rate > 0), RISING, phase)
         return c._replace(phase=phase)
 
+    def moving_or_at_rest(c: _Carry) -> _Carry:
+        return jax.lax.cond(c.phase == REST, lambda c: c, moving, c)
+
     def step(c: _Carry) -> _Carry:
         before = c
-        c = jax.lax.cond(c.phase == REST, at_rest, turn_first, c)
-        c = jax.lax.cond((c.phase == REST) | (c.phase == OVER), lambda c: c, moving, c)
+        c = jax.lax.cond(c.phase == REST, at_rest, lambda c: moving_or_at_rest(turn_first(c)), c)
         # The fate is read where the input ends.
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
         margin = margin_of(equation, driven.restitution, c.lean, c.speed)
-        fresh = _Cuts_at(c)
+        fresh = _cuts_at(c)
         cuts = jax.tree.map(
             lambda kept, new: kept.at[c.count].set(new, mode="drop"), before.cuts, fresh
         )
         return c._replace(margin=jnp.where(now, margin, c.margin), count=c.count + 1, cuts=cuts)
 
     def goes_on(c: _Carry) -> Any:
-        return (c.time < duration) & (c.phase != OVER) & ~c.failed & (c.count < _MAX_CUTS)
+        wanted = (c.impacts == 0) | (not once)
+        going = (c.time < duration) & (c.phase != OVER) & wanted
+        return going & ~c.failed & (c.count < _MAX_CUTS)
 
     # The initial state, on the side on which it leans or to which it moves.
     zero = jnp.zeros((), dtype)
@@ -470,10 +517,8 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
         impact_velocities=jnp.full(listed, jnp.nan, dtype),
         cuts=Cuts(*(jnp.full(4 * listed, jnp.nan, dtype),) * 4),
     )
-    cuts = jax.tree.map(lambda kept, new: kept.at[0].set(new), first.cuts, _Cuts_at(first))
-    last = jax.lax.while_loop(
-        goes_on, step, first._replace(cuts=cuts, count=jnp.ones((), int))
-    )
+    cuts = jax.tree.map(lambda kept, new: kept.at[0].set(new), first.cuts, _cuts_at(first))
+    last = jax.lax.while_loop(goes_on, step, first._replace(cuts=cuts, count=jnp.ones((), int)))
 
     broken = (last.failed & valid) | (last.count >= _MAX_CUTS)
     full = (last.impacts > listed) | (last.count > 4 * listed)
@@ -486,8 +531,8 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
 
     overturned = good & ((last.phase == OVER) | (last.margin < 0))
     return Response(
-        final_rotation=known(last.side * last.lean),
-        final_velocity=known(last.side * last.speed),
+        final_rotation=known(last.side * last.lean + 0.0),  # no negative zero
+        final_velocity=known(last.side * last.speed + 0.0),
         peak_rotation=known(last.peak),
         peak_time=known(last.peak_time),
         overturned=overturned,
@@ -502,10 +547,11 @@ def _run(driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: 
         status=status,
         cuts=last.cuts,
         scene=driven,
+        linearized=linearized,
     )
 
 
-def _Cuts_at(c: _Carry) -> Cuts:
+def _cuts_at(c: _Carry) -> Cuts:
     return Cuts(c.time, c.side, c.lean, c.speed)
 
 
@@ -561,10 +607,44 @@ def _valid(driven: Driven) -> tuple[Driven, Any]:
 
 
 @eqx.filter_jit
-def _compiled(
-    driven: Driven, rtol: float, atol: float, linearized: bool, listed: int
-) -> Response:
-    return _run(driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed)
+def _history(response: Response, times: Reals) -> tuple[Reals, Reals]:
+    """From the last cut before every time on."""
+    cuts, scene = response.cuts, response.scene
+    equation = Equation.of(scene.block, response.linearized)
+    known = jnp.where(jnp.isnan(cuts.time), jnp.inf, cuts.time)
+    eps = float(jnp.finfo(times.dtype).eps)
+
+    def at(time: Any) -> Any:
+        index = jnp.maximum(jnp.searchsorted(known, time, side="right") - 1, 0)
+        origin, side, lean, speed = (part[index] for part in jax.tree.leaves(cuts))
+        acts = scene.motion.acts(origin)
+        moves = (lean != 0) | (speed != 0)
+        # What has just been lifted is on the ground as well: it moves if the next cut is a turn.
+        following = cuts.lean[jnp.minimum(index + 1, known.size - 1)]
+        moves = (moves | (following > 0)) & (lean < 0.5 * jnp.pi) & (time > origin)
+        span = _Span(
+            equation, scene.motion, origin, side, acts, jnp.array(True), jnp.array(True), time
+        )
+        length = jnp.where(moves, time - origin, 1e-3 / jnp.sqrt(equation.square))
+        y = jnp.stack([lean, speed])
+        # Every time is beyond the grace: nothing ends this span.
+        _, there, *_ = _solve(
+            eqx.tree_at(lambda s: s.grace, span, jnp.full_like(time, jnp.inf)),
+            length,
+            y,
+            max(1e-9, 100 * eps),
+            0.0,
+        )
+        there = side * jnp.where(moves, there, y)
+        inside = (time >= 0) & (time <= scene.duration)
+        return tuple(jnp.where(inside, part + 0.0, jnp.nan) for part in there)
+
+    return jax.vmap(at)(times)
+
+
+@eqx.filter_jit
+def _compiled(driven: Driven, rtol: float, atol: float, linearized: bool, listed: int) -> Response:
+    return follow(driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed)
 
 
 def respond(

@@ -34,8 +34,13 @@ class Series(NamedTuple):
             return Series(tuple(a * other for a in self.c))
         orders = range(min(len(self.c), len(other.c)))
         return Series(
-            tuple(sum((self.c[j] * other.c[k - j] for j in range(1, k + 1)),
-                      start=self.c[0] * other.c[k]) for k in orders)
+            tuple(
+                sum(
+                    (self.c[j] * other.c[k - j] for j in range(1, k + 1)),
+                    start=self.c[0] * other.c[k],
+                )
+                for k in orders
+            )
         )
 
 
@@ -59,7 +64,12 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
 
 
 def lean_series(
-    equation: Equation, lean: Reals, speed: Reals, push: Coefficients, lift: Coefficients, order: int
+    equation: Equation,
+    lean: Reals,
+    speed: Reals,
+    push: Coefficients,
+    lift: Coefficients,
+    order: int,
 ) -> Coefficients:
     """Taylor coefficients of the lean in time, up to `order`, from those of the ground.
 

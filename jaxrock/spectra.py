@@ -136,7 +136,10 @@ def resonance_spectrum(
     if chunk < 1:
         raise ValueError(f"chunk must be at least 1, got {chunk}")
     given = (slenderness, width, restitution, intensity)
-    axes = {name: _axis(name, value) for name, value in zip(_AXES, given, strict=True)}
+    axes = {
+        name: axis(name, value, _AXES[name].domain)
+        for name, value in zip(_AXES, given, strict=True)
+    }
     template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, gravity)
 
     def fill(targets: Mapping[str, Any]) -> None:
@@ -174,7 +177,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
         written_whole("path", path.parent, [path.name], overwrite=True) as scratch,
         open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
     ):
-        for index, part in enumerate(_progress(_parts(dataset), "table")):
+        for index, part in enumerate(with_progress(_parts(dataset), "table")):
             dataset.isel(part).to_dataframe().to_csv(file, header=index == 0)
 
 
@@ -182,7 +185,7 @@ def overturned_share(dataset: "xarray.Dataset") -> float:
     """The share of the scenes in a spectrum that overturn under unlimited pulses."""
     margin = dataset.overturning_margin
     overturned = sum(
-        int((margin.isel(part) <= 0).sum()) for part in _progress(_parts(dataset), "overturned")
+        int((margin.isel(part) <= 0).sum()) for part in with_progress(_parts(dataset), "overturned")
     )
     return overturned / margin.size
 
@@ -190,11 +193,12 @@ def overturned_share(dataset: "xarray.Dataset") -> float:
 def _parts(dataset: "xarray.Dataset", most: int = 2**18) -> list[dict[str, slice]]:
     """Cut a dataset into parts of at most `most` points, in the order of its rows."""
     dims = dataset.overturning_margin.dims
-    parts = _chunks([dataset.sizes[dim] for dim in dims], most)
+    parts = chunks_of([dataset.sizes[dim] for dim in dims], most)
     return [dict(zip(map(str, dims), part, strict=True)) for part in parts]
 
 
-def _axis(name: str, value: Values) -> np.ndarray:
+def axis(name: str, value: Values, domain: Domain) -> np.ndarray:
+    """The values along a dimension: one or more, different, and all in `domain`."""
     try:
         values = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -204,7 +208,7 @@ def _axis(name: str, value: Values) -> np.ndarray:
             f"{name} must be a number or a one-dimensional array of at least one,"
             f" got an array of shape {values.shape}"
         )
-    check(name, values, _AXES[name].domain)
+    check(name, values, domain)
     values = np.atleast_1d(values)
     distinct, counts = np.unique(values, return_counts=True)
     if distinct.size < values.size:
@@ -256,8 +260,8 @@ def _fill(
     chunk: int,
 ) -> None:
     """Compute the grid chunk by chunk into `targets`, anything that takes slices."""
-    blocks = list(_chunks([values.size for values in axes.values()], chunk))
-    for block in _progress(blocks, "spectrum"):
+    blocks = list(chunks_of([values.size for values in axes.values()], chunk))
+    for block in with_progress(blocks, "spectrum"):
         grid = (
             jnp.expand_dims(values[part], [other for other in range(4) if other != position])
             for position, (values, part) in enumerate(zip(axes.values(), block, strict=True))
@@ -270,7 +274,7 @@ def _fill(
             target[part] = np.asarray(values).reshape([p.stop - p.start for p in part])
 
 
-def _chunks(sizes: list[int], most: int) -> Iterator[tuple[slice, ...]]:
+def chunks_of(sizes: list[int], most: int) -> Iterator[tuple[slice, ...]]:
     """Cut a grid into blocks of at most `most` points, the last axes kept whole first."""
     lengths, left = [], most
     for size in reversed(sizes):
@@ -306,5 +310,6 @@ def _store(
         raise
 
 
-def _progress(items: Any, label: str) -> Any:
+def with_progress(items: Any, label: str) -> Any:
+    """`items`, showing progress if they take long and standard error is a terminal."""
     return tqdm(items, desc=label, delay=2.0, disable=None, leave=False)

@@ -1,0 +1,211 @@
+"""Rocking resonance under pulses that last: the half-cycle map through the driven equation.
+
+The input is that of the paper, except that a pulse, starting right after each impact, takes
+its time. One that still acts at the next impact ends there.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .arguments import NON_NEGATIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
+from .block import Block
+from .free import Linearized, Nonlinear
+from .motion import Pulse
+from .response import Driven, Response, Status, follow
+
+_LONGEST = 200.0  # time to wait for an impact, times p
+_ITERATIONS = 30
+
+
+class PulsedPhase(NamedTuple):
+    """The stabilized phase under pulses that last; NaN where there is none.
+
+    Attributes
+    ----------
+    velocity : Array
+        v*, with which the block lands [rad/s]; for short pulses the launch velocity.
+    rate : Array
+        Slope of the map there: what is left of a deviation after each half-cycle.
+    period : Array
+        T*, two half-cycles [s].
+    peak_rotation, rotation_ratio : Array
+        alpha*_max [rad], and over the critical angle.
+    stands : Array of bool
+        Whether there is a stabilized phase.
+    """
+
+    velocity: Reals
+    rate: Reals
+    period: Reals
+    peak_rotation: Reals
+    rotation_ratio: Reals
+    stands: Booleans
+
+
+def pulsed_next_velocity(
+    block: Block,
+    restitution: Number,
+    pulse: Pulse,
+    velocity: Number,
+    *,
+    linearized: bool = False,
+    rtol: float = 1e-9,
+) -> Reals:
+    """The half-cycle map: one landing velocity to the next.
+
+    Parameters
+    ----------
+    block : Block
+        One block.
+    restitution : float
+        C [-], between 0 and 1.
+    pulse : Pulse
+        What acts from each impact on, outward.
+    velocity : float
+        Angular velocity just before the impact [rad/s], at least 0.
+    linearized : bool
+        Linearize the equation of motion; see `respond`.
+    rtol : float
+        Tolerance of the integration.
+
+    Returns
+    -------
+    Array
+        Angular velocity just before the next impact [rad/s]; 0 where the block stays at
+        rest, NaN where it overturns.
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed.
+    """
+    block, restitution, pulse, velocity = _checked(block, restitution, pulse, velocity)
+    return _next(block, restitution, pulse, velocity, linearized, rtol)
+
+
+def pulsed_phase(
+    block: Block,
+    restitution: Number,
+    pulse: Pulse,
+    *,
+    linearized: bool = False,
+    rtol: float = 1e-9,
+) -> PulsedPhase:
+    """The stabilized phase under pulses that last: the fixed point of `pulsed_next_velocity`.
+
+    Reached from rest. As the duration of the pulse goes to 0 at the same intensity it
+    becomes that of `Nonlinear` in proportion to the duration.
+
+    Parameters
+    ----------
+    block : Block
+        One block.
+    restitution : float
+        C [-], between 0 and 1.
+    pulse : Pulse
+        What acts from each impact on, outward.
+    linearized : bool
+        Linearize the equation of motion; see `respond`.
+    rtol : float
+        Tolerance of the integration.
+
+    Returns
+    -------
+    PulsedPhase
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed.
+    """
+    block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0)
+    return _phase(block, restitution, pulse, linearized, rtol)
+
+
+def _checked(
+    block: Block, restitution: Number, pulse: Pulse, velocity: Number
+) -> tuple[Block, Reals, Pulse, Reals]:
+    restitution, velocity = as_real("restitution", restitution), as_real("velocity", velocity)
+    check("restitution", restitution, UNIT_INTERVAL)
+    check("velocity", velocity, NON_NEGATIVE)
+    block.check()
+    pulse.check()
+    parts = (block, restitution, pulse, velocity)
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*jax.tree.leaves(parts))
+    for leaf in jax.tree.leaves(parts):
+        if leaf.ndim:
+            raise ValueError(f"arguments must be scalar, got an array of shape {leaf.shape}")
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), parts)
+
+
+def _half_cycle(
+    block: Block, restitution: Reals, pulse: Pulse, velocity: Reals, linearized: bool, rtol: float
+) -> Response:
+    pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
+    duration = pulse.end + _LONGEST / block.frequency_parameter
+    driven = Driven(
+        block=block,
+        restitution=restitution,
+        motion=pulse,
+        duration=duration,
+        rotation=jnp.zeros_like(velocity),
+        velocity=restitution * velocity,
+    )
+    rtol = max(rtol, 20 * float(jnp.finfo(velocity.dtype).eps))
+    return follow(driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True)
+
+
+@eqx.filter_jit
+def _next(
+    block: Block, restitution: Reals, pulse: Pulse, velocity: Reals, linearized: bool, rtol: float
+) -> Reals:
+    response = _half_cycle(block, restitution, pulse, velocity, linearized, rtol)
+    landed = response.impacts > 0
+    landing = jnp.abs(jnp.where(landed, response.impact_velocities[0], 1))
+    still = (response.status <= Status.LIST_FULL) & response.at_rest
+    return jnp.where(landed, landing, jnp.where(still, 0, jnp.nan))
+
+
+@eqx.filter_jit
+def _phase(
+    block: Block, restitution: Reals, pulse: Pulse, linearized: bool, rtol: float
+) -> PulsedPhase:
+    import optimistix
+
+    def after(velocity: Reals, parts: tuple[Block, Reals, Pulse]) -> Reals:
+        return _next(*parts, velocity, linearized, rtol)
+
+    parts = (block, restitution, pulse)
+    fixed = jax.lax.stop_gradient(parts)
+    near = jax.lax.fori_loop(
+        0, _ITERATIONS, lambda _, v: after(v, fixed), jnp.zeros_like(restitution)
+    )
+    near = jax.lax.stop_gradient(near)
+    tolerance = max(rtol, 20 * float(jnp.finfo(near.dtype).eps))
+    reached = jnp.isfinite(near)
+    solution = optimistix.root_find(
+        lambda v, p: jnp.where(reached, after(v, p) - v, v),
+        optimistix.Newton(rtol=tolerance, atol=tolerance * 1e-3),
+        jnp.where(reached, near, 0),
+        parts,
+        throw=False,
+        max_steps=50,
+    )
+    velocity = solution.value
+    critical = (Linearized() if linearized else Nonlinear()).critical_velocity(block)
+    landing, rate = jax.jvp(lambda v: after(v, parts), (velocity,), (jnp.ones_like(velocity),))
+    close = jnp.abs(landing - velocity) <= 1e3 * tolerance * critical
+    stands = reached & close & (jnp.abs(rate) <= 1)
+    response = _half_cycle(*parts, velocity, linearized, rtol)
+    moves = response.impacts > 0
+    period = 2 * jnp.where(moves, response.impact_times[0], 0)
+    answers = (velocity, rate, period, response.peak_rotation)
+    ratio = response.peak_rotation / block.critical_angle
+    velocity, rate, period, peak, ratio = (
+        jnp.where(stands, answer, jnp.nan) for answer in (*answers, ratio)
+    )
+    return PulsedPhase(velocity, rate, period, peak, ratio, stands)
