@@ -9,7 +9,7 @@ is evaluated: neither the neighbours nor their derivatives see them.
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Real
 
 Number = Real[ArrayLike, "..."]
+Numbers = Number | Sequence[Any]
 Reals = Float[Array, "..."]
 Booleans = Bool[Array, "..."]
 

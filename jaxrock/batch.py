@@ -254,7 +254,7 @@ def _turn(lanes: _Lanes, equation: Equation, restitution: Any, grid: _Grid, dura
         rests=jnp.where(moves, settles, ~lifted),
         over=over,
         peak=jnp.where(moves, jnp.maximum(lanes.peak, peak), lanes.peak),
-        impacts=lanes.impacts + (moves & lands),
+        impacts=jnp.where(moves & lands, lanes.impacts + 1, lanes.impacts),
         fate_lean=lanes.fate_lean,
         fate_speed=lanes.fate_speed,
         turns=lanes.turns + 1,

@@ -24,6 +24,7 @@ from .arguments import (
     Booleans,
     Checked,
     Number,
+    Numbers,
     Reals,
     as_real,
     check,
@@ -76,11 +77,11 @@ class Motion(Checked):
         check("start", start, NON_NEGATIVE)
         return eqx.tree_at(lambda motion: motion.start, self, start)
 
-    def horizontal(self, time: Number) -> Reals:
+    def horizontal(self, time: Numbers) -> Reals:
         """Horizontal acceleration of the ground at a time [s], in m/s2; 0 outside."""
         return self._within(time)[0]
 
-    def upward(self, time: Number) -> Reals:
+    def upward(self, time: Numbers) -> Reals:
         """Vertical acceleration of the ground at a time [s], in m/s2, upward; 0 outside."""
         return self._within(time)[1]
 
@@ -88,7 +89,7 @@ class Motion(Checked):
         """Whether a time is from the start on and before the end."""
         return (time >= self.start) & (time < self.end)
 
-    def _within(self, time: Number) -> tuple[Reals, Reals]:
+    def _within(self, time: Numbers) -> tuple[Reals, Reals]:
         time = as_real("time", time)
         acts = self.acts(time)
         inside = jnp.where(acts, time, self.start)
@@ -293,9 +294,9 @@ class Record(Motion):
 
     def __init__(
         self,
-        acceleration: Number,
+        acceleration: Numbers,
         time_step: Number,
-        vertical: Number | None = None,
+        vertical: Numbers | None = None,
         scale: Number = 1.0,
         start: Number = 0.0,
     ):

@@ -21,6 +21,7 @@ from .arguments import (
     UNIT_INTERVAL,
     Booleans,
     Number,
+    Numbers,
     Reals,
     as_real,
     check,
@@ -95,7 +96,7 @@ class Response(eqx.Module):
     scene: "Driven"
     linearized: bool = eqx.field(static=True)
 
-    def history(self, time: Number) -> tuple[Reals, Reals]:
+    def history(self, time: Numbers) -> tuple[Reals, Reals]:
         """Rotation and angular velocity over time, to the accuracy of the integration.
 
         Parameters
@@ -288,7 +289,7 @@ def _until_cut(t: Reals, y: Reals, args: _Span, **_: Any) -> Reals:
     return jnp.where(t > args.grace, args.ends(y).min(), 1)
 
 
-def _solve(span: _Span, length: Reals, y: Reals, rtol: Reals, atol: Reals) -> Any:
+def _solve(span: _Span, length: Reals, y: Reals, rtol: float, atol: float) -> Any:
     """From a cut to the next: time, state, which end (3: none), friction, normal, success."""
     import diffrax
     import optimistix
@@ -446,7 +447,7 @@ def follow(
             lean=jnp.where(landed, 0, lean),
             speed=jnp.where(rests, 0, jnp.where(landed, leaving, speed)),
             phase=jnp.where(landed, jnp.where(rests, REST, RISING), phase),
-            impacts=c.impacts + landed,
+            impacts=jnp.where(landed, c.impacts + 1, c.impacts),
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),

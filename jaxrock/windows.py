@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .arguments import NON_NEGATIVE, Number, as_real, check
+from .arguments import NON_NEGATIVE, Number, Numbers, as_real, check
 from .batch import respond_batch
 from .block import Block
 from .motion import Motion
@@ -30,7 +30,7 @@ def survival_windows(
     block: Block,
     restitution: Number,
     motion: Motion,
-    factors: Number,
+    factors: Numbers,
     *,
     linearized: bool = False,
     tolerance: float = 1e-9,

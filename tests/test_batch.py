@@ -1,0 +1,101 @@
+"""Many blocks at once, against the adaptive integrator and the independent ones."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_response import cases
+
+import jaxrock as jr
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("component", ["east", "north"])
+@pytest.mark.parametrize("vertical", [0, 1])
+def test_record_against_independent_integration(component, vertical):
+    """All stable cases of the table, of which there are 120."""
+    rows = [r for r in cases(1) if (r["component"], r["vertical"]) == (component, vertical)]
+    column = {k: np.array([row[k] for row in rows]) for k in rows[0] if k != "component"}
+    record = jr.example_record(component, vertical=bool(vertical)).scaled(column["scale"])
+    found = jr.respond_batch(
+        jr.Block(column["half_width"], column["slenderness"]), column["restitution"], record, 60.0
+    )
+    assert len(rows) >= 10
+    assert found.complete.all()
+    np.testing.assert_array_equal(found.overturned, column["overturned"] == 1)
+    stands = column["overturned"] == 0
+    np.testing.assert_allclose(
+        found.peak_rotation[stands], column["peak_rotation"][stands], rtol=1e-4
+    )
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("shape", [jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker])
+@pytest.mark.parametrize("linearized", [False, True])
+def test_pulses_against_adaptive(shape, linearized):
+    block, amplitude = jr.Block(0.4, 5.0), np.linspace(1.5, 4.0, 7)
+    found = jr.respond_batch(block, 0.9, shape(amplitude, 0.6), 4.0, linearized=linearized)
+    for k, a in enumerate(amplitude):
+        r = jr.respond(block, 0.9, shape(a, 0.6), 4.0, linearized=linearized)
+        assert bool(found.overturned[k]) == bool(r.overturned)
+        assert float(found.margin[k]) == pytest.approx(float(r.margin), rel=1e-5, abs=1e-6)
+        if not r.overturned:
+            assert float(found.peak_rotation[k]) == pytest.approx(float(r.peak_rotation), rel=1e-5)
+
+
+def test_a_block_does_not_depend_on_its_batch():
+    rng = np.random.default_rng(0)
+    block = jr.Block(rng.uniform(0.1, 0.5, 301), rng.uniform(3, 8, 301))
+    c, record = rng.uniform(0.5, 0.95, 301), jr.example_record()
+    together = jr.respond_batch(block, c, record, 20.0)
+    for part in (slice(0, 1), slice(7, 60), slice(0, 301, 5)):
+        some = jax.tree.map(lambda leaf, part=part: leaf[part] if leaf.ndim else leaf, block)
+        alone = jr.respond_batch(some, c[part], record, 20.0)
+        np.testing.assert_array_equal(alone.peak_rotation, together.peak_rotation[part])
+        np.testing.assert_array_equal(alone.impacts, together.impacts[part])
+
+
+def test_several_records_and_shapes():
+    north, east = jr.example_record("north"), jr.example_record("east")
+    both = jr.Record(jnp.stack([north.acceleration, east.acceleration]), 0.01)
+    block = jr.Block(np.array([[0.1], [0.2], [0.3]]), 6.0)
+    found = jr.respond_batch(block, 0.8, both, 15.0)
+    assert found.peak_rotation.shape == (3, 2)
+    for k, record in enumerate((north, east)):
+        one = jr.respond_batch(block, 0.8, record, 15.0)
+        np.testing.assert_array_equal(one.peak_rotation[:, 0], found.peak_rotation[:, k])
+
+
+@pytest.mark.float64
+def test_derivative():
+    def peak(amplitude):
+        return jr.respond_batch(jr.Block(0.4, 5.0), 0.9, jr.Sine(amplitude, 0.7), 6.0).peak_rotation
+
+    def adaptive(amplitude):
+        return jr.respond(jr.Block(0.4, 5.0), 0.9, jr.Sine(amplitude, 0.7), 6.0).peak_rotation
+
+    found = jax.jvp(peak, (3.2,), (1.0,))[1]
+    assert float(found) == pytest.approx(float(jax.jvp(adaptive, (3.2,), (1.0,))[1]), rel=1e-4)
+
+
+def test_never_lifted_and_traced_bad_values():
+    found = jr.respond_batch(jr.Block(0.3, 5.0), 0.9, jr.Sine(np.array([0.0, 1.0]), 0.5), 2.0)
+    assert (found.peak_rotation == 0).all()
+    assert not found.overturned.any()
+    assert found.complete.all()
+
+    def run(c):
+        return jr.respond_batch(jr.Block(0.3, 5.0), c, jr.Sine(4.0, 0.5), 2.0)
+
+    mixed = jax.jit(run)(jnp.asarray([0.9, jnp.nan, 1.5]))
+    assert mixed.complete.tolist() == [True, False, False]
+    assert np.isnan(mixed.peak_rotation).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("c", "duration", "words"),
+    [(1.2, 1.0, "restitution must be between 0 and 1"), (0.9, 0.0, "duration must be finite")],
+)
+def test_bad_input(c, duration, words):
+    with pytest.raises(ValueError, match=words):
+        jr.respond_batch(jr.Block(0.3, 5.0), c, jr.Sine(4.0, 0.5), duration)

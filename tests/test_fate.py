@@ -1,0 +1,58 @@
+"""Fate by energy, and windows of survival, against the SciPy integration."""
+
+import numpy as np
+import pytest
+import stepping
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+
+
+@pytest.mark.parametrize("linearized", [False, True])
+def test_margin_says_what_free_motion_does(linearized):
+    """From random states, also beyond the critical angle and moving back."""
+    rng = np.random.default_rng(3)
+    block, c = jr.Block(0.3, 4.0), 0.95
+    rotation = rng.uniform(-2, 2, 40) * float(block.critical_angle)
+    velocity = rng.uniform(-3, 3, 40) * float(jr.Nonlinear().critical_velocity(block))
+    margin = jr.fate_margin(block, c, rotation, velocity, linearized)
+    assert 5 < int((margin < 0).sum()) < 35
+    still = jr.Rectangular(0.0, 100.0)  # the fate is read after it has all happened
+    for a, v, m in zip(rotation, velocity, margin, strict=True):
+        r = jr.respond(block, c, still, 100.0, rotation=a, velocity=v, linearized=linearized)
+        assert bool(abs(r.final_rotation) > 1.5) == bool(m < 0), (a, v)
+
+
+def test_margin_is_continuous():
+    block = jr.Block(0.3, 4.0)
+    velocity = np.linspace(-3, 3, 20001)
+    margin = jr.fate_margin(block, 0.95, 1.2 * block.critical_angle, velocity)
+    assert np.abs(np.diff(margin)).max() < 1e-3
+
+
+@pytest.mark.parametrize("half_diagonal", [0.2, 0.5, 1.0, 2.0])
+def test_survival_windows(half_diagonal):
+    """alpha_c = 0.2, one-sine of 0.5 s, C by Housner."""
+    block = jr.Block(half_diagonal * np.sin(0.2), 1 / np.tan(0.2))
+    c, unit = float(jr.housner_restitution(block)), 9.81 * np.tan(0.2)
+    found = jr.survival_windows(block, c, jr.Sine(unit, 0.5), np.linspace(1, 14, 400))
+    assert found.windows.shape == (1, 2)
+    rocker = stepping.Rocker(float(block.half_width), float(block.slenderness), c)
+
+    def theirs(factor):
+        return stepping.with_events(rocker, stepping.pulse("Sine", factor * unit, 0.5)).overturned
+
+    (low, high), first = found.windows[0], found.first_overturning
+    for edge, before in ((first, False), (low, True), (high, False)):
+        assert theirs(edge * (1 - 1e-5)) == before
+        assert theirs(edge * (1 + 1e-5)) != before
+
+
+def test_bad_input():
+    block, pulse = jr.Block(0.3, 4.0), jr.Sine(2.0, 0.5)
+    with pytest.raises(ValueError, match="factors must be increasing"):
+        jr.survival_windows(block, 0.9, pulse, [2.0, 1.0])
+    none = jr.survival_windows(block, 0.9, pulse, [0.1, 0.2])
+    assert none.first_overturning == np.inf
+    assert none.windows.shape == (0, 2)

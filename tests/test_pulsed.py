@@ -1,0 +1,77 @@
+"""Resonance under pulses that last, against the closed forms as they become short."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+BLOCK, C, INTENSITY = jr.Block(0.4, 5.0), 0.7, 0.15
+
+
+def half_sine(duration):
+    return jr.HalfSine(INTENSITY / duration * np.pi / 2, duration)
+
+
+def test_order_in_the_duration():
+    scene = jr.Scene(BLOCK, C, INTENSITY)
+    closed = [
+        float(jr.stabilized_velocity(scene)),
+        float(jr.stabilized_period(scene, jr.Nonlinear())),
+        float(jr.stabilized_rotation(scene, jr.Nonlinear())),
+        C,
+    ]
+    errors = []
+    for duration in (4e-3, 2e-3, 1e-3):
+        phase = jr.pulsed_phase(BLOCK, C, half_sine(duration))
+        assert phase.stands
+        errors.append(
+            [
+                abs(float(found) - expected)
+                for found, expected in zip(
+                    (phase.velocity, phase.period, phase.peak_rotation, phase.rate),
+                    closed,
+                    strict=True,
+                )
+            ]
+        )
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    np.testing.assert_allclose(orders, 1, atol=0.02)
+
+
+def test_fixed_point_and_rate():
+    pulse = half_sine(0.04)
+    phase = jr.pulsed_phase(BLOCK, C, pulse)
+    velocity, errors = 0.0, []
+    for _ in range(12):
+        velocity = jr.pulsed_next_velocity(BLOCK, C, pulse, velocity)
+        errors.append(float(phase.velocity - velocity))
+    rates = np.array(errors[1:]) / errors[:-1]
+    assert rates[-1] == pytest.approx(float(phase.rate), rel=1e-2)
+    again = jr.pulsed_next_velocity(BLOCK, C, pulse, phase.velocity)
+    assert float(again) == pytest.approx(float(phase.velocity), rel=1e-9)
+
+
+def test_derivative():
+    def ratio(amplitude, c):
+        return jr.pulsed_phase(BLOCK, c, jr.HalfSine(amplitude, 0.04), rtol=1e-11).rotation_ratio
+
+    at = (float(half_sine(0.04).amplitude), C)
+    for k, step in enumerate((1e-3, 1e-4)):
+        found = jax.grad(ratio, k)(*at)
+        forward = jax.jvp(ratio, at, tuple(float(j == k) for j in range(2)))[1]
+        shifted = [ratio(*(a + s * step * (j == k) for j, a in enumerate(at))) for s in (1, -1)]
+        assert float(found) == pytest.approx(float(forward), rel=1e-8)
+        assert float(found) == pytest.approx(float(shifted[0] - shifted[1]) / (2 * step), rel=1e-5)
+
+
+def test_no_phase_and_no_motion():
+    over = jr.pulsed_phase(BLOCK, C, jr.HalfSine(100.0, 0.1))
+    assert not over.stands
+    assert np.isnan(over.rotation_ratio)
+    rest = jr.pulsed_phase(BLOCK, C, jr.HalfSine(1.0, 0.1))
+    assert rest.stands
+    assert rest.rotation_ratio == 0
+    with pytest.raises(ValueError, match="restitution must be between 0 and 1"):
+        jr.pulsed_phase(BLOCK, 1.5, half_sine(0.1))

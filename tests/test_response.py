@@ -1,0 +1,280 @@
+"""Driven motion against closed forms, published thresholds and independent integrations."""
+
+import csv
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import stepping
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+STILL = jr.Rectangular(0.0, 1e-3)
+
+
+def cases(stable):
+    with open(stepping.CASES, encoding="utf-8") as file:
+        rows = [
+            {k: v if k == "component" else float(v) for k, v in row.items()}
+            for row in csv.DictReader(file)
+        ]
+    return [row for row in rows if row["stable"] == stable]
+
+
+def motion_of(row):
+    return jr.example_record(row["component"], vertical=bool(row["vertical"])).scaled(row["scale"])
+
+
+@pytest.mark.parametrize("linearized", [False, True])
+def test_free_rocking(linearized):
+    """The first 20 half-cycles of random blocks, none missed."""
+    rng = np.random.default_rng(2)
+    n, half_cycles = 200, 20
+    block = jr.Block(10 ** rng.uniform(-2, 1, n), rng.uniform(1.5, 20, n))
+    c = rng.uniform(0.4, 0.98, n)
+    model = jr.Linearized() if linearized else jr.Nonlinear()
+    launch = model.critical_velocity(block) * rng.uniform(0.01, 0.999, n)
+    speeds = np.asarray(launch)[:, None] * c[:, None] ** np.arange(half_cycles)
+    column = jax.tree.map(
+        lambda leaf: leaf[:, None], jr.Block(block.half_width, block.slenderness, jnp.full(n, 9.81))
+    )
+    times = np.cumsum(model.half_cycle_duration(column, speeds), axis=1)
+
+    def run(b, s, c, v, t):
+        r = jr.respond(
+            jr.Block(b, s), c, STILL, t, velocity=v, rtol=1e-11, linearized=linearized, listed=32
+        )
+        return r.impact_times, r.impact_velocities, r.impacts, r.status
+
+    ends = times[:, -1] + 0.3 * c * (times[:, -1] - times[:, -2])
+    found, velocities, impacts, status = jax.jit(jax.vmap(run))(
+        block.half_width, block.slenderness, c, launch, ends
+    )
+    assert (status == 0).all()
+    assert (impacts == half_cycles).all()
+    np.testing.assert_allclose(found[:, :half_cycles], times, rtol=1e-9)
+    signed = speeds * np.where(np.arange(half_cycles) % 2, 1, -1)
+    np.testing.assert_allclose(velocities[:, :half_cycles], signed, rtol=1e-9)
+
+
+def threshold(overturns, low, high, tolerance=1e-8):
+    """Smallest amplitude that overturns, by bisection."""
+    assert not overturns(low)
+    assert overturns(high)
+    while high - low > tolerance * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if overturns(middle) else (middle, high)
+    return high
+
+
+def falls(block, c, motion, linearized):
+    return bool(jr.respond(block, c, motion, motion.end, linearized=linearized).overturned)
+
+
+@pytest.mark.parametrize(
+    ("p_duration", "printed"), [(0.5, 2.5414941), (1.0, 1.5819768), (2.0, 1.1565177)]
+)
+def test_housner_rectangular(p_duration, printed):
+    """Housner 1963, eq. 9: A = 1 / (1 - exp(-p t1))."""
+    block = jr.Block(0.3, 6.0)
+    unit, duration = 9.81 * block.critical_angle, p_duration / block.frequency_parameter
+    found = threshold(
+        lambda a: falls(block, 0.9, jr.Rectangular(a * unit, duration), True), 1.01, 4.0
+    )
+    assert found == pytest.approx(1 / -np.expm1(-p_duration), rel=1e-6)
+    assert found == pytest.approx(printed, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "shape", "duration", "expected"),
+    [(0.2, 0.6, jr.HalfSine, 0.5, 0.5545859), (0.5, 1.5, jr.Sine, 1.0, 0.45154)],
+)
+def test_makris_and_roussos(width, height, shape, duration, expected):
+    """Makris and Roussos 2000, with w = 2 pi: in g, recomputed to more digits than printed."""
+    block = jr.Block(width, height / width)
+    c = float(jr.housner_restitution(block))
+    found = threshold(lambda a: falls(block, c, shape(9.81 * a, duration), True), 0.36, 0.6)
+    assert found == pytest.approx(expected, abs=0.6 * 10.0 ** -len(str(expected)[2:]))
+
+
+def test_decay_of_free_rocking():
+    """Housner 1963: r = C^2 = 0.7, from 0.8 alpha_c, linearized."""
+    block, c = jr.Block(0.3, 8.0), np.sqrt(0.7)
+    expected = [0.8, 0.4273, 0.2723, 0.181, 0.1228, 0.0842, 0.0582]
+    r = jr.respond(block, c, STILL, 60.0, rotation=0.8 * block.critical_angle, linearized=True)
+    x = np.abs(r.impact_velocities[:6]) * c / (block.critical_angle * block.frequency_parameter)
+    np.testing.assert_allclose(1 - np.sqrt(1 - x**2), expected[1:], atol=6e-5)
+
+
+def test_two_impulses():
+    """Nabeshima et al. 2016: V, and -V right after the first impact, in the limit."""
+    block, c = jr.Block(0.4, 4.0), 0.8
+    angle, radius = block.critical_angle, block.half_diagonal
+    closed = 2 * jnp.sin(angle / 2) * jnp.sqrt(4 * 9.81 * radius / 3) / (jnp.cos(angle) * (1 + c))
+    scene = jr.Scene(block, c, closed)
+    assert float(jr.half_cycle_velocity(scene, 2)) == pytest.approx(
+        float(jr.Nonlinear().critical_velocity(block)), rel=1e-12
+    )
+    found = []
+    for duration in (2e-3, 1e-3):
+
+        def speed(intensity, duration=duration):
+            pulse = jr.Rectangular(intensity / duration, duration)
+            landing = jr.pulsed_next_velocity(block, c, pulse, 0.0)
+            return np.isnan(landing) or np.isnan(jr.pulsed_next_velocity(block, c, pulse, landing))
+
+        found.append(threshold(speed, 0.5 * float(closed), 2 * float(closed)))
+    assert 2 * found[1] - found[0] == pytest.approx(float(closed), rel=1e-4)
+
+
+def test_record_against_independent_integration():
+    """On the shipped record, wherever two step sizes of a plain loop agree."""
+    rows = cases(1)
+    assert len(rows) >= 40
+    for row in rows[::3]:
+        block = jr.Block(row["half_width"], row["slenderness"])
+        r = jr.respond(block, row["restitution"], motion_of(row), 60.0)
+        assert r.status == 0
+        assert bool(r.overturned) == row["overturned"], row
+        if not row["overturned"]:
+            assert float(r.peak_rotation) == pytest.approx(row["peak_rotation"], rel=1e-4), row
+
+
+def forced(parameters, linearized=False):
+    b, slenderness, c, amplitude, duration = parameters
+    r = jr.respond(
+        jr.Block(b, slenderness),
+        c,
+        jr.Ricker(amplitude, duration),
+        4.0,
+        rtol=1e-11,
+        linearized=linearized,
+        listed=16,
+    )
+    return jnp.stack([r.peak_rotation, r.margin])
+
+
+def test_derivatives_through_impacts():
+    at = jnp.asarray([0.25, 5.0, 0.85, 3.2, 0.7])
+    forward = np.asarray(jax.jit(jax.jacfwd(forced))(at))
+    np.testing.assert_allclose(jax.jit(jax.jacrev(forced))(at), forward, rtol=1e-8)
+
+    def theirs(parameters):
+        b, slenderness, c, amplitude, duration = map(float, parameters)
+        r = stepping.with_events(
+            stepping.Rocker(b, slenderness, c), stepping.pulse("Ricker", amplitude, duration), 1.2
+        )
+        assert len(r.impacts) >= 3
+        return np.array([r.peak, r.margin])
+
+    np.testing.assert_allclose(forced(at), theirs(at), rtol=1e-9)
+    for k in range(5):
+
+        def central(h, k=k):
+            step = np.zeros(5)
+            step[k] = h
+            return (theirs(at + step) - theirs(at - step)) / (2 * h)
+
+        h = 4e-4 * float(at[k])
+        extrapolated = (4 * central(h / 2) - central(h)) / 3
+        np.testing.assert_allclose(forward[:, k], extrapolated, rtol=1e-6, atol=1e-6)
+
+
+def test_never_lifted_and_rest():
+    block = jr.Block(0.3, 5.0)
+    r = jr.respond(block, 0.9, jr.Sine(0.99 * 9.81 / 5, 1.0), 3.0)
+    assert (r.peak_rotation, r.impacts, r.status) == (0, 0, 0)
+    assert float(r.margin) == pytest.approx(1, rel=1e-15)
+    assert r.at_rest
+    assert float(r.friction_demand) == pytest.approx(0.99 / 5, rel=1e-3)
+    assert "stands" in str(r)
+    lifted = jr.respond(block, 0.9, jr.Sine(1.01 * 9.81 / 5, 1.0), 3.0)
+    assert lifted.peak_rotation > 0
+
+
+def test_being_beyond_the_critical_angle_is_not_overturning():
+    """Inside a window of survival, from the SciPy integration."""
+    block = jr.Block(0.5 * np.sin(0.2), 1 / np.tan(0.2))
+    c = float(jr.housner_restitution(block))
+    r = jr.respond(block, c, jr.Sine(4.02 * 9.81 * np.tan(0.2), 0.5), 10.0)
+    assert r.peak_rotation > block.critical_angle
+    assert not r.overturned
+    over = jr.respond(block, c, jr.Sine(3.0 * 9.81 * np.tan(0.2), 0.5), 10.0)
+    assert over.overturned
+    rotation, velocity = over.history(over.overturning_time)
+    assert abs(float(rotation)) == pytest.approx(float(block.critical_angle), rel=1e-6)
+    assert float(rotation * velocity) > 0
+
+
+def test_history():
+    block, model = jr.Block(0.3, 4.0), jr.Nonlinear()
+    launch = 0.6 * model.critical_velocity(block)
+    r = jr.respond(block, 0.8, STILL, 3.0, velocity=launch)
+    first = float(model.half_cycle_duration(block, launch))
+    times = np.linspace(0.01, 0.99, 20) * first
+    rotation, velocity = r.history(times)
+    expected = model.motion(block, launch, times)
+    np.testing.assert_allclose(rotation, expected[0], rtol=1e-6)
+    np.testing.assert_allclose(velocity, expected[1], rtol=1e-6, atol=1e-7)
+    later = model.motion(block, 0.8 * launch, times * 0.3)
+    np.testing.assert_allclose(r.history(first + times * 0.3)[0], -later[0], rtol=1e-6)
+    assert np.isnan(r.history([-1.0, 3.1])[0]).all()
+
+
+def test_all_impacts_are_listed():
+    block = jr.Block(0.2, 5.0)
+    whole = jr.respond(block, 0.9, jr.example_record(), 60.0)
+    short = jr.respond(block, 0.9, jr.example_record(), 60.0, listed=200)
+    assert whole.impacts > 1000
+    assert short.impact_times.shape == (int(whole.impacts),)
+    np.testing.assert_array_equal(short.impact_times, whole.impact_times)
+    traced = jax.jit(lambda c: jr.respond(block, c, jr.example_record(), 60.0, listed=200))(0.9)
+    assert traced.status == jr.Status.LIST_FULL
+    assert traced.impacts == whole.impacts
+    assert float(traced.peak_rotation) == pytest.approx(float(whole.peak_rotation), rel=1e-9)
+
+
+def test_traced_bad_values_are_flagged():
+    def peak(c, amplitude):
+        r = jr.respond(jr.Block(0.3, 4.0), c, jr.Sine(amplitude, 0.5), 2.0, listed=4)
+        return r.peak_rotation, r.status
+
+    peaks, status = jax.vmap(peak)(jnp.asarray([0.9, 1.5, 0.9]), jnp.asarray([4.0, 4.0, jnp.nan]))
+    assert status.tolist() == [0, jr.Status.INVALID, jr.Status.INVALID]
+    assert np.isnan(peaks).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"restitution": 1.1}, "restitution must be between 0 and 1, got 1.1"),
+        ({"duration": 0.0}, "duration must be finite and greater than 0, got 0"),
+        ({"rtol": 1e-17}, "rtol must be less than 1 and at least"),
+        ({"atol": -1.0}, "atol must be at least 0"),
+        ({"listed": 0}, "listed must be at least 1"),
+        ({"restitution": np.array([0.5, 0.6])}, "restitution must be scalar here"),
+        ({"block": jr.Block(np.array([0.3, 0.4]), 4.0)}, "block must be scalar here"),
+    ],
+)
+def test_bad_input(change, words):
+    arguments = {
+        "block": jr.Block(0.3, 4.0),
+        "restitution": 0.9,
+        "motion": jr.Sine(3.0, 0.5),
+        "duration": 2.0,
+    } | change
+    with pytest.raises(ValueError, match=words):
+        jr.respond(**arguments)
+
+
+def test_float32():
+    with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.disable_x64():
+        r = jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0)
+        assert r.peak_rotation.dtype == np.float32
+        peak = float(r.peak_rotation)
+        with pytest.raises(ValueError, match="which is what float32 can deliver, got 1e-10"):
+            jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0, rtol=1e-10)
+    expected = jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0).peak_rotation
+    assert peak == pytest.approx(float(expected), rel=1e-3)

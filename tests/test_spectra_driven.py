@@ -1,0 +1,54 @@
+"""Spectra of driven motion are the batch's answers with their labels."""
+
+import numpy as np
+import pytest
+
+import jaxrock as jr
+
+
+def test_rocking_spectrum():
+    record = jr.example_record().scaled(1.5)
+    found = jr.rocking_spectrum(record, [2.0, 4.0], np.array([4.0, 6.0]), [0.7, 0.9])
+    assert dict(found.sizes) == {"period": 2, "slenderness": 2, "restitution": 2}
+    half_diagonal = 0.75 * 9.81 * (4.0 / (2 * np.pi)) ** 2
+    block = jr.Block(half_diagonal / np.sqrt(37), 6.0)
+    assert float(2 * np.pi / block.frequency_parameter) == pytest.approx(4.0, rel=1e-6)
+    one = jr.respond_batch(block, 0.9, record, record.end)
+    point = found.sel(period=4.0, slenderness=6.0, restitution=0.9)
+    assert float(point.peak_rotation) == pytest.approx(float(one.peak_rotation), rel=1e-3)
+    ratio = float(point.rotation_ratio) * float(block.critical_angle)
+    assert ratio == pytest.approx(float(point.peak_rotation), rel=1e-5)
+    angles = jr.rocking_spectrum(record, 4.0, critical_angle=np.arctan(1 / 6.0))
+    assert dict(angles.sizes) == {"period": 1, "slenderness": 1}
+
+
+@pytest.mark.float64
+def test_overturning_spectrum():
+    """Housner's threshold lies between the amplitudes on its sides, for every size."""
+    ratio = np.pi / np.array([0.5, 1.0, 2.0])  # of frequencies, for p t1
+    for k, edge in enumerate((2.5414941, 1.5819768, 1.1565177)):
+        found = jr.overturning_spectrum(
+            jr.Rectangular, ratio, [0.999 * edge, 1.001 * edge], linearized=True
+        )
+        assert found.overturned.values[k].tolist() == [0, 1]
+
+
+def test_chunks_change_nothing(monkeypatch):
+    whole = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
+    monkeypatch.setattr("jaxrock.spectra_driven._CHUNK", 4)
+    parts = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
+    assert whole.identical(parts)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda m: jr.rocking_spectrum(m, 2.0), "slenderness or critical_angle must be given"),
+        (lambda m: jr.rocking_spectrum(m, -2.0, 4.0), "period must be finite and greater than 0"),
+        (lambda m: jr.rocking_spectrum(m, 2.0, critical_angle=2.0), "critical_angle must be"),
+        (lambda m: jr.overturning_spectrum(m, 2.0, 2.0), "shape must be a class of pulses"),
+    ],
+)
+def test_bad_input(make, words):
+    with pytest.raises(ValueError, match=words):
+        make(jr.Sine(3.0, 0.5))
