@@ -7,12 +7,12 @@ and holds nobody up; what a block does depends on no other.
 """
 
 import concurrent.futures
-import itertools
 import os
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
@@ -22,13 +22,13 @@ from .block import Block
 from .equation import Equation
 from .fate import margin_of
 from .motion import Motion, Pulse, Record
-from .series import derivative, evaluate, lean_series
+from .series import Coefficients, derivative, evaluate, lean_series
 
 _ORDER = 6
 _LONGEST = 0.15  # step times p
 _PULSE_CELLS = 128  # a duration
-_UNROLLED = 4  # turns a pass of the loop
-_FEWEST = 128  # blocks that are worth a thread
+_UNROLLED = 2  # turns a pass of the loop
+_LANES = 512  # blocks in one loop, on a processor
 
 
 class BatchResponse(eqx.Module):
@@ -114,6 +114,39 @@ def _kept(values: Any) -> Any:
     return jax.lax.optimization_barrier(values)
 
 
+def _crossing(c: Coefficients, wanted: Any, low: Any, high: Any, guess: Any) -> Any:
+    """Where a series falls through 0 between `low` and `high`: Newton, kept in the bracket.
+
+    Until all that are wanted have it; the last step, outside of the loop, gives the root its
+    derivative.
+    """
+    slope = derivative(c)
+    small = 4 * jnp.finfo(guess.dtype).eps
+
+    def newton(x: Any) -> tuple[Any, Any, Any]:
+        value, steep = evaluate(c, x), evaluate(slope, x)
+        return value, steep < 0, x - value / jnp.where(steep < 0, steep, -1)
+
+    def better(state: Any) -> Any:
+        x, low, high, left, count = state
+        value, falling, there = newton(x)
+        low = jnp.where(left & (value > 0), x, low)
+        high = jnp.where(left & ~(value > 0), x, high)
+        inside = falling & (there >= low) & (there <= high)
+        there = jnp.where(inside, there, 0.5 * (low + high))
+        # One that has its root waits, so that no other changes it.
+        still = left & (jnp.abs(there - x) > small * high)
+        return jnp.where(left, there, x), low, high, still, count + 1
+
+    x, *_ = jax.lax.while_loop(
+        lambda state: state[3].any() & (state[4] < 80),
+        better,
+        (guess, low, high, wanted, 0),
+    )
+    _, falling, there = newton(x)
+    return jnp.where(falling, jnp.clip(there, low, high), x)
+
+
 def _turn(lanes: _Lanes, equation: Equation, restitution: Any, grid: _Grid, duration: Any) -> Any:
     """One step of every lane: to the end of its cell, its impact, or its uplift."""
     cells = grid.table.shape[1]
@@ -194,28 +227,18 @@ def _turn(lanes: _Lanes, equation: Equation, restitution: Any, grid: _Grid, dura
     a, b, c = path[:3]
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0))
     down = jnp.where(b >= 0, (b + root) / jnp.where(c < 0, -2 * c, 1), 2 * a / (root - b))
-    low, high = jnp.zeros_like(lowest), lowest
-    x = jnp.where((down > 0) & (down < high) & ((c < 0) | (b < 0)), down, 0.5 * high)
-    reduced_slope = derivative(reduced)
-    for _ in range(5):
-        value, steep = evaluate(reduced, x), evaluate(reduced_slope, x)
-        low, high = jnp.where(value > 0, x, low), jnp.where(value > 0, high, x)
-        newton = x - value / jnp.where(steep < 0, steep, -1)
-        inside = (steep < 0) & (newton >= low) & (newton <= high)
-        x = jnp.where(value == 0, x, jnp.where(inside, newton, 0.5 * (low + high)))
-        x, low, high = _kept((x, low, high))
+    guess = jnp.where((down > 0) & (down < lowest) & ((c < 0) | (b < 0)), down, 0.5 * lowest)
+    x = _crossing(reduced, lands, jnp.zeros_like(lowest), lowest, guess)
     flight = jnp.where(lands, x, one_step)
     speed = evaluate(slope, flight)
     lean = jnp.where(lands, 0, evaluate(path, flight))
     lean, speed, flight = _kept((lean, speed, flight))
     # The highest point on the way.
-    top = jnp.where((b > 0) & (speed < 0), -0.5 * b / jnp.where(c < 0, c, -1), flight)
-    for _ in range(2):
-        curvature = evaluate(bend, top)
-        steep = evaluate(slope, top)
-        turned = (b > 0) & (speed < 0) & (curvature < 0)
-        top = jnp.where(turned, top - steep / jnp.where(turned, curvature, -1), top)
-    top = jnp.clip(top, 0, flight)
+    turns = (b > 0) & (speed < 0)
+    guess = flight * b / jnp.where(turns, b - speed, 1)
+    top = jnp.where(
+        turns, _crossing(slope, turns & moves, jnp.zeros_like(flight), flight, guess), flight
+    )
     peak = jnp.maximum(lean, evaluate(path, top))
 
     peak = _kept(peak)
@@ -294,6 +317,8 @@ def _march(equation: Equation, restitution: Any, grid: _Grid, duration: Any) -> 
             + grid.table.sum()
         )
         & (equation.square > 0)
+        & (restitution >= 0)
+        & (restitution <= 1)
         & (grid.length > 0)
         & (duration > 0)
     )
@@ -414,16 +439,27 @@ def respond_batch(
         return _march(equation, restitution, grid, duration)
 
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in (table, *jax.tree.leaves(flat)))
-    workers = 1 if traced else max(1, min(os.cpu_count() or 1, size // _FEWEST))
-    if workers == 1:
-        result = march(flat)
+    devices = jax.local_devices()
+    on_processor = devices[0].platform == "cpu"
+    # Always the same number of lanes on a processor, so that it is the same code which
+    # computes a block, alone or with others, and is compiled once.
+    lanes = _LANES if on_processor else 1 << max(size // len(devices) - 1, 1).bit_length()
+    pieces = max(1, -(-size // lanes))
+    padding = pieces * lanes - size
+    padded = jax.tree.map(
+        lambda part: jnp.pad(part, (0, padding), mode="edge").reshape(pieces, lanes), flat
+    )
+    if traced:
+        results = jax.lax.map(march, padded)
     else:
-        cuts = np.linspace(0, size, workers + 1).astype(int)
-        pieces = [
-            jax.tree.map(lambda part, a=a, b=b: part[a:b], flat)
-            for a, b in itertools.pairwise(cuts)
-        ]
-        with concurrent.futures.ThreadPoolExecutor(workers) as pool:
-            results = list(pool.map(lambda piece: jax.block_until_ready(march(piece)), pieces))
-        result = jax.tree.map(lambda *parts: jnp.concatenate(parts), *results)
-    return jax.tree.map(lambda part: part.reshape(shape), result)
+
+        def on_device(k: int) -> BatchResponse:
+            piece = jax.tree.map(lambda part: part[k], padded)
+            piece = jax.device_put(piece, devices[k % len(devices)])
+            return jax.device_get(march(piece))
+
+        workers = (os.cpu_count() or 1) if on_processor else len(devices)
+        with concurrent.futures.ThreadPoolExecutor(min(workers, pieces)) as pool:
+            separate = list(pool.map(on_device, range(pieces)))
+        results = jax.tree.map(lambda *parts: jnp.stack(parts), *separate)
+    return jax.tree.map(lambda part: part.reshape(-1)[:size].reshape(shape), results)

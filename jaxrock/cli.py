@@ -1,4 +1,4 @@
-"""The command line: ``jaxrock assess``, ``jaxrock spectrum``, ``jaxrock paper``."""
+"""The command line: ``jaxrock assess``, ``spectrum``, ``respond``, and so on."""
 
 import json
 import math
@@ -12,6 +12,7 @@ import tyro
 
 _Grid = tuple[str, ...]
 _Model = Literal["linearized", "nonlinear"]
+_Pulse = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 _Force = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 _Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(name="json")]
 
@@ -125,6 +126,149 @@ def spectrum(
         print("\n".join(written))
 
 
+def respond(
+    pulse: _Pulse | None = None,
+    amplitude: float | None = None,
+    pulse_duration: float | None = None,
+    record: str | None = None,
+    unit: str | None = None,
+    column: str | None = None,
+    vertical: str | None = None,
+    time_step: float | None = None,
+    scale: float = 1.0,
+    width: float = 0.8,
+    slenderness: float = 5.0,
+    restitution: float | None = None,
+    gravity: float = 9.81,
+    duration: float | None = None,
+    linearized: _Force = False,
+    out: Path = Path("response"),
+    animate: _Force = False,
+    force: _Force = False,
+    as_json: _Json = False,
+) -> None:
+    """Response of one block to a pulse or a record, through every impact.
+
+    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
+    (rotation over time and phase portrait).
+
+    Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
+
+    Args:
+        pulse: Shape of the pulse. Give this or a record.
+        amplitude: Largest acceleration of the pulse [m/s2].
+        pulse_duration: Duration of the pulse [s].
+        record: A file .AT2 or .csv, or "example" for the one that comes along.
+        unit: Unit of the record.
+        column: Column of the horizontal acceleration in a .csv.
+        vertical: Column, or file .AT2, of the vertical acceleration.
+        time_step: Time between samples of a .csv without times [s].
+        scale: Factor on the ground motion.
+        width: Full width 2b of the base [m].
+        slenderness: Height over width [-].
+        restitution: Velocity after an impact over velocity before it [-]. Housner's value
+            for the block if not given.
+        gravity: Acceleration of gravity [m/s2].
+        duration: Time to follow the block for [s]. 10 s beyond the input if not given.
+        linearized: Linearize the equation of motion.
+        out: Folder to write to; made if it is missing.
+        animate: Write response.gif as well.
+        force: Overwrite existing files.
+        as_json: Print the answers as JSON.
+    """
+    import numpy as np
+
+    from . import response as driven
+    from .block import Block, housner_restitution
+    from .files import written_whole
+
+    motion = _motion(pulse, amplitude, pulse_duration, record, unit, column, vertical, time_step)
+    motion = motion.scaled(scale)
+    block = Block(width / 2, slenderness, gravity)
+    c = float(housner_restitution(block)) if restitution is None else restitution
+    length = float(motion.end) + 10 if duration is None else duration
+    answer = driven.respond(block, c, motion, length, linearized=linearized)
+    names = ["response.csv", "impacts.csv", "response.nc", "response.png"]
+    with written_whole("out", out, names + ["response.gif"] * animate, force) as scratch:
+        times = np.linspace(0, length, 4001)
+        dataset = _history(answer, times)
+        dataset.to_dataframe().to_csv(scratch / names[0])
+        impacts = np.stack([answer.impact_times, answer.impact_velocities], axis=1)
+        header = "time_s,velocity_before_rad_per_s"
+        np.savetxt(scratch / names[1], impacts, delimiter=",", header=header, comments="")
+        dataset.to_netcdf(scratch / names[2])
+        _plot_response(answer, scratch / names[3])
+        if animate:
+            from .plot import animate as write
+
+            write(answer, scratch / "response.gif")
+    written = [str(out / name) for name in names + ["response.gif"] * animate]
+    if as_json:
+        print(_dumps({**dataset.attrs, "files": written}))
+    else:
+        print(answer)
+        print("\n".join(written))
+
+
+def rocking_spectrum(
+    record: str = "example",
+    unit: str | None = None,
+    column: str | None = None,
+    vertical: str | None = None,
+    time_step: float | None = None,
+    scale: float = 1.0,
+    period: _Grid = ("1:8:71",),
+    slenderness: _Grid = ("4", "6", "8"),
+    restitution: _Grid = ("0.9",),
+    out: Path = Path("rocking_spectrum"),
+    force: _Force = False,
+    as_json: _Json = False,
+) -> None:
+    """Rocking spectrum of a record: peak rotation over the size of the block.
+
+    Writes rocking_spectrum.nc, .csv and .png.
+
+    Example: jaxrock rocking-spectrum --record example --scale 1.5
+
+    Args:
+        record: A file .AT2 or .csv, or "example" for the one that comes along.
+        unit: Unit of the record.
+        column: Column of the horizontal acceleration in a .csv.
+        vertical: Column, or file .AT2, of the vertical acceleration.
+        time_step: Time between samples of a .csv without times [s].
+        scale: Factor on the ground motion.
+        period: 2 pi / p of the blocks [s].
+        slenderness: Height over width [-].
+        restitution: Velocity after an impact over velocity before it [-].
+        out: Folder to write to; made if it is missing.
+        force: Overwrite existing files.
+        as_json: Print the list of files and the size of the grid as JSON.
+    """
+    from .files import written_whole
+    from .spectra_driven import rocking_spectrum as computed
+
+    motion = _motion(None, None, None, record, unit, column, vertical, time_step).scaled(scale)
+    dataset = computed(
+        motion,
+        _values("period", period),
+        _values("slenderness", slenderness),
+        _values("restitution", restitution),
+    )
+    names = [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
+    with written_whole("out", out, names, force) as scratch:
+        dataset.to_netcdf(scratch / names[0])
+        dataset.to_dataframe().to_csv(scratch / names[1])
+        _plot_rocking(dataset, scratch / names[2])
+    written = [str(out / name) for name in names]
+    if as_json:
+        sizes = {str(name): size for name, size in dataset.sizes.items()}
+        print(_dumps({"files": written, "sizes": sizes}))
+    else:
+        share = float(dataset.overturned.mean())
+        print(f"{dataset.overturned.size} blocks, {100 * share:.1f} % of them overturn")
+        print("\n".join(written))
+
+
 def paper(
     out: Path = Path("paper"),
     force: _Force = False,
@@ -174,7 +318,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     jax.config.update("jax_enable_x64", True)
     try:
         tyro.extras.subcommand_cli_from_dict(
-            {"assess": assess, "spectrum": spectrum, "paper": paper},
+            {
+                "assess": assess,
+                "spectrum": spectrum,
+                "respond": respond,
+                "rocking-spectrum": rocking_spectrum,
+                "paper": paper,
+            },
             prog="jaxrock",
             description="Rocking of rigid blocks: will it rock, how far, and what overturns it.",
             args=arguments,
@@ -203,6 +353,112 @@ def _values(name: str, given: _Grid) -> list[float]:
         except ValueError:
             raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {word!r}") from None
     return values
+
+
+def _motion(
+    pulse: str | None,
+    amplitude: float | None,
+    pulse_duration: float | None,
+    record: str | None,
+    unit: str | None,
+    column: str | None,
+    vertical: str | None,
+    time_step: float | None,
+) -> Any:
+    from . import motion as shapes
+    from .records import example_record, read_record
+
+    if (pulse is None) == (record is None):
+        raise ValueError("pulse or record must be given, one of the two")
+    if record == "example":
+        return example_record(column or "north", vertical=vertical is not None)
+    if record is not None:
+        return read_record(record, unit=unit, column=column, vertical=vertical, time_step=time_step)
+    if amplitude is None or pulse_duration is None:
+        raise ValueError("amplitude and pulse_duration must be given with a pulse")
+    of = {
+        "rectangular": shapes.Rectangular,
+        "half-sine": shapes.HalfSine,
+        "sine": shapes.Sine,
+        "cosine": shapes.Cosine,
+        "ricker": shapes.Ricker,
+    }
+    return of[str(pulse)](amplitude, pulse_duration)
+
+
+def _history(answer: Any, times: Any) -> Any:
+    import xarray
+
+    from .response import Status
+
+    rotation, velocity = answer.history(times)
+    ratio = rotation / answer.scene.block.critical_angle
+    scalars = {
+        "status": Status(int(answer.status)).name.lower(),
+        "overturned": int(answer.overturned),
+        "impacts": int(answer.impacts),
+        "at_rest": int(answer.at_rest),
+    }
+    for name in (
+        "peak_rotation",
+        "peak_time",
+        "overturning_time",
+        "margin",
+        "final_rotation",
+        "final_velocity",
+        "friction_demand",
+        "normal_force",
+    ):
+        scalars[name] = float(getattr(answer, name))
+    return xarray.Dataset(
+        {
+            "rotation": ("time", rotation, {"long_name": "rotation", "units": "rad"}),
+            "velocity": ("time", velocity, {"long_name": "angular velocity", "units": "rad s-1"}),
+            "rotation_ratio": (
+                "time",
+                ratio,
+                {"long_name": "rotation over critical angle", "units": "1"},
+            ),
+        },
+        {"time": ("time", times, {"long_name": "time", "units": "s"})},
+        scalars,
+    )
+
+
+def _plot_response(answer: Any, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    from .plot import plot_phase, plot_response
+
+    figure, panels = plt.subplots(
+        1, 2, figsize=(11, 4), layout="constrained", width_ratios=(1.6, 1)
+    )
+    plot_response(answer, panels[0])
+    plot_phase(answer, panels[1])
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def _plot_rocking(dataset: Any, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    from .plot import plot_curves
+
+    figure, ax = plt.subplots(layout="constrained")
+    first = dataset.rotation_ratio.isel(restitution=0)
+    plot_curves(first, hue="slenderness", along="period", ax=ax)
+    ax.set_ylim(0, 1.05)
+    ax.set_xlabel(r"period $2\pi/p$ [s]")
+    ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$")
+    ax.set_title(f"$C$ = {float(first.restitution):g}")
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
 
 
 def _plot_spectrum(dataset: Any, path: Path) -> None:

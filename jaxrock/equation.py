@@ -75,6 +75,11 @@ class Equation(eqx.Module):
 
         0 where it has less energy than the ground has.
         """
-        energy = speed**2 + self.critical_velocity**2 - self.returning_speed(lean) ** 2
+        # The fall from the lean, as a product: as a difference it would not vanish with it.
+        if self.linearized:
+            fall = lean * (2 * self.critical_angle - lean)
+        else:
+            fall = 4 * jnp.sin(self.critical_angle - lean / 2) * jnp.sin(lean / 2)
+        energy = speed**2 + self.square * fall
         positive = energy > 0
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, energy, 1)), 0)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from .arguments import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
 from .block import Block
 from .equation import Equation
+from .free import FreeRocking, Linearized, Nonlinear
 
 
 def margin_of(equation: Equation, restitution: Reals, lean: Reals, speed: Reals) -> Reals:
@@ -22,7 +23,7 @@ def fate_margin(
     restitution: Number,
     rotation: Number,
     velocity: Number,
-    linearized: bool = False,
+    model: FreeRocking = Nonlinear(),
 ) -> Reals:
     """How far a block in free motion is from overturning; negative where it overturns.
 
@@ -37,8 +38,8 @@ def fate_margin(
         C [-], between 0 and 1.
     rotation, velocity : array_like
         State [rad], [rad/s], with the ground at rest from now on.
-    linearized : bool
-        Linearize the equation of motion.
+    model : Nonlinear or Linearized
+        Equation of the free motion.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def fate_margin(
     >>> print(f"{jr.fate_margin(block, 0.9, 0.0, 0.25 * critical):.2f}")
     0.75
     """
-    equation = Equation.of(block, linearized)
-    side = jnp.where(jnp.where(rotation == 0, velocity, rotation) < 0, -1, 1)
-    lean, speed = jnp.abs(rotation), velocity * side.astype(velocity.dtype)
-    return margin_of(equation, restitution, lean, speed)
+    equation = Equation.of(block, isinstance(model, Linearized))
+    backward = jnp.where(rotation == 0, velocity, rotation) < 0
+    speed = jnp.where(backward, -jnp.asarray(velocity), velocity)
+    return margin_of(equation, jnp.asarray(restitution), jnp.abs(rotation), speed)

@@ -286,7 +286,7 @@ class Record(Motion):
 
     acceleration: Reals = quantity(FINITE)
     time_step: Reals = quantity(POSITIVE)
-    vertical: Reals | None
+    vertical: Reals | None = eqx.field()
     scale: Reals = quantity(FINITE)
     start: Reals = quantity(NON_NEGATIVE)
 

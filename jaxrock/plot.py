@@ -5,9 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import matplotlib.axes
     import matplotlib.figure
     import xarray
+
+    from .response import Response
 
 _LABELS = {
     "slenderness": r"slenderness $\lambda$",
@@ -143,6 +147,140 @@ def plot_spectrum(
                 panel.get_legend().remove()
             panel.label_outer()
     return figure
+
+
+def plot_response(
+    response: "Response", ax: "matplotlib.axes.Axes | None" = None
+) -> "matplotlib.axes.Axes":
+    """Draw rotation over critical angle against time, with a tick at every impact.
+
+    Parameters
+    ----------
+    response : Response
+        From `jaxrock.respond`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    import matplotlib.pyplot as plt
+
+    if ax is None:
+        _, ax = plt.subplots(layout="constrained")
+    times = np.linspace(0, float(response.scene.duration), 4000)
+    ratio = np.asarray(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    ax.plot(times, ratio, color="#00204d", linewidth=0.9)
+    impacts = np.asarray(response.impact_times)
+    ax.plot(impacts, np.zeros_like(impacts), "|", color="#b5651d", markersize=6, label="impacts")
+    for level in (-1, 1):
+        ax.axhline(level, color="0.5", linestyle="--", linewidth=0.8)
+    limit = min(1.4, 1.2 * float(np.max(np.abs(ratio))) or 1.4)
+    ax.set_ylim(-limit, limit)
+    if bool(response.overturned):
+        if np.isfinite(float(response.overturning_time)):
+            ax.axvline(float(response.overturning_time), color="0.2", linestyle=":")
+    ax.set_xlim(0, times[-1])
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(r"rotation $\alpha/\alpha_c$")
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def plot_phase(
+    response: "Response", ax: "matplotlib.axes.Axes | None" = None
+) -> "matplotlib.axes.Axes":
+    """Draw the phase portrait, with the separatrix of free motion.
+
+    Parameters
+    ----------
+    response : Response
+        From `jaxrock.respond`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    import matplotlib.pyplot as plt
+
+    import jax.numpy as jnp
+
+    from .equation import Equation
+
+    if ax is None:
+        _, ax = plt.subplots(layout="constrained")
+    block = response.scene.block
+    angle, rate = float(block.critical_angle), float(block.frequency_parameter)
+    times = np.linspace(0, float(response.scene.duration), 8000)
+    rotation, velocity = (np.array(part) for part in response.history(times))
+    # Impacts change the velocity at once: no line from before to after.
+    broken = np.diff(np.searchsorted(np.asarray(response.impact_times), times)) > 0
+    velocity[1:][broken] = np.nan
+    ax.plot(rotation / angle, velocity / (rate * angle), color="#00204d", linewidth=0.8)
+    lean = np.linspace(0, 1.5 * angle, 200)
+    equation = Equation.of(block, response.linearized)
+    back = np.asarray(equation.returning_speed(jnp.asarray(lean))) / (rate * angle)
+    for side in (-1, 1):
+        for sign in (-1, 1):
+            label = "separatrix" if side == sign == 1 else None
+            ax.plot(side * lean / angle, side * sign * back, "--", color="0.5", label=label)
+    ax.set_xlim(-1.5, 1.5)
+    largest = np.nanmax(np.abs(velocity)) / (rate * angle)
+    ax.set_ylim(-max(1.2, min(largest, 3)), max(1.2, min(largest, 3)))
+    ax.set_xlabel(r"rotation $\alpha/\alpha_c$")
+    ax.set_ylabel(r"velocity $\dot\alpha/(p\,\alpha_c)$")
+    ax.legend(frameon=False, loc="upper right")
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def animate(response: "Response", path: "str | Path", frames_per_second: int = 20) -> None:
+    """Write a GIF of the block on the ground, in real time, in at most 300 frames.
+
+    Parameters
+    ----------
+    response : Response
+        From `jaxrock.respond`.
+    path : path
+        File to write.
+    frames_per_second : int
+        Frames a second; of a motion too long for that, every so many are left out.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.patches import Polygon
+
+    block, duration = response.scene.block, float(response.scene.duration)
+    frames = int(np.clip(duration * frames_per_second, 2, 300))
+    times = np.linspace(0, duration, frames)
+    rotations = np.asarray(response.history(times)[0])
+    b, height = float(block.half_width), 2 * float(block.half_height)
+    corners = np.array([[-b, 0], [b, 0], [b, height], [-b, height]])
+    figure, ax = plt.subplots(figsize=(4, 4), layout="constrained")
+    size = 1.1 * np.hypot(2 * b, height)
+    ax.set_xlim(-size, size)
+    ax.set_ylim(-0.1 * size, 1.3 * size)
+    ax.set_aspect("equal")
+    ax.axhspan(-0.1 * size, 0, color="0.8")
+    ax.set_xlabel("[m]")
+    shape = Polygon(corners, closed=True, facecolor="#7c7b78", edgecolor="#00204d")
+    ax.add_patch(shape)
+
+    def draw(frame: int) -> tuple[Polygon]:
+        rotation = rotations[frame]
+        pivot = np.array([b if rotation > 0 else -b, 0.0])
+        cosine, sine = np.cos(rotation), np.sin(rotation)
+        turned = (corners - pivot) @ np.array([[cosine, -sine], [sine, cosine]])
+        shape.set_xy(turned + pivot)
+        ax.set_title(f"{times[frame]:.2f} s, {np.degrees(rotation):+.1f}°")
+        return (shape,)
+
+    animation = FuncAnimation(figure, draw, frames=frames)
+    animation.save(path, writer=PillowWriter(fps=max(1, round(frames / duration))))
+    plt.close(figure)
 
 
 def _label(variable: "xarray.DataArray") -> str:

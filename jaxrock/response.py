@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
@@ -327,6 +328,7 @@ def _solve(span: _Span, length: Reals, y: Reals, rtol: float, atol: float) -> An
     y = solution.ys[0]
     happened = jnp.asarray(solution.event_mask)
     which = jnp.where(happened, jnp.argmin(span.ends(y)), 3)
+    assert solution.controller_state is not None
     _, _, demand, normal = solution.controller_state
     fine = diffrax.is_successful(solution.result) | diffrax.is_event(solution.result)
     return solution.ts[0], y, which, demand, normal, fine
@@ -593,10 +595,12 @@ def _uplift(
     return (found | at_once) & (when < stop), when, side
 
 
-def _valid(driven: Driven) -> tuple[Driven, Any]:
+def _valid(driven: Any) -> tuple[Driven, Any]:
     """The scene with stand-ins for what is not allowed, and whether all is."""
     from .arguments import _module_within, _within
 
+    block: Any
+    motion: Any
     block, valid = _module_within(driven.block)
     restitution, ok = _within(driven.restitution, UNIT_INTERVAL)
     duration, long = _within(driven.duration, POSITIVE)

@@ -6,7 +6,7 @@ motion, which is its own dense output.
 """
 
 import math
-from typing import NamedTuple, Union
+from typing import Any, NamedTuple, Union
 
 import jax.numpy as jnp
 
@@ -78,12 +78,15 @@ def lean_series(
     """
     zero = jnp.zeros_like(lean)
     push, lift = ((*c, *(zero for _ in range(order))) for c in (push, lift))
-    c = [lean, speed]
-    q = [equation.critical_angle - lean, -speed]
+    c: list[Any] = [lean, speed]
+    q: list[Any] = [equation.critical_angle - lean, -speed]
+    sine: list[Any]
+    cosine: list[Any]
     if equation.linearized:
         sine, cosine = [q[0]], [jnp.ones_like(lean)]
     else:
-        sine, cosine = ([part] for part in sine_cosine(q[0]))
+        s, k = sine_cosine(q[0])
+        sine, cosine = [s], [k]
     for k in range(order - 1):
         if k and equation.linearized:
             sine.append(q[k])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
+from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, as_real, check
 from .batch import BatchResponse, respond_batch
 from .block import Block, housner_restitution
 from .motion import Motion, Pulse
@@ -147,7 +147,7 @@ def overturning_spectrum(
         "amplitude_ratio": _axis("amplitude_ratio", amplitude_ratio),
     }
     block = Block(0.2, slenderness)
-    c = _housner(block) if restitution is None else restitution
+    c = float(_housner(block)[0]) if restitution is None else restitution
     gravity = float(block.gravity)
     just_lifts = gravity * float(block.critical_angle if linearized else 1 / block.slenderness)
     p = float(block.frequency_parameter)
@@ -164,7 +164,7 @@ def _axis(name: str, value: Values) -> np.ndarray:
 
 
 def _housner(block: Block) -> np.ndarray:
-    return np.maximum(np.asarray(housner_restitution(block)), 0)
+    return np.maximum(np.atleast_1d(housner_restitution(block)), 0)
 
 
 def _dataset(

@@ -6,6 +6,7 @@ tests/stepping.py`` searches the shipped record for cases in which two step size
 """
 
 import csv
+import itertools
 import math
 import sys
 from collections.abc import Callable
@@ -52,7 +53,7 @@ def pulse(shape, amplitude, duration, parts=1):
     edges = [length * k / parts for k in range(parts + 1)]
     return [
         Piece(a, b, lambda t: (amplitude * of(t / duration), 0.0))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in itertools.pairwise(edges)
     ]
 
 
@@ -107,9 +108,7 @@ def loop(rocker, pieces, substeps, negligible=1e-9, settle=0.0):
         last = pieces[-1].end
         count = math.ceil(settle / 0.002)
         edges = [last + settle * k / count for k in range(count + 1)]
-        free = [
-            Piece(a, b, lambda t: (0.0, 0.0)) for a, b in zip(edges[:-1], edges[1:], strict=True)
-        ]
+        free = [Piece(a, b, lambda t: (0.0, 0.0)) for a, b in itertools.pairwise(edges)]
 
     def advance(t, h, alpha, velocity):
         def f(t, x):
@@ -188,7 +187,7 @@ def loop(rocker, pieces, substeps, negligible=1e-9, settle=0.0):
 
 
 def with_events(rocker, pieces, settle=0.0, rtol=1e-12):
-    """SciPy's DOP853, restarted at every impact; for pulses that lift the block at once or later."""
+    """SciPy's DOP853, restarted at every impact; for pulses."""
     alpha = velocity = peak = 0.0
     side, resting, impacts, margin = 1, True, [], None
     last = pieces[-1].end

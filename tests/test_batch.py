@@ -30,8 +30,9 @@ def test_record_against_independent_integration(component, vertical):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("shape", [jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker])
-@pytest.mark.parametrize("linearized", [False, True])
+@pytest.mark.parametrize(
+    ("shape", "linearized"), [(jr.Rectangular, False), (jr.Cosine, False), (jr.Ricker, True)]
+)
 def test_pulses_against_adaptive(shape, linearized):
     block, amplitude = jr.Block(0.4, 5.0), np.linspace(1.5, 4.0, 7)
     found = jr.respond_batch(block, 0.9, shape(amplitude, 0.6), 4.0, linearized=linearized)

@@ -153,3 +153,45 @@ def test_as_a_module():
     assert done.returncode == 0
     assert all(command in done.stdout for command in ("assess", "spectrum", "paper"))
     assert done.stderr == ""
+
+
+@pytest.mark.float64
+def test_respond(tmp_path, capsys):
+    out = tmp_path / "out"
+    pulse = "respond --pulse sine --amplitude 3 --pulse-duration 0.5 --duration 3"
+    cli.main([*pulse.split(), "--out", str(out), "--animate", "--json"])
+    answer = json.loads(capsys.readouterr().out)
+    block = jr.Block(0.4, 5.0)
+    expected = jr.respond(block, float(jr.housner_restitution(block)), jr.Sine(3.0, 0.5), 3.0)
+    assert answer["peak_rotation"] == pytest.approx(float(expected.peak_rotation), rel=1e-9)
+    assert answer["impacts"] == expected.impacts
+    assert answer["status"] == "complete"
+    names = {"response.csv", "impacts.csv", "response.nc", "response.png", "response.gif"}
+    assert {path.name for path in out.iterdir()} == names
+    rows = (out / "impacts.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == int(expected.impacts) + 1
+
+
+def test_rocking_spectrum(tmp_path, capsys):
+    out = tmp_path / "out"
+    cli.main(["rocking-spectrum", "--period", "2", "4", "--out", str(out)])
+    assert "6 blocks" in capsys.readouterr().out
+    assert len(list(out.iterdir())) == 3
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("respond", "pulse or record must be given"),
+        ("respond --pulse sine --record example", "pulse or record must be given"),
+        ("respond --pulse sine --amplitude 3", "amplitude and pulse_duration must be given"),
+        ("respond --record missing.csv --unit g", "missing.csv"),
+        ("rocking-spectrum --period 0", "period must be finite and greater than 0"),
+    ],
+)
+def test_bad_driven_input(tmp_path, capsys, given, words):
+    with pytest.raises(SystemExit) as end:
+        cli.main([*given.split(), "--out", str(tmp_path / "out")])
+    assert end.value.code == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

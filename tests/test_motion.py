@@ -1,5 +1,7 @@
 """Ground motions against quadrature and against what their names mean."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,7 +29,7 @@ def test_pulse(shape, eps):
     knots = np.asarray(pulse.knots())
     assert knots[0] == pytest.approx(0.2)
     assert knots[-1] == pytest.approx(float(pulse.end))
-    for a, b in zip(knots[:-1], knots[1:], strict=True):
+    for a, b in itertools.pairwise(knots):
         rise = np.diff(pulse.value(jnp.linspace(a, b, 30))[0])
         assert (rise >= -100 * eps).all() or (rise <= 100 * eps).all()
 

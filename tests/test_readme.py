@@ -27,3 +27,13 @@ def test_quickstart():
             assert f"{found:.{len(number.partition('.')[2])}f}" == number, source
             compared += 1
     assert compared == 7
+
+
+@pytest.mark.float64
+def test_driven_motion():
+    quickstart, driven = re.findall(
+        r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL
+    )
+    namespace = {}
+    exec("\n".join(quickstart.splitlines()[:6]) + "\n" + driven, namespace)
+    assert namespace["response"].impacts > 1000

@@ -31,7 +31,7 @@ def motion_of(row):
 def test_free_rocking(linearized):
     """The first 20 half-cycles of random blocks, none missed."""
     rng = np.random.default_rng(2)
-    n, half_cycles = 200, 20
+    n, half_cycles = 100, 20
     block = jr.Block(10 ** rng.uniform(-2, 1, n), rng.uniform(1.5, 20, n))
     c = rng.uniform(0.4, 0.98, n)
     model = jr.Linearized() if linearized else jr.Nonlinear()
@@ -133,7 +133,7 @@ def test_record_against_independent_integration():
     """On the shipped record, wherever two step sizes of a plain loop agree."""
     rows = cases(1)
     assert len(rows) >= 40
-    for row in rows[::3]:
+    for row in rows[::2]:
         block = jr.Block(row["half_width"], row["slenderness"])
         r = jr.respond(block, row["restitution"], motion_of(row), 60.0)
         assert r.status == 0
@@ -186,7 +186,7 @@ def test_never_lifted_and_rest():
     block = jr.Block(0.3, 5.0)
     r = jr.respond(block, 0.9, jr.Sine(0.99 * 9.81 / 5, 1.0), 3.0)
     assert (r.peak_rotation, r.impacts, r.status) == (0, 0, 0)
-    assert float(r.margin) == pytest.approx(1, rel=1e-15)
+    assert float(r.margin) == pytest.approx(1, rel=1e-14)
     assert r.at_rest
     assert float(r.friction_demand) == pytest.approx(0.99 / 5, rel=1e-3)
     assert "stands" in str(r)
