@@ -284,9 +284,9 @@ class Record(Motion):
         differ or are less than two.
     """
 
+    vertical: Reals | None
     acceleration: Reals = quantity(FINITE)
     time_step: Reals = quantity(POSITIVE)
-    vertical: Reals | None = eqx.field()
     scale: Reals = quantity(FINITE)
     start: Reals = quantity(NON_NEGATIVE)
 

@@ -178,9 +178,8 @@ def plot_response(
         ax.axhline(level, color="0.5", linestyle="--", linewidth=0.8)
     limit = min(1.4, 1.2 * float(np.max(np.abs(ratio))) or 1.4)
     ax.set_ylim(-limit, limit)
-    if bool(response.overturned):
-        if np.isfinite(float(response.overturning_time)):
-            ax.axvline(float(response.overturning_time), color="0.2", linestyle=":")
+    if bool(response.overturned) and np.isfinite(float(response.overturning_time)):
+        ax.axvline(float(response.overturning_time), color="0.2", linestyle=":")
     ax.set_xlim(0, times[-1])
     ax.set_xlabel("time [s]")
     ax.set_ylabel(r"rotation $\alpha/\alpha_c$")
@@ -204,9 +203,8 @@ def plot_phase(
     -------
     matplotlib.axes.Axes
     """
-    import matplotlib.pyplot as plt
-
     import jax.numpy as jnp
+    import matplotlib.pyplot as plt
 
     from .equation import Equation
 

@@ -7,6 +7,7 @@ import sys
 import pytest
 import xarray
 
+import jaxrock as jr
 from jaxrock.cli import main
 
 pytestmark = pytest.mark.float64
@@ -159,7 +160,7 @@ def test_as_a_module():
 def test_respond(tmp_path, capsys):
     out = tmp_path / "out"
     pulse = "respond --pulse sine --amplitude 3 --pulse-duration 0.5 --duration 3"
-    cli.main([*pulse.split(), "--out", str(out), "--animate", "--json"])
+    main([*pulse.split(), "--out", str(out), "--animate", "--json"])
     answer = json.loads(capsys.readouterr().out)
     block = jr.Block(0.4, 5.0)
     expected = jr.respond(block, float(jr.housner_restitution(block)), jr.Sine(3.0, 0.5), 3.0)
@@ -174,7 +175,7 @@ def test_respond(tmp_path, capsys):
 
 def test_rocking_spectrum(tmp_path, capsys):
     out = tmp_path / "out"
-    cli.main(["rocking-spectrum", "--period", "2", "4", "--out", str(out)])
+    main(["rocking-spectrum", "--period", "2", "4", "--out", str(out)])
     assert "6 blocks" in capsys.readouterr().out
     assert len(list(out.iterdir())) == 3
 
@@ -191,7 +192,7 @@ def test_rocking_spectrum(tmp_path, capsys):
 )
 def test_bad_driven_input(tmp_path, capsys, given, words):
     with pytest.raises(SystemExit) as end:
-        cli.main([*given.split(), "--out", str(tmp_path / "out")])
+        main([*given.split(), "--out", str(tmp_path / "out")])
     assert end.value.code == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
