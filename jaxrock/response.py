@@ -710,7 +710,7 @@ def respond(
     --------
     >>> import jaxrock as jr
     >>> block = jr.Block(half_width=0.2, slenderness=5.0)
-    >>> pulse = jr.Sine(amplitude=3.0, duration=0.8)
+    >>> pulse = jr.Sine(amplitude=2.5, duration=0.8)
     >>> response = jr.respond(block, 0.9, pulse, duration=5.0, rtol=1e-5)
     >>> print(bool(response.overturned), int(response.status))
     False 0

@@ -21,7 +21,7 @@ class Series(NamedTuple):
 
     c: Coefficients
 
-    def __add__(self, other: Union["Series", float]) -> "Series":  # type: ignore[override]
+    def __add__(self, other: Union["Series", float, int]) -> "Series":  # type: ignore[override]
         if isinstance(other, Series):
             return Series(tuple(a + b for a, b in zip(self.c, other.c, strict=False)))
         return Series((self.c[0] + other, *self.c[1:]))
