@@ -5,9 +5,11 @@ follows from the equation itself: one evaluation gives the whole Taylor polynomi
 motion, which is its own dense output.
 """
 
+import itertools
 import math
 from typing import Any, NamedTuple, Union
 
+import jax
 import jax.numpy as jnp
 
 from .arguments import Reals
@@ -17,50 +19,44 @@ Coefficients = tuple[Reals, ...]
 
 
 class Series(NamedTuple):
-    """``sum c_k t^k``; sums and products are cut off at the shorter one."""
+    """A polynomial ``sum c_k t^k``."""
 
     c: Coefficients
 
-    def __add__(self, other: Union["Series", float, int]) -> "Series":  # type: ignore[override]
-        if isinstance(other, Series):
-            return Series(tuple(a + b for a, b in zip(self.c, other.c, strict=False)))
-        return Series((self.c[0] + other, *self.c[1:]))
+    def __add__(self, other: float) -> "Series":  # type: ignore[override]
+        return Series((self.c[0] + other, *self.c[1:])) if self.c else Series((other,))
 
     def __sub__(self, other: "Series") -> "Series":
-        return Series(tuple(a - b for a, b in zip(self.c, other.c, strict=False)))
+        pairs = itertools.zip_longest(self.c, other.c, fillvalue=0.0)
+        return Series(tuple(a - b for a, b in pairs))
 
     def __mul__(self, other: Union["Series", Reals]) -> "Series":  # type: ignore[override]
         if not isinstance(other, Series):
             return Series(tuple(a * other for a in self.c))
-        orders = range(min(len(self.c), len(other.c)))
-        return Series(
-            tuple(
-                sum(
-                    (self.c[j] * other.c[k - j] for j in range(1, k + 1)),
-                    start=self.c[0] * other.c[k],
-                )
-                for k in orders
-            )
-        )
+        terms = {}
+        for (j, a), (k, b) in itertools.product(enumerate(self.c), enumerate(other.c)):
+            terms[j + k] = terms[j + k] + a * b if j + k in terms else a * b
+        return Series(tuple(terms[k] for k in sorted(terms)))
 
 
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
-    """Sine and cosine of angles of a few pi at most, to 2 eps.
+    """Sine and cosine of angles of up to a right one, to 2 eps.
 
-    By polynomials on a quarter period each, which run on vectors of the processor; what XLA
-    has for float64 does not.
+    By polynomials, which run on vectors of the processor; what XLA has for float64 does
+    not.
     """
-    turns = jnp.round(angle * (1 / math.pi))
-    # pi in two parts, of which the first times a small number is exact
-    rest = (angle - turns * 3.140625) - turns * 9.67653589793115997963e-4
-    sign = 1 - 2 * (turns - 2 * jnp.floor(0.5 * turns))
-    square = rest * rest
-    sine = cosine = jnp.zeros_like(rest)
-    for k in reversed(range(10)):
-        sine = sine * square + (-1) ** k / math.factorial(2 * k + 1)
+    square = angle * angle
+    sine = cosine = jnp.zeros_like(angle)
     for k in reversed(range(11)):
+        sine = sine * square + (-1) ** k / math.factorial(2 * k + 1)
+    for k in reversed(range(12)):
         cosine = cosine * square + (-1) ** k / math.factorial(2 * k)
-    return sign * rest * sine, sign * cosine
+    return angle * sine, cosine
+
+
+def kept(values: Any) -> Any:
+    """Have values computed here, once: XLA would compute them again wherever they are used."""
+    return jax.lax.optimization_barrier(values)
 
 
 def lean_series(
@@ -76,26 +72,20 @@ def lean_series(
     With q = alpha_c - lean, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
     coefficients of sine and cosine one after the other.
     """
-    zero = jnp.zeros_like(lean)
-    push, lift = ((*c, *(zero for _ in range(order))) for c in (push, lift))
     c: list[Any] = [lean, speed]
     q: list[Any] = [equation.critical_angle - lean, -speed]
-    sine: list[Any]
-    cosine: list[Any]
     if equation.linearized:
         sine, cosine = [q[0]], [jnp.ones_like(lean)]
     else:
-        s, k = sine_cosine(q[0])
-        sine, cosine = [s], [k]
+        sine, cosine = ([part] for part in kept(sine_cosine(q[0])))
     for k in range(order - 1):
         if k and equation.linearized:
             sine.append(q[k])
-            cosine.append(zero)
         elif k:
-            sine.append(sum(j * q[j] * cosine[k - j] for j in range(1, k + 1)) / k)
-            cosine.append(-sum(j * q[j] * sine[k - j] for j in range(1, k + 1)) / k)
-        parts = (Series(tuple(part[: k + 1])) for part in (sine, cosine, push, lift))
-        c.append(equation.lean_acceleration(*parts).c[k] / ((k + 1) * (k + 2)))
+            sine.append(sum(j / k * q[j] * cosine[k - j] for j in range(1, k + 1)))
+            cosine.append(sum(-j / k * q[j] * sine[k - j] for j in range(1, k + 1)))
+        parts = (Series(tuple(part)) for part in (sine, cosine, push, lift))
+        c.append(kept(equation.lean_acceleration(*parts).c[k] * (1 / ((k + 1) * (k + 2)))))
         q.append(-c[-1])
     return tuple(c)
 

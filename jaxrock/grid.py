@@ -1,0 +1,124 @@
+"""Ground motion as a grid of cells, for `batch`: in each a polynomial of the time in cells.
+
+And, for blocks at rest, how far it is to the next cell that is strong enough to lift them.
+"""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .motion import Motion, Pulse, Record
+from .series import derivative, evaluate
+
+_PULSE_CELLS = 128  # a duration
+_GRADES = 16  # of strength, each sqrt(2) below the one before
+
+
+class Grid(eqx.Module):
+    """The cells of one or more ground motions, one after the other in flat arrays.
+
+    `horizontal` and `vertical` have an array for every power of the time; `vertical` none
+    where there is no such component. The last cell of a motion is followed by `cells`.
+    """
+
+    horizontal: tuple[Any, ...]
+    vertical: tuple[Any, ...]
+    strongest: Any
+    following: Any  # (cells x motions x grades) next cell in the motion above the grade
+    cells: int = eqx.field(static=True)
+    motions: tuple[int, ...] = eqx.field(static=True)
+
+    def first_cells(self) -> Any:
+        """Where every motion begins."""
+        return self.cells * jnp.arange(math.prod(self.motions), dtype=jnp.int32).reshape(
+            self.motions
+        )
+
+    def ahead(
+        self, index: Any, along: Any, frequency: Any, factor: Any
+    ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Both components times a factor, in powers of the time from `along` on in a cell.
+
+        `frequency` is 1 over the length of a cell.
+        """
+        xi = along * frequency
+
+        def shifted(powers: tuple[Any, ...]) -> tuple[Any, ...]:
+            c = tuple(power.at[index].get(mode="clip") for power in powers)
+            found, unit = [], factor
+            for k in range(len(powers)):
+                found.append(unit * evaluate(c, xi))
+                c = tuple(part * (1 / (k + 1)) for part in derivative(c))
+                unit = unit * frequency
+            return tuple(found)
+
+        return shifted(self.horizontal), shifted(self.vertical)
+
+    def grade(self, needed: Any) -> Any:
+        """The highest grade that leaves out no cell in which the motion reaches `needed`."""
+        steps = jnp.ceil(2 * jnp.log2(self.strongest / needed))
+        return jnp.clip(steps, 0, _GRADES - 1).astype(jnp.int32)
+
+    def next_cell(self, first: Any, cell: Any, grade: Any) -> Any:
+        """The first cell from `cell` on that is above a grade; `cells` if there is none."""
+        motion = first // self.cells
+        index = (cell * math.prod(self.motions) + motion) * _GRADES + grade
+        there = self.following.at[index].get(mode="clip")
+        return jnp.where(cell < self.cells, there, self.cells)
+
+
+def factor_and_length(motion: Motion) -> tuple[Any, Any]:
+    """The factor on the grid of a motion, and the length of its cells."""
+    if isinstance(motion, Record):
+        return motion.scale, motion.time_step
+    if isinstance(motion, Pulse):
+        return motion.amplitude, motion.duration / _PULSE_CELLS
+    raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
+
+
+def grid_of(motion: Motion) -> Grid:
+    """The cells of a motion, which may be several records, for a factor of 1."""
+    vertical: tuple[Any, ...] = ()
+    if isinstance(motion, Pulse):
+        horizontal = _cubics(motion)
+    elif motion.vertical is None:
+        horizontal = _lines(motion.acceleration)
+    else:
+        both = jnp.broadcast_arrays(motion.acceleration, motion.vertical)
+        horizontal, vertical = map(_lines, both)
+    strength = _bound(horizontal)
+    if vertical:
+        strength = jnp.maximum(strength, _bound(vertical))
+    cells, strongest = strength.shape[-1], strength.max()
+    grades = strongest * 2 ** (-0.5 * jnp.arange(_GRADES, dtype=strength.dtype))
+    grades = grades.at[-1].set(0)
+    # With the grades last, a minimum over what follows works on vectors.
+    by_cell = strength.reshape(-1, cells).T[..., None]
+    numbers = jnp.arange(cells, dtype=jnp.int32)[:, None, None]
+    following = jax.lax.cummin(jnp.where(by_cell >= grades, numbers, cells), reverse=True)
+    flat = [tuple(power.reshape(-1) for power in part) for part in (horizontal, vertical)]
+    return Grid(*flat, strongest, following.reshape(-1), cells, strength.shape[:-1])
+
+
+def _lines(samples: Any) -> tuple[Any, ...]:
+    return samples[..., :-1], jnp.diff(samples)
+
+
+def _cubics(motion: Pulse) -> tuple[Any, ...]:
+    """Cubics with the values and slopes of the shape at both ends of every cell."""
+    cells = int(_PULSE_CELLS * motion.turns[-1])
+    edges = jnp.linspace(0, motion.turns[-1], cells + 1, dtype=motion.amplitude.dtype)
+    value, slope = jax.jvp(motion.shape, (edges,), (jnp.full_like(edges, 1 / _PULSE_CELLS),))
+    rise = value[1:] - value[:-1]
+    before, after = slope[:-1], slope[1:]
+    return value[:-1], before, 3 * rise - 2 * before - after, before + after - 2 * rise
+
+
+def _bound(powers: tuple[Any, ...]) -> Any:
+    """No less than the largest magnitude in each cell: that of the Bernstein coefficients."""
+    a, b, c, d = (*powers, *(jnp.zeros_like(powers[0]) for _ in range(4 - len(powers))))
+    corners = (a, a + b / 3, a + (2 * b + c) / 3, a + b + c + d)
+    return jnp.max(jnp.abs(jnp.stack(corners)), axis=0)
