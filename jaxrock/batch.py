@@ -27,7 +27,7 @@ from .motion import Motion
 
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
-_TURNS = 32  # between two looks at the queue
+_TURNS = 64  # between two looks at the queue
 
 
 class BatchResponse(eqx.Module):
@@ -68,10 +68,10 @@ class _Progress(NamedTuple):
 
 
 def _march(
-    grid: Grid, arguments: Arguments, linearized: bool, count: Any, lanes: int
+    grid: Grid, arguments: Any, count: Any, form: Any, linearized: bool, lanes: int
 ) -> BatchResponse:
-    """The first `count` cases of a queue, with as many lanes."""
-    queue = Case.of(grid, arguments, linearized)
+    """The first `count` columns of arguments, which have a given form, with as many lanes."""
+    queue = Case.of(grid, jax.tree.unflatten(form, list(arguments)), linearized)
     dtype, size = queue.duration.dtype, queue.duration.size
     valid = queue.valid() & jnp.isfinite(grid.strongest)
     # Those that will move for long go first.
@@ -102,7 +102,7 @@ def _march(
 
         next_case = jax.tree.map(lambda leaf: leaf[order[place]], queue)
         case = jax.tree.map(given, next_case, case)
-        fresh = grid.next_cell(case.first, jnp.zeros_like(lanes.cell), case.grade)
+        fresh = grid.next_cell(jnp.zeros_like(lanes.cell), case.trail)
         lanes = jax.tree.map(given, Lanes.at_rest(fresh, dtype), lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + idle.sum(), count), results)
 
@@ -143,9 +143,11 @@ def _march(
 
 @functools.cache
 def _compiled(platform: str) -> Callable[..., BatchResponse]:
-    # The widest vectors that a processor has are not what XLA takes by itself.
-    options = {"xla_cpu_prefer_vector_width": 512} if platform == "cpu" else None
-    static = ("linearized", "lanes")
+    # The widest vectors that a processor has are not what XLA takes by itself, and what
+    # becomes of NaN is looked after here.
+    wide = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max": True}
+    options = wide if platform == "cpu" else None
+    static = ("form", "linearized", "lanes")
     return jax.jit(_march, static_argnames=static, compiler_options=options)
 
 
@@ -199,22 +201,25 @@ def respond_batch(
     check("duration", duration, POSITIVE)
     blocks.check()
     motion.check()
-    arguments = (blocks, restitution, motion, duration)
-    leaves = jax.tree.leaves(arguments)
+    leaves = jax.tree.leaves((blocks, restitution, motion, duration))
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    # Outside of a transformation NumPy is quicker for what there is to do.
+    library: Any = jnp if traced else np
     blocks, restitution, motion, duration = jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, dtype), arguments
+        lambda leaf: library.asarray(leaf, dtype), (blocks, restitution, motion, duration)
     )
+    factor, length = factor_and_length(motion)
     grid = _grid(motion)
-    arguments = Arguments(
-        blocks, restitution, *factor_and_length(motion), motion.start, duration, grid.first_cells()
-    )
-    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(arguments)))
+    number = np.arange(math.prod(grid.motions), dtype=dtype).reshape(grid.motions)
+    arguments = Arguments(blocks, restitution, factor, length, motion.start, duration, number)
+    leaves, form = jax.tree.flatten(arguments)
+    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((grid, arguments))):
-        flat = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape).reshape(-1), arguments)
-        result = _march(grid, flat, linearized, jnp.asarray(size), _LANES)
+    rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
+    if traced:
+        result = _march(grid, rows, size, form, linearized, _LANES)
         return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
     devices = jax.local_devices()
@@ -226,20 +231,18 @@ def respond_batch(
         # Few different shapes, so that little is compiled.
         share, lanes = min(_ROOMS[-1], share), _LANES
         room = next(room for room in _ROOMS if share <= room)
-    flat = jax.tree.map(
-        lambda leaf: np.broadcast_to(np.asarray(leaf), shape).reshape(-1), arguments
-    )
     march = _compiled(devices[0].platform)
 
     def on_device(k: int) -> BatchResponse:
-        part = slice(k * share, (k + 1) * share)
-        queue = jax.tree.map(lambda leaf: np.resize(leaf[part], room), flat)
-        count = min(size - k * share, share)
+        part = rows[:, k * share : (k + 1) * share]
+        count = part.shape[1]
+        queue = np.pad(part, ((0, 0), (0, room - count)), mode="edge")
         placed = jax.device_put((grid, queue), devices[k % len(devices)])
-        result = march(*placed, linearized=linearized, count=count, lanes=lanes)
+        result = march(*placed, count, form=form, linearized=linearized, lanes=lanes)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     pieces = max(1, -(-size // share))
     with concurrent.futures.ThreadPoolExecutor(min(workers, pieces)) as pool:
         separate = list(pool.map(on_device, range(pieces)))
-    return jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts).reshape(shape)), *separate)
+    whole = jax.tree.map(lambda *parts: np.concatenate(parts).reshape(shape), *separate)
+    return jax.device_put(whole)

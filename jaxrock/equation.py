@@ -47,7 +47,7 @@ class Equation(eqx.Module):
 
     def lean_acceleration(self, sine: Any, cosine: Any, push: Any, lift: Any) -> Any:
         """The right-hand side, of numbers or of power series in time."""
-        return (cosine * push - sine * (lift + 1)) * self.square
+        return (cosine * push - sine * (lift + 1.0)) * self.square
 
     def acceleration(self, lean: Reals, push: Reals, lift: Reals) -> Reals:
         """Second derivative of the lean in time [rad/s2]."""

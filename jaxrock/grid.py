@@ -31,12 +31,6 @@ class Grid(eqx.Module):
     cells: int = eqx.field(static=True)
     motions: tuple[int, ...] = eqx.field(static=True)
 
-    def first_cells(self) -> Any:
-        """Where every motion begins."""
-        return self.cells * jnp.arange(math.prod(self.motions), dtype=jnp.int32).reshape(
-            self.motions
-        )
-
     def ahead(
         self, index: Any, along: Any, frequency: Any, factor: Any
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -57,15 +51,16 @@ class Grid(eqx.Module):
 
         return shifted(self.horizontal), shifted(self.vertical)
 
-    def grade(self, needed: Any) -> Any:
-        """The highest grade that leaves out no cell in which the motion reaches `needed`."""
+    def trail(self, motion: Any, needed: Any) -> Any:
+        """What `next_cell` has to know of a motion, and of the strength that counts."""
+        # The highest grade that leaves out no cell in which the motion is that strong.
         steps = jnp.ceil(2 * jnp.log2(self.strongest / needed))
-        return jnp.clip(steps, 0, _GRADES - 1).astype(jnp.int32)
+        grade = jnp.clip(steps, 0, _GRADES - 1).astype(jnp.int32)
+        return motion * _GRADES + grade
 
-    def next_cell(self, first: Any, cell: Any, grade: Any) -> Any:
-        """The first cell from `cell` on that is above a grade; `cells` if there is none."""
-        motion = first // self.cells
-        index = (cell * math.prod(self.motions) + motion) * _GRADES + grade
+    def next_cell(self, cell: Any, trail: Any) -> Any:
+        """The first cell from `cell` on that may be strong enough; `cells` if there is none."""
+        index = cell * (math.prod(self.motions) * _GRADES) + trail
         there = self.following.at[index].get(mode="clip")
         return jnp.where(cell < self.cells, there, self.cells)
 
@@ -94,10 +89,10 @@ def grid_of(motion: Motion) -> Grid:
         strength = jnp.maximum(strength, _bound(vertical))
     cells, strongest = strength.shape[-1], strength.max()
     grades = strongest * 2 ** (-0.5 * jnp.arange(_GRADES, dtype=strength.dtype))
-    grades = grades.at[-1].set(0)
+    grades = grades.at[-1].set(0).reshape(1, 1, -1)
     # With the grades last, a minimum over what follows works on vectors.
-    by_cell = strength.reshape(-1, cells).T[..., None]
-    numbers = jnp.arange(cells, dtype=jnp.int32)[:, None, None]
+    by_cell = strength.reshape(-1, cells, 1).swapaxes(0, 1)
+    numbers = jnp.arange(cells, dtype=jnp.int32).reshape(-1, 1, 1)
     following = jax.lax.cummin(jnp.where(by_cell >= grades, numbers, cells), reverse=True)
     flat = [tuple(power.reshape(-1) for power in part) for part in (horizontal, vertical)]
     return Grid(*flat, strongest, following.reshape(-1), cells, strength.shape[:-1])

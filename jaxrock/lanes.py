@@ -30,7 +30,7 @@ class Arguments(NamedTuple):
     length: Any  # of a cell
     start: Any
     duration: Any
-    first: Any  # cell of the motion
+    motion: Any  # its number, where there are several
 
 
 class Case(NamedTuple):
@@ -45,13 +45,14 @@ class Case(NamedTuple):
     frequency: Any  # 1 / length
     start: Any
     duration: Any
-    first: Any
-    grade: Any  # of the cells that might lift the block
+    first: Any  # cell of the motion
+    trail: Any  # of cells that might lift the block
 
     @classmethod
     def of(cls, grid: Grid, arguments: Arguments, linearized: bool) -> "Case":
         """The case of the arguments, elementwise."""
-        block, restitution, factor, length, start, duration, first = arguments
+        block, restitution, factor, length, start, duration, motion = arguments
+        motion = motion.astype(jnp.int32)
         equation = Equation.of(block, linearized)
         angle, strength = equation.critical_angle, factor / equation.gravity
         needed = equation.tangent / jnp.abs(strength)
@@ -67,8 +68,8 @@ class Case(NamedTuple):
             frequency=1 / length,
             start=start,
             duration=duration,
-            first=first,
-            grade=grid.grade(needed),
+            first=motion * grid.cells,
+            trail=grid.trail(motion, needed),
         )
 
     def valid(self) -> Booleans:
@@ -93,6 +94,7 @@ class Lanes(NamedTuple):
     side: Any
     lean: Any
     speed: Any
+    reach: Any  # longest step
     moves: Any
     peak: Any
     impacts: Any
@@ -105,7 +107,9 @@ class Lanes(NamedTuple):
         """Blocks that have not moved, in a cell."""
         zero, count = jnp.zeros(cell.shape, dtype), jnp.zeros_like(cell)
         moves = jnp.zeros(cell.shape, bool)
-        return cls(cell, zero, zero + 1, zero, zero, moves, zero, count, count, zero, zero)
+        return cls(
+            cell, zero, zero + 1, zero, zero, zero + jnp.inf, moves, zero, count, count, zero, zero
+        )
 
     def active(self, grid: Grid) -> Booleans:
         """Whether there is anything left to do."""
@@ -145,82 +149,48 @@ def _lift(
     return lifted, jnp.where(at_once, 0, wait), side
 
 
-def _turning(slope: Coefficients, step: Any) -> Any:
-    """When a lean is extreme within a step, if it is: where its slope is 0.
+def _turning(slope: Coefficients, end: Any, step: Any) -> Any:
+    """When a lean is extreme within a step, if it is, and `step` if not: where its slope is 0.
 
-    A maximum from where a parabola has it, a minimum from the end. Without a derivative,
-    which the extreme value does not need.
+    From a parabola, improved once, which is much for a value that does not change there.
+    Without a derivative, which the extreme value does not need. `end` is the last slope.
     """
-    slope, step = jax.lax.stop_gradient((slope, step))
-    bend = derivative(slope)
-    end = evaluate(slope, step)
-    maximum = (slope[0] > 0) & (end < 0)
-    time = step * jnp.where(maximum, slope[0] / jnp.where(maximum, slope[0] - end, 1), 1)
-    for _ in range(2):
-        steep, curved = evaluate(slope, time), evaluate(bend, time)
-        converges = jnp.where(maximum, curved < 0, (curved > 0) & (steep > 0))
-        better = time - steep / jnp.where(converges, curved, 1)
-        time = jnp.where(converges, jnp.clip(better, 0, step), time)
-    return time
+    slope, end, step = jax.lax.stop_gradient((slope, end, step))
+    a, b, c = slope[0], 0.5 * slope[1], slope[2]
+    root = jnp.sqrt(jnp.maximum(b * b - a * c, 0))
+    maximum, late = end < 0, b < 0
+    above = jnp.where(maximum, a, jnp.where(late, root - b, -a))
+    below = jnp.where(maximum | late, jnp.where(maximum, root - b, c), root + b)
+    time = above / jnp.where(below > 0, below, 1)
+    inside = (below > 0) & (time > 0) & (time < step)
+    time = jnp.where(inside, time, step)
+    curved = evaluate(derivative(slope), time)
+    better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
+    return jnp.where(inside & (better > 0) & (better < step), better, time)
 
 
-def _landing(path: Coefficients, wanted: Any, latest: Any) -> Any:
+def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
     """When a lean falls through 0, if it is positive before and negative at `latest`.
 
-    Newton's method, which is done after a few steps from the root of a parabola; in a
-    bracket for those that are not. The last step gives the time its derivative.
+    From the root of a parabola by Halley's method, and by a step of Newton's, which shows
+    whether that was enough and gives the time its derivative.
     """
     a, b, c = path[:3]
-    # A block that has just been launched is on the ground: divide that root out.
-    reduced = kept(
-        tuple(
-            jnp.where(a == 0, after, here)
-            for here, after in zip(path, (*path[1:], jnp.zeros_like(a)), strict=True)
-        )
-    )
-    slope = derivative(reduced)
-
-    def newton(time: Any) -> tuple[Any, Any, Any]:
-        value, steep = evaluate(reduced, time), evaluate(slope, time)
-        return value, steep < 0, time - value / jnp.where(steep < 0, steep, -1)
-
-    def unsolved(before: Any, after: Any) -> Any:
-        # Convergence is quadratic, and one more step is still to come.
-        return wanted & ~(jnp.abs(after - before) <= jnp.sqrt(jnp.finfo(after.dtype).eps) * latest)
-
-    def better(state: Any) -> Any:
-        time, low, high, left, count = state
-        value, falling, there = newton(time)
-        low, high = jnp.where(value > 0, time, low), jnp.where(value > 0, high, time)
-        inside = falling & (there >= low) & (there <= high)
-        there = jnp.where(inside, there, 0.5 * (low + high))
-        still = left & unsolved(time, there)
-        # One that has its root waits, so that no other changes it.
-        return jnp.where(left, there, time), low, high, still, count + 1
-
+    slope = derivative(path)
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0))
     up = b >= 0
     below = jnp.where(up, -2 * c, root - b)
-    parabola = jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
-    guess = kept(
-        jnp.where((below > 0) & (parabola > 0) & (parabola < latest), parabola, 0.5 * latest)
-    )
-    before = guess
+    time = jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
+    time = jnp.where((below > 0) & (time > 0) & (time < latest), time, 0.5 * latest)
     for _ in range(2):
-        before = jnp.clip(newton(before)[2], 0, latest)
-    before = kept(before)
-    _, falling, after = newton(before)
-    inside = falling & (after >= 0) & (after <= latest)
-    time = jnp.where(inside, after, 0.5 * latest)
-    left = wanted & (~inside | unsolved(before, time))
-    time, left = kept((time, left))
-    time, *_ = jax.lax.while_loop(
-        lambda state: state[3].any() & (state[4] < 80),
-        better,
-        (time, jnp.zeros_like(time), latest, left, 0),
-    )
-    _, falling, there = newton(jax.lax.stop_gradient(time))
-    return jnp.where(falling, jnp.clip(there, 0, latest), time)
+        value, steep, bent = (evaluate(each, time) for each in (path, slope, derivative(slope)))
+        below = steep * steep - 0.5 * value * bent
+        time = time - value * steep / jnp.where(below > 0, below, jnp.inf)
+    before = kept(jax.lax.stop_gradient(time))
+    steep = evaluate(slope, before)
+    time = kept(before - evaluate(path, before) / jnp.where(steep < 0, steep, -1))
+    near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
+    return time, near & (steep < 0) & (time > 0) & (time <= latest)
 
 
 def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
@@ -231,7 +201,8 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
     left = stop - lanes.along
-    step = jnp.where(lanes.moves, jnp.minimum(left, case.longest), jnp.where(acts, left, 0))
+    step = jnp.minimum(jnp.minimum(left, case.longest), lanes.reach)
+    step = jnp.where(lanes.moves, step, jnp.where(acts, left, 0))
     strength = kept(jnp.where(acts, case.strength, 0))
     horizontal, lift = grid.ahead(case.first + lanes.cell, lanes.along, case.frequency, strength)
     push = tuple(lanes.side * part for part in horizontal)
@@ -243,34 +214,47 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
 
     path = lean_series(equation, lanes.lean, lanes.speed, push, lift, _ORDER)
     slope = derivative(path)
-    turning = kept(_turning(slope, step))
+    last = kept(evaluate(slope, step))
+    turning = kept(_turning(slope, last, step))
     end, extreme = kept((evaluate(path, step), evaluate(path, turning)))
     lands = lanes.moves & (jnp.minimum(end, extreme) < 0)
     lands, latest = kept((lands, jnp.where(extreme < 0, turning, step)))
-    flight = kept(jnp.where(lands, _landing(path, lands, latest), step))
+    landing, found = kept(_landing(path, latest))
+    # Where the impact is not found, the next step is half as long and begins here.
+    blocked, lands = lands & ~found, lands & found
+    flight = jnp.where(lands, landing, jnp.where(blocked, 0, step))
+    flight, blocked, lands = kept((flight, blocked, lands))
     speed = kept(evaluate(slope, flight))
     lean = kept(jnp.where(lands, 0, evaluate(path, flight)))
     peak = kept(jnp.maximum(lean, jnp.where(turning < flight, extreme, 0)))
 
-    # Impact, and rest if the bounces left are over in no time, or are nothing.
+    # Impact. The block comes to rest if the bounces that are left end within the step. They
+    # do so in the time of those on the side where the ground presses less, under an
+    # acceleration which then must not change much.
     leaving = case.restitution * jnp.abs(speed)
-    lift_then = evaluate(lift, flight) if lift else 0.0
-    onward = equation.lean_acceleration(*case.foot, -evaluate(push, flight), lift_then)
-    onward, leaving = kept((onward, leaving))
-    negligible = 1e-6 if dtype == jnp.float64 else 1e-4
-    lost = -negligible * onward * (1 - case.restitution)
-    over_soon = 2 * _LONGEST * leaving <= lost * case.longest
+
+    def onward(time: Any) -> Any:
+        sideways = jnp.abs(evaluate(push, time))
+        upward = evaluate(lift, time) if lift else 0.0
+        return equation.lean_acceleration(*case.foot, sideways, upward)
+
+    down, leaving = kept((-onward(flight), leaving))
+    little = 0.125 * (1 - case.restitution) * down
+    rest = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
+    steady = jnp.abs(onward(rest) + down) <= little
+    low = equation.square * leaving * leaving <= little * down
     nothing = leaving <= _tiny(dtype) * equation.critical_velocity
-    level = onward <= 2 * _tiny(dtype) * equation.square * case.foot[0]
-    settles = kept(lands & (over_soon | (nothing & level)))
+    level = -down <= 2 * _tiny(dtype) * equation.square * case.foot[0]
+    settles = (little > 0) & (rest <= step) & steady & low
+    settles = kept(lands & (settles | (nothing & level)))
 
     over = peak >= 0.5 * jnp.pi
-    arrives = jnp.where(lanes.moves, ~lands & (step >= left), ~lifted)
+    arrives = jnp.where(lanes.moves, ~(lands | blocked) & (step >= left), ~lifted)
     ended = (arrives & ~(stop >= length)) | (
         lanes.moves & (over | (lanes.turns >= most_turns(grid)))
     )
     cell = jnp.where(arrives, lanes.cell + 1, lanes.cell)
-    cell = jnp.where(lanes.moves | lifted, cell, grid.next_cell(case.first, cell, case.grade))
+    cell = jnp.where(lanes.moves | lifted, cell, grid.next_cell(cell, case.trail))
     lean = jnp.where(lanes.moves, lean, lanes.lean)
     speed = jnp.where(lands, jnp.where(settles, 0, leaving), speed)
     speed = jnp.where(lanes.moves, speed, lanes.speed)
@@ -283,10 +267,11 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
             side=jnp.where(lands, -lanes.side, jnp.where(lifted, lifted_side, lanes.side)),
             lean=lean,
             speed=speed,
+            reach=jnp.where(blocked, 0.5 * latest, jnp.inf),
             moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
             peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, peak), lanes.peak),
-            impacts=lanes.impacts + lands,
-            turns=lanes.turns + lanes.moves,
+            impacts=lanes.impacts + lands.astype(jnp.int32),
+            turns=lanes.turns + lanes.moves.astype(jnp.int32),
             fate_lean=jnp.where(acts, lean, lanes.fate_lean),
             fate_speed=jnp.where(acts, speed, lanes.fate_speed),
         )

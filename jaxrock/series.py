@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from .arguments import Reals
 from .equation import Equation
 
-Coefficients = tuple[Reals, ...]
+Coefficients = tuple[Reals | float, ...]
 
 
 class Series(NamedTuple):
@@ -33,10 +33,10 @@ class Series(NamedTuple):
     def __mul__(self, other: Union["Series", Reals]) -> "Series":  # type: ignore[override]
         if not isinstance(other, Series):
             return Series(tuple(a * other for a in self.c))
-        terms = {}
+        terms: dict[int, Any] = {}
         for (j, a), (k, b) in itertools.product(enumerate(self.c), enumerate(other.c)):
             terms[j + k] = terms[j + k] + a * b if j + k in terms else a * b
-        return Series(tuple(terms[k] for k in sorted(terms)))
+        return Series(tuple(terms.values()))
 
 
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
@@ -75,7 +75,7 @@ def lean_series(
     c: list[Any] = [lean, speed]
     q: list[Any] = [equation.critical_angle - lean, -speed]
     if equation.linearized:
-        sine, cosine = [q[0]], [jnp.ones_like(lean)]
+        sine, cosine = [q[0]], [1.0]
     else:
         sine, cosine = ([part] for part in kept(sine_cosine(q[0])))
     for k in range(order - 1):
