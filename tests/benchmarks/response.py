@@ -21,7 +21,7 @@ import jaxrock as jr
 SAMPLES = 4000
 
 
-def median(run, repeats=5):
+def median(run, repeats=21):
     """Median time of a call, after one that compiles."""
     run()
     times = []
@@ -79,6 +79,20 @@ def many(count):
         print(f"{name:20} {count:7} blocks {1e3 * taken:9.1f} ms {ratio:8.2f} times ours")
 
 
+def memory(count):
+    """Print what a batch takes beside its input, for records of different lengths."""
+    for samples in (SAMPLES, 10 * SAMPLES):
+        block, c, record = batch(count, jnp.float64)
+        record = jr.Record(jnp.resize(record.acceleration, samples), 0.01)
+
+        def peak(block, c, record, duration=0.01 * samples):
+            return jr.respond_batch(block, c, record, duration).peak_rotation
+
+        needed = jax.jit(peak).lower(block, c, record).compile().memory_analysis()
+        taken = needed.temp_size_in_bytes / 2**20
+        print(f"{count} blocks, {samples:6} samples: {taken:.1f} MiB of working memory")
+
+
 def one():
     """Print the time of one block, of SciPy's, and of a derivative to four numbers."""
     record = jr.example_record()
@@ -115,4 +129,5 @@ def one():
 if __name__ == "__main__":
     for count in map(int, sys.argv[1:] or ["1000", "10000"]):
         many(count)
+    memory(1000)
     one()
