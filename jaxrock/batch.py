@@ -44,7 +44,7 @@ class BatchResponse(eqx.Module):
     margin : Array
         `fate_margin` at the end of the input.
     impacts : Array of int
-        Number of impacts.
+        Number of impacts, without the infinitely many in which a block comes to rest.
     complete : Array of bool
         Whether the motion was followed to its end. Where it was not, for want of turns of
         the loop or of valid arguments, the answers are NaN.

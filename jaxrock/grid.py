@@ -53,7 +53,7 @@ class Grid(eqx.Module):
 
     def trail(self, motion: Any, needed: Any) -> Any:
         """What `next_cell` has to know of a motion, and of the strength that counts."""
-        # The highest grade that leaves out no cell in which the motion is that strong.
+        # The highest grade that leaves out no cell in which the motion is stronger.
         steps = jnp.ceil(2 * jnp.log2(self.strongest / needed))
         grade = jnp.clip(steps, 0, _GRADES - 1).astype(jnp.int32)
         return motion * _GRADES + grade
@@ -88,12 +88,16 @@ def grid_of(motion: Motion) -> Grid:
     if vertical:
         strength = jnp.maximum(strength, _bound(vertical))
     cells, strongest = strength.shape[-1], strength.max()
+    if strength.size * _GRADES >= 2**31:
+        raise ValueError(
+            f"motion has {strength.size} samples, more than {2**31 // _GRADES} in one batch"
+        )
     grades = strongest * 2 ** (-0.5 * jnp.arange(_GRADES, dtype=strength.dtype))
     grades = grades.at[-1].set(0).reshape(1, 1, -1)
     # With the grades last, a minimum over what follows works on vectors.
     by_cell = strength.reshape(-1, cells, 1).swapaxes(0, 1)
     numbers = jnp.arange(cells, dtype=jnp.int32).reshape(-1, 1, 1)
-    following = jax.lax.cummin(jnp.where(by_cell >= grades, numbers, cells), reverse=True)
+    following = jax.lax.cummin(jnp.where(by_cell > grades, numbers, cells), reverse=True)
     flat = [tuple(power.reshape(-1) for power in part) for part in (horizontal, vertical)]
     return Grid(*flat, strongest, following.reshape(-1), cells, strength.shape[:-1])
 

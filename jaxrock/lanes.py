@@ -118,7 +118,7 @@ class Lanes(NamedTuple):
 
 def most_turns(grid: Grid) -> int:
     """Most turns that a lane may take: a bound on the time, reported where it is hit."""
-    return 1000 * grid.cells + 10**6
+    return min(1000 * grid.cells + 10**6, 2**31 - 1)
 
 
 def _tiny(dtype: Any) -> float:
@@ -225,7 +225,9 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
     flight = jnp.where(lands, landing, jnp.where(blocked, 0, step))
     flight, blocked, lands = kept((flight, blocked, lands))
     speed = kept(evaluate(slope, flight))
-    lean = kept(jnp.where(lands, 0, evaluate(path, flight)))
+    # Never on the ground without an impact: from there it could not be found.
+    above = jnp.maximum(evaluate(path, flight), float(jnp.finfo(dtype).tiny))
+    lean = kept(jnp.where(lands, 0, above))
     peak = kept(jnp.maximum(lean, jnp.where(turning < flight, extreme, 0)))
 
     # Impact. The block comes to rest if the bounces that are left end within the step. They
