@@ -236,8 +236,9 @@ def _pacing() -> Any:
             brake = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
             end = jnp.where(slowing, jnp.minimum(end, start + brake), end)
             kink = args.motion.next_kink(args.origin + start) - args.origin
-            end = jnp.where(kink > start, jnp.minimum(end, kink), end)
-            return jax.lax.stop_gradient(end)
+            # A step that ends at a kink goes with it: the slope of the input on this side of
+            # the kink and on that must not both count there.
+            return jnp.where((kink > start) & (kink <= end), kink, jax.lax.stop_gradient(end))
 
     return Pace
 
