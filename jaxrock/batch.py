@@ -23,7 +23,7 @@ from .block import Block
 from .fate import margin_of
 from .grid import Grid, factor_and_length, grid_of
 from .lanes import Arguments, Case, Lanes, most_turns, turn
-from .motion import Motion
+from .motion import Motion, Pulse, Record
 
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
@@ -199,6 +199,8 @@ def respond_batch(
     restitution, duration = as_real("restitution", restitution), as_real("duration", duration)
     check("restitution", restitution, UNIT_INTERVAL)
     check("duration", duration, POSITIVE)
+    if not isinstance(motion, Pulse | Record):
+        raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
     blocks.check()
     motion.check()
     leaves = jax.tree.leaves((blocks, restitution, motion, duration))
@@ -207,13 +209,20 @@ def respond_batch(
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     # Outside of a transformation NumPy is quicker for what there is to do.
     library: Any = jnp if traced else np
-    blocks, restitution, motion, duration = jax.tree.map(
-        lambda leaf: library.asarray(leaf, dtype), (blocks, restitution, motion, duration)
+
+    def converted(tree: Any) -> Any:
+        return jax.tree.map(lambda leaf: library.asarray(leaf, dtype), tree)
+
+    shaking = converted(motion)
+    grid = _grid(shaking)
+    arguments = Arguments(
+        converted(blocks),
+        converted(restitution),
+        *factor_and_length(shaking),
+        shaking.start,
+        converted(duration),
+        np.arange(math.prod(grid.motions), dtype=dtype).reshape(grid.motions),
     )
-    factor, length = factor_and_length(motion)
-    grid = _grid(motion)
-    number = np.arange(math.prod(grid.motions), dtype=dtype).reshape(grid.motions)
-    arguments = Arguments(blocks, restitution, factor, length, motion.start, duration, number)
     leaves, form = jax.tree.flatten(arguments)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
@@ -236,7 +245,7 @@ def respond_batch(
     def on_device(k: int) -> BatchResponse:
         part = rows[:, k * share : (k + 1) * share]
         count = part.shape[1]
-        queue = np.pad(part, ((0, 0), (0, room - count)), mode="edge")
+        queue = np.pad(part, ((0, 0), (0, room - count)), constant_values=1)
         placed = jax.device_put((grid, queue), devices[k % len(devices)])
         result = march(*placed, count, form=form, linearized=linearized, lanes=lanes)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .motion import Motion, Pulse, Record
+from .motion import Pulse, Record
 from .series import derivative, evaluate
 
 _PULSE_CELLS = 128  # a duration
@@ -65,16 +65,14 @@ class Grid(eqx.Module):
         return jnp.where(cell < self.cells, there, self.cells)
 
 
-def factor_and_length(motion: Motion) -> tuple[Any, Any]:
+def factor_and_length(motion: Pulse | Record) -> tuple[Any, Any]:
     """The factor on the grid of a motion, and the length of its cells."""
     if isinstance(motion, Record):
         return motion.scale, motion.time_step
-    if isinstance(motion, Pulse):
-        return motion.amplitude, motion.duration / _PULSE_CELLS
-    raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
+    return motion.amplitude, motion.duration / _PULSE_CELLS
 
 
-def grid_of(motion: Motion) -> Grid:
+def grid_of(motion: Pulse | Record) -> Grid:
     """The cells of a motion, which may be several records, for a factor of 1."""
     vertical: tuple[Any, ...] = ()
     if isinstance(motion, Pulse):
@@ -98,8 +96,14 @@ def grid_of(motion: Motion) -> Grid:
     by_cell = strength.reshape(-1, cells, 1).swapaxes(0, 1)
     numbers = jnp.arange(cells, dtype=jnp.int32).reshape(-1, 1, 1)
     following = jax.lax.cummin(jnp.where(by_cell > grades, numbers, cells), reverse=True)
-    flat = [tuple(power.reshape(-1) for power in part) for part in (horizontal, vertical)]
-    return Grid(*flat, strongest, following.reshape(-1), cells, strength.shape[:-1])
+    return Grid(
+        tuple(power.reshape(-1) for power in horizontal),
+        tuple(power.reshape(-1) for power in vertical),
+        strongest,
+        following.reshape(-1),
+        cells,
+        strength.shape[:-1],
+    )
 
 
 def _lines(samples: Any) -> tuple[Any, ...]:

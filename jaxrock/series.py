@@ -92,7 +92,7 @@ def lean_series(
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:
     """The series at a time."""
-    total = c[-1]
+    total: Any = c[-1]
     for part in reversed(c[:-1]):
         total = total * time + part
     return total

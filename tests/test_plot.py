@@ -1,9 +1,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from PIL import Image
 
 import jaxrock as jr
-from jaxrock.plot import plot_curves, plot_spectrum
+from jaxrock.plot import animate, plot_curves, plot_phase, plot_response, plot_spectrum
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +88,51 @@ def test_of_many_values_some_are_drawn():
     assert figure.axes[-1].get_title() == "$C$ = 0.6, $I$ = 0.15 m/s"
     without_pulses = plot_spectrum(many, "critical_intensity")
     assert without_pulses.axes[0].get_title() == "$C$ = 0.1"
+
+
+@pytest.fixture(scope="module")
+def response():
+    return jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(3.5, 0.7), 4.0)
+
+
+def test_rotation_over_time(response):
+    _, given = plt.subplots()
+    ax = plot_response(response, given)
+    assert ax is given
+    curve, ticks, *levels = ax.get_lines()
+    peak = float(response.peak_rotation / response.scene.block.critical_angle)
+    assert np.abs(curve.get_ydata()).max() == pytest.approx(peak, rel=1e-4)
+    shown = np.asarray(ticks.get_xdata())
+    assert np.isfinite(shown).sum() == response.impacts > 3
+    assert sorted(line.get_ydata()[0] for line in levels) == [-1, 1]
+    assert ax.get_ylim()[1] > peak
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", r"rotation $\alpha/\alpha_c$")
+
+
+def test_phase_portrait(response):
+    ax = plot_phase(response)
+    path, *separatrix = ax.get_lines()
+    # Broken at impacts: nowhere a line from the velocity before to the one after.
+    rotation, velocity = path.get_data()
+    jumps = np.abs(np.diff(velocity)) > 0.1 * np.nanmax(np.abs(velocity))
+    assert not jumps.any()
+    assert np.isnan(velocity).sum() > 3
+    # The separatrix ends upright in the critical velocity, and is at rest at the critical angle.
+    critical = jr.Nonlinear().critical_velocity(response.scene.block)
+    block = response.scene.block
+    scale = float(block.frequency_parameter * block.critical_angle)
+    for line in separatrix:
+        x, y = line.get_data()
+        assert abs(y[0]) == pytest.approx(float(critical) / scale, rel=1e-5)
+        assert np.interp(1, np.abs(x), np.abs(y)) == pytest.approx(0, abs=0.01)
+    assert len(separatrix) == 4
+    assert ax.get_ylabel() == r"velocity $\dot\alpha/(p\,\alpha_c)$"
+
+
+def test_animation(response, tmp_path):
+    animate(response, tmp_path / "block.gif", frames_per_second=5)
+    with Image.open(tmp_path / "block.gif") as film:
+        assert film.n_frames == 20
+        first = np.asarray(film.convert("L"), int)
+        film.seek(5)
+        assert np.abs(np.asarray(film.convert("L"), int) - first).max() > 50
