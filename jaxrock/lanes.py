@@ -257,7 +257,7 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
     )
     cell = jnp.where(arrives, lanes.cell + 1, lanes.cell)
     cell = jnp.where(lanes.moves | lifted, cell, grid.next_cell(cell, case.trail))
-    lean = jnp.where(lanes.moves, lean, lanes.lean)
+    lean = jnp.where(lanes.moves, jnp.minimum(lean, 0.5 * jnp.pi), lanes.lean)
     speed = jnp.where(lands, jnp.where(settles, 0, leaving), speed)
     speed = jnp.where(lanes.moves, speed, lanes.speed)
     taken = jnp.where(lanes.moves, flight, jnp.where(lifted, wait, 0))

@@ -183,6 +183,7 @@ def plot_response(
     ax.set_xlim(0, times[-1])
     ax.set_xlabel("time [s]")
     ax.set_ylabel(r"rotation $\alpha/\alpha_c$")
+    ax.legend(frameon=False, loc="upper right")
     ax.grid(alpha=0.3)
     return ax
 
@@ -264,6 +265,7 @@ def animate(response: "Response", path: "str | Path", frames_per_second: int = 2
     ax.set_aspect("equal")
     ax.axhspan(-0.1 * size, 0, color="0.8")
     ax.set_xlabel("[m]")
+    ax.set_ylabel("[m]")
     shape = Polygon(corners, closed=True, facecolor="#7c7b78", edgecolor="#00204d")
     ax.add_patch(shape)
 

@@ -575,11 +575,11 @@ def _uplift(
     lifted = (at_knots > 0).any(axis=0) & later
     found = lifted.any()
     index = jnp.argmax(lifted)
-    side = jnp.where(at_knots[0, index] > 0, 1, -1).astype(knots.dtype)
+    side = jnp.where(at_knots[0, index] >= at_knots[1, index], 1, -1).astype(knots.dtype)
     upper = knots[index]
     lower = jnp.maximum(time, knots[jnp.maximum(index - 1, 0)])
-    now = jnp.stack([excess(time, s) for s in sides]) > 0
-    at_once = now.any()
+    now = jnp.stack([excess(time, s) for s in sides])
+    at_once = (now > 0).any()
     bracketed = found & (excess(lower, side) < 0) & ~at_once
     eps = float(jnp.finfo(knots.dtype).eps)
     root = optimistix.root_find(
@@ -592,7 +592,7 @@ def _uplift(
     ).value
     when = jnp.where(bracketed, root, lower)
     when = jnp.where(at_once, time, when)
-    side = jnp.where(at_once, jnp.where(now[0], sides[0], sides[1]), side)
+    side = jnp.where(at_once, jnp.where(now[0] >= now[1], sides[0], sides[1]), side)
     return (found | at_once) & (when < stop), when, side
 
 
