@@ -371,6 +371,11 @@ def _motion(
     if (pulse is None) == (record is None):
         raise ValueError("pulse or record must be given, one of the two")
     if record == "example":
+        if unit or time_step or vertical not in (None, "up"):
+            raise ValueError(
+                'the record "example" has its unit and time step; its column may be "north" or'
+                ' "east", and vertical "up"'
+            )
         return example_record(column or "north", vertical=vertical is not None)
     if record is not None:
         return read_record(record, unit=unit, column=column, vertical=vertical, time_step=time_step)
@@ -446,19 +451,9 @@ def _plot_rocking(dataset: Any, path: Path) -> None:
     import matplotlib
 
     matplotlib.use("agg")
-    import matplotlib.pyplot as plt
+    from .plot import plot_rocking_spectrum
 
-    from .plot import plot_curves
-
-    figure, ax = plt.subplots(layout="constrained")
-    first = dataset.rotation_ratio.isel(restitution=0)
-    plot_curves(first, hue="slenderness", along="period", ax=ax)
-    ax.set_ylim(0, 1.05)
-    ax.set_xlabel(r"period $2\pi/p$ [s]")
-    ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$")
-    ax.set_title(f"$C$ = {float(first.restitution):g}")
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    plot_rocking_spectrum(dataset).savefig(path, dpi=150)
 
 
 def _plot_spectrum(dataset: Any, path: Path) -> None:

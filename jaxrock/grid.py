@@ -27,6 +27,7 @@ class Grid(eqx.Module):
     horizontal: tuple[Any, ...]
     vertical: tuple[Any, ...]
     strongest: Any
+    finite: Any  # each motion
     following: Any  # (cells x motions x grades) next cell in the motion above the grade
     cells: int = eqx.field(static=True)
     motions: tuple[int, ...] = eqx.field(static=True)
@@ -82,9 +83,11 @@ def grid_of(motion: Pulse | Record) -> Grid:
     else:
         both = jnp.broadcast_arrays(motion.acceleration, motion.vertical)
         horizontal, vertical = map(_lines, both)
+    finite = jnp.isfinite(sum(horizontal + vertical))
     strength = _bound(horizontal)
     if vertical:
         strength = jnp.maximum(strength, _bound(vertical))
+    strength = jnp.where(finite, strength, 0)
     cells, strongest = strength.shape[-1], strength.max()
     if strength.size * _GRADES >= 2**31:
         raise ValueError(
@@ -100,6 +103,7 @@ def grid_of(motion: Pulse | Record) -> Grid:
         tuple(power.reshape(-1) for power in horizontal),
         tuple(power.reshape(-1) for power in vertical),
         strongest,
+        finite.reshape(-1, cells).all(axis=-1),
         following.reshape(-1),
         cells,
         strength.shape[:-1],

@@ -47,6 +47,7 @@ class Case(NamedTuple):
     duration: Any
     first: Any  # cell of the motion
     trail: Any  # of cells that might lift the block
+    given: Any  # whether the motion is finite
 
     @classmethod
     def of(cls, grid: Grid, arguments: Arguments, linearized: bool) -> "Case":
@@ -70,6 +71,7 @@ class Case(NamedTuple):
             duration=duration,
             first=motion * grid.cells,
             trail=grid.trail(motion, needed),
+            given=grid.finite[motion],
         )
 
     def valid(self) -> Booleans:
@@ -78,6 +80,8 @@ class Case(NamedTuple):
         finite = equation.square + equation.tangent + self.strength + self.start
         return (
             jnp.isfinite(finite + self.restitution + self.length + self.duration)
+            & self.given
+            & (self.start >= 0)
             & (equation.square > 0)
             & (self.restitution >= 0)
             & (self.restitution <= 1)
@@ -149,24 +153,29 @@ def _lift(
     return lifted, jnp.where(at_once, 0, wait), side
 
 
-def _turning(slope: Coefficients, end: Any, step: Any) -> Any:
-    """When a lean is extreme within a step, if it is, and `step` if not: where its slope is 0.
+def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
+    """When a lean is lowest and highest within a step: where its slope rises, falls through 0.
 
-    From a parabola, improved once, which is much for a value that does not change there.
-    Without a derivative, which the extreme value does not need. `end` is the last slope.
+    `step` where it does not. From a parabola, improved once, which is much for a value that
+    does not change there. Without a derivative, which the extreme value does not need.
     """
-    slope, end, step = jax.lax.stop_gradient((slope, end, step))
+    slope, step = jax.lax.stop_gradient((slope, step))
     a, b, c = slope[0], 0.5 * slope[1], slope[2]
-    root = jnp.sqrt(jnp.maximum(b * b - a * c, 0))
-    maximum, late = end < 0, b < 0
-    above = jnp.where(maximum, a, jnp.where(late, root - b, -a))
-    below = jnp.where(maximum | late, jnp.where(maximum, root - b, c), root + b)
-    time = above / jnp.where(below > 0, below, 1)
-    inside = (below > 0) & (time > 0) & (time < step)
-    time = jnp.where(inside, time, step)
-    curved = evaluate(derivative(slope), time)
-    better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
-    return jnp.where(inside & (better > 0) & (better < step), better, time)
+    square, up = b * b - a * c, b > 0
+    root = jnp.sqrt(jnp.maximum(square, 0))
+
+    def improved(above: Any, below: Any) -> Any:
+        time = above / jnp.where(below == 0, 1, below)
+        inside = (square > 0) & (below != 0) & (time > 0) & (time < step)
+        time = jnp.where(inside, time, step)
+        curved = evaluate(derivative(slope), time)
+        better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
+        return jnp.where(inside & (better > 0) & (better < step), better, time)
+
+    # (root - b) / c and -(root + b) / c, without cancellation
+    low = improved(jnp.where(up, -a, root - b), jnp.where(up, root + b, c))
+    high = improved(jnp.where(up, -(root + b), a), jnp.where(up, c, root - b))
+    return low, high
 
 
 def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
@@ -214,11 +223,10 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
 
     path = lean_series(equation, lanes.lean, lanes.speed, push, lift, _ORDER)
     slope = derivative(path)
-    last = kept(evaluate(slope, step))
-    turning = kept(_turning(slope, last, step))
-    end, extreme = kept((evaluate(path, step), evaluate(path, turning)))
-    lands = lanes.moves & (jnp.minimum(end, extreme) < 0)
-    lands, latest = kept((lands, jnp.where(extreme < 0, turning, step)))
+    dip, top = kept(_turnings(slope, step))
+    end, lowest, highest = kept(tuple(evaluate(path, time) for time in (step, dip, top)))
+    lands = lanes.moves & (jnp.minimum(end, lowest) < 0)
+    lands, latest = kept((lands, jnp.where(lowest < 0, dip, step)))
     landing, found = kept(_landing(path, latest))
     # Where the impact is not found, the next step is half as long and begins here.
     blocked, lands = lands & ~found, lands & found
@@ -228,7 +236,7 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
     # Never on the ground without an impact: from there it could not be found.
     above = jnp.maximum(evaluate(path, flight), float(jnp.finfo(dtype).tiny))
     lean = kept(jnp.where(lands, 0, above))
-    peak = kept(jnp.maximum(lean, jnp.where(turning < flight, extreme, 0)))
+    peak = kept(jnp.maximum(lean, jnp.where(top < flight, highest, 0)))
 
     # Impact. The block comes to rest if the bounces that are left end within the step. They
     # do so in the time of those on the side where the ground presses less, under an

@@ -119,11 +119,7 @@ def plot_spectrum(
     """
     import matplotlib.pyplot as plt
 
-    data = spectrum[variable]
-    for name, most in (("width", 7), ("restitution", 4), ("intensity", 4)):
-        size = data.sizes.get(name, 1)
-        if size > most:
-            data = data.isel({name: np.linspace(0, size - 1, most).round().astype(int)})
+    data = _some(spectrum[variable], width=7, restitution=4, intensity=4)
     restitutions = data.restitution.values
     has_rows = "intensity" in data.dims
     rows = data.intensity.values if has_rows else [None]
@@ -146,6 +142,46 @@ def plot_spectrum(
             if panel is not panels[0, -1]:
                 panel.get_legend().remove()
             panel.label_outer()
+    return figure
+
+
+def plot_rocking_spectrum(spectrum: "xarray.Dataset") -> "matplotlib.figure.Figure":
+    """Draw peak rotation over the period 2 pi / p, a panel each restitution.
+
+    A curve each slenderness; it ends where the block overturns. Of more values than can be
+    told apart (4 panels, 5 curves) some are drawn, evenly chosen.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        From `jaxrock.rocking_spectrum`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    import matplotlib.pyplot as plt
+
+    standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
+    data = _some(standing, slenderness=5, restitution=4)
+    restitutions = data.restitution.values
+    figure, panels = plt.subplots(
+        1,
+        restitutions.size,
+        figsize=(2.4 + 4.0 * restitutions.size, 4.2),
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for panel, restitution in zip(panels[0], restitutions, strict=True):
+        chosen = data.sel(restitution=restitution)
+        plot_curves(chosen, hue="slenderness", along="period", ax=panel)
+        panel.set_xlabel(r"period $2\pi/p$ [s]")
+        panel.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$")
+        panel.set_title(f"$C$ = {restitution:g}")
+        if panel is not panels[0, -1]:
+            panel.get_legend().remove()
+        panel.label_outer()
     return figure
 
 
@@ -281,6 +317,15 @@ def animate(response: "Response", path: "str | Path", frames_per_second: int = 2
     animation = FuncAnimation(figure, draw, frames=frames)
     animation.save(path, writer=PillowWriter(fps=max(1, round(frames / duration))))
     plt.close(figure)
+
+
+def _some(variable: "xarray.DataArray", **most: int) -> "xarray.DataArray":
+    """At most so many values of each dimension, evenly chosen."""
+    for name, number in most.items():
+        size = variable.sizes.get(name, 1)
+        if size > number:
+            variable = variable.isel({name: np.linspace(0, size - 1, number).round().astype(int)})
+    return variable
 
 
 def _label(variable: "xarray.DataArray") -> str:

@@ -123,11 +123,13 @@ class Response(eqx.Module):
         if status not in (Status.COMPLETE, Status.LIST_FULL):
             return f"no response: {status.name.lower()}"
         angle = self.scene.block.critical_angle
+        fallen = abs(self.final_rotation) >= 0.5 * jnp.pi
+        still = "lies on its side" if fallen else "at rest" if self.at_rest else "in motion"
         lines = [
             f"{'overturns' if self.overturned else 'stands'}, margin {self.margin:.4g}",
             f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
             f" alpha_c at {self.peak_time:.4g} s",
-            f"{self.impacts} impacts, {'at rest' if self.at_rest else 'in motion'} at the end",
+            f"{self.impacts} impacts, {still} at the end",
             f"friction demand {self.friction_demand:.4g}, smallest normal force"
             f" {self.normal_force:.4g} of the weight",
         ]
@@ -288,7 +290,9 @@ class _Span(eqx.Module):
 
 def _until_cut(t: Reals, y: Reals, args: _Span, **_: Any) -> Reals:
     # Positive at the start by decree: there the span has just begun, whatever rounding says.
-    return jnp.where(t > args.grace, args.ends(y).min(), 1)
+    value = jnp.where(t > args.grace, args.ends(y).min(), 1)
+    # Diffrax compares it with a Python number, which has the precision of JAX's settings.
+    return value.astype(jnp.result_type(float))
 
 
 def _solve(span: _Span, length: Reals, y: Reals, rtol: float, atol: float) -> Any:
@@ -726,6 +730,9 @@ def respond(
     for name, (value, domain) in given.items():
         numbers[name] = as_real(name, value)
         check(name, numbers[name], domain)
+    for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
     block.check()
     motion.check()
     driven = Driven(block=block, motion=motion, **numbers)
@@ -733,7 +740,8 @@ def respond(
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves)
     driven = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), driven)
-    for name, leaf in (("block", driven.block), *((n, getattr(driven, n)) for n in numbers)):
+    scalars: dict[str, Any] = {"block": block, "motion": (motion.end, motion.intensity)}
+    for name, leaf in (scalars | numbers).items():
         if any(jnp.ndim(part) for part in jax.tree.leaves(leaf)):
             raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
     eps = float(jnp.finfo(dtype).eps)

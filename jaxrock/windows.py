@@ -2,9 +2,11 @@
 
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from .arguments import NON_NEGATIVE, Number, Numbers, as_real, check
+from .arguments import NON_NEGATIVE, POSITIVE, Number, Numbers, as_real, check
 from .batch import respond_batch
 from .block import Block
 from .motion import Motion
@@ -16,7 +18,8 @@ class SurvivalWindows(NamedTuple):
     Attributes
     ----------
     first_overturning : float
-        Smallest factor that overturns the block; inf if none in the range does.
+        Smallest factor in the range that overturns the block, which is the first one of it
+        if that does; inf if none does.
     windows : ndarray, shape (windows, 2)
         Factors between which it stands again, above that; inf where the range ends before
         the window does.
@@ -71,6 +74,12 @@ def survival_windows(
             "factors must be increasing and at least two, got an array of shape"
             f" {tried.shape}" + (" that does not increase" if tried.ndim == 1 else "")
         )
+
+    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
+    numbers = {"block": block, "restitution": restitution}
+    for name, value in (numbers | {"motion": (motion.end, motion.intensity)}).items():
+        if any(jnp.ndim(part) for part in jax.tree.leaves(value)):
+            raise ValueError(f"{name} must be one, not an array")
 
     def overturns(factor: np.ndarray) -> np.ndarray:
         scaled = motion.scaled(factor)

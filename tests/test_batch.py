@@ -44,6 +44,89 @@ def test_pulses_against_adaptive(shape, linearized):
             assert float(found.peak_rotation[k]) == pytest.approx(float(r.peak_rotation), rel=1e-5)
 
 
+SHAKEN = np.asarray(jr.example_record("north", vertical=True).acceleration)[1200:1300]
+RISING = np.asarray(jr.example_record("north", vertical=True).vertical)[1200:1300]
+UPLIFT = 9.81 / 5
+
+CORNERS = {
+    "vertical, negative, later, other gravity": (
+        jr.Block(0.2, 5.0, 8.0),
+        0.6,
+        jr.Record(SHAKEN, 0.01, RISING, scale=-1.3, start=0.4),
+        1.4,
+    ),
+    "duration inside": (jr.Block(0.2, 5.0), 0.6, jr.Record(SHAKEN, 0.01), 0.653),
+    "squat": (jr.Block(0.5, 1.0), 0.9, jr.Record(SHAKEN, 0.01, scale=4.0), 0.99),
+    "linearly up to uplift and down": (
+        jr.Block(0.4, 5.0),
+        0.7,
+        jr.Record([1.1 * UPLIFT, 0.0], 0.02),
+        0.02,
+    ),
+    "up and down in a step": (
+        jr.Block(0.4, 5.0),
+        0.6,
+        jr.Record([1.05 * UPLIFT, 0.2 * UPLIFT, UPLIFT, 0.0], 0.2),
+        0.6,
+    ),
+    # In its steps of 0.02 s the block lands and is lifted again.
+    "an impact within a step": (
+        jr.Block(0.1035, 8.5649),
+        0.3558,
+        jr.Record(
+            [
+                0.326,
+                -2.498,
+                -1.013,
+                -0.123,
+                0.614,
+                -3.687,
+                0.469,
+                0.661,
+                -2.531,
+                2.566,
+                3.945,
+                0.805,
+            ],
+            0.02,
+        ),
+        0.22,
+    ),
+}
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("corner", CORNERS)
+def test_corners_against_adaptive(corner):
+    scene = CORNERS[corner]
+    r, found = jr.respond(*scene), jr.respond_batch(*scene)
+    assert found.complete
+    scale = float(r.peak_rotation)
+    assert float(found.peak_rotation) == pytest.approx(scale, rel=1e-5)
+    for name in ("final_rotation", "final_velocity"):
+        assert float(getattr(found, name)) == pytest.approx(
+            float(getattr(r, name)), rel=1e-5, abs=1e-5 * scale
+        )
+    assert float(found.margin) == pytest.approx(float(r.margin), rel=1e-5)
+    # As many impacts, where the block has not come to rest in between.
+    assert 0 <= found.impacts <= r.impacts
+    assert (found.impacts == r.impacts) or r.impacts > 50
+
+
+@pytest.mark.float64
+def test_input_that_just_lifts():
+    """Exactly so, where a block would chatter for ever, and by very little."""
+    period = np.random.default_rng(0).uniform(0.05, 3, 500)
+    block = jr.Block(0.3, 5.0)
+    for shape in (jr.Sine, jr.Ricker):
+        exactly = jr.respond_batch(block, 0.9, shape(UPLIFT, period), 10.0)
+        assert exactly.complete.all()
+        assert (exactly.peak_rotation == 0).all()
+        beyond = jr.respond_batch(block, 0.9, shape(UPLIFT * (1 + 1e-9), period), 10.0)
+        assert beyond.complete.all()
+        assert (beyond.peak_rotation < 1e-6).all()
+
+
 def test_a_block_does_not_depend_on_its_batch():
     rng = np.random.default_rng(0)
     block = jr.Block(rng.uniform(0.1, 0.5, 301), rng.uniform(3, 8, 301))
@@ -91,6 +174,16 @@ def test_never_lifted_and_traced_bad_values():
     mixed = jax.jit(run)(jnp.asarray([0.9, jnp.nan, 1.5]))
     assert mixed.complete.tolist() == [True, False, False]
     assert np.isnan(mixed.peak_rotation).tolist() == [False, True, True]
+
+    def shaken(samples, start):
+        record = jr.Record(samples, 0.01, start=start)
+        return jr.respond_batch(jr.Block(0.3, 5.0), 0.9, record, 2.0)
+
+    samples = jnp.asarray(np.stack([SHAKEN, SHAKEN]), np.float32).at[1, 50].set(jnp.nan)
+    broken = jax.jit(shaken)(samples, jnp.float32(0.1))
+    assert broken.complete.tolist() == [True, False]
+    assert np.isnan(broken.peak_rotation).tolist() == [False, True]
+    assert not jax.jit(shaken)(samples, jnp.float32(-0.1)).complete.any()
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def test_phase_portrait(response):
     ax = plot_phase(response)
     path, *separatrix = ax.get_lines()
     # Broken at impacts: nowhere a line from the velocity before to the one after.
-    rotation, velocity = path.get_data()
+    velocity = path.get_ydata()
     jumps = np.abs(np.diff(velocity)) > 0.1 * np.nanmax(np.abs(velocity))
     assert not jumps.any()
     assert np.isnan(velocity).sum() > 3
