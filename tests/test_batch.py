@@ -108,9 +108,8 @@ def test_corners_against_adaptive(corner):
             float(getattr(r, name)), rel=1e-5, abs=1e-5 * scale
         )
     assert float(found.margin) == pytest.approx(float(r.margin), rel=1e-5)
-    # As many impacts, where the block has not come to rest in between.
-    assert 0 <= found.impacts <= r.impacts
-    assert (found.impacts == r.impacts) or r.impacts > 50
+    # Those in which it comes to rest, many and small, are not counted.
+    assert found.impacts == r.impacts or 2 < found.impacts < r.impacts > 20
 
 
 @pytest.mark.float64
