@@ -273,7 +273,7 @@ def plot_phase(
 
 
 def animate(response: "Response", path: "str | Path", frames_per_second: int = 20) -> None:
-    """Write a GIF of the block on the ground, in real time, in at most 300 frames.
+    """Write a GIF of the block on the ground, in real time.
 
     Parameters
     ----------
@@ -282,14 +282,15 @@ def animate(response: "Response", path: "str | Path", frames_per_second: int = 2
     path : path
         File to write.
     frames_per_second : int
-        Frames a second; of a motion too long for that, every so many are left out.
+        Frames a second, at most; less where that makes more than 300 of them, at least 1.
     """
     import matplotlib.pyplot as plt
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.patches import Polygon
 
     block, duration = response.scene.block, float(response.scene.duration)
-    frames = int(np.clip(duration * frames_per_second, 2, 300))
+    rate = int(np.clip(300 / duration, 1, frames_per_second))
+    frames = max(2, round(duration * rate))
     times = np.linspace(0, duration, frames)
     rotations = np.asarray(response.history(times)[0])
     b, height = float(block.half_width), 2 * float(block.half_height)
@@ -315,7 +316,7 @@ def animate(response: "Response", path: "str | Path", frames_per_second: int = 2
         return (shape,)
 
     animation = FuncAnimation(figure, draw, frames=frames)
-    animation.save(path, writer=PillowWriter(fps=max(1, round(frames / duration))))
+    animation.save(path, writer=PillowWriter(fps=rate))
     plt.close(figure)
 
 
