@@ -69,7 +69,7 @@ def pulsed_next_velocity(
     linearized : bool
         Linearize the equation of motion; see `respond`.
     rtol : float
-        Tolerance of the integration.
+        Tolerance of the integration, at most 0.001.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def pulsed_next_velocity(
     ValueError
         If a concrete argument is outside of what is allowed.
     """
-    block, restitution, pulse, velocity = _checked(block, restitution, pulse, velocity)
+    block, restitution, pulse, velocity = _checked(block, restitution, pulse, velocity, rtol)
     return _next(block, restitution, pulse, velocity, linearized, rtol)
 
 
@@ -110,7 +110,7 @@ def pulsed_phase(
     linearized : bool
         Linearize the equation of motion; see `respond`.
     rtol : float
-        Tolerance of the integration.
+        Tolerance of the integration, at most 0.001.
 
     Returns
     -------
@@ -121,13 +121,17 @@ def pulsed_phase(
     ValueError
         If a concrete argument is outside of what is allowed.
     """
-    block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0)
+    block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0, rtol)
     return _phase(block, restitution, pulse, linearized, rtol)
 
 
 def _checked(
-    block: Block, restitution: Number, pulse: Pulse, velocity: Number
+    block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
 ) -> tuple[Block, Reals, Pulse, Reals]:
+    if not isinstance(pulse, Pulse):
+        raise ValueError(f"pulse must be a Pulse, got a {type(pulse).__name__}")
+    if not 0 < rtol <= 1e-3:
+        raise ValueError(f"rtol must be greater than 0 and at most 0.001, got {rtol:g}")
     restitution, velocity = as_real("restitution", restitution), as_real("velocity", velocity)
     check("restitution", restitution, UNIT_INTERVAL)
     check("velocity", velocity, NON_NEGATIVE)
