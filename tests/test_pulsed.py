@@ -77,5 +77,5 @@ def test_no_phase_and_no_motion():
     assert rest.rotation_ratio == 0
     with pytest.raises(ValueError, match="restitution must be between 0 and 1"):
         jr.pulsed_phase(BLOCK, 1.5, half_sine(0.1))
-    with pytest.raises(ValueError, match="rtol must be greater than 0 and at most 0.001"):
+    with pytest.raises(ValueError, match=r"rtol must be greater than 0 and at most 0\.001"):
         jr.pulsed_phase(BLOCK, C, half_sine(0.1), rtol=0.5)
