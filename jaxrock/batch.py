@@ -194,9 +194,8 @@ def respond_batch(
     Notes
     -----
     Taylor polynomials of order 6, one a sample (more where the block is fast). A pulse is
-    taken as 128 cubics a duration, which costs 3e-6 of the peak. Without a
-    transformation, the batch is shared out to the devices, or on a single processor to its
-    cores. Has forward-mode derivatives.
+    taken as 128 quintics a duration. Without a transformation, the batch is shared out to
+    the devices, or on a single processor to its cores. Has forward-mode derivatives.
     """
     restitution, duration = as_real("restitution", restitution), as_real("duration", duration)
     check("restitution", restitution, UNIT_INTERVAL)

@@ -77,7 +77,7 @@ def grid_of(motion: Pulse | Record) -> Grid:
     """The cells of a motion, which may be several records, for a factor of 1."""
     vertical: tuple[Any, ...] = ()
     if isinstance(motion, Pulse):
-        horizontal = _cubics(motion)
+        horizontal = _quintics(motion)
     elif motion.vertical is None:
         horizontal = _lines(motion.acceleration)
     else:
@@ -114,18 +114,34 @@ def _lines(samples: Any) -> tuple[Any, ...]:
     return samples[..., :-1], jnp.diff(samples)
 
 
-def _cubics(motion: Pulse) -> tuple[Any, ...]:
-    """Cubics with the values and slopes of the shape at both ends of every cell."""
+def _quintics(motion: Pulse) -> tuple[Any, ...]:
+    """Quintics with the values and two derivatives of the shape at both ends of every cell."""
     cells = int(_PULSE_CELLS * motion.turns[-1])
     edges = jnp.linspace(0, motion.turns[-1], cells + 1, dtype=motion.amplitude.dtype)
-    value, slope = jax.jvp(motion.shape, (edges,), (jnp.full_like(edges, 1 / _PULSE_CELLS),))
-    rise = value[1:] - value[:-1]
-    before, after = slope[:-1], slope[1:]
-    return value[:-1], before, 3 * rise - 2 * before - after, before + after - 2 * rise
+    along = jnp.full_like(edges, 1 / _PULSE_CELLS)
+
+    def sloped(edges: Any) -> Any:
+        return jax.jvp(motion.shape, (edges,), (along,))
+
+    (value, slope), (_, bend) = jax.jvp(sloped, (edges,), (along,))
+    # What is left at the far end of the parabola from the near one.
+    a, b, c = value[:-1], slope[:-1], 0.5 * bend[:-1]
+    rise, steeper, bent = value[1:] - a - b - c, slope[1:] - b - 2 * c, 0.5 * bend[1:] - c
+    return (
+        a,
+        b,
+        c,
+        10 * rise - 4 * steeper + bent,
+        -15 * rise + 7 * steeper - 2 * bent,
+        6 * rise - 3 * steeper + bent,
+    )
 
 
 def _bound(powers: tuple[Any, ...]) -> Any:
     """No less than the largest magnitude in each cell: that of the Bernstein coefficients."""
-    a, b, c, d = (*powers, *(jnp.zeros_like(powers[0]) for _ in range(4 - len(powers))))
-    corners = (a, a + b / 3, a + (2 * b + c) / 3, a + b + c + d)
+    degree = len(powers) - 1
+    corners = [
+        sum(math.comb(i, k) / math.comb(degree, k) * powers[k] for k in range(i + 1))
+        for i in range(degree + 1)
+    ]
     return jnp.max(jnp.abs(jnp.stack(corners)), axis=0)

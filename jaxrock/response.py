@@ -586,14 +586,29 @@ def _uplift(
     at_once = (now > 0).any()
     bracketed = found & (excess(lower, side) < 0) & ~at_once
     eps = float(jnp.finfo(knots.dtype).eps)
-    root = optimistix.root_find(
-        lambda t, _: jnp.where(bracketed, excess(t, side), t - lower - 0.5 * (upper - lower)),
+
+    def beyond(share: Any, _: Any) -> Any:
+        value = excess(lower + share * (upper - lower), side)
+        return jnp.where(bracketed, value, share - 0.5)
+
+    # Newton's method finds it only from nearby where the input is all but flat before.
+    inside = {"lower": jnp.zeros_like(lower), "upper": jnp.ones_like(lower)}
+    near = optimistix.root_find(
+        beyond,
+        optimistix.Bisection(rtol=0.0, atol=1e-3, flip=False),
+        jnp.full_like(lower, 0.5),
+        options=inside,
+        throw=False,
+    ).value
+    share = optimistix.root_find(
+        beyond,
         optimistix.Newton(rtol=4 * eps, atol=4 * eps),
-        lower + 0.5 * (upper - lower),
-        options={"lower": lower, "upper": upper},
+        jax.lax.stop_gradient(near),
+        options=inside,
         max_steps=64,
         throw=False,
     ).value
+    root = lower + share * (upper - lower)
     when = jnp.where(bracketed, root, lower)
     when = jnp.where(at_once, time, when)
     side = jnp.where(at_once, jnp.where(now[0] >= now[1], sides[0], sides[1]), side)
