@@ -9,7 +9,19 @@ derivative zero where it is traced.
 from .assessment import assess
 from .batch import BatchResponse, respond_batch
 from .block import Block, housner_restitution
-from .critical import critical_intensity
+from .boundaries import Boundaries, overturning_boundaries
+from .critical import (
+    critical_intensity,
+    critical_restitution,
+    critical_slenderness,
+    critical_width,
+)
+from .critical_driven import (
+    SurvivalWindows,
+    critical_amplitude,
+    critical_duration,
+    survival_windows,
+)
 from .fate import fate_margin
 from .free import Linearized, Nonlinear
 from .motion import Cosine, HalfSine, Motion, Pulse, Record, Rectangular, Ricker, Sine
@@ -19,7 +31,13 @@ from .oscillator import (
     equivalent_damping,
     equivalent_damping_as_printed,
 )
-from .pulsed import PulsedPhase, pulsed_next_velocity, pulsed_phase
+from .pulsed import (
+    PulsedPhase,
+    PulsedVerge,
+    critical_pulsed_amplitude,
+    pulsed_next_velocity,
+    pulsed_phase,
+)
 from .records import example_record, from_obspy, read_record
 from .resonance import (
     Scene,
@@ -35,56 +53,97 @@ from .resonance import (
     stabilized_velocity,
 )
 from .response import Response, Status, respond
+from .sensitivity import (
+    GlobalSensitivities,
+    Probability,
+    Scatter,
+    Sensitivities,
+    Swing,
+    failure_probability,
+    global_sensitivities,
+    monte_carlo,
+    propagate,
+    sensitivities,
+    tornado,
+)
 from .spectra import resonance_spectrum, write_table
-from .spectra_driven import overturning_spectrum, rocking_spectrum
-from .windows import SurvivalWindows, survival_windows
+from .spectra_driven import overturning_map, overturning_spectrum, rocking_spectrum
+from .timing import timing_costs
+from .train import TrainResponse, respond_to_train
+from .worst import WorstTrain, worst_train
 
 __all__ = [
     "BatchResponse",
     "Block",
+    "Boundaries",
     "Cosine",
+    "GlobalSensitivities",
     "HalfSine",
     "Linearized",
     "Motion",
     "Nonlinear",
     "Oscillator",
+    "Probability",
     "Pulse",
     "PulsedPhase",
+    "PulsedVerge",
     "Record",
     "Rectangular",
     "Response",
     "Ricker",
+    "Scatter",
     "Scene",
+    "Sensitivities",
     "Sine",
     "Status",
     "SurvivalWindows",
+    "Swing",
+    "TrainResponse",
+    "WorstTrain",
     "amplification",
     "assess",
+    "critical_amplitude",
+    "critical_duration",
     "critical_intensity",
+    "critical_pulsed_amplitude",
+    "critical_restitution",
+    "critical_slenderness",
+    "critical_width",
     "damping_from_decay",
     "equivalent_damping",
     "equivalent_damping_as_printed",
     "example_record",
+    "failure_probability",
     "fate_margin",
     "from_obspy",
+    "global_sensitivities",
     "half_cycle_velocity",
     "housner_restitution",
     "launch_velocity",
+    "monte_carlo",
     "next_velocity",
+    "overturning_boundaries",
     "overturning_half_cycle",
+    "overturning_map",
     "overturning_margin",
     "overturning_spectrum",
+    "propagate",
     "pulsed_next_velocity",
     "pulsed_phase",
     "read_record",
     "resonance_spectrum",
     "respond",
     "respond_batch",
+    "respond_to_train",
     "rocking_spectrum",
     "rotation_ratio",
+    "sensitivities",
     "stabilized_period",
     "stabilized_rotation",
     "stabilized_velocity",
     "survival_windows",
+    "timing_costs",
+    "tornado",
+    "worst_train",
     "write_table",
 ]

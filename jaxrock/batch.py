@@ -20,7 +20,7 @@ from jaxtyping import Array, Int
 
 from .arguments import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .block import Block
-from .fate import margin_of
+from .fate import margins_of
 from .grid import Grid, factor_and_length, grid_of
 from .lanes import Arguments, Case, Lanes, most_turns, turn
 from .motion import Motion, Pulse, Record
@@ -46,6 +46,9 @@ class BatchResponse(eqx.Module):
         `fate_margin` at the end of the input.
     impacts : Array of int
         Number of impacts, without the infinitely many in which a block comes to rest.
+    mode : Array of int
+        Of those that overturn, the number of impacts before they do, which may be one more
+        than until the end of the input; else -1.
     complete : Array of bool
         Whether the motion was followed to its end. Where it was not, for want of turns of
         the loop or of valid arguments, the real ones are NaN.
@@ -57,6 +60,7 @@ class BatchResponse(eqx.Module):
     overturned: Booleans
     margin: Reals
     impacts: Int[Array, "..."]
+    mode: Int[Array, "..."]
     complete: Booleans
 
 
@@ -126,7 +130,12 @@ def _march(
     *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), turns, look(begin))
     peak, rotation, velocity, fate_lean, fate_speed, impacts, finished = results[:-1].T
     complete = valid & (finished > 0)
-    margin = margin_of(queue.equation, queue.restitution, fate_lean, fate_speed)
+    at_once, later = margins_of(queue.equation, queue.restitution, fate_lean, fate_speed)
+    margin = jnp.minimum(at_once, later)
+    fallen = peak >= 0.5 * jnp.pi
+    overturned = complete & (fallen | (margin < 0))
+    impacts = impacts.astype(int)
+    mode = impacts + jnp.where(fallen | (at_once < 0), 0, 1)
 
     def known(value: Any) -> Any:
         return jnp.where(complete, value, jnp.nan)
@@ -135,9 +144,10 @@ def _march(
         peak_rotation=known(jnp.minimum(peak, 0.5 * jnp.pi)),
         final_rotation=known(rotation),
         final_velocity=known(velocity),
-        overturned=complete & ((peak >= 0.5 * jnp.pi) | (margin < 0)),
+        overturned=overturned,
         margin=known(margin),
-        impacts=impacts.astype(int),
+        impacts=impacts,
+        mode=jnp.where(overturned, mode, -1),
         complete=complete,
     )
 
@@ -152,14 +162,11 @@ def _compiled(platform: str) -> Callable[..., BatchResponse]:
     return jax.jit(_march, static_argnames=static, compiler_options=options)
 
 
-_grid = jax.jit(grid_of)
-
-
 def respond_batch(
     blocks: Block,
     restitution: Number,
     motion: Motion,
-    duration: Number,
+    duration: Number | None = None,
     *,
     linearized: bool = False,
 ) -> BatchResponse:
@@ -176,8 +183,9 @@ def respond_batch(
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
-    duration : array_like
-        Time to follow the blocks for [s], greater than 0.
+    duration : array_like, optional
+        Time to follow the blocks for [s], greater than 0. To the end of the motion unless
+        given.
     linearized : bool
         Linearize the equation of motion; see `respond`.
 
@@ -194,12 +202,14 @@ def respond_batch(
     Notes
     -----
     Taylor polynomials of order 6, one a sample (more where the block is fast). A pulse is
-    taken as 128 quintics a duration. Without a transformation, the batch is shared out to
+    taken as 128 quintics a period. Without a transformation, the batch is shared out to
     the devices, or on a single processor to its cores. Has forward-mode derivatives.
     """
-    restitution, duration = as_real("restitution", restitution), as_real("duration", duration)
+    restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
-    check("duration", duration, POSITIVE)
+    if duration is not None:
+        duration = as_real("duration", duration)
+        check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
     blocks.check()
@@ -215,13 +225,16 @@ def respond_batch(
         return jax.tree.map(lambda leaf: library.asarray(leaf, dtype), tree)
 
     shaking = converted(motion)
-    grid = _grid(shaking)
+    grid = grid_of(shaking)
+    factor, length = factor_and_length(shaking)
+    end = shaking.start + grid.cells * length
     arguments = Arguments(
         converted(blocks),
         converted(restitution),
-        *factor_and_length(shaking),
+        factor,
+        length,
         shaking.start,
-        converted(duration),
+        end if duration is None else converted(duration),
         np.arange(math.prod(grid.motions), dtype=dtype).reshape(grid.motions),
     )
     leaves, form = jax.tree.flatten(arguments)

@@ -13,6 +13,10 @@ import tyro
 _Grid = tuple[str, ...]
 _Model = Literal["linearized", "nonlinear"]
 _Pulse = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
+_Along = Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
+_Answer = Literal[
+    "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
+]
 _Force = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 _Json = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(name="json")]
 
@@ -269,6 +273,237 @@ def rocking_spectrum(
         print("\n".join(written))
 
 
+def critical(
+    width: float = 0.8,
+    slenderness: float = 5.0,
+    restitution: float | None = None,
+    intensity: float = 0.15,
+    half_cycles: tuple[float, ...] = (1.0, 2.0, 5.0, math.inf),
+    gravity: float = 9.81,
+    pulse: _Pulse | None = None,
+    amplitude: float = 1.0,
+    pulse_duration: float | None = None,
+    record: str | None = None,
+    unit: str | None = None,
+    column: str | None = None,
+    vertical: str | None = None,
+    time_step: float | None = None,
+    along: _Along | None = None,
+    tried: _Grid | None = None,
+    linearized: _Force = False,
+    out: Path | None = None,
+    force: _Force = False,
+    as_json: _Json = False,
+) -> None:
+    """What just overturns a block: pulses timed to its impacts, a pulse that lasts, a record.
+
+    Without a pulse or a record: critical intensities in closed form, by both equations, and
+    the width, slenderness and restitution with which the given intensity just overturns.
+    With one: every boundary between standing and overturning along a quantity.
+
+    Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
+
+    Args:
+        width: Full width 2b of the base [m].
+        slenderness: Height over width [-].
+        restitution: Velocity after an impact over velocity before it [-]. Housner's value
+            for the block if not given.
+        intensity: Change of ground velocity in each instantaneous pulse [m/s].
+        half_cycles: In how many half-cycles instantaneous pulses are to overturn the block.
+        gravity: Acceleration of gravity [m/s2].
+        pulse: Shape of a pulse that lasts.
+        amplitude: Largest acceleration of the pulse [m/s2], if not sought.
+        pulse_duration: Duration of the pulse [s]. Not needed if sought.
+        record: A file .AT2 or .csv, or "example" for the one that comes along.
+        unit: Unit of the record.
+        column: Column of the horizontal acceleration in a .csv.
+        vertical: Column, or file .AT2, of the vertical acceleration.
+        time_step: Time between samples of a .csv without times [s].
+        along: What to seek: the amplitude of a pulse and the factor on a record if not given.
+        tried: Values to try, one by one or START:STOP:COUNT. For the amplitude 1 to 10 times
+            what just lifts the block if not given, for the factor 0.05:5:397.
+        linearized: Linearize the equation of motion under a pulse or a record.
+        out: Folder for critical.csv; none is written if not given.
+        force: Overwrite existing files.
+        as_json: Print JSON; null stands for what does not exist.
+    """
+    import numpy as np
+
+    from .block import Block, housner_restitution
+    from .boundaries import overturning_boundaries
+    from .critical_driven import critical_amplitude
+    from .files import written_whole
+    from .motion import Pulse
+
+    block = Block(width / 2, slenderness, gravity)
+    c = float(housner_restitution(block)) if restitution is None else restitution
+    if pulse is None and record is None:
+        if along is not None or tried is not None or linearized:
+            raise ValueError("along, tried and linearized go with a pulse or a record")
+        rows, text = _closed_form(block, c, intensity, half_cycles)
+        names = list(rows[0]) if rows else []
+    else:
+        sought = along or ("amplitude" if pulse else "factor")
+        length = 1.0 if sought == "duration" and pulse_duration is None else pulse_duration
+        motion = _motion(pulse, amplitude, length, record, unit, column, vertical, time_step)
+        if sought == "amplitude" and tried is None and isinstance(motion, Pulse):
+            found = critical_amplitude(
+                block, c, type(motion), motion.duration, linearized=linearized
+            )
+        elif tried is None and sought != "factor":
+            raise ValueError(f"tried must be given along {sought}")
+        else:
+            values = _values("tried", tried or ("0.05:5:397",))
+            found = overturning_boundaries(
+                block, c, motion, sought, np.asarray(values), linearized=linearized
+            )
+        if not bool(found.complete):
+            raise ValueError("motion could not be followed to its end for every value tried")
+        text = str(found)
+        names = [sought, "overturns_beyond", "impacts", "flat"]
+        columns = (found.value, found.overturns_beyond, found.impacts, found.flat)
+        table = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+        rows = [dict(zip(names, row, strict=True)) for row in table]
+    written = []
+    if out is not None:
+        with written_whole("out", out, ["critical.csv"], force) as scratch:
+            _write_rows(rows, scratch / "critical.csv", names)
+        written = [str(out / "critical.csv")]
+    if as_json:
+        print(_dumps({"rows": rows, "files": written}))
+    else:
+        print("\n".join([text, *written]))
+
+
+def sensitivity(
+    answer: _Answer = "rotation-ratio",
+    width: float = 0.8,
+    slenderness: float = 5.0,
+    restitution: float = 0.7,
+    intensity: float = 0.15,
+    gravity: float = 9.81,
+    model: _Model = "linearized",
+    pulse: _Pulse | None = None,
+    amplitude: float | None = None,
+    pulse_duration: float | None = None,
+    record: str | None = None,
+    unit: str | None = None,
+    column: str | None = None,
+    vertical: str | None = None,
+    time_step: float | None = None,
+    scale: float = 1.0,
+    swing: float = 0.1,
+    variation: float = 0.05,
+    out: Path = Path("sensitivity"),
+    force: _Force = False,
+    as_json: _Json = False,
+) -> None:
+    """What an answer depends on: slopes, elasticities, a tornado, the effect of scatter.
+
+    Of the resonance under instantaneous pulses, or with a pulse or a record of the peak
+    rotation over the critical angle or the margin at the end of the input. Writes
+    sensitivity.csv and tornado.png, and without a pulse or record map.png: the elasticity to
+    the restitution over slenderness and restitution.
+
+    Example: jaxrock sensitivity --answer rotation-ratio --swing 0.1
+
+    Args:
+        answer: What is asked for.
+        width: Full width 2b of the base [m].
+        slenderness: Height over width [-].
+        restitution: Velocity after an impact over velocity before it [-].
+        intensity: Change of ground velocity in each instantaneous pulse [m/s].
+        gravity: Acceleration of gravity [m/s2].
+        model: Equation of motion.
+        pulse: Shape of a pulse that lasts.
+        amplitude: Largest acceleration of the pulse [m/s2].
+        pulse_duration: Duration of the pulse [s].
+        record: A file .AT2 or .csv, or "example" for the one that comes along.
+        unit: Unit of the record.
+        column: Column of the horizontal acceleration in a .csv.
+        vertical: Column, or file .AT2, of the vertical acceleration.
+        time_step: Time between samples of a .csv without times [s].
+        scale: Factor on the record.
+        swing: Part of itself by which each number is lowered and raised in the tornado.
+        variation: Coefficient of variation of each number.
+        out: Folder to write to; made if it is missing.
+        force: Overwrite existing files.
+        as_json: Print the answers as JSON.
+    """
+    from .arguments import POSITIVE, check
+    from .files import written_whole
+    from .sensitivity import propagate, sensitivities, tornado
+
+    check("swing", swing, POSITIVE)
+    check("variation", variation, POSITIVE)
+    at: dict[str, Any] = {
+        "half_width": width / 2,
+        "slenderness": slenderness,
+        "restitution": restitution,
+    }
+    closed = pulse is None and record is None
+    if closed:
+        at["intensity"] = intensity
+        asked = _closed_form_answer(answer, gravity, model)
+    else:
+        motion = _motion(
+            pulse, amplitude, pulse_duration, record, unit, column, vertical, time_step
+        )
+        if pulse is not None:
+            at |= {"amplitude": amplitude, "pulse_duration": pulse_duration}
+        else:
+            at["scale"] = scale
+        asked = _driven_answer(answer, gravity, model, motion)
+    slopes = sensitivities(asked, at)
+    if not math.isfinite(slopes.value):
+        raise ValueError(f"answer {answer} does not exist here: the block overturns")
+    ranges = {name: (value * (1 - swing), value * (1 + swing)) for name, value in at.items()}
+    ranges["restitution"] = (ranges["restitution"][0], min(ranges["restitution"][1], 1.0))
+    swings = tornado(asked, at, ranges)
+    scatter = propagate(asked, at, dict.fromkeys(at, variation))
+    order = [swings.names.index(name) for name in slopes.names]
+    rows = [
+        {
+            "quantity": name,
+            "value": float(slopes.at[k]),
+            "slope": float(slopes.gradient[k]),
+            "elasticity": float(slopes.elasticity[k]),
+            "low": float(swings.low[order[k]]),
+            "high": float(swings.high[order[k]]),
+            "at_low": float(swings.at_low[order[k]]),
+            "at_high": float(swings.at_high[order[k]]),
+            "share_of_variance": scatter.shares[name],
+        }
+        for k, name in enumerate(slopes.names)
+    ]
+    names = ["sensitivity.csv", "tornado.png"] + ["map.png"] * closed
+    with written_whole("out", out, names, force) as scratch:
+        _write_rows(rows, scratch / names[0], list(rows[0]))
+        _plot_sensitivity(swings, answer, scratch / names[1])
+        if closed:
+            _plot_map(asked, at, answer, scratch / names[2])
+    written = [str(out / name) for name in names]
+    if as_json:
+        summary = {
+            "answer": answer,
+            "value": slopes.value,
+            "mean": scatter.mean,
+            "standard_deviation": scatter.deviation,
+            "scatter_holds": scatter.holds,
+            "rows": rows,
+            "files": written,
+        }
+        print(_dumps(summary))
+    else:
+        print(f"{answer} {slopes}")
+        print(
+            f"with {100 * variation:g} % of scatter in each: {scatter.mean:.6g}"
+            f" +- {scatter.deviation:.3g}"
+            + ("" if scatter.holds else ", NOT to be trusted: the answer bends too much")
+        )
+        print("\n".join(written))
+
+
 def paper(
     out: Path = Path("paper"),
     force: _Force = False,
@@ -323,6 +558,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 "spectrum": spectrum,
                 "respond": respond,
                 "rocking-spectrum": rocking_spectrum,
+                "critical": critical,
+                "sensitivity": sensitivity,
                 "paper": paper,
             },
             prog="jaxrock",
@@ -389,6 +626,144 @@ def _motion(
         "ricker": shapes.Ricker,
     }
     return of[str(pulse)](amplitude, pulse_duration)
+
+
+def _closed_form(
+    block: Any, restitution: float, intensity: float, half_cycles: Sequence[float]
+) -> tuple[list[dict[str, Any]], str]:
+    from . import critical as inverse
+    from .free import Linearized, Nonlinear
+    from .resonance import Scene
+
+    scene = Scene(block, restitution, intensity)
+    rows = []
+    for number in half_cycles:
+        for model in (Linearized(), Nonlinear()):
+            row: dict[str, Any] = {
+                "half_cycles": number,
+                "equation": type(model).__name__.lower(),
+                "critical_intensity": inverse.critical_intensity(block, restitution, number, model),
+                "critical_width": inverse.critical_width(scene, number, model),
+                "critical_slenderness": inverse.critical_slenderness(scene, number, model),
+                "critical_restitution": inverse.critical_restitution(scene, number, model),
+            }
+            rows.append({k: v if isinstance(v, str) else float(v) for k, v in row.items()})
+    lines = [
+        f"restitution {restitution:.6g}; width, slenderness and restitution are those that"
+        f" {intensity:g} m/s just overturn",
+        "half-cycles  equation     intensity [m/s]  width [m]  slenderness  restitution",
+    ]
+    for row in rows:
+        number, equation, *values = row.values()
+        lines.append(
+            f"{number:<11g}  {equation:<11}  {values[0]:<15.6g}  {values[1]:<9.5g}"
+            f"  {values[2]:<11.5g}  {values[3]:.6g}"
+        )
+    return rows, "\n".join(lines)
+
+
+def _closed_form_answer(answer: str, gravity: float, model: str) -> Any:
+    from . import critical as inverse
+    from . import resonance
+    from .block import Block
+    from .free import Linearized, Nonlinear
+
+    rung = Nonlinear() if model == "nonlinear" else Linearized()
+    of_scene = {
+        "rotation-ratio": resonance.rotation_ratio,
+        "rotation": resonance.stabilized_rotation,
+        "period": resonance.stabilized_period,
+        "amplification": resonance.amplification,
+        "margin": resonance.overturning_margin,
+    }
+
+    def asked(at: Any) -> Any:
+        block = Block(at["half_width"], at["slenderness"], gravity)
+        if answer == "critical-intensity":
+            return inverse.critical_intensity(block, at["restitution"], math.inf, rung)
+        scene = resonance.Scene(block, at["restitution"], at["intensity"])
+        return of_scene[answer](scene, rung)
+
+    return asked
+
+
+def _driven_answer(answer: str, gravity: float, model: str, motion: Any) -> Any:
+    from .block import Block
+    from .response import respond
+
+    if answer not in ("rotation-ratio", "rotation", "margin"):
+        raise ValueError(
+            "answer must be rotation-ratio, rotation or margin under a pulse or a record,"
+            f" got {answer}"
+        )
+
+    def asked(at: Any) -> Any:
+        block = Block(at["half_width"], at["slenderness"], gravity)
+        if "scale" in at:
+            shaking = motion.scaled(at["scale"])
+        else:
+            shaking = type(motion)(at["amplitude"], at["pulse_duration"])
+        rests = shaking.end + (0.0 if answer == "margin" else 10.0)
+        response = respond(
+            block, at["restitution"], shaking, rests, linearized=model == "linearized"
+        )
+        peak = response.peak_rotation
+        if answer == "margin":
+            return response.margin
+        return peak / block.critical_angle if answer == "rotation-ratio" else peak
+
+    return asked
+
+
+def _write_rows(rows: list[dict[str, Any]], path: Path, names: Sequence[str]) -> None:
+    import csv
+
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=names)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _plot_sensitivity(swings: Any, answer: str, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    from .plot_design import plot_tornado
+
+    figure, ax = plt.subplots(layout="constrained")
+    plot_tornado(swings, ax, label=answer.replace("-", " "))
+    figure.savefig(path, dpi=150)
+
+
+def _plot_map(asked: Any, at: dict[str, Any], answer: str, path: Path) -> None:
+    import jax.numpy as jnp
+    import matplotlib
+    import numpy as np
+    import xarray
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    from .plot_design import plot_sensitivity_map
+
+    axes = {"restitution": np.linspace(0.3, 0.95, 66), "slenderness": np.linspace(3, 10, 71)}
+
+    def elasticity(restitution: Any, slenderness: Any) -> Any:
+        def of(c: Any) -> Any:
+            return asked(at | {"restitution": c, "slenderness": slenderness})
+
+        value, slope = jax.value_and_grad(of)(restitution)
+        return jnp.where(jnp.isfinite(value), slope * restitution / value, jnp.nan)
+
+    table = jax.vmap(jax.vmap(elasticity, (None, 0)), (0, None))
+    values = jax.jit(table)(*(jnp.asarray(axis) for axis in axes.values()))
+    name = f"elasticity of {answer.replace('-', ' ')} to the restitution"
+    array = xarray.DataArray(np.asarray(values), axes, tuple(axes), attrs={"long_name": name})
+    figure, ax = plt.subplots(layout="constrained")
+    plot_sensitivity_map(array, ax)
+    figure.savefig(path, dpi=150)
 
 
 def _history(answer: Any, times: Any) -> Any:

@@ -8,13 +8,15 @@ from .equation import Equation
 from .free import FreeRocking, Linearized, Nonlinear
 
 
-def margin_of(equation: Equation, restitution: Reals, lean: Reals, speed: Reals) -> Reals:
-    """`fate_margin` of a lean and its rate."""
+def margins_of(
+    equation: Equation, restitution: Reals, lean: Reals, speed: Reals
+) -> tuple[Reals, Reals]:
+    """How far a lean and its rate are from overturning at once, and after one more impact."""
     critical = equation.critical_velocity
     here = (equation.returning_speed(lean) - speed) / critical
     # A block that comes back with more than it left with may go over on the other side.
     beyond = 1 - restitution * equation.landing_speed(lean, speed) / critical
-    return jnp.minimum(here, beyond)
+    return here, beyond
 
 
 @elementwise(restitution=UNIT_INTERVAL, rotation=FINITE, velocity=FINITE)
@@ -59,4 +61,4 @@ def fate_margin(
     equation = Equation.of(block, isinstance(model, Linearized))
     backward = jnp.where(rotation == 0, velocity, rotation) < 0
     speed = jnp.where(backward, -jnp.asarray(velocity), velocity)
-    return margin_of(equation, jnp.asarray(restitution), jnp.abs(rotation), speed)
+    return jnp.minimum(*margins_of(equation, jnp.asarray(restitution), jnp.abs(rotation), speed))

@@ -49,6 +49,13 @@ class FreeRocking(eqx.Module):
     @abc.abstractmethod
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals: ...
 
+    @abc.abstractmethod
+    def _time_to_peak(self, block: Block, rotation: Reals, q: Reals) -> Reals:
+        """From a state below the critical angle, q = velocity / critical velocity.
+
+        Negative on the way back.
+        """
+
     @elementwise()
     def critical_velocity(self, block: Block) -> Reals:
         """Launch velocity that just overturns the block.
@@ -193,6 +200,11 @@ class Linearized(FreeRocking):
         product = jnp.sinh(half) * (x * jnp.cosh(half) - jnp.sinh(half))
         return jnp.where(representable, 2 * block.critical_angle * product, jnp.nan)
 
+    def _time_to_peak(self, block: Block, rotation: Reals, q: Reals) -> Reals:
+        # alpha_c - alpha = alpha_c k cosh(p t), velocity = v_c k sinh(p t)
+        ratio = q / (1 - rotation / block.critical_angle)
+        return jnp.arctanh(ratio) / block.frequency_parameter
+
 
 class Nonlinear(FreeRocking):
     """Free rocking of any block, the equation of motion (Eq. 1) in full.
@@ -248,6 +260,15 @@ class Nonlinear(FreeRocking):
         rotation = 2 * jnp.arcsin(sine * fall * (1 + r) / side)
         beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_after)
         return jnp.where(before, rotation, beyond)
+
+    def _time_to_peak(self, block: Block, rotation: Reals, q: Reals) -> Reals:
+        # With y = sin((alpha_c - alpha) / 2)^2, which is m at the peak, the time is that of
+        # dy / (2 p sqrt(y (1 - y) (y - m))), and velocity = 2 p sqrt(y - m).
+        sine = _sine_of_half(block)
+        y = jnp.sin(0.5 * (block.critical_angle - rotation)) ** 2
+        m = jnp.maximum(y - (sine * q) ** 2, 0)
+        integral = carlson_rf(m * (1 - m), y * (1 - m), m * (1 - y))
+        return q * sine / block.frequency_parameter * integral
 
 
 def _barrier(x: Reals) -> Reals:

@@ -3,6 +3,7 @@
 And, for blocks at rest, how far it is to the next cell that is strong enough to lift them.
 """
 
+import functools
 import math
 from typing import Any
 
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 from .motion import Pulse, Record
 from .series import derivative, evaluate
 
-_PULSE_CELLS = 128  # a duration
+_PULSE_CELLS = 128  # a period
 _GRADES = 16  # of strength, each sqrt(2) below the one before
 
 
@@ -70,19 +71,29 @@ def factor_and_length(motion: Pulse | Record) -> tuple[Any, Any]:
     """The factor on the grid of a motion, and the length of its cells."""
     if isinstance(motion, Record):
         return motion.scale, motion.time_step
-    return motion.amplitude, motion.duration / _PULSE_CELLS
+    return motion.amplitude, motion.duration / _cells_a_duration(type(motion))
 
 
 def grid_of(motion: Pulse | Record) -> Grid:
     """The cells of a motion, which may be several records, for a factor of 1."""
-    vertical: tuple[Any, ...] = ()
     if isinstance(motion, Pulse):
-        horizontal = _quintics(motion)
-    elif motion.vertical is None:
-        horizontal = _lines(motion.acceleration)
-    else:
-        both = jnp.broadcast_arrays(motion.acceleration, motion.vertical)
-        horizontal, vertical = map(_lines, both)
+        return _pulse_grid(type(motion), motion.amplitude.dtype)
+    return _record_grid(motion.acceleration, motion.vertical)
+
+
+@functools.partial(jax.jit, static_argnames=("kind", "dtype"))
+def _pulse_grid(kind: type[Pulse], dtype: Any) -> Grid:
+    return _grid(_quintics(kind, dtype), ())
+
+
+@jax.jit
+def _record_grid(acceleration: Any, vertical: Any) -> Grid:
+    if vertical is None:
+        return _grid(_lines(acceleration), ())
+    return _grid(*map(_lines, jnp.broadcast_arrays(acceleration, vertical)))
+
+
+def _grid(horizontal: tuple[Any, ...], vertical: tuple[Any, ...]) -> Grid:
     finite = jnp.isfinite(sum(horizontal + vertical))
     strength = _bound(horizontal)
     if vertical:
@@ -114,14 +125,18 @@ def _lines(samples: Any) -> tuple[Any, ...]:
     return samples[..., :-1], jnp.diff(samples)
 
 
-def _quintics(motion: Pulse) -> tuple[Any, ...]:
+def _cells_a_duration(kind: type[Pulse]) -> int:
+    return round(_PULSE_CELLS * kind.angle / (2 * math.pi))
+
+
+def _quintics(kind: type[Pulse], dtype: Any) -> tuple[Any, ...]:
     """Quintics with the values and two derivatives of the shape at both ends of every cell."""
-    cells = int(_PULSE_CELLS * motion.turns[-1])
-    edges = jnp.linspace(0, motion.turns[-1], cells + 1, dtype=motion.amplitude.dtype)
-    along = jnp.full_like(edges, 1 / _PULSE_CELLS)
+    each = _cells_a_duration(kind)
+    edges = jnp.linspace(0, kind.turns[-1], int(each * kind.turns[-1]) + 1, dtype=dtype)
+    along = jnp.full_like(edges, 1 / each)
 
     def sloped(edges: Any) -> Any:
-        return jax.jvp(motion.shape, (edges,), (along,))
+        return jax.jvp(kind.shape, (edges,), (along,))
 
     (value, slope), (_, bend) = jax.jvp(sloped, (edges,), (along,))
     # What is left at the far end of the parabola from the near one.

@@ -125,6 +125,151 @@ def pulsed_phase(
     return _phase(block, restitution, pulse, linearized, rtol)
 
 
+class PulsedVerge(NamedTuple):
+    """Where the stabilized phase under pulses that last ends; NaN where that is not so.
+
+    Attributes
+    ----------
+    amplitude, intensity : Array
+        Of the pulses [m/s2], [m/s].
+    rate : Array
+        Slope of the half-cycle map there.
+    lifts : Array of bool
+        Whether pulses of that amplitude lift the block from rest. If not, it has to be in
+        motion to be kept in motion.
+    """
+
+    amplitude: Reals
+    intensity: Reals
+    rate: Reals
+    lifts: Booleans
+
+
+def critical_pulsed_amplitude(
+    block: Block,
+    restitution: Number,
+    shape: type[Pulse],
+    duration: Number,
+    *,
+    linearized: bool = False,
+    rtol: float = 1e-10,
+) -> PulsedVerge:
+    """Amplitude at which the fixed point of `pulsed_next_velocity` disappears.
+
+    There a block that lands with the critical velocity is brought to the verge again by the
+    next pulse. For short pulses its intensity is that of `critical_intensity`.
+
+    Parameters
+    ----------
+    block : Block
+        One block.
+    restitution : float
+        C [-], between 0 and 1.
+    shape : type
+        `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
+    duration : float
+        Duration of the pulses [s], greater than 0.
+    linearized : bool
+        Linearize the equation of motion; see `respond`.
+    rtol : float
+        Tolerance of the integration, at most 0.001.
+
+    Returns
+    -------
+    PulsedVerge
+        NaN for pulses so long that the fixed point is unstable there (its rate above 1):
+        then it disappears before, by meeting another one.
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> verge = jr.critical_pulsed_amplitude(jr.Block(0.4, 5.0), 0.7, jr.HalfSine, 0.05)
+    >>> print(f"{verge.amplitude:.4f} m/s2, {verge.intensity:.4f} m/s")
+    10.2409 m/s2, 0.3260 m/s
+    """
+    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
+        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
+    block, restitution, pulse, _ = _checked(block, restitution, shape(1.0, duration), 0.0, rtol)
+    return _verge(block, restitution, pulse, linearized, rtol)
+
+
+@eqx.filter_jit
+def _verge(
+    block: Block, restitution: Reals, pulse: Pulse, linearized: bool, rtol: float
+) -> PulsedVerge:
+    import optimistix
+
+    eps = float(jnp.finfo(restitution.dtype).eps)
+    tolerance = max(rtol, 20 * eps)
+    model = Linearized() if linearized else Nonlinear()
+
+    def left(logarithm: Reals, parts: tuple[Block, Reals, Pulse]) -> Reals:
+        block, restitution, pulse = parts
+        critical = model.critical_velocity(block)
+        pulse = pulse.scaled(jnp.exp(logarithm))
+        driven = Driven(
+            block=block,
+            restitution=restitution,
+            motion=pulse,
+            duration=pulse.end,
+            rotation=jnp.zeros_like(critical),
+            velocity=restitution * critical,
+        )
+        return follow(
+            driven, rtol=tolerance, atol=0.0, linearized=linearized, listed=1, once=True
+        ).margin
+
+    parts = (block, restitution, pulse)
+    fixed = jax.lax.stop_gradient(parts)
+    tangent = block.critical_angle if linearized else 1 / block.slenderness
+    lifting = block.gravity * tangent
+    # Up from next to nothing until it overturns.
+    first = jax.lax.stop_gradient(jnp.log(lifting) + 4 * jnp.log(eps) / 10)
+    high = jax.lax.while_loop(
+        lambda high: (left(high, fixed) > 0) & (high < first + 60),
+        lambda high: high + 0.2,
+        first,
+    )
+    exists = jnp.isfinite(high) & (high < first + 60)
+    high = jnp.where(exists, high, 0)
+    near = optimistix.root_find(
+        lambda a, p: jnp.where(exists, left(a, p), -a),
+        optimistix.Bisection(rtol=0.0, atol=1e-6, flip=True),
+        high - 0.1,
+        fixed,
+        options={"lower": high - 0.2, "upper": high},
+        throw=False,
+    ).value
+    logarithm = optimistix.root_find(
+        lambda a, p: jnp.where(exists, left(a, p), -a),
+        optimistix.Newton(rtol=tolerance, atol=tolerance),
+        jax.lax.stop_gradient(jnp.where(exists, near, 0)),
+        parts,
+        throw=False,
+    ).value
+    amplitude = jnp.exp(logarithm)
+    # The slope a little below, where the block still comes back.
+    critical = model.critical_velocity(block)
+    weaker = pulse.scaled(jax.lax.stop_gradient(amplitude) * (1 - 1e-4))
+    _, rate = jax.jvp(
+        lambda v: _next(block, restitution, weaker, v, linearized, rtol),
+        (critical * (1 - 1e-4),),
+        (jnp.ones_like(critical),),
+    )
+    known = exists & (rate <= 1)
+    return PulsedVerge(
+        jnp.where(known, amplitude, jnp.nan),
+        jnp.where(known, pulse.scaled(amplitude).intensity, jnp.nan),
+        jnp.where(exists, rate, jnp.nan),
+        known & (amplitude > lifting),
+    )
+
+
 def _checked(
     block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
 ) -> tuple[Block, Reals, Pulse, Reals]:

@@ -29,7 +29,7 @@ from .arguments import (
 )
 from .block import Block
 from .equation import Equation
-from .fate import margin_of
+from .fate import margins_of
 from .forward import through_jacobian
 from .motion import Motion
 
@@ -487,7 +487,7 @@ def follow(
         c = jax.lax.cond(c.phase == REST, at_rest, lambda c: moving_or_at_rest(turn_first(c)), c)
         # The fate is read where the input ends.
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
-        margin = margin_of(equation, driven.restitution, c.lean, c.speed)
+        margin = jnp.minimum(*margins_of(equation, driven.restitution, c.lean, c.speed))
         fresh = _cuts_at(c)
         cuts = jax.tree.map(
             lambda kept, new: kept.at[c.count].set(new, mode="drop"), before.cuts, fresh
@@ -517,7 +517,7 @@ def follow(
         peak=lean,
         peak_time=zero,
         crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
-        margin=margin_of(equation, driven.restitution, lean, speed),
+        margin=jnp.minimum(*margins_of(equation, driven.restitution, lean, speed)),
         demand=zero,
         normal=zero + jnp.inf,
         failed=~valid,
@@ -676,7 +676,7 @@ def respond(
     block: Block,
     restitution: Number,
     motion: Motion,
-    duration: Number,
+    duration: Number | None = None,
     *,
     rotation: Number = 0.0,
     velocity: Number = 0.0,
@@ -695,8 +695,9 @@ def respond(
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
-    duration : float
-        Time to follow the block for [s], greater than 0.
+    duration : float, optional
+        Time to follow the block for [s], greater than 0. To the end of the motion unless
+        given.
     rotation, velocity : float, optional
         Initial rotation [rad] and angular velocity [rad/s]; at rest by default.
     rtol, atol : float, optional
@@ -735,9 +736,12 @@ def respond(
     >>> print(bool(response.overturned), int(response.status))
     False 0
     """
+    for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
     given = {
         "restitution": (restitution, UNIT_INTERVAL),
-        "duration": (duration, POSITIVE),
+        "duration": (motion.end if duration is None else duration, POSITIVE),
         "rotation": (rotation, FINITE),
         "velocity": (velocity, FINITE),
     }
@@ -745,9 +749,6 @@ def respond(
     for name, (value, domain) in given.items():
         numbers[name] = as_real(name, value)
         check(name, numbers[name], domain)
-    for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
-        if not isinstance(value, kind):
-            raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
     block.check()
     motion.check()
     driven = Driven(block=block, motion=motion, **numbers)

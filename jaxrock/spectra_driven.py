@@ -1,7 +1,7 @@
 """Spectra of driven motion: rocking spectra of records, overturning spectra of pulses."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, as_real, check
 from .batch import BatchResponse, respond_batch
 from .block import Block, housner_restitution
+from .critical_driven import critical_amplitude
 from .motion import Motion, Pulse
 from .spectra import Values, axis, chunks_of, with_progress
 
@@ -98,7 +99,7 @@ def rocking_spectrum(
         block = Block(half_diagonal / np.sqrt(1 + slenderness**2), slenderness, gravity)
         given = restitution is not None
         c = restitution if given else _housner(block)
-        return block, respond_batch(block, c, motion, motion.end, linearized=linearized)
+        return block, respond_batch(block, c, motion, linearized=linearized)
 
     return _dataset("Rocking spectrum", axes, run, gravity, linearized, motion.name)
 
@@ -140,23 +141,146 @@ def overturning_spectrum(
     ValueError
         If an argument is outside of what is allowed.
     """
-    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
-        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
     axes = {
         "frequency_ratio": _axis("frequency_ratio", frequency_ratio),
         "amplitude_ratio": _axis("amplitude_ratio", amplitude_ratio),
     }
-    block = Block(0.2, slenderness)
-    c = float(_housner(block)[0]) if restitution is None else restitution
-    gravity = float(block.gravity)
-    just_lifts = gravity * float(block.critical_angle if linearized else 1 / block.slenderness)
-    p = float(block.frequency_parameter)
+    block, c, just_lifts = _normal_block(slenderness, restitution, linearized)
+    p, of = float(block.frequency_parameter), _pulse_class(shape)
 
     def run(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Block, BatchResponse]:
-        pulse = shape(amplitude_ratio * just_lifts, shape.angle / (frequency_ratio * p))
-        return block, respond_batch(block, c, pulse, pulse.end, linearized=linearized)
+        pulse = of(amplitude_ratio * just_lifts, of.angle / (frequency_ratio * p))
+        return block, respond_batch(block, c, pulse, linearized=linearized)
 
-    return _dataset("Overturning spectrum", axes, run, gravity, linearized, shape.name)
+    gravity = float(block.gravity)
+    return _dataset("Overturning spectrum", axes, run, gravity, linearized, of.name)
+
+
+def overturning_map(
+    shape: type[Pulse],
+    frequency_ratio: Values,
+    amplitude_ratios: Sequence[float] = (1.0, 10.0),
+    *,
+    slenderness: float = 5.0,
+    restitution: float | None = None,
+    resolution: float = 0.01,
+    linearized: bool = False,
+) -> "xarray.Dataset":
+    """Every boundary between standing and overturning, in the plane of the literature.
+
+    Parameters
+    ----------
+    shape : type
+        `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
+    frequency_ratio : array_like
+        omega_p / p [-], a number or one-dimensional; see `Pulse.frequency`.
+    amplitude_ratios : sequence of two floats
+        The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
+    slenderness : float
+        lambda [-].
+    restitution : float, optional
+        C [-]; Housner's by default.
+    resolution : float
+        Windows wider than this share of their amplitude are found; see `critical_amplitude`.
+    linearized : bool
+        Linearize the equation of motion; see `respond`.
+
+    Returns
+    -------
+    xarray.Dataset
+        With dimensions frequency_ratio and boundary the variables amplitude_ratio (NaN where
+        there are fewer boundaries), overturns_beyond and impacts, and along frequency_ratio
+        alone overturns_first; see `Boundaries`. The same for every size of block.
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside of what is allowed.
+    """
+    import xarray
+
+    ratios = _axis("frequency_ratio", frequency_ratio)
+    block, c, just_lifts = _normal_block(slenderness, restitution, linearized)
+    title, parts = "Overturning map", []
+    for (part,) in with_progress(list(chunks_of([ratios.size], 256)), title.lower()):
+        duration = _pulse_class(shape).angle / (ratios[part] * float(block.frequency_parameter))
+        found = critical_amplitude(
+            block,
+            c,
+            shape,
+            duration,
+            amplitude_ratios,
+            resolution=resolution,
+            linearized=linearized,
+        )
+        if not bool(found.complete.all()):
+            raise ValueError("motion could not be followed to its end for every pulse")
+        parts.append(found)
+    most = max(found.value.shape[-1] for found in parts)
+
+    def joined(name: str, missing: Any) -> np.ndarray:
+        columns = [np.asarray(getattr(found, name)) for found in parts]
+        return np.concatenate(
+            [np.pad(c, ((0, 0), (0, most - c.shape[1])), constant_values=missing) for c in columns]
+        )
+
+    both = ("frequency_ratio", "boundary")
+    first = np.concatenate([np.asarray(found.overturns_first) for found in parts])
+    long_name, units, _ = _AXES["amplitude_ratio"]
+    variables = {
+        "amplitude_ratio": (
+            both,
+            joined("value", np.nan) / just_lifts,
+            {"long_name": long_name, "units": units},
+        ),
+        "overturns_beyond": (
+            both,
+            joined("overturns_beyond", 0).astype(np.int8),
+            {"long_name": "1 where the block overturns beyond the boundary", "units": "1"},
+        ),
+        "impacts": (
+            both,
+            joined("impacts", -1),
+            {"long_name": "impacts before it overturns, -1 for none", "units": "1"},
+        ),
+        "overturns_first": (
+            "frequency_ratio",
+            first.astype(np.int8),
+            {"long_name": "1 where it overturns at the lowest amplitude", "units": "1"},
+        ),
+    }
+    long_name, units, _ = _AXES["frequency_ratio"]
+    attributes = {
+        "title": title,
+        "source": f"jaxrock {version('jaxrock')}",
+        "equation": "linearized" if linearized else "nonlinear",
+        "motion": shape.name,
+        "slenderness": slenderness,
+        "restitution": c,
+        "lowest_amplitude_ratio": float(amplitude_ratios[0]),
+        "highest_amplitude_ratio": float(amplitude_ratios[1]),
+        "resolution": resolution,
+    }
+    coordinates = {
+        "frequency_ratio": ("frequency_ratio", ratios, {"long_name": long_name, "units": units})
+    }
+    return xarray.Dataset(variables, coordinates, attributes)
+
+
+def _pulse_class(shape: Any) -> type[Pulse]:
+    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
+        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
+    return shape
+
+
+def _normal_block(
+    slenderness: float, restitution: float | None, linearized: bool
+) -> tuple[Block, float, float]:
+    """A block of any size, its restitution, and the acceleration that just lifts it."""
+    block = Block(0.2, slenderness)
+    c = float(_housner(block)[0]) if restitution is None else restitution
+    tangent = float(block.critical_angle if linearized else 1 / block.slenderness)
+    return block, c, float(block.gravity) * tangent
 
 
 def _axis(name: str, value: Values) -> np.ndarray:

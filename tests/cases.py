@@ -4,12 +4,14 @@ A case evaluates the library at floating-point arguments and the reference at ex
 same numbers. `x` says how close to the verge of overturning each sample is.
 """
 
+import re
 from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
+import pytest
 import reference
 
 import jaxrock as jr
@@ -83,6 +85,21 @@ def scenes_anywhere(rng, n, dtype):
     return Samples(arguments, np.zeros(n))
 
 
+def on_the_verge(rung, count):
+    """Of overturning in so many half-cycles, anywhere in the box of the blocks."""
+
+    def sample(rng, n, dtype):
+        blocks, restitution = _blocks(rng, n, dtype), _restitutions(rng, n, dtype)
+        theirs = getattr(reference, rung)
+        intensity = [
+            float(reference.critical_intensity(theirs, *_exact(each), count))
+            for each in zip(*blocks, restitution, strict=True)
+        ]
+        return Samples((*blocks, restitution, *_round(dtype, np.array(intensity))), np.zeros(n))
+
+    return sample
+
+
 def with_velocity(rung):
     def sample(rng, n, dtype):
         blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
@@ -109,6 +126,21 @@ def standing_scenes(rung):
         unit = 0.75 * slenderness / (width * (1 + slenderness**2))
         intensity = x * _critical_velocity(rung, blocks) / unit * (1 - restitution)
         return Samples((*blocks, restitution, *_round(dtype, intensity)), x)
+
+    return sample
+
+
+def with_critical_restitution(rung, count):
+    """Where there is a restitution that just overturns the block."""
+
+    def sample(rng, n, dtype):
+        blocks, x = _blocks(rng, n, dtype), rng.uniform(0.01, 0.99, n)
+        width, slenderness, _ = blocks
+        least = 0 if count == mp.inf else 1 / count
+        share = least + (1 - least) * x
+        unit = 0.75 * slenderness / (width * (1 + slenderness**2))
+        intensity = share * _critical_velocity(rung, blocks) / unit
+        return Samples((*blocks, *_round(dtype, np.full(n, 0.5), intensity)), x)
 
     return sample
 
@@ -256,6 +288,28 @@ def _cases():
                 with_restitution,
             )
 
+        count = 5 if rung == "Linearized" else mp.inf
+        yield Case(
+            f"{rung} critical_width({count})",
+            lambda *a, n=float(count), model=model: jr.critical_width(scene(*a), n, model),
+            lambda *a, n=count, theirs=theirs: reference.critical_width(theirs, *a, n),
+            on_the_verge(rung, count),
+        )
+        yield Case(
+            f"{rung} critical_slenderness({count})",
+            lambda *a, n=float(count), model=model: jr.critical_slenderness(scene(*a), n, model),
+            lambda *a, n=count, theirs=theirs: reference.critical_slenderness(theirs, *a, n),
+            on_the_verge(rung, count),
+            ulps=8,  # Newton's method, on logarithms
+        )
+        yield Case(
+            f"{rung} critical_restitution({count})",
+            lambda *a, n=float(count), model=model: jr.critical_restitution(scene(*a), n, model),
+            lambda *a, n=count, theirs=theirs: reference.critical_restitution(theirs, *a, n),
+            with_critical_restitution(rung, count),
+            ulps=8,
+        )
+
     def of_oscillator(name):
         return lambda omega, xi, v, t: getattr(jr.Oscillator(omega, xi), name)(v)
 
@@ -320,3 +374,13 @@ CASES = {case.name: case for case in _cases()}
 
 def evaluate(case, samples, dtype):
     return np.asarray(case.ours(*(jnp.asarray(a, dtype) for a in samples.arguments)))
+
+
+# What takes long to compile is left to the thorough run: paths over time, and most of the
+# inverse designs that need a root.
+NAMES = [
+    pytest.param(name, marks=pytest.mark.thorough)
+    if re.search(r"Nonlinear.motion|critical_\w+ness\(5|critical_rest|width\(5", name)
+    else name
+    for name in CASES
+]

@@ -141,6 +141,41 @@ def critical_intensity(model, b, slenderness, gravity, restitution, count):
     return critical / half_cycle_velocity(b, slenderness, gravity, restitution, mp.mpf(1), count)
 
 
+def _at_intensity(model, count, intensity, around, scene_of):
+    """Where the critical intensity is that of the scene; sought on logarithms."""
+
+    def excess(logarithm):
+        return mp.log(critical_intensity(model, *scene_of(mp.exp(logarithm)), count) / intensity)
+
+    tolerance = mp.mpf(10) ** (-1.6 * mp.mp.dps)
+    return mp.exp(mp.findroot(excess, (mp.log(around), mp.log(2 * around)), tol=tolerance))
+
+
+def critical_width(model, b, slenderness, gravity, restitution, intensity, count):
+    def scene_of(half_width):
+        return half_width, slenderness, gravity, restitution
+
+    return 2 * _at_intensity(model, count, intensity, mp.mpf(1), scene_of)
+
+
+def critical_slenderness(model, b, slenderness, gravity, restitution, intensity, count):
+    def scene_of(slenderness):
+        return b, slenderness, gravity, restitution
+
+    return _at_intensity(model, count, intensity, mp.mpf(1), scene_of)
+
+
+def critical_restitution(model, b, slenderness, gravity, restitution, intensity, count):
+    single = critical_intensity(model, b, slenderness, gravity, mp.mpf(0), 1)
+    if count == mp.inf:
+        return 1 - intensity / single
+
+    def excess(c):
+        return sum(c**k for k in range(count)) - single / intensity
+
+    return mp.findroot(excess, mp.mpf(1), tol=mp.mpf(10) ** (-1.6 * mp.mp.dps))
+
+
 def oscillator_motion(omega, xi, velocity, time):
     """Eq. 16: displacement and velocity."""
     damped = omega * mp.sqrt(1 - xi**2)

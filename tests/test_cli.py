@@ -196,3 +196,71 @@ def test_bad_driven_input(tmp_path, capsys, given, words):
     assert end.value.code == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_critical(capsys, tmp_path):
+    block = ("--width", 0.8, "--slenderness", 5, "--restitution", 0.7)
+    code, text, _ = run(capsys, "critical", *block, "--half-cycles", 1, 5, "--json")
+    assert code == 0
+    rows = json.loads(text)["rows"]
+    assert [(row["half_cycles"], row["equation"]) for row in rows] == [
+        (1, "linearized"), (1, "nonlinear"), (5, "linearized"), (5, "nonlinear")
+    ]  # fmt: skip
+    expected = float(jr.critical_intensity(jr.Block(0.4, 5.0), 0.7, 5.0))
+    assert rows[2]["critical_intensity"] == pytest.approx(expected, rel=1e-12)
+    sine = ("critical", "--width", 0.2, "--pulse", "sine", "--pulse-duration", 0.5)
+    code, text, _ = run(capsys, *sine, "--restitution", 0.9, "--out", tmp_path / "found")
+    assert code == 0
+    assert "stands beyond 7.706 (overturning after 1 impact)" in text
+    table = (tmp_path / "found" / "critical.csv").read_text().splitlines()
+    assert table[0] == "amplitude,overturns_beyond,impacts,flat"
+    assert len(table) == 4
+    mild = ("--along", "slenderness", "--tried", "1", "1.5", "--amplitude", 0.5)
+    code, text, _ = run(capsys, *sine, *mild, "--out", tmp_path / "none")
+    assert code == 0
+    assert text.startswith("no boundary: it stands always")
+    table = (tmp_path / "none" / "critical.csv").read_text().splitlines()
+    assert table == ["slenderness,overturns_beyond,impacts,flat"]
+
+
+def test_sensitivity(capsys, tmp_path):
+    out = tmp_path / "out"
+    code, text, _ = run(capsys, "sensitivity", "--out", out, "--json")
+    assert code == 0
+    found = json.loads(text)
+    names = ["map.png", "sensitivity.csv", "tornado.png"]
+    assert sorted(path.name for path in out.iterdir()) == names
+    rows = {row["quantity"]: row for row in found["rows"]}
+    # alpha_max / alpha_c = (I / I_c)^2 / 2 in weak motion, and more near the verge.
+    assert 2 < rows["intensity"]["elasticity"] < 2.2
+    assert rows["restitution"]["at_low"] < found["value"] < rows["restitution"]["at_high"]
+    assert found["scatter_holds"] is True
+
+
+@pytest.mark.thorough
+def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
+    pulse = ("--pulse", "half-sine", "--amplitude", 3.5, "--pulse-duration", 0.1)
+    code, text, _ = run(
+        capsys, "sensitivity", "--answer", "margin", *pulse, "--out", tmp_path / "out"
+    )
+    assert code == 0
+    assert text.startswith("margin 0.")
+    assert "pulse_duration" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("critical", "--along", "factor"), "go with a pulse or a record"),
+        (("critical", "--record", "example", "--along", "restitution"), "tried must be given"),
+        (("sensitivity", "--intensity", 5), "does not exist here: the block overturns"),
+        (("sensitivity", "--swing", 0), "swing must be finite and greater than 0"),
+        (("sensitivity", "--record", "example", "--answer", "period"), "answer must be rotation"),
+    ],
+)
+def test_bad_questions_of_design(capsys, tmp_path, arguments, words):
+    target = ("--out", tmp_path / "out") if arguments[0] == "sensitivity" else ()
+    code, _, err = run(capsys, *arguments, *target)
+    assert code == 2
+    assert words in err
+    assert list(tmp_path.iterdir()) == []

@@ -29,11 +29,24 @@ def test_quickstart():
     assert compared == 7
 
 
+BLOCKS = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+BEGIN = "\n".join(BLOCKS[0].splitlines()[:8]) + "\n"
+
+
 @pytest.mark.float64
 def test_driven_motion():
-    quickstart, driven = re.findall(
-        r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL
-    )
     namespace = {}
-    exec("\n".join(quickstart.splitlines()[:6]) + "\n" + driven, namespace)
+    exec(BEGIN + BLOCKS[1], namespace)
     assert namespace["response"].impacts > 1000
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_inverse_design(capsys):
+    record = next(line for line in BLOCKS[1].splitlines() if line.startswith("record = "))
+    exec(BEGIN + record + "\n" + BLOCKS[2], {})
+    printed = capsys.readouterr().out
+    edges = re.findall(r"\w+ beyond [\d.]+\d", BLOCKS[2])
+    assert len(edges) == 3
+    for edge in edges:
+        assert edge in printed

@@ -258,6 +258,7 @@ def test_history():
     assert np.isnan(r.history([-1.0, 3.1])[0]).all()
 
 
+@pytest.mark.thorough
 def test_all_impacts_are_listed():
     block = jr.Block(0.2, 5.0)
     whole = jr.respond(block, 0.9, jr.example_record(), 60.0)

@@ -33,6 +33,23 @@ def test_overturning_spectrum():
         assert found.overturned.values[k].tolist() == [0, 1]
 
 
+@pytest.mark.float64
+def test_overturning_map():
+    """Its boundaries are those of the spectrum's fates, and Housner's closed form."""
+    ratio = np.array([1.0, 3.0, 6.0])
+    found = jr.overturning_map(jr.Sine, ratio, (1.0, 12.0), restitution=0.9)
+    levels = np.geomspace(1.01, 11.9, 57)
+    spectrum = jr.overturning_spectrum(jr.Sine, ratio, levels, restitution=0.9)
+    edges = found.amplitude_ratio.values
+    passed = (edges[:, :, None] < levels).sum(axis=1)
+    np.testing.assert_array_equal((passed + found.overturns_first.values[:, None]) % 2,
+                                  spectrum.overturned.values)  # fmt: skip
+    assert int((found.overturns_beyond == 0).sum()) > (np.isnan(edges)).sum()  # a window
+    assert set(found.impacts.values[np.isfinite(edges)].tolist()) <= {0, 1, 2}
+    linear = jr.overturning_map(jr.Rectangular, np.pi, linearized=True)  # p t1 = 1
+    assert float(linear.amplitude_ratio[0, 0]) == pytest.approx(1.5819767068693265, rel=1e-9)
+
+
 def test_chunks_change_nothing(monkeypatch):
     whole = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
     monkeypatch.setattr("jaxrock.spectra_driven._CHUNK", 4)

@@ -1,0 +1,355 @@
+"""Where a block in driven motion changes from standing to overturning, and back."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from .arguments import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Domain,
+    Number,
+    Numbers,
+    Reals,
+    as_real,
+    check,
+)
+from .batch import BatchResponse, respond_batch
+from .block import Block
+from .motion import Motion, Pulse, Record
+from .search import brackets, brackets_traced, located
+
+
+class _Case(NamedTuple):
+    block: Block
+    restitution: Any
+    motion: Any
+
+
+class _Along(NamedTuple):
+    """A quantity to seek boundaries along."""
+
+    domain: Domain
+    kind: type[Motion]
+    change: Callable[[_Case, Any], _Case]
+
+
+def _leaf(domain: Domain, kind: type[Motion], where: Callable[[_Case], Any]) -> _Along:
+    return _Along(domain, kind, lambda case, value: eqx.tree_at(where, case, value))
+
+
+def _strength(case: _Case) -> Any:
+    return case.motion.scale if isinstance(case.motion, Record) else case.motion.amplitude
+
+
+_ALONG = {
+    "amplitude": _leaf(FINITE, Pulse, lambda case: case.motion.amplitude),
+    "duration": _leaf(POSITIVE, Pulse, lambda case: case.motion.duration),
+    "factor": _Along(
+        NON_NEGATIVE,
+        Motion,
+        lambda case, value: eqx.tree_at(_strength, case, _strength(case) * value),
+    ),
+    "half_width": _leaf(POSITIVE, Motion, lambda case: case.block.half_width),
+    "slenderness": _leaf(POSITIVE, Motion, lambda case: case.block.slenderness),
+    "restitution": _leaf(UNIT_INTERVAL, Motion, lambda case: case.restitution),
+}
+
+
+class Boundaries(eqx.Module):
+    """Every boundary between standing and overturning in a range.
+
+    The last axis of the arrays of shape (..., boundaries) is that of the boundaries, in the
+    order in which they come in the range; where there are fewer, values are NaN.
+
+    Attributes
+    ----------
+    value : Array, shape (..., boundaries)
+        Where they are, on the side on which the block stands. Has derivatives in both modes.
+    overturns_beyond : Array of bool, shape (..., boundaries)
+        Whether the block overturns beyond the boundary; if not, it does before it.
+    impacts : Array of int, shape (..., boundaries)
+        The mode: number of impacts before it overturns; -1 where there is no boundary.
+    flat : Array of bool, shape (..., boundaries)
+        Whether the block overturns there by falling flat while the ground still moves, and
+        not by being balanced on the verge when it has come to rest.
+    count : Array of int, shape (...)
+        How many there are. Under a transformation, no more than `most` of them are listed.
+    overturns_first : Array of bool, shape (...)
+        Whether the block overturns at the first of the values tried.
+    complete : Array of bool, shape (...)
+        Whether all motions were followed to their ends. If not, values are NaN.
+    """
+
+    value: Reals
+    overturns_beyond: Booleans
+    impacts: Int[Array, "..."]
+    flat: Booleans
+    count: Int[Array, "..."]
+    overturns_first: Booleans
+    complete: Booleans
+
+    def __str__(self) -> str:
+        if jnp.ndim(self.count) or isinstance(self.count, jax.core.Tracer):
+            return repr(self)
+        lines = [] if self.count else [f"no boundary: it {self._does(self.overturns_first)} always"]
+        for k in range(min(int(self.count), self.value.size)):
+            number = int(self.impacts[k])
+            mode = f"after {number} impact{'s' * (number > 1)}" if number else "without an impact"
+            lines.append(
+                f"{self._does(self.overturns_beyond[k])} beyond {self.value[k]:.6g}"
+                f" (overturning {mode})"
+            )
+        return "\n".join(lines)
+
+    @staticmethod
+    def _does(overturns: Any) -> str:
+        return "overturns" if overturns else "stands"
+
+
+def overturning_boundaries(
+    block: Block,
+    restitution: Number,
+    motion: Motion,
+    along: str,
+    tried: Numbers,
+    *,
+    halvings: int = 0,
+    linearized: bool = False,
+    most: int = 8,
+) -> Boundaries:
+    """Every boundary between standing and overturning along one quantity.
+
+    Overturning is not monotone: above the first strength that overturns a block there are
+    windows in which it survives, since the ground can pull it back. The fate is computed at
+    all values tried, and each change of it is located on the margin.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    motion : Motion
+        A pulse, or a `Record` with one-dimensional samples.
+    along : str
+        ``"amplitude"`` or ``"duration"`` of a pulse, ``"factor"`` on any motion,
+        ``"half_width"``, ``"slenderness"`` or ``"restitution"``. What is given for it
+        otherwise does not matter (but for the factor, which multiplies it).
+    tried : array_like, shape (..., n)
+        Increasing values to try, at least two.
+    halvings : int
+        How many times the intervals between them are halved where boundaries might hide:
+        where the number of impacts changes, or the margin is small beside its changes. Two
+        boundaries in an interval that is not halved any more go unseen.
+    linearized : bool
+        Linearize the equation of motion; see `respond`.
+    most : int
+        How many boundaries are listed under a transformation, where their number must be
+        known beforehand.
+
+    Returns
+    -------
+    Boundaries
+        Everything else broadcasts against the leading axes of `tried`.
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed.
+
+    Notes
+    -----
+    The derivatives are those of the implicit function theorem: at a boundary the margin
+    stays 0 (where the block falls `flat`, its peak stays pi / 2).
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> import numpy as np
+    >>> block, pulse = jr.Block(0.2, 5.0), jr.HalfSine(4.0, 0.4)
+    >>> print(jr.overturning_boundaries(block, 0.9, pulse, "slenderness", np.linspace(2, 9, 8)))
+    overturns beyond 5.80354 (overturning without an impact)
+    """
+    case, places = _checked(block, restitution, motion, along, tried)
+    if most < 1:
+        raise ValueError(f"most must be at least 1, got {most}")
+    if not 0 <= halvings <= 20:
+        raise ValueError(f"halvings must be between 0 and 20, got {halvings}")
+    return _boundaries(
+        case, places, along=along, halvings=halvings, linearized=linearized, most=most
+    )
+
+
+def _checked(
+    block: Block, restitution: Number, motion: Motion, along: str, tried: Numbers
+) -> tuple[_Case, Any]:
+    if not isinstance(motion, Pulse | Record):
+        raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
+    allowed = [name for name, quantity in _ALONG.items() if isinstance(motion, quantity.kind)]
+    if along not in allowed:
+        raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")
+    restitution, places = as_real("restitution", restitution), as_real("tried", tried)
+    check("restitution", restitution, UNIT_INTERVAL)
+    check("tried", places, _ALONG[along].domain)
+    block.check()
+    motion.check()
+    if isinstance(motion, Record) and (
+        motion.acceleration.ndim > 1 or (motion.vertical is not None and motion.vertical.ndim > 1)
+    ):
+        raise ValueError("motion must be one record, got an array of them")
+    if places.ndim == 0 or places.shape[-1] < 2:
+        raise ValueError(f"tried must be at least two values, got an array of shape {places.shape}")
+    if not isinstance(places, jax.core.Tracer) and (np.diff(np.asarray(places)) <= 0).any():
+        raise ValueError("tried must be increasing, got values that do not increase")
+    case = _Case(block, restitution, motion)
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*jax.tree.leaves((case, places)))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (case, places))
+
+
+def _is_sample(path: Any) -> bool:
+    return getattr(path[-1], "name", "") in ("acceleration", "vertical")
+
+
+def _split(case: Any) -> tuple[list[Any], list[Any]]:
+    """The leaves that are numbers, one a block, and the samples of a record."""
+    leaves = jax.tree.leaves_with_path(case, is_leaf=lambda leaf: leaf is None)
+    numbers = [leaf for path, leaf in leaves if not _is_sample(path)]
+    return numbers, [leaf for path, leaf in leaves if _is_sample(path)]
+
+
+def _joined(case: _Case, numbers: Any) -> _Case:
+    """The case with other numbers."""
+    rest = iter(numbers)
+    return jax.tree.map_with_path(lambda path, leaf: leaf if _is_sample(path) else next(rest), case)
+
+
+def _followed(case: _Case, along: str, value: Any, linearized: bool) -> BatchResponse:
+    """The response at a value, to the end of the input."""
+    case = _ALONG[along].change(case, value)
+    return respond_batch(*case, linearized=linearized)
+
+
+@eqx.filter_custom_jvp
+def _boundaries(
+    case: _Case, tried: Any, *, along: str, halvings: int, linearized: bool, most: int
+) -> Boundaries:
+    """The search. Where values are concrete, all boundaries are listed, else `most`."""
+    leaves = jax.tree.leaves((case, tried))
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    library: Any = jnp if traced else np
+    numbers = [library.asarray(leaf) for leaf in _split(case)[0]]
+    tried = library.asarray(tried)
+    shape = np.broadcast_shapes(*(leaf.shape for leaf in numbers), tried.shape[:-1])
+    size, places = math.prod(shape), tried.shape[-1]
+    numbers = [library.broadcast_to(leaf, shape).reshape(-1) for leaf in numbers]
+    tried = library.broadcast_to(tried, (*shape, places)).reshape(size, places)
+
+    def followed(index: Any, value: Any) -> Any:
+        chosen = _joined(case, [leaf[index] for leaf in numbers])
+        response = _followed(chosen, along, value, linearized)
+        return jax.tree.map(library.asarray, response)
+
+    def margin(index: Any, value: Any) -> Any:
+        return followed(index, value).margin
+
+    def margin_and_mode(index: Any, value: Any) -> tuple[Any, Any]:
+        response = followed(index, value)
+        mode = library.where(response.overturned, response.mode, response.impacts)
+        return response.margin, mode
+
+    if traced:
+        found = brackets_traced(margin_and_mode, tried, halvings, most)
+    else:
+        found = brackets(margin_and_mode, tried, halvings)
+    listed = most if traced else int(found.count.max(initial=0))
+    stands, falls, left = located(margin, found, traced)
+    eps = float(jnp.finfo(tried.dtype).eps)
+    # The mode is seen from a little further into overturning.
+    further = falls + library.sign(falls - stands) * eps**0.4 * abs(falls)
+    answer, highest = followed(found.case, further), followed(found.case, stands).peak_rotation
+    flat = (left > eps**0.25) & (highest > 0.5 * math.pi - eps**0.25)
+    known = found.there & library.isfinite(left) & answer.complete
+
+    def spread(entries: Any, missing: Any) -> Any:
+        table = jnp.full((size, listed), missing, jnp.asarray(entries).dtype)
+        entries = library.where(known, entries, missing)
+        return table.at[found.case, found.column].set(entries).reshape(*shape, listed)
+
+    everywhere = jnp.ones(size, bool)
+    if found.case.size:
+        everywhere = everywhere.at[found.case].min(known | ~found.there)
+    return Boundaries(
+        value=spread(stands, library.nan),
+        overturns_beyond=spread(falls > stands, False),
+        impacts=spread(answer.mode, -1),
+        flat=spread(flat, False),
+        count=jnp.asarray(found.count).reshape(shape),
+        overturns_first=jnp.asarray(found.negative_first).reshape(shape),
+        complete=jnp.asarray(found.complete & everywhere).reshape(shape),
+    )
+
+
+@_boundaries.def_jvp
+def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, Any]:
+    """By the implicit function theorem, elementwise in all numbers that are perturbed."""
+    case, tried = primals
+    found = _boundaries(case, tried, **options)
+    changes, samples = _split(tangents[0])
+    if any(tangent is not None for tangent in samples):
+        raise ValueError("boundaries have no derivatives to the samples of a record")
+    there = jnp.isfinite(found.value)
+
+    def widened(leaf: Any) -> Any:
+        return jnp.broadcast_to(leaf[..., None], there.shape)
+
+    value = jnp.where(there, found.value, jax.lax.stop_gradient(widened(tried[..., 0])))
+    numbers = [widened(leaf) for leaf in _split(case)[0]]
+    moves = tuple(tangent is not None for tangent in changes)
+    slopes = _slopes(
+        case, value, numbers, found.flat, moves, options["along"], options["linearized"]
+    )
+    total = jnp.zeros_like(value)
+    for slope, tangent in zip(slopes[1:], filter(lambda t: t is not None, changes), strict=True):
+        total = total - jnp.where(there, slope / slopes[0], 0) * widened(tangent)
+    nothing = jax.tree.map(lambda leaf: None, found)
+    return found, eqx.tree_at(lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None)
+
+
+@eqx.filter_jit
+def _slopes(
+    case: _Case,
+    value: Any,
+    numbers: list[Any],
+    flat: Any,
+    moves: tuple[bool, ...],
+    along: str,
+    linearized: bool,
+) -> list[Any]:
+    """Derivatives of what vanishes at a boundary to its place and to the numbers that move."""
+
+    def left(point: list[Any]) -> Any:
+        place, *moving = point
+        rest = iter(moving)
+        whole = [next(rest) if m else n for m, n in zip(moves, numbers, strict=True)]
+        response = _followed(_joined(case, whole), along, place, linearized)
+        return jnp.where(flat, 0.5 * jnp.pi - response.peak_rotation, response.margin)
+
+    point = [value, *(number for number, m in zip(numbers, moves, strict=True) if m)]
+
+    def slope(k: Any) -> Any:
+        basis = [jnp.where(k == j, jnp.ones_like(part), 0) for j, part in enumerate(point)]
+        return jax.jvp(left, (point,), (basis,))[1]
+
+    found = jax.vmap(slope)(jnp.arange(len(point)))
+    return [found[k] for k in range(len(point))]

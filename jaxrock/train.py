@@ -1,0 +1,289 @@
+"""Trains of instantaneous pulses: the block moves freely, and through impacts, between them."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from .arguments import FINITE, NON_NEGATIVE, UNIT_INTERVAL, Number, Numbers, as_real, check
+from .block import Block
+from .free import FreeRocking, Linearized
+
+_BOUNCES = 10**5
+
+
+def _whole(x: Any) -> Any:
+    """Of the critical velocity, at most, for the time that a flight takes."""
+    return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6
+
+
+class Flight(NamedTuple):
+    """Where a block is on a free flight.
+
+    Attributes
+    ----------
+    drop : Array
+        Outward velocity that it has lost to gravity since the ground, over the critical one,
+        so that the squares of `drop` and `q` add up to its energy: 0 on the ground.
+    q : Array
+        Outward velocity, over the critical one.
+    """
+
+    drop: Any
+    q: Any
+
+    @property
+    def x(self) -> Any:
+        """Velocity with which it left the ground and lands, over the critical one."""
+        energy = self.drop**2 + self.q**2
+        moves = energy > 0
+        return jnp.where(moves, jnp.sqrt(jnp.where(moves, energy, 1)), 0)
+
+    @property
+    def phase(self) -> Any:
+        """0 where it leaves the ground, 1/2 at the peak, 1 where it lands."""
+        moves = (self.drop > 0) | (self.q != 0)
+        return jnp.arctan2(self.drop, jnp.where(moves, self.q, 1)) / jnp.pi
+
+    @classmethod
+    def at(cls, x: Any, phase: Any) -> "Flight":
+        """The point of a flight at a phase."""
+        return cls(x * jnp.sin(jnp.pi * phase), x * jnp.cos(jnp.pi * phase))
+
+
+class Rocker(NamedTuple):
+    """A block between pulses."""
+
+    block: Block
+    restitution: Any
+    model: FreeRocking
+
+    @property
+    def unit(self) -> Any:
+        """The intensity of the one pulse that just overturns [m/s]."""
+        return self.model._critical_velocity(self.block) / self.block.pulse_velocity(1.0)
+
+    def duration(self, x: Any) -> Any:
+        """Of a half-cycle [s]; a long one of a flight that does not come back."""
+        x = jnp.minimum(x, _whole(x))
+        return self.model._half_cycle_duration(self.block, x, x * self.unit)
+
+    def on_flight(self, x: Any, since: Any) -> Flight:
+        """Where it is, some time after it was launched [s]."""
+        x = jnp.minimum(x, _whole(x))
+        velocity = jax.jvp(
+            lambda time: self.model._rotation(self.block, x, time),
+            (since,),
+            (jnp.ones_like(since),),
+        )[1]
+        q = jnp.clip(velocity / self.model._critical_velocity(self.block), -x, x)
+        return Flight(jnp.sqrt((x - q) * (x + q)), q)
+
+    def lean(self, flight: Flight) -> Any:
+        """Rotation on its side [rad]: a launch with the velocity lost leads just as high."""
+        drop = jnp.minimum(flight.drop, _whole(flight.drop))
+        return self.model._peak_rotation(self.block, drop, drop * self.unit)
+
+    def since_launch(self, flight: Flight) -> Any:
+        """Time since it left the ground [s]."""
+        whole = _whole(flight.x)
+        part = jnp.minimum(whole / jnp.maximum(flight.x, whole), 1)
+        flight = Flight(part * flight.drop, part * flight.q)
+        to_peak = self.model._time_to_peak(self.block, self.lean(flight), flight.q)
+        return 0.5 * self.duration(flight.x) - to_peak
+
+    def struck(self, flight: Flight, impulse: Any) -> Flight:
+        """The flight after an outward pulse, its intensity over `unit`."""
+        return flight._replace(q=flight.q + impulse * self.effect(flight))
+
+    def effect(self, flight: Flight) -> Any:
+        """What a pulse does to the velocity, over what it does on the ground.
+
+        In the linearized equation it is the same everywhere (Eq. 2). In the full one it
+        turns the block the more, the more upright the diagonal to the corner is.
+        """
+        if isinstance(self.model, Linearized):
+            return jnp.ones_like(flight.q)
+        angle = self.block.critical_angle
+        return jnp.cos(angle - self.lean(flight)) / jnp.cos(angle)
+
+
+class TrainResponse(NamedTuple):
+    """What a block does under a train of pulses.
+
+    Attributes
+    ----------
+    velocity_ratio : Array, shape (pulses,)
+        After each pulse, the velocity with which the block would have left the ground (and
+        will land) over the critical one.
+    peak_rotation : Array
+        Largest rotation, also after the last pulse [rad]; pi / 2 if it overturns.
+    overturned : Array of bool
+        Whether it overturns: has ever moved outward with more energy than the barrier, even
+        if a later pulse would have caught it.
+    side : Array, shape (pulses,)
+        To which side it leans at each pulse, 1 or -1; 0 at rest.
+    complete : Array of bool
+        Whether all was followed; if not, for too many impacts, the rest is NaN.
+    """
+
+    velocity_ratio: Any
+    peak_rotation: Any
+    overturned: Any
+    side: Any
+    complete: Any
+
+
+def respond_to_train(
+    block: Block,
+    restitution: Number,
+    times: Numbers,
+    intensities: Numbers,
+    model: FreeRocking = Linearized(),
+) -> TrainResponse:
+    """Response of one block to instantaneous pulses at given times, through every impact.
+
+    Parameters
+    ----------
+    block : Block
+        One block.
+    restitution : float
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    times : array_like, shape (pulses,)
+        When the pulses come [s], not decreasing.
+    intensities : array_like, shape (pulses,)
+        I of each [m/s], signed: a positive one pushes the block to positive rotations.
+    model : Linearized or Nonlinear
+        Equation of the motion between the pulses. In the full equation a pulse does more to
+        a block that leans: ``cos(alpha_c - alpha) / cos(alpha_c)`` times what Eq. 2 says.
+
+    Returns
+    -------
+    TrainResponse
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(0.4, 5.0)
+    >>> train = jr.respond_to_train(block, 0.7, [0.0, 0.6], [0.3, -0.3])
+    >>> print(train.overturned, f"{train.peak_rotation / block.critical_angle:.3f}")
+    False 0.043
+    """
+    numbers = [
+        as_real(name, value)
+        for name, value in (
+            ("restitution", restitution),
+            ("times", times),
+            ("intensities", intensities),
+        )
+    ]
+    check("restitution", numbers[0], UNIT_INTERVAL)
+    check("times", numbers[1], NON_NEGATIVE)
+    check("intensities", numbers[2], FINITE)
+    block.check()
+    if numbers[1].ndim != 1 or numbers[1].shape != numbers[2].shape or not numbers[1].size:
+        raise ValueError(
+            "times and intensities must be two lists of one length, got shapes"
+            f" {numbers[1].shape} and {numbers[2].shape}"
+        )
+    concrete = not isinstance(numbers[1], jax.core.Tracer)
+    if concrete and (np.diff(np.asarray(numbers[1])) < 0).any():
+        raise ValueError("times must not decrease")
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*jax.tree.leaves((block, numbers)))
+    block, numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (block, numbers))
+    return follow(Rocker(block, numbers[0], model), numbers[1], numbers[2])
+
+
+class _Moving(NamedTuple):
+    x: Any  # of the flight
+    since: Any  # its launch
+    side: Any
+    peak: Any
+    over: Any
+    bounces: Any
+
+
+@eqx.filter_jit
+def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
+    """What `respond_to_train` does, with nothing checked."""
+    zero = jnp.zeros_like(times[0])
+    nothing = float(jnp.finfo(times.dtype).eps) ** 2
+
+    def wait(state: _Moving, length: Any) -> _Moving:
+        """Free motion, over impacts."""
+
+        def lands(carry: Any) -> Any:
+            state, left = carry
+            again = (state.x > nothing) & (state.bounces < _BOUNCES) & ~state.over
+            return again & (state.since + left >= rocker.duration(state.x))
+
+        def land(carry: Any) -> Any:
+            state, left = carry
+            left = left - (rocker.duration(state.x) - state.since)
+            x = rocker.restitution * state.x
+            rises = state.since <= 0.5 * rocker.duration(state.x)
+            peak = jnp.where(rises, jnp.maximum(state.peak, summit(state.x)), state.peak)
+            return (
+                _Moving(x, zero, -state.side, peak, x >= 1, state.bounces + 1),
+                jnp.maximum(left, 0),
+            )
+
+        state, left = jax.lax.while_loop(lands, land, (state, length))
+        moves = state.x > nothing
+        return state._replace(
+            x=jnp.where(moves, state.x, 0),
+            since=jnp.where(moves, state.since + left, 0),
+            side=jnp.where(moves, state.side, 0),
+        )
+
+    def summit(x: Any) -> Any:
+        return rocker.lean(Flight(x, jnp.zeros_like(x)))
+
+    def pulse(state: _Moving, each: Any) -> Any:
+        length, intensity = each
+        before = state
+        state = wait(state, length)
+        flight = rocker.on_flight(state.x, state.since)
+        # The last peak was passed if it lies between the pulses.
+        half = 0.5 * rocker.duration(state.x)
+        began = jnp.where(state.bounces == before.bounces, before.since, 0)
+        reached = jnp.where((began <= half) & (state.since > half), summit(state.x), 0)
+        reached = jnp.maximum(reached, rocker.lean(flight))
+        side = jnp.where(state.side == 0, jnp.where(intensity < 0, -1, 1), state.side)
+        flight = rocker.struck(flight, side * intensity / rocker.unit)
+        x = flight.x
+        over = state.over | ((x >= 1) & (flight.q >= 0))
+        struck = _Moving(
+            x=jnp.where(state.over, state.x, x),
+            since=rocker.since_launch(flight),
+            side=side.astype(x.dtype),
+            peak=jnp.maximum(state.peak, jnp.where(state.over, 0, reached)),
+            over=over,
+            bounces=state.bounces,
+        )
+        return struck, (x, state.side)
+
+    rest = _Moving(zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
+    lengths = jnp.diff(times, prepend=times[:1])
+    last, (ratios, sides) = jax.lax.scan(pulse, rest, (lengths, intensities))
+    # A block that falls after the last pulse may leave the impact faster than it ever was.
+    rises = last.since <= 0.5 * rocker.duration(last.x)
+    x = jnp.where(rises, last.x, rocker.restitution * last.x)
+    over, peak = last.over | (x >= 1), jnp.maximum(last.peak, summit(x))
+    complete = last.bounces < _BOUNCES
+    return TrainResponse(
+        velocity_ratio=jnp.where(complete, ratios, jnp.nan),
+        peak_rotation=jnp.where(complete, jnp.where(over, 0.5 * jnp.pi, peak), jnp.nan),
+        overturned=over & complete,
+        side=sides,
+        complete=complete,
+    )

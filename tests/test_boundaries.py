@@ -1,0 +1,256 @@
+"""Boundaries of overturning in driven motion: published ones, SciPy, differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import stepping
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+SLOW = pytest.mark.thorough
+
+
+def test_rectangular_pulses_against_housner():
+    """Linearized: A = 1 / (1 - exp(-p t1)) (Housner 1963, Eq. 9)."""
+    block = jr.Block(jnp.asarray([0.1, 0.4, 2.0]), jnp.asarray([3.0, 5.0, 8.0]))
+    times = jnp.asarray([0.5, 1.0, 2.0])
+    duration = times / block.frequency_parameter
+    found = jr.critical_amplitude(block, 0.9, jr.Rectangular, duration, linearized=True)
+    ratio = found.value[:, 0] / (9.81 * block.critical_angle)
+    np.testing.assert_allclose(ratio, 1 / -jnp.expm1(-times), rtol=1e-10)
+    assert (found.count == 1).all()
+    assert (found.impacts == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "shape", "duration", "expected"),
+    [(0.4, 1.2, jr.HalfSine, 0.5, 0.5545859), (1.0, 3.0, jr.Sine, 1.0, 0.45154)],
+)
+def test_makris_and_roussos(width, height, shape, duration, expected):
+    """Recomputed from their equations; they print 0.5545 and 0.4514 g."""
+    block = jr.Block.from_size(width, height)
+    c = jr.housner_restitution(block)
+    found = jr.critical_amplitude(block, c, shape, duration, linearized=True)
+    assert float(found.value[0]) / 9.81 == pytest.approx(expected, abs=1e-6)
+
+
+def test_against_scipy():
+    """Thirty boundaries of blocks at random: the fate changes there, and the mode is theirs."""
+    rng = np.random.default_rng(5)
+    checked = 0
+    while checked < 30:
+        half_width, slenderness = 10 ** rng.uniform(-1.3, 0.2), rng.uniform(2, 9)
+        c, duration = rng.uniform(0.6, 0.95), rng.uniform(0.2, 1.2)
+        shape = (jr.HalfSine, jr.Sine, jr.Cosine)[checked % 3]
+        linearized = bool(rng.random() < 0.5)
+        block = jr.Block(half_width, slenderness)
+        found = jr.critical_amplitude(block, c, shape, duration, linearized=linearized)
+        assert bool(found.complete)
+        rocker = stepping.Rocker(half_width, slenderness, c, linearized)
+        for k in range(int(found.count)):
+            edge, beyond = float(found.value[k]), bool(found.overturns_beyond[k])
+            for factor, expected in ((1 - 1e-6, not beyond), (1 + 1e-6, beyond)):
+                pieces = stepping.pulse(shape.__name__, edge * factor, duration)
+                settle = 25 / rocker.p if expected else 0.0
+                theirs = stepping.with_events(rocker, pieces, settle, rtol=1e-11)
+                assert theirs.overturned == expected, (block, shape, duration, edge)
+                if expected:
+                    assert len(theirs.impacts) == int(found.impacts[k])
+            checked += 1
+
+
+def test_no_window_of_a_percent_is_missed():
+    """Twenty blocks, ratios from 1 to 10, against a search ten times as fine."""
+    rng = np.random.default_rng(8)
+    block = jr.Block(10 ** rng.uniform(-1.3, -0.3, 20), rng.uniform(2, 9, 20))
+    c, duration = rng.uniform(0.6, 0.95, 20), rng.uniform(0.3, 1.0, 20)
+    coarse = jr.critical_amplitude(block, c, jr.Sine, duration)
+    fine = jr.critical_amplitude(block, c, jr.Sine, duration, resolution=1e-3)
+    windows = 0
+    for k in range(20):
+        ours, theirs = (np.asarray(found.value[k, : found.count[k]]) for found in (coarse, fine))
+        wide = np.ones(theirs.size, bool)
+        narrow = np.diff(theirs) < 0.01 * theirs[1:]
+        wide[1:] &= ~narrow
+        wide[:-1] &= ~narrow
+        windows += int((~np.asarray(fine.overturns_beyond[k, : theirs.size])).sum())
+        for edge in theirs[wide]:
+            assert np.isclose(ours, edge, rtol=1e-10).any(), (k, ours, theirs)
+    assert windows >= 8
+
+
+CASES = {
+    "no impact": (jr.HalfSine, 0.1, 5.0, 0.9, 0.5, 0, False),
+    "one impact": (jr.Sine, 0.1, 5.0, 0.9, 0.5, 0, False),
+    "end of a window": (jr.Sine, 0.1, 5.0, 0.9, 0.5, 1, False),
+    "linearized": (jr.Cosine, 0.2, 4.0, 0.8, 0.8, 0, True),
+    "falls flat": (jr.Cosine, 0.3852, 1.0, 0.9, 0.52, 2, False),
+    "balanced while the ground moves": (jr.Ricker, 0.2336, 2.419, 0.9, 2.5, 0, False),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in ("no impact", "falls flat") else pytest.param(name, marks=SLOW)
+        for name in CASES
+    ],
+)
+def test_derivatives(name):
+    """To block, restitution, duration and gravity, against extrapolated differences."""
+    shape, *numbers, which, linearized = CASES[name]
+
+    def found(numbers):
+        b, slenderness, c, duration, gravity = numbers
+        block = jr.Block(b, slenderness, gravity)
+        return jr.critical_amplitude(
+            block, c, shape, duration, (1.0, 15.0), resolution=0.05, linearized=linearized
+        )
+
+    at = jnp.asarray([*numbers, 9.81])
+    assert bool(found(at).flat[which]) == (name == "falls flat")
+    forward = jax.jacfwd(lambda at: found(at).value[which])(at)
+    if name == "no impact":
+        reverse = jax.grad(lambda at: found(at).value[which])(at)
+        np.testing.assert_allclose(reverse, forward, rtol=1e-12)
+    # Three step sizes: what is left is of sixth order in them.
+    steps = jnp.asarray([s * h for h in (1, 0.5, 0.25) for s in (1, -1)]) * 1e-3
+    moved = jnp.broadcast_to(at[:, None, None], (5, 5, 6))
+    moved = moved.at[np.arange(5), np.arange(5)].multiply(1 + jnp.broadcast_to(steps, (5, 6)))
+    value = found(moved).value[..., which]
+    slopes = (value[:, ::2] - value[:, 1::2]) / (2 * steps[None, ::2] * at[:, None])
+    exact = (64 * slopes[:, 2] - 20 * slopes[:, 1] + slopes[:, 0]) / 45
+    scale = jnp.maximum(abs(exact), 1e-3 * abs(found(at).value[which] / at))
+    np.testing.assert_array_less(abs(forward - exact), 1e-7 * scale)
+
+
+@pytest.mark.thorough
+def test_second_derivative():
+    def edge(slenderness):
+        block = jr.Block(0.1, slenderness)
+        return jr.critical_amplitude(block, 0.9, jr.HalfSine, 0.5, (1.0, 9.0)).value[0]
+
+    h = 1e-3
+    slopes = [jax.jacfwd(edge)(5.0 + s * h) for s in (-1.0, 1.0)]
+    assert float(jax.jacfwd(jax.jacfwd(edge))(5.0)) == pytest.approx(
+        float(slopes[1] - slopes[0]) / (2 * h), rel=1e-5
+    )
+
+
+def test_other_quantities_lead_to_the_same_boundary():
+    """At a critical amplitude, the duration, size, shape and restitution are critical as well."""
+    block, c, duration = jr.Block(0.1, 5.0), 0.9, 0.5
+    amplitude = jr.critical_amplitude(block, c, jr.Sine, duration).value[0]
+    pulse = jr.Sine(amplitude, duration)
+    for along, value in {
+        "duration": duration,
+        "half_width": 0.1,
+        "slenderness": 5.0,
+        "restitution": 0.9,
+        "factor": 1.0,
+    }.items():
+        tried = value * np.linspace(0.95, 1.05, 5)
+        found = jr.overturning_boundaries(block, c, pulse, along, tried)
+        assert float(found.value[0]) == pytest.approx(value, rel=1e-9), along
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("along", ["duration", "half_width", "slenderness", "restitution"])
+def test_slopes_along_other_quantities(along):
+    """On the surface of the verge: how a quantity moves with the amplitude, and the inverse."""
+    numbers = {"half_width": 0.1, "slenderness": 5.0, "restitution": 0.9, "duration": 0.5}
+
+    def amplitude(value):
+        at = numbers | {along: value}
+        block = jr.Block(at["half_width"], at["slenderness"])
+        return jr.critical_amplitude(block, at["restitution"], jr.Sine, at["duration"]).value[0]
+
+    def quantity(amplitude):
+        value = numbers[along]
+        block, pulse = jr.Block(0.1, 5.0), jr.Sine(amplitude, 0.5)
+        tried = value * np.linspace(0.95, 1.05, 5)
+        return jr.overturning_boundaries(block, 0.9, pulse, along, tried).value[0]
+
+    there = amplitude(numbers[along])
+    forth, back = jax.jacfwd(amplitude)(numbers[along]), jax.jacfwd(quantity)(there)
+    assert float(forth * back) == pytest.approx(1, abs=1e-8)
+
+
+def test_record():
+    """A boundary below the chaotic ones, against the adaptive integrator."""
+    block, record = jr.Block(0.3, 3.0), jr.example_record()
+    found = jr.overturning_boundaries(block, 0.5, record, "factor", np.linspace(1, 6, 26))
+    assert int(found.count) > 0
+    edge, beyond = float(found.value[0]), bool(found.overturns_beyond[0])
+    for factor, expected in ((1 - 1e-6, not beyond), (1 + 1e-6, beyond)):
+        response = jr.respond(block, 0.5, record.scaled(edge * factor), rtol=1e-10)
+        assert bool(response.overturned) == expected
+
+
+@pytest.mark.thorough
+def test_under_transformations():
+    def edges(slenderness):
+        block = jr.Block(0.1, slenderness)
+        return jr.critical_amplitude(block, 0.9, jr.Sine, 0.5, resolution=0.05, most=4)
+
+    direct = jr.critical_amplitude(
+        jr.Block(0.1, jnp.asarray([5.0, 6.0])), 0.9, jr.Sine, 0.5, resolution=0.05
+    )
+    found = jax.jit(jax.vmap(edges))(jnp.asarray([5.0, 6.0]))
+    np.testing.assert_allclose(found.value[:, :3], direct.value, rtol=1e-12)
+    assert np.isnan(found.value[:, 3]).all()
+    np.testing.assert_array_equal(found.count, direct.count)
+    np.testing.assert_array_equal(found.impacts[:, :3], direct.impacts)
+
+
+def test_nothing_there():
+    found = jr.critical_amplitude(jr.Block(1.0, 2.0), 0.5, jr.Sine, 0.1, (1.0, 2.0))
+    assert found.value.shape == (0,)
+    assert int(found.count) == 0
+    assert str(found) == "no boundary: it stands always"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"along": "scale"}, "along must be one of amplitude, duration, factor"),
+        ({"tried": [2.0, 1.0]}, "tried must be increasing"),
+        ({"tried": [2.0]}, "tried must be at least two values"),
+        ({"tried": [-1.0, 2.0], "along": "duration"}, "tried must be finite and greater than 0"),
+        ({"restitution": 2.0}, "restitution must be between 0 and 1"),
+        ({"most": 0}, "most must be at least 1"),
+        (
+            {"motion": jr.Record(np.ones((2, 3)), 0.1), "along": "factor"},
+            "motion must be one record",
+        ),
+    ],
+)
+def test_bad_input(change, words):
+    arguments = {
+        "block": jr.Block(0.3, 4.0),
+        "restitution": 0.9,
+        "motion": jr.Sine(2.0, 0.5),
+        "along": "amplitude",
+        "tried": [1.0, 2.0],
+    }
+    with pytest.raises(ValueError, match=words):
+        jr.overturning_boundaries(**(arguments | change))
+
+
+def test_bad_ranges():
+    with pytest.raises(ValueError, match="ratios must be two increasing positive numbers"):
+        jr.critical_amplitude(jr.Block(0.3, 4.0), 0.9, jr.Sine, 0.5, (3.0, 2.0))
+    with pytest.raises(ValueError, match="resolution must be between"):
+        jr.critical_amplitude(jr.Block(0.3, 4.0), 0.9, jr.Sine, 0.5, resolution=2.0)
+    with pytest.raises(ValueError, match="durations must be two increasing"):
+        jr.critical_duration(jr.Block(0.3, 4.0), 0.9, jr.Sine(3.0, 0.5), (0.0, 2.0))
+    with pytest.raises(ValueError, match="no derivatives to the samples"):
+        jax.jacfwd(
+            lambda a: (
+                jr.overturning_boundaries(
+                    jr.Block(0.3, 4.0), 0.9, jr.Record(a, 0.1), "factor", [1.0, 2.0]
+                ).value
+            )
+        )(jnp.ones(4))

@@ -1,0 +1,188 @@
+"""Trains of pulses: against SciPy, and the worst ones against the paper's input."""
+
+import math
+
+import numpy as np
+import pytest
+import stepping
+from scipy.integrate import solve_ivp
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+RUNGS = [jr.Linearized(), jr.Nonlinear()]
+SLOW = pytest.mark.thorough
+
+
+def scipy_train(rocker, block, times, intensities):
+    """Peak and fate, from a jump of the velocity at each pulse and SciPy's events between."""
+    alpha = velocity = peak = 0.0
+    side, now = 0, 0.0
+    shape = 0.75 * float(block.slenderness) / (1 + float(block.slenderness) ** 2)
+
+    def move(alpha, velocity, side, length):
+        highest, begin = abs(alpha), 0.0
+        while begin < length and side:
+
+            def field(t, y, side=side):
+                return [y[1], rocker.acceleration(y[0], side, (0.0, 0.0))]
+
+            def lands(t, y, side=side, begin=begin):
+                return side * y[0] if t > begin + 1e-9 else 1.0
+
+            def over(t, y):
+                return abs(y[0]) - 1.5
+
+            def top(t, y):
+                return y[1]
+
+            lands.terminal = over.terminal = True
+            lands.direction = -1
+            found = solve_ivp(
+                field, (begin, length), [alpha, velocity], "DOP853",
+                rtol=1e-11, atol=1e-14, events=(lands, over, top),
+            )  # fmt: skip
+            begin, (alpha, velocity) = found.t[-1], found.y[:, -1]
+            highest = max([highest, abs(alpha), *(abs(y[0]) for y in found.y_events[2])])
+            if found.t_events[1].size:
+                return alpha, velocity, side, highest, True
+            if found.t_events[0].size:
+                alpha, velocity, side = 0.0, rocker.c * velocity, -side
+            if alpha == 0 and abs(velocity) < 1e-7:
+                velocity, side = 0.0, 0
+        return alpha, velocity, side, highest, False
+
+    for time, intensity in zip(times, intensities, strict=True):
+        alpha, velocity, side, highest, over = move(alpha, velocity, side, time - now)
+        peak, now = max(peak, highest), time
+        if over:
+            return peak, True
+        side = side or (1 if intensity > 0 else -1)
+        factor = 1.0
+        if not rocker.linearized:
+            factor = math.cos(rocker.angle - abs(alpha)) / math.cos(rocker.angle)
+        velocity += shape * intensity / float(block.half_width) * factor
+    *_, highest, over = move(alpha, velocity, side, 30.0)
+    return max(peak, highest), over
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_trains_against_scipy(model):
+    rng = np.random.default_rng(2)
+    fates = []
+    for _ in range(12):
+        block = jr.Block(rng.uniform(0.1, 0.6), rng.uniform(1.5, 6))
+        c, count = rng.uniform(0.5, 0.95), 4
+        rocker = stepping.Rocker(
+            float(block.half_width), float(block.slenderness), c, model == jr.Linearized()
+        )
+        times = np.sort(rng.uniform(0, 3, count))
+        critical = float(jr.critical_intensity(block, c, 1, model))
+        intensities = rng.uniform(-0.6, 0.6, count) * critical
+        ours = jr.respond_to_train(block, c, times, intensities, model)
+        peak, overturned = scipy_train(rocker, block, times, intensities)
+        fates.append(overturned)
+        assert bool(ours.overturned) == overturned
+        if not overturned:
+            assert float(ours.peak_rotation) == pytest.approx(peak, rel=1e-7)
+    assert not all(fates)
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize(
+    "count",
+    [2, pytest.param(3, marks=SLOW), pytest.param(5, marks=SLOW), pytest.param(8, marks=SLOW)],
+)
+def test_the_papers_input_comes_out(model, count):
+    """From at least eight of ten random starts: equal pulses right after the impacts."""
+    block, c = jr.Block(0.4, 4.0), 0.7
+    worst = jr.worst_train(block, c, count, model=model)
+    closed = float(jr.critical_intensity(block, c, count, model))
+    assert worst.converged
+    assert worst.largest == pytest.approx(closed, rel=1e-9)
+    assert (abs(worst.objectives / closed - 1) < 1e-6).sum() >= 8
+    assert abs(worst.delays).max() < 1e-4
+    assert (worst.impacts_between[1:] == 1).all()
+    np.testing.assert_allclose(abs(worst.intensities), closed, rtol=1e-6)
+    # Alternating as the ground moves.
+    assert (np.sign(worst.intensities) == (-1.0) ** np.arange(count)).all()
+    assert worst.history.shape[0] == 10
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+def test_the_least_in_total_is_a_single_pulse(model):
+    block, c = jr.Block(0.4, 4.0), 0.7
+    worst = jr.worst_train(block, c, 4, "smallest total", model=model)
+    single = float(jr.critical_intensity(block, c, 1, model))
+    assert worst.converged
+    assert worst.total == pytest.approx(single, rel=1e-9)
+    assert (abs(worst.objectives / single - 1) < 1e-6).sum() >= 8
+    assert np.sort(abs(worst.intensities))[-2] < 1e-6 * single
+
+
+def test_most_rotation():
+    block, c, model = jr.Block(0.4, 4.0), 0.7, jr.Nonlinear()
+    largest = 0.9 * float(jr.critical_intensity(block, c, 3, model))
+    worst = jr.worst_train(block, c, 3, "most rotation", largest=largest, model=model)
+    velocity = jr.half_cycle_velocity(jr.Scene(block, c, largest), 3.0)
+    assert worst.converged
+    assert not worst.overturns
+    assert worst.peak_rotation == pytest.approx(float(model.peak_rotation(block, velocity)), 1e-9)
+
+
+@pytest.mark.thorough
+def test_constraints():
+    """Kept, and they cost something; without any, all pulses come at once."""
+    block, c = jr.Block(0.4, 4.0), 0.7
+    single = float(jr.critical_intensity(block, c, 1))
+    at_once = jr.worst_train(block, c, 2, impacts_between=0)
+    assert at_once.largest == pytest.approx(single / 2, rel=1e-9)
+    free = jr.worst_train(block, c, 2)
+    apart = jr.worst_train(block, c, 2, spacing=float(free.times[1]) + 0.2)
+    assert apart.converged
+    assert np.diff(apart.times)[0] >= float(free.times[1]) + 0.2 - 1e-5
+    assert apart.largest > 1.01 * free.largest
+    # A hair after the impact, which is where it is to come.
+    for factor in (0.999, 1.001):
+        intensities = apart.intensities * np.array([1, factor])
+        train = jr.respond_to_train(block, c, apart.times + np.array([0, 1e-9]), intensities)
+        assert bool(train.overturned) == (factor > 1)
+
+
+def test_what_timing_costs():
+    block, c, count = jr.Block(0.4, 4.0), 0.7, 3
+    costs = jr.timing_costs(block, c, count)
+    closed = float(jr.critical_intensity(block, c, count))
+    single = float(jr.critical_intensity(block, c, 1))
+    assert costs.pop("right after the impacts") == pytest.approx(closed, rel=1e-9)
+    # v -> C (v + launch), after the first pulse, which starts the motion.
+    before = single / (c**2 + c + c**2)
+    assert costs["right before the impacts"] == pytest.approx(before, rel=1e-9)
+    assert all(closed < cost <= single for cost in costs.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"count": 0}, "count must be at least 1"),
+        ({"goal": "most rotation"}, "largest must be given"),
+        ({"largest": 1.0}, "largest must be given"),
+        ({"spacing": 1.0, "latest": 2.0, "count": 4}, "contradict each other: 4 pulses 1 s apart"),
+        ({"impacts_between": 9}, "impacts_between must be from 0 to 3"),
+        ({"restitution": 2.0}, "restitution must be between 0 and 1"),
+    ],
+)
+def test_bad_input(change, words):
+    arguments = {"block": jr.Block(0.4, 4.0), "restitution": 0.7, "count": 3}
+    with pytest.raises(ValueError, match=words):
+        jr.worst_train(**(arguments | change))
+
+
+def test_bad_trains():
+    block = jr.Block(0.4, 4.0)
+    with pytest.raises(ValueError, match="times must not decrease"):
+        jr.respond_to_train(block, 0.7, [1.0, 0.5], [0.1, 0.1])
+    with pytest.raises(ValueError, match="two lists of one length"):
+        jr.respond_to_train(block, 0.7, [1.0], [0.1, 0.1])
+    with pytest.raises(ValueError, match="count must be at least 2"):
+        jr.timing_costs(block, 0.7, 1)
