@@ -23,7 +23,9 @@ from .critical_driven import (
     survival_windows,
 )
 from .fate import fate_margin
+from .fidelity import Choice, DrivenScene, choose
 from .free import Linearized, Nonlinear
+from .model_error import ModelError, model_error
 from .motion import Cosine, HalfSine, Motion, Pulse, Record, Rectangular, Ricker, Sine
 from .oscillator import (
     Oscillator,
@@ -66,20 +68,26 @@ from .sensitivity import (
     sensitivities,
     tornado,
 )
+from .slopes import value_and_slopes
 from .spectra import resonance_spectrum, write_table
 from .spectra_driven import overturning_map, overturning_spectrum, rocking_spectrum
 from .timing import timing_costs
+from .tradeoff import Tradeoff, measure_tradeoff
 from .train import TrainResponse, respond_to_train
+from .within import Within, respond_within
 from .worst import WorstTrain, worst_train
 
 __all__ = [
     "BatchResponse",
     "Block",
     "Boundaries",
+    "Choice",
     "Cosine",
+    "DrivenScene",
     "GlobalSensitivities",
     "HalfSine",
     "Linearized",
+    "ModelError",
     "Motion",
     "Nonlinear",
     "Oscillator",
@@ -98,10 +106,13 @@ __all__ = [
     "Status",
     "SurvivalWindows",
     "Swing",
+    "Tradeoff",
     "TrainResponse",
+    "Within",
     "WorstTrain",
     "amplification",
     "assess",
+    "choose",
     "critical_amplitude",
     "critical_duration",
     "critical_intensity",
@@ -120,6 +131,8 @@ __all__ = [
     "half_cycle_velocity",
     "housner_restitution",
     "launch_velocity",
+    "measure_tradeoff",
+    "model_error",
     "monte_carlo",
     "next_velocity",
     "overturning_boundaries",
@@ -135,6 +148,7 @@ __all__ = [
     "respond",
     "respond_batch",
     "respond_to_train",
+    "respond_within",
     "rocking_spectrum",
     "rotation_ratio",
     "sensitivities",
@@ -144,6 +158,7 @@ __all__ = [
     "survival_windows",
     "timing_costs",
     "tornado",
+    "value_and_slopes",
     "worst_train",
     "write_table",
 ]

@@ -7,6 +7,7 @@ concerned become NaN, and a harmless value stands in for them while the function
 is evaluated: neither the neighbours nor their derivatives see them.
 """
 
+import contextvars
 import functools
 import inspect
 from collections.abc import Callable, Sequence
@@ -94,9 +95,23 @@ class Checked(eqx.Module):
                 value.check()
 
 
+# What guards have put in the place of arguments while a function is traced: it needs no guard
+# again in the functions called there, where it would be in the way of the compiler.
+_guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.ContextVar(
+    "_guarded", default=None
+)
+
+
 def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
+    """A value in the domain, and where it is the one given."""
+    guarded = _guarded.get()
+    if guarded and any(value is known and domain is its_own for known, its_own in guarded):
+        return value, True
     valid = domain.contains(value)
-    return jnp.where(valid, value, domain.stand_in), valid
+    value = jnp.where(valid, value, domain.stand_in)
+    if guarded is not None:
+        guarded.append((value, domain))
+    return value, valid
 
 
 def _module_within(module: Checked) -> tuple[Checked, Any]:
@@ -126,9 +141,6 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
         signature = inspect.signature(function)
 
-        # Compiled as a whole, since a call outside of `jit` would else compile and dispatch
-        # every operation by itself; inlined where it is traced.
-        @functools.partial(jax.jit, inline=True)
         def masked(arguments: dict[str, Any]) -> Any:
             valid: Any = True
             for name, value in arguments.items():
@@ -141,7 +153,19 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
                 valid = valid & ok
             evaluate: Callable[..., Any] = function
             result = evaluate(**arguments)
+            if valid is True:
+                return result
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
+
+        # Compiled as a whole, since a call outside of `jit` would else compile and dispatch
+        # every operation by itself; inlined where it is traced.
+        @functools.partial(jax.jit, inline=True)
+        def outermost(arguments: dict[str, Any]) -> Any:
+            token = _guarded.set([])
+            try:
+                return masked(arguments)
+            finally:
+                _guarded.reset(token)
 
         @functools.wraps(function)
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -153,7 +177,8 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
                 elif name in domains:
                     bound.arguments[name] = as_real(name, value)
                     check(name, bound.arguments[name], domains[name])
-            return masked(bound.arguments)
+            compute = outermost if _guarded.get() is None else masked
+            return compute(bound.arguments)
 
         return guarded
 

@@ -1,14 +1,17 @@
 """Everything about one scene, in both rungs, as numbers and as text."""
 
+import concurrent.futures
+import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from .block import housner_restitution
 from .critical import critical_intensity
+from .fidelity import choose
 from .free import FreeRocking, Linearized, Nonlinear
 from .resonance import (
     Scene,
@@ -18,27 +21,28 @@ from .resonance import (
     overturning_margin,
     rotation_ratio,
     stabilized_period,
-    stabilized_rotation,
     stabilized_velocity,
 )
 
 HALF_CYCLES = ("1", "2", "5", "10", "unlimited")
 
 
-def assess(scene: Scene) -> dict[str, Any]:
+def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     """Geometry, single pulse, stabilized phase, critical intensities and sensitivities.
 
     Parameters
     ----------
     scene : Scene
         A single scene: all its values are numbers.
+    tolerance : float, optional
+        Say as well which equation and precision keep it; see `choose`.
 
     Returns
     -------
     dict
         Nested, of numbers with NaN where a quantity does not exist; ``scene`` holds what both
         rungs share, ``models`` the answers of each, ``linearization_error`` what `Linearized`
-        says relative to `Nonlinear`, less 1.
+        says relative to `Nonlinear`, less 1; with a tolerance ``choice``, of numbers and text.
 
     Raises
     ------
@@ -48,17 +52,54 @@ def assess(scene: Scene) -> dict[str, Any]:
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
-    result = jax.tree.map(float, jax.device_get(_everything(scene)))
-    for answers in (*result["models"].values(), result["linearization_error"]):
+    form = tuple(jax.typeof(leaf) for leaf in jax.tree.leaves(scene))
+    found = [program(scene) for program in _programs(form, jax.tree.structure(scene))]
+    given, linearized, nonlinear = jax.tree.map(float, jax.device_get(found))
+    for answers in (linearized, nonlinear):
         by_label = answers["critical_intensity"]  # which JAX has sorted as text
         answers["critical_intensity"] = {label: by_label[label] for label in HALF_CYCLES}
+    compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
+    result: dict[str, Any] = {
+        "scene": given,
+        "models": {"linearized": linearized, "nonlinear": nonlinear},
+        "linearization_error": {
+            key: jax.tree.map(_apart, linearized[key], nonlinear[key]) for key in compared
+        },
+    }
+    if tolerance is not None:
+        choice = choose(scene, tolerance)
+        result["choice"] = {
+            "tolerance": tolerance,
+            "rung": choice.setting.rung,
+            "bits": choice.setting.bits,
+            "predicted_error": float(choice.error),
+            "kept": bool(choice.kept),
+            "reason": str(choice),
+        }
     return result
 
 
-@eqx.filter_jit
-def _everything(scene: Scene) -> dict[str, Any]:
+def _apart(ours: float, full: float) -> float:
+    return ours / full - 1 if full else math.nan
+
+
+@functools.cache
+def _programs(form: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], Any]]:
+    """What there is to compute about a scene of this form, compiled side by side.
+
+    It runs once: what counts is how long it takes to compile.
+    """
+    scene = jax.tree.unflatten(structure, form)
+    parts = [_given, *(functools.partial(_answers, model=m) for m in (Linearized(), Nonlinear()))]
+    lowered = [jax.jit(part).lower(scene) for part in parts]
+    options: Any = {"xla_backend_optimization_level": 0}
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        return list(pool.map(lambda part: part.compile(compiler_options=options), lowered))
+
+
+def _given(scene: Scene) -> dict[str, Any]:
     block = scene.block
-    given = {
+    return {
         "width": 2 * block.half_width,
         "height": 2 * block.half_height,
         "slenderness": block.slenderness,
@@ -72,14 +113,6 @@ def _everything(scene: Scene) -> dict[str, Any]:
         "launch_velocity": launch_velocity(scene),
         "stabilized_velocity": stabilized_velocity(scene),
     }
-    linearized, nonlinear = _answers(scene, Linearized()), _answers(scene, Nonlinear())
-    compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
-    error = {
-        key: jax.tree.map(lambda ours, full: ours / full - 1, linearized[key], nonlinear[key])
-        for key in compared
-    }
-    models = {"linearized": linearized, "nonlinear": nonlinear}
-    return {"scene": given, "models": models, "linearization_error": error}
 
 
 def _answers(scene: Scene, model: FreeRocking) -> dict[str, Any]:
@@ -94,19 +127,22 @@ def _answers(scene: Scene, model: FreeRocking) -> dict[str, Any]:
     stands = overturning_margin(scene, model) > 0
     half_cycles = jnp.asarray([float(n.replace("unlimited", "inf")) for n in HALF_CYCLES])
     critical = critical_intensity(block, scene.restitution, half_cycles, model)
+    # A single pulse is what is left of all without restitution; compiled once for both.
+    restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
+    periods = stabilized_period(Scene(block, restitutions, scene.intensity), model)
     return {
         "critical_velocity": model.critical_velocity(block),
         "single_pulse": {
             "peak_rotation": model.peak_rotation(block, velocity),
             "rotation_ratio": model.peak_rotation(block, velocity) / block.critical_angle,
-            "half_cycle_duration": model.half_cycle_duration(block, velocity),
+            "half_cycle_duration": periods[0] / 2,
         },
         "overturning_margin": overturning_margin(scene, model),
         "overturning_half_cycle": overturning_half_cycle(scene, model),
         "stabilized": {
-            "peak_rotation": stabilized_rotation(scene, model),
+            "peak_rotation": ratio * block.critical_angle,
             "rotation_ratio": ratio,
-            "period": stabilized_period(scene, model),
+            "period": periods[1],
             "amplification": amplification(scene, model),
         },
         "critical_intensity": dict(zip(HALF_CYCLES, critical, strict=True)),
@@ -179,6 +215,8 @@ def text(result: dict[str, Any]) -> str:
         row(f"{name} {symbol}", "elasticities", name)
     lines.append("")
     lines.append(_verdict(models["nonlinear"]))
+    if "choice" in result:
+        lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
     return "\n".join(lines)
 
 

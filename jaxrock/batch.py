@@ -28,6 +28,7 @@ from .motion import Motion, Pulse, Record
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
 _TURNS = 64  # between two looks at the queue
+ORDERS = range(3, 13)
 
 
 class BatchResponse(eqx.Module):
@@ -73,7 +74,7 @@ class _Progress(NamedTuple):
 
 
 def _march(
-    grid: Grid, arguments: Any, count: Any, form: Any, linearized: bool, lanes: int
+    grid: Grid, arguments: Any, count: Any, form: Any, linearized: bool, lanes: int, order: int
 ) -> BatchResponse:
     """The first `count` columns of arguments, which have a given form, with as many lanes."""
     queue = Case.of(grid, jax.tree.unflatten(form, list(arguments)), linearized)
@@ -81,7 +82,7 @@ def _march(
     valid = queue.valid()
     # Those that will move for long go first.
     effort = queue.equation.tangent / jnp.abs(queue.strength)
-    order = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
+    line = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
 
     def look(progress: _Progress) -> _Progress:
         """Put away the results of lanes that have finished, and give them new blocks."""
@@ -100,12 +101,12 @@ def _march(
         place = taken + jnp.cumsum(idle) - 1
         gets = idle & (place < count)
         place = jnp.clip(place, 0, size - 1)
-        block = jnp.where(idle, jnp.where(gets, order[place], size), block)
+        block = jnp.where(idle, jnp.where(gets, line[place], size), block)
 
         def given(new: Any, old: Any) -> Any:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(lambda leaf: leaf[order[place]], queue)
+        next_case = jax.tree.map(lambda leaf: leaf[line[place]], queue)
         case = jax.tree.map(given, next_case, case)
         fresh = grid.next_cell(jnp.zeros_like(lanes.cell), case.trail)
         lanes = jax.tree.map(given, Lanes.at_rest(fresh, dtype), lanes)
@@ -115,7 +116,7 @@ def _march(
         case = progress.case
         _, lanes = jax.lax.while_loop(
             lambda state: state[0] < _TURNS,
-            lambda state: (state[0] + 1, turn(state[1], case, grid)),
+            lambda state: (state[0] + 1, turn(state[1], case, grid, order)),
             (0, progress.lanes),
         )
         return look(progress._replace(lanes=lanes))
@@ -158,7 +159,7 @@ def _compiled(platform: str) -> Callable[..., BatchResponse]:
     # becomes of NaN is looked after here.
     wide = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max": True}
     options = wide if platform == "cpu" else None
-    static = ("form", "linearized", "lanes")
+    static = ("form", "linearized", "lanes", "order")
     return jax.jit(_march, static_argnames=static, compiler_options=options)
 
 
@@ -169,6 +170,7 @@ def respond_batch(
     duration: Number | None = None,
     *,
     linearized: bool = False,
+    order: int | None = None,
 ) -> BatchResponse:
     """Response of many blocks, from rest, on the grid of the input.
 
@@ -188,6 +190,10 @@ def respond_batch(
         given.
     linearized : bool
         Linearize the equation of motion; see `respond`.
+    order : int, optional
+        Of the Taylor polynomials, 3 to 12: what accuracy is dialled with. 8 by default, and in
+        float32, where rounding is all that is left then, 6. `choose` says which one a motion
+        needs, `respond_within` takes it.
 
     Returns
     -------
@@ -201,7 +207,7 @@ def respond_batch(
 
     Notes
     -----
-    Taylor polynomials of order 6, one a sample (more where the block is fast). A pulse is
+    Taylor polynomials, one a sample (more where the block is fast). A pulse is
     taken as 128 quintics a period. Without a transformation, the batch is shared out to
     the devices, or on a single processor to its cores. Has forward-mode derivatives.
     """
@@ -212,11 +218,15 @@ def respond_batch(
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
+    if order is not None and order not in ORDERS:
+        raise ValueError(f"order must be a whole number from 3 to 12, got {order}")
     blocks.check()
     motion.check()
     leaves = jax.tree.leaves((blocks, restitution, motion, duration))
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves)
+    if order is None:
+        order = 8 if dtype == np.float64 else 6
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     # Outside of a transformation NumPy is quicker for what there is to do.
     library: Any = jnp if traced else np
@@ -242,7 +252,7 @@ def respond_batch(
     size = math.prod(shape)
     rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
     if traced:
-        result = _march(grid, rows, size, form, linearized, _LANES)
+        result = _march(grid, rows, size, form, linearized, _LANES, order)
         return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
     devices = jax.local_devices()
@@ -261,7 +271,7 @@ def respond_batch(
         count = part.shape[1]
         queue = np.pad(part, ((0, 0), (0, room - count)), constant_values=1)
         placed = jax.device_put((grid, queue), devices[k % len(devices)])
-        result = march(*placed, count, form=form, linearized=linearized, lanes=lanes)
+        result = march(*placed, count, form=form, linearized=linearized, lanes=lanes, order=order)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     pieces = max(1, -(-size // share))

@@ -13,6 +13,7 @@ from .arguments import (
     elementwise,
     quantity,
 )
+from .elementary import angle
 
 
 class Block(Checked):
@@ -80,7 +81,7 @@ class Block(Checked):
     @elementwise()
     def critical_angle(self) -> Reals:
         """alpha_c = arctan(1 / lambda), the rotation of unstable balance [rad]."""
-        return jnp.arctan2(1.0, self.slenderness)
+        return angle(1.0, self.slenderness)
 
     @property
     @elementwise()

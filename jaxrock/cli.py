@@ -12,6 +12,7 @@ import tyro
 
 _Grid = tuple[str, ...]
 _Model = Literal["linearized", "nonlinear"]
+_Rung = Literal["linearized", "nonlinear", "auto"]
 _Pulse = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 _Along = Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
 _Answer = Literal[
@@ -28,6 +29,7 @@ def assess(
     restitution: float | None = None,
     intensity: float = 0.15,
     gravity: float = 9.81,
+    tolerance: float | None = None,
     as_json: _Json = False,
 ) -> None:
     """Assess one block under pulses timed to its impacts.
@@ -46,6 +48,7 @@ def assess(
             Housner's value for the block if not given.
         intensity: Change of ground velocity in each pulse [m/s].
         gravity: Acceleration of gravity [m/s2].
+        tolerance: Say which equation and precision are good enough for this relative error.
         as_json: Print JSON; null stands for what does not exist or never happens.
     """
     from . import assessment
@@ -67,7 +70,7 @@ def assess(
                 f"restitution must be given for a block this stocky: Housner's is"
                 f" {restitution:.3g}, and it must be between 0 and 1"
             )
-    result = assessment.assess(Scene(block, restitution, intensity))
+    result = assessment.assess(Scene(block, restitution, intensity), tolerance)
     print(_dumps(result) if as_json else assessment.text(result))
 
 
@@ -78,7 +81,8 @@ def spectrum(
     restitution: _Grid = ("0.6", "0.7", "0.8"),
     intensity: _Grid = ("0.15",),
     gravity: float = 9.81,
-    model: _Model = "linearized",
+    model: _Rung = "linearized",
+    tolerance: float = 1e-3,
     force: _Force = False,
     as_json: _Json = False,
 ) -> None:
@@ -96,7 +100,9 @@ def spectrum(
         restitution: Coefficients of restitution [-], 0 to 1.
         intensity: Change of ground velocity in each pulse [m/s].
         gravity: Acceleration of gravity [m/s2].
-        model: Equation of free rocking between the impacts.
+        model: Equation of free rocking between the impacts; auto takes at each point the
+            cheapest that keeps the tolerance.
+        tolerance: For auto: relative error that is allowed.
         force: Overwrite existing files.
         as_json: Print the list of files and the size of the grid as JSON.
     """
@@ -112,11 +118,13 @@ def spectrum(
     }
     if len(grid["intensity"]) == 1:
         grid["intensity"] = grid["intensity"][0]
-    rung = Nonlinear() if model == "nonlinear" else Linearized()
+    rungs = {"nonlinear": Nonlinear(), "linearized": Linearized(), "auto": "auto"}
     names = ("spectrum.nc", "spectrum.csv", "spectrum.png")
     with written_whole("out", out, names, force) as scratch:
         store = scratch / names[0]
-        with resonance_spectrum(**grid, model=rung, gravity=gravity, store=store) as dataset:
+        with resonance_spectrum(
+            **grid, model=rungs[model], tolerance=tolerance, gravity=gravity, store=store
+        ) as dataset:
             write_table(dataset, scratch / names[1])
             _plot_spectrum(dataset, scratch / names[2])
             sizes = {str(name): size for name, size in dataset.sizes.items()}
@@ -504,6 +512,86 @@ def sensitivity(
         print("\n".join(written))
 
 
+def tradeoff(
+    width: float = 0.8,
+    slenderness: float = 5.0,
+    restitution: float = 0.7,
+    intensity: float | None = None,
+    gravity: float = 9.81,
+    pulse: _Pulse | None = None,
+    amplitude: float | None = None,
+    pulse_duration: float | None = None,
+    record: str | None = None,
+    unit: str | None = None,
+    column: str | None = None,
+    vertical: str | None = None,
+    time_step: float | None = None,
+    scale: float = 1.0,
+    repeats: int = 15,
+    out: Path = Path("tradeoff"),
+    force: _Force = False,
+    as_json: _Json = False,
+) -> None:
+    """Speed against accuracy on this machine: every dial turned, errors and times measured.
+
+    Of a block under a pulse or a record, with --intensity under the pulses of resonance, by
+    default under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
+
+    Example: jaxrock tradeoff --record example
+
+    Args:
+        width: Full width 2b of the base [m].
+        slenderness: Height over width [-].
+        restitution: Velocity after an impact over velocity before it [-].
+        intensity: Change of ground velocity in each instantaneous pulse [m/s].
+        gravity: Acceleration of gravity [m/s2].
+        pulse: Shape of a pulse that lasts.
+        amplitude: Largest acceleration of the pulse [m/s2].
+        pulse_duration: Duration of the pulse [s].
+        record: A file .AT2 or .csv, or "example" for the one that comes along.
+        unit: Unit of the record.
+        column: Column of the horizontal acceleration in a .csv.
+        vertical: Column, or file .AT2, of the vertical acceleration.
+        time_step: Time between samples of a .csv without times [s].
+        scale: Factor on the record.
+        repeats: How many times each setting is timed.
+        out: Folder to write to; made if it is missing.
+        force: Overwrite existing files.
+        as_json: Print the table as JSON.
+    """
+    from .block import Block
+    from .fidelity import DrivenScene
+    from .files import written_whole
+    from .resonance import Scene
+    from .tradeoff import default_scene, measure_tradeoff
+
+    block = Block(width / 2, slenderness, gravity)
+    if intensity is not None:
+        if pulse or record:
+            raise ValueError("intensity excludes a pulse or a record")
+        measured: Any = Scene(block, restitution, intensity)
+    elif pulse or record:
+        motion = _motion(
+            pulse, amplitude, pulse_duration, record, unit, column, vertical, time_step
+        )
+        measured = DrivenScene(block, restitution, motion.scaled(scale))
+    else:
+        measured = DrivenScene(block, restitution, default_scene().motion)
+    names = [f"tradeoff.{kind}" for kind in ("nc", "csv", "png")]
+    with written_whole("out", out, names, force) as scratch:
+        found = measure_tradeoff(measured, repeats=repeats)
+        found.dataset.to_netcdf(scratch / names[0])
+        found.dataset.to_dataframe().to_csv(scratch / names[1], index=False)
+        _plot_tradeoff(found, scratch / names[2])
+    written = [str(out / name) for name in names]
+    if as_json:
+        rows = found.dataset.to_dataframe().to_dict("records")
+        summary = {"rows": rows, "sentence": found.sentence(), "notes": found.notes()}
+        print(_dumps({**summary, "files": written}))
+    else:
+        print("\n".join([str(found), *written]))
+
+
 def paper(
     out: Path = Path("paper"),
     force: _Force = False,
@@ -560,6 +648,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 "rocking-spectrum": rocking_spectrum,
                 "critical": critical,
                 "sensitivity": sensitivity,
+                "tradeoff": tradeoff,
                 "paper": paper,
             },
             prog="jaxrock",
@@ -829,6 +918,20 @@ def _plot_rocking(dataset: Any, path: Path) -> None:
     from .plot import plot_rocking_spectrum
 
     plot_rocking_spectrum(dataset).savefig(path, dpi=150)
+
+
+def _plot_tradeoff(found: Any, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    from .plot_design import plot_tradeoff
+
+    figure, ax = plt.subplots(figsize=(8, 5), layout="constrained")
+    plot_tradeoff(found.dataset, ax)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
 
 
 def _plot_spectrum(dataset: Any, path: Path) -> None:

@@ -4,12 +4,22 @@ Each is the plain expression, with a derivative that is accurate over the whole 
 can be differentiated again.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .arguments import Number, Reals
 from .elliptic import carlson_rd
+
+
+def quotient(numerator: Reals, denominator: Reals) -> Reals:
+    """``numerator / denominator``, for one that is used several times.
+
+    XLA stores such a quotient in memory, but computes a product together with what uses it.
+    """
+    return numerator * (1 / denominator)
 
 
 @jax.custom_jvp
@@ -24,10 +34,55 @@ def _one_minus_square_jvp(primals, tangents):
     return one_minus_square(x), -2 * x * dx
 
 
+# (arctan(u) / u - 1) / u^2 as a polynomial in u^2, within 2e-17 of u^-2 for u from 0 to 1/2.
+_ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
+               0.11111110990139533, -0.09090904370311348, 0.07692198451257941,
+               -0.06665052856794013, 0.058664967492257074, -0.05157516225552972,
+               0.04283578705573422, -0.02895352123252625, 0.011152908092096216)  # fmt: skip
+
+
+@jax.custom_jvp
+def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
+    """Angle of a right triangle, from 0 to pi/2, of its legs; elementwise.
+
+    ``arctan2``, which XLA does not run on vectors of a processor, for numbers from 0 on.
+    """
+    short, long = jnp.minimum(opposite, adjacent), jnp.maximum(opposite, adjacent)
+    # arctan(s / l) = pi/4 + arctan((s - l) / (s + l)), where s - l is exact
+    near_diagonal, steep = short > 0.5 * long, opposite > adjacent
+    numerator = jnp.where(near_diagonal, short - long, short)
+    u = quotient(numerator, jnp.where(near_diagonal, short + long, long))
+    square = u * u
+    series = functools.reduce(lambda sum, term: sum * square + term, reversed(_ARCTANGENT))
+    part = u + u * (square * series)
+    whole = jnp.where(near_diagonal, jnp.pi / 4, jnp.where(steep, jnp.pi / 2, 0))
+    return whole + jnp.where(steep, -part, part)
+
+
+@angle.defjvp
+def _angle_jvp(primals, tangents):
+    (opposite, adjacent), (turned, stretched) = primals, tangents
+    slope = 1 / (opposite**2 + adjacent**2)
+    return angle(opposite, adjacent), (adjacent * turned - opposite * stretched) * slope
+
+
+@jax.custom_jvp
+def arcsin(q: Reals) -> Reals:
+    """Inverse sine for 0 <= q < 1, elementwise; see `angle`."""
+    # Of the half angle: a root that is used once does not go to memory.
+    return 2 * angle(q, 1 + jnp.sqrt(one_minus_square(q)))
+
+
+@arcsin.defjvp
+def _arcsin_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    return arcsin(q), dq / jnp.sqrt(one_minus_square(q))
+
+
 @jax.custom_jvp
 def arctan_ratio(z: Reals) -> Reals:
     """``arctan(z) / z`` for z > 0; elementwise, its derivative accurate for small z."""
-    return jnp.arctan(z) / z
+    return angle(z, 1.0) / z
 
 
 @arctan_ratio.defjvp
@@ -53,7 +108,7 @@ def _artanh_ratio_jvp(primals, tangents):
 @jax.custom_jvp
 def arcsin_ratio(q: Reals) -> Reals:
     """``arcsin(q) / q`` for 0 <= q < 1; elementwise, its derivative accurate for small q."""
-    return _ratio(jnp.arcsin, q)
+    return _ratio(arcsin, q)
 
 
 @arcsin_ratio.defjvp
@@ -77,7 +132,8 @@ def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
     """
     limited = denominator > 0
     unlimited = jnp.where(numerator > 0, jnp.inf, 0)
-    return jnp.where(limited, numerator / jnp.where(limited, denominator, 1), unlimited)
+    limit = quotient(numerator, jnp.where(limited, denominator, 1))
+    return jnp.where(limited, limit, unlimited)
 
 
 def minus_log(ratio: Reals) -> Reals:
@@ -140,15 +196,15 @@ def _share_of_one(ratio: Array, count: Array) -> Array:
 def _share_of_one_jvp(primals, tangents):
     (ratio, count), (dratio, _) = primals, tangents
     share = _share_of_one(ratio, count)
-    finite = count < jnp.inf
-    n = jnp.where(finite, count, 2)
+    several = (count > 1) & (count < jnp.inf)
+    n = jnp.where(several, count, 2)
     # From the definition where C is small, by way of the logarithm elsewhere.
     small = ratio < 0.4
     low, high = jnp.where(small, ratio, 0.25), jnp.where(small, 0.5, ratio)
     from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)
     from_logarithm = -_logarithmic_slope(-jnp.log(high), n) / high
     slope = share * jnp.where(small, from_definition, from_logarithm)
-    return share, jnp.where(finite, slope, -1) * dratio
+    return share, jnp.where(several, slope, jnp.where(count == 1, 0, -1)) * dratio
 
 
 @jax.custom_jvp

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from .arguments import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
 from .block import Block, diagonal_ratio
-from .elementary import arcsin_ratio, arctan_ratio, artanh_ratio, one_minus_square
+from .elementary import arcsin, arcsin_ratio, arctan_ratio, artanh_ratio, one_minus_square, quotient
 from .elliptic import carlson_rf, jacobi
 
 
@@ -220,11 +220,12 @@ class Nonlinear(FreeRocking):
         # sin(peak / 2) = tau x^2 / (w + k), and tau x^2 = weight^2 cos(alpha_c)^2 / 2
         cosine_squared = 1 / (1 + block.slenderness**-2)
         tallness = 2 * (_stiffening(block, x) + _barrier(x))
-        return 2 * jnp.arcsin(_weight_of(intensity, block) ** 2 * cosine_squared / tallness)
+        return 2 * arcsin(_weight_of(intensity, block) ** 2 * cosine_squared / tallness)
 
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
-        sine = _tangent_of_half(block) * x**2 / (_stiffening(block, x) + _barrier(x))
-        return 2 * jnp.arcsin(sine) / block.critical_angle
+        height = _tangent_of_half(block) * x**2
+        sine = quotient(height, _stiffening(block, x) + _barrier(x))
+        return 2 * arcsin(sine) / block.critical_angle
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
         tau = _tangent_of_half(block)

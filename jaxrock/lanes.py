@@ -17,7 +17,6 @@ from .equation import Equation
 from .grid import Grid
 from .series import Coefficients, derivative, evaluate, kept, lean_series
 
-_ORDER = 6
 _LONGEST = 0.15  # step times p
 
 
@@ -157,8 +156,10 @@ def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
     """When a lean is lowest and highest within a step: where its slope rises, falls through 0.
 
     `step` where it does not. From a parabola, improved once, which is much for a value that
-    does not change there. Without a derivative, which the extreme value does not need.
+    does not change there. Only the last step has a derivative: the extreme value does not need
+    one, its second derivative does.
     """
+    changing = slope
     slope, step = jax.lax.stop_gradient((slope, step))
     a, b, c = slope[0], 0.5 * slope[1], slope[2]
     square, up = b * b - a * c, b > 0
@@ -169,7 +170,7 @@ def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
         inside = (square > 0) & (below != 0) & (time > 0) & (time < step)
         time = jnp.where(inside, time, step)
         curved = evaluate(derivative(slope), time)
-        better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
+        better = time - evaluate(changing, time) / jnp.where(curved == 0, 1, curved)
         return jnp.where(inside & (better > 0) & (better < step), better, time)
 
     # (root - b) / c and -(root + b) / c, without cancellation
@@ -181,8 +182,8 @@ def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
 def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
     """When a lean falls through 0, if it is positive before and negative at `latest`.
 
-    From the root of a parabola by Halley's method, and by a step of Newton's, which shows
-    whether that was enough and gives the time its derivative.
+    From the root of a parabola by Halley's method, and by one more step, which shows whether
+    that was enough and gives the time its derivatives.
     """
     a, b, c = path[:3]
     slope = derivative(path)
@@ -196,14 +197,20 @@ def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
         below = steep * steep - 0.5 * value * bent
         time = time - value * steep / jnp.where(below > 0, below, jnp.inf)
     before = kept(jax.lax.stop_gradient(time))
-    steep = evaluate(slope, before)
-    time = kept(before - evaluate(path, before) / jnp.where(steep < 0, steep, -1))
+    steep, bent = evaluate(slope, before), evaluate(derivative(slope), before)
+    below = jnp.where(steep < 0, steep, -1)
+    off = evaluate(path, before) / below
+    # The square is nothing but its second derivative.
+    time = kept(before - off - 0.5 * off * off * bent / below)
     near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
     return time, near & (steep < 0) & (time > 0) & (time <= latest)
 
 
-def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
-    """One step of every lane: to the end of its cell, its impact, or its uplift."""
+def turn(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
+    """One step of every lane: to the end of its cell, its impact, or its uplift.
+
+    `order` is that of the Taylor polynomial, at least 3.
+    """
     equation, dtype = case.equation, lanes.lean.dtype
     acts = lanes.cell < grid.cells
     begin = case.start + lanes.cell.astype(dtype) * case.length
@@ -221,7 +228,7 @@ def turn(lanes: Lanes, case: Case, grid: Grid) -> Lanes:
     lifted = ~lanes.moves & lifted & (left > 0)
     lifted, wait, lifted_side = kept((lifted, wait, lifted_side))
 
-    path = lean_series(equation, lanes.lean, lanes.speed, push, lift, _ORDER)
+    path = lean_series(equation, lanes.lean, lanes.speed, push, lift, order)
     slope = derivative(path)
     dip, top = kept(_turnings(slope, step))
     end, lowest, highest = kept(tuple(evaluate(path, time) for time in (step, dip, top)))

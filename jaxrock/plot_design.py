@@ -198,6 +198,54 @@ def plot_convergence(
     return ax
 
 
+def plot_tradeoff(
+    dataset: "xarray.Dataset", ax: "matplotlib.axes.Axes | None" = None
+) -> "matplotlib.axes.Axes":
+    """Draw a work-precision diagram: error against time, a mark for every setting.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of `jaxrock.measure_tradeoff`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Filled marks are on the front of their batch, rings are the default settings.
+    """
+    ax = _axes(ax)
+    rows = dataset.where(np.isfinite(dataset.error), drop=True)
+    families: dict[str, list[int]] = {}
+    for k in range(rows.setting.size):
+        row = rows.isel(setting=k)
+        parts = [str(row.rung.item())] + [str(row.solver.item())] * (row.solver.item() != "-")
+        if row.locate.item() not in ("-", "step"):
+            parts.append(f"to {row.locate.item()}")
+        parts += ["float32"] * (int(row.bits) == 32)
+        size = int(row.batch)
+        families.setdefault(
+            ", ".join(parts) + (f" ({size:,} at once)" if size > 1 else ""), []
+        ).append(k)
+    for number, (name, members) in enumerate(sorted(families.items())):
+        marker, colour = "osD^vP*X"[number % 8], f"C{number % 10}"
+        part = rows.isel(setting=members).sortby("error")
+        time, error, front = (part[v].values for v in ("seconds", "error", "front"))
+        ax.plot(time, error, "-", color=colour, linewidth=0.7, alpha=0.6)
+        ax.plot(time, error, marker, color=colour, markersize=5, markerfacecolor="none", label=name)
+        ax.plot(time[front == 1], error[front == 1], marker, color=colour, markersize=5)
+    usual = rows.where(rows.default == 1, drop=True)
+    ax.plot(usual.seconds, usual.error, "o", color="k", fillstyle="none", markersize=12)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel("time an answer [s]")
+    ax.set_ylabel("largest relative error [-]")
+    ax.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    ax.grid(True, alpha=0.3)
+    return ax
+
+
 def _axes(ax: "matplotlib.axes.Axes | None") -> "matplotlib.axes.Axes":
     if ax is not None:
         return ax

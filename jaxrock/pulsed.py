@@ -184,13 +184,6 @@ def critical_pulsed_amplitude(
     ------
     ValueError
         If a concrete argument is outside of what is allowed.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> verge = jr.critical_pulsed_amplitude(jr.Block(0.4, 5.0), 0.7, jr.HalfSine, 0.05)
-    >>> print(f"{verge.amplitude:.4f} m/s2, {verge.intensity:.4f} m/s")
-    10.2409 m/s2, 0.3260 m/s
     """
     if not (isinstance(shape, type) and issubclass(shape, Pulse)):
         raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
@@ -333,7 +326,11 @@ def _phase(
     near = jax.lax.fori_loop(
         0, _ITERATIONS, lambda _, v: after(v, fixed), jnp.zeros_like(restitution)
     )
-    near = jax.lax.stop_gradient(near)
+    critical = (Linearized() if linearized else Nonlinear()).critical_velocity(block)
+    # With a restitution close to 1 it is still far away: on as if the map were linear.
+    gain = after(near, fixed) - near
+    limit = jnp.minimum(near + gain / jnp.maximum(1 - restitution, 1e-6), 0.98 * critical)
+    near = jax.lax.stop_gradient(jnp.where(gain > 1e-3 * near, limit, near))
     tolerance = max(rtol, 20 * float(jnp.finfo(near.dtype).eps))
     reached = jnp.isfinite(near)
     solution = optimistix.root_find(
@@ -345,7 +342,6 @@ def _phase(
         max_steps=50,
     )
     velocity = solution.value
-    critical = (Linearized() if linearized else Nonlinear()).critical_velocity(block)
     landing, rate = jax.jvp(lambda v: after(v, parts), (velocity,), (jnp.ones_like(velocity),))
     close = jnp.abs(landing - velocity) <= 1e3 * tolerance * critical
     stands = reached & close & (jnp.abs(rate) <= 1)

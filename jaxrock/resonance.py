@@ -20,7 +20,7 @@ from .arguments import (
     quantity,
 )
 from .block import Block
-from .elementary import one_minus_square, quotient_or_infinite, share_of_one
+from .elementary import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from .free import FreeRocking, Linearized
 
 
@@ -269,7 +269,8 @@ def _limit(scene: Scene, model: FreeRocking) -> tuple[Reals, Booleans]:
     """x* = v* / v_c, and whether it is finite (0 where it is not)."""
     velocity = stabilized_velocity(scene)
     limited = velocity < jnp.inf
-    return jnp.where(limited, velocity, 0) / model._critical_velocity(scene.block), limited
+    velocity = jnp.where(limited, velocity, 0)
+    return quotient(velocity, model._critical_velocity(scene.block)), limited
 
 
 def _stabilized(scene: Scene, model: FreeRocking) -> tuple[Reals, Reals, Booleans]:

@@ -36,6 +36,8 @@ from .motion import Motion
 REST, RISING, FALLING, OVER = range(4)
 _MAX_STEPS = 2**20
 _MAX_CUTS = 2**22
+SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Bosh3", "Heun")
+_CLOSE = 1e-6  # to which a cut is sought before it is stepped to
 
 
 class Status(enum.IntEnum):
@@ -203,7 +205,7 @@ def _pacing() -> Any:
         ) -> Any:
             end, inner = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
             demand, normal = args.forces(t0, y0)
-            state = (inner, end - t0, demand, normal)
+            state = (inner, end - t0, (t0, y0), demand, normal)
             return self._limit(t0, end, y0, args), state
 
         def adapt_step_size(
@@ -217,7 +219,7 @@ def _pacing() -> Any:
             error_order: Any,
             controller_state: Any,
         ) -> Any:
-            inner, wish, demand, normal = controller_state
+            inner, wish, begin, demand, normal = controller_state
             keep, start, end, jump, inner, result = self.controller.adapt_step_size(
                 t0, t1, y0, y1_candidate, args, y_error, error_order, inner
             )
@@ -230,7 +232,8 @@ def _pacing() -> Any:
             normal = jnp.where(inside, jnp.minimum(normal, force), normal)
             end = self._limit(start, start + step, y, args)
             wish = jnp.where(keep, step, 0)
-            return keep, start, end, jump, (inner, wish, demand, normal), result
+            begin = jax.tree.map(lambda new, old: jnp.where(keep, new, old), (t0, y0), begin)
+            return keep, start, end, jump, (inner, wish, begin, demand, normal), result
 
         def _limit(self, start: Any, end: Any, y: Any, args: Any) -> Any:
             acceleration = args.field(start, y)[1]
@@ -288,6 +291,10 @@ class _Span(eqx.Module):
         return jnp.stack([jnp.where(self.rising, speed, -speed), top, crossing])
 
 
+def _field(t: Any, y: Any, args: Any) -> Any:
+    return args.field(t, y)
+
+
 def _until_cut(t: Reals, y: Reals, args: _Span, **_: Any) -> Reals:
     # Positive at the start by decree: there the span has just begun, whatever rounding says.
     value = jnp.where(t > args.grace, args.ends(y).min(), 1)
@@ -295,25 +302,45 @@ def _until_cut(t: Reals, y: Reals, args: _Span, **_: Any) -> Reals:
     return value.astype(jnp.result_type(float))
 
 
-def _solve(span: _Span, length: Reals, y: Reals, rtol: float, atol: float) -> Any:
+class Method(NamedTuple):
+    """How the equation is integrated: what `measure_tradeoff` compares with the default."""
+
+    solver: str = "Tsit5"  # of diffrax
+    # Where a span ends: "step", by a last step of its own; "interpolant", on that of the
+    # solver; "end", at the end of the step in which it does.
+    locate: str = "step"
+
+
+_DEFAULT = Method()
+
+
+def _solve(
+    span: _Span, length: Reals, y: Reals, rtol: Any, atol: Any, method: Method = _DEFAULT
+) -> Any:
     """From a cut to the next: time, state, which end (3: none), friction, normal, success."""
     import diffrax
     import optimistix
 
+    eps = float(jnp.finfo(y.dtype).eps)
+    tiny = float(jnp.finfo(y.dtype).tiny)
+    close = max(_CLOSE, 2 * eps) if method.locate == "step" else 2 * eps
+
     class Halving(optimistix.Bisection):
-        """Bisection until the interval cannot be told from a point."""
+        """Bisection until the interval is small beside the time since the last cut."""
 
         def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
             width = jnp.abs(state.upper - state.lower)
-            eps = jnp.finfo(y.dtype).eps
-            small = width <= 2 * eps * jnp.maximum(jnp.abs(y), jnp.finfo(y.dtype).tiny / eps)
+            small = width <= close * jnp.maximum(jnp.abs(y), tiny / eps)
             return small, optimistix.RESULTS.successful
 
-    eps = jnp.finfo(y.dtype).eps
+    # Of the ways to run over the stages, the one that has a forward derivative.
+    solver = getattr(diffrax, method.solver)(scan_kind="lax")
+    term = diffrax.ODETerm(_field)
+    finder = None if method.locate == "end" else Halving(rtol=eps, atol=0.0, flip=True)
     Pace = _pacing()
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda t, y, args: args.field(t, y)),
-        diffrax.Tsit5(),
+        term,
+        solver,
         jnp.zeros_like(length),
         length,
         _first_step(span, length, y),
@@ -321,22 +348,39 @@ def _solve(span: _Span, length: Reals, y: Reals, rtol: float, atol: float) -> An
         span,
         saveat=diffrax.SaveAt(t1=True, controller_state=True),
         stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol)),
-        event=diffrax.Event(
-            _until_cut, Halving(rtol=float(eps), atol=0.0, flip=True), direction=False
-        ),
+        event=diffrax.Event(_until_cut, finder, direction=False),
         adjoint=diffrax.ForwardMode(),
         max_steps=_MAX_STEPS,
         throw=False,
     )
     assert solution.ts is not None
     assert solution.ys is not None
-    y = solution.ys[0]
+    time, y = solution.ts[0], solution.ys[0]
     happened = jnp.asarray(solution.event_mask)
-    which = jnp.where(happened, jnp.argmin(span.ends(y)), 3)
+    end = jnp.argmin(span.ends(y))
     assert solution.controller_state is not None
-    _, _, demand, normal = solution.controller_state
+    _, _, begin, demand, normal = solution.controller_state
     fine = diffrax.is_successful(solution.result) | diffrax.is_event(solution.result)
-    return solution.ts[0], y, which, demand, normal, fine
+    if method.locate == "step":
+
+        def stepped(until: Reals) -> Reals:
+            state = solver.init(term, begin[0], until, begin[1], span)
+            return solver.step(term, begin[0], until, begin[1], span, state, made_jump=False)[0]
+
+        def better(until: Reals) -> Reals:
+            """By Newton's method, if that goes no further than the bisection was good for."""
+            there = stepped(until)
+            rate = span.field(until, there)
+            value, slope = jax.jvp(lambda y: span.ends(y)[end], (there,), (rate,))
+            move = value / jnp.where(slope < 0, slope, -1)
+            near = (slope < 0) & (jnp.abs(move) <= 1e3 * _CLOSE * until)
+            return jnp.where(near, until - move, until)
+
+        # Twice, which gives the time two derivatives.
+        closer = jax.lax.fori_loop(0, 2, lambda _, t: better(t), jax.lax.stop_gradient(time))
+        time = jnp.where(happened, closer, time)
+        y = jnp.where(happened, stepped(closer), y)
+    return time, y, jnp.where(happened, end, 3), demand, normal, fine
 
 
 def _first_step(span: _Span, length: Reals, y: Reals) -> Reals:
@@ -351,12 +395,21 @@ def _first_step(span: _Span, length: Reals, y: Reals) -> Reals:
     strongest = jnp.maximum(jnp.abs(here), jnp.abs(there))
     quarter = 0.5 * jnp.abs(y[1]) / jnp.where(strongest > 0, strongest, 1)
     step = jnp.where((strongest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
-    return jax.lax.stop_gradient(step)
+    # One that goes to the end of the span is cut there by the solver, which then knows that the
+    # end is given: of a tie it would take half the derivative.
+    return jax.lax.stop_gradient(jnp.where(step < length, step, 2 * length))
 
 
 @through_jacobian
 def follow(
-    driven: Driven, *, rtol: float, atol: float, linearized: bool, listed: int, once: bool = False
+    driven: Driven,
+    *,
+    rtol: Any,
+    atol: Any,
+    linearized: bool,
+    listed: int,
+    once: bool = False,
+    method: Method = _DEFAULT,
 ) -> Response:
     """Follow a block to the end, or with `once` to its first impact; see `respond`."""
     dtype = driven.duration.dtype
@@ -417,7 +470,7 @@ def follow(
         span = span_at(c)
         length = stop - c.time
         tau, y, which, demand, normal, fine = _solve(
-            span, length, jnp.stack([c.lean, c.speed]), rtol, atol
+            span, length, jnp.stack([c.lean, c.speed]), rtol, atol, method
         )
         rising = c.phase == RISING
         ended = which == 3
@@ -668,8 +721,11 @@ def _history(response: Response, times: Reals) -> tuple[Reals, Reals]:
 
 
 @eqx.filter_jit
-def _compiled(driven: Driven, rtol: float, atol: float, linearized: bool, listed: int) -> Response:
-    return follow(driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed)
+def compiled(
+    driven: Driven, rtol: Any, atol: Any, linearized: bool, listed: int, method: Method = _DEFAULT
+) -> Response:
+    """`follow`, compiled once for all tolerances."""
+    return follow(driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed, method=method)
 
 
 def respond(
@@ -682,6 +738,7 @@ def respond(
     velocity: Number = 0.0,
     rtol: float | None = None,
     atol: float | None = None,
+    solver: str = "Tsit5",
     linearized: bool = False,
     listed: int = 4096,
 ) -> Response:
@@ -704,6 +761,9 @@ def respond(
         Tolerances of each integration step, relative, and absolute in rad and rad/s. By
         default 1e-8 (1e-5 in float32), and 1e-9 of the relative one: small bounces are
         followed as exactly as large ones.
+    solver : str
+        Name of diffrax's solver: "Tsit5", "Dopri5", "Dopri8", "Bosh3" or "Heun". On records,
+        where steps end at every sample, "Dopri8" with a loose `rtol` is more exact.
     linearized : bool
         Linearize the equation of motion, in the form of the literature (``ground / g``
         instead of ``ground cos(alpha_c) / g``).
@@ -724,8 +784,8 @@ def respond(
 
     Notes
     -----
-    Eq. 1, by diffrax's Tsit5. Derivatives, in both modes, cost one forward derivative a
-    perturbed number.
+    Eq. 1, by diffrax; each impact is reached by a step of its own, which ends there.
+    Derivatives, in both modes, cost one forward derivative a perturbed number.
 
     Examples
     --------
@@ -770,14 +830,18 @@ def respond(
         )
     if not 0 <= atol < 1:
         raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
+    if solver not in SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if listed < 1:
         raise ValueError(f"listed must be at least 1, got {listed}")
-    response = _compiled(driven, rtol, atol, linearized, listed)
+    tolerances = jnp.asarray(rtol, dtype), jnp.asarray(atol, dtype)
+    method = Method(solver)
+    response = compiled(driven, *tolerances, linearized, listed, method)
     if isinstance(response.status, jax.core.Tracer):
         return response
     while response.status == Status.LIST_FULL:
         listed *= 8
-        response = _compiled(driven, rtol, atol, linearized, listed)
+        response = compiled(driven, *tolerances, linearized, listed, method)
     count = int(response.impacts)
     return eqx.tree_at(
         lambda r: (r.impact_times, r.impact_velocities),

@@ -1,23 +1,25 @@
 """Sweeps over grids of scenes, to labelled datasets and files."""
 
+import collections
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from tqdm import tqdm
 
 from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
 from .block import Block
 from .critical import critical_intensity
 from .files import written_whole
-from .free import FreeRocking, Linearized
+from .free import FreeRocking, Linearized, Nonlinear
+from .model_error import linearized_is_enough
 from .resonance import (
     Scene,
     amplification,
@@ -45,6 +47,8 @@ class _Variable(NamedTuple):
     units: str
     function: Callable[[Scene, FreeRocking], Array]
 
+
+_PIECE = 2**16  # of points of one rung
 
 _AXES = {
     "slenderness": _Axis("slenderness, height over width", "1", POSITIVE),
@@ -84,10 +88,12 @@ def resonance_spectrum(
     restitution: Values,
     intensity: Values,
     *,
-    model: FreeRocking = Linearized(),
+    model: FreeRocking | Literal["auto"] = Linearized(),
+    tolerance: float = 1e-3,
     gravity: float = 9.81,
-    chunk: int = 2**20,
+    chunk: int = 2**16,
     store: str | Path | None = None,
+    devices: Sequence[Any] | None = None,
 ) -> "xarray.Dataset":
     """Resonance spectra over a full grid of blocks, restitutions and pulse intensities.
 
@@ -97,8 +103,11 @@ def resonance_spectrum(
         Values of lambda [-], full width 2b [m] and C [-], each a number or one-dimensional.
     intensity : array_like
         I [m/s]; a one-dimensional array adds the dimension intensity.
-    model : Linearized or Nonlinear
-        Rung of the ladder of models.
+    model : Linearized or Nonlinear, or "auto"
+        Rung of the ladder of models. "auto": at each grid point the cheapest that keeps the
+        `tolerance`, which is the one that the variable rung says.
+    tolerance : float
+        For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
     gravity : float
         g [m/s2].
     chunk : int
@@ -108,6 +117,8 @@ def resonance_spectrum(
         A NetCDF file to put the values into as they are computed. The dataset returned then
         reads from it when asked, so that neither has to fit into memory. An existing file
         is replaced, once all is computed.
+    devices : sequence of jax.Device, optional
+        That share the chunks; all of this process unless given. The numbers are the same.
 
     Returns
     -------
@@ -131,8 +142,9 @@ def resonance_spectrum(
     [0.077 0.317]
     """
     check("gravity", as_real("gravity", gravity), POSITIVE)
-    if not isinstance(model, FreeRocking):
-        raise ValueError(f"model must be Linearized() or Nonlinear(), got {model!r}")
+    if not isinstance(model, FreeRocking) and model != "auto":
+        raise ValueError(f'model must be Linearized(), Nonlinear() or "auto", got {model!r}')
+    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if chunk < 1:
         raise ValueError(f"chunk must be at least 1, got {chunk}")
     given = (slenderness, width, restitution, intensity)
@@ -140,10 +152,10 @@ def resonance_spectrum(
         name: axis(name, value, _AXES[name].domain)
         for name, value in zip(_AXES, given, strict=True)
     }
-    template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, gravity)
+    template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, tolerance, gravity)
 
     def fill(targets: Mapping[str, Any]) -> None:
-        _fill(targets, axes, model, gravity, chunk)
+        _fill(targets, axes, model, tolerance, gravity, chunk, devices or jax.local_devices())
 
     if store is None:
         values = {
@@ -217,7 +229,11 @@ def axis(name: str, value: Values, domain: Domain) -> np.ndarray:
 
 
 def _template(
-    axes: Mapping[str, np.ndarray], with_intensity: bool, model: FreeRocking, gravity: float
+    axes: Mapping[str, np.ndarray],
+    with_intensity: bool,
+    model: FreeRocking | str,
+    tolerance: float,
+    gravity: float,
 ) -> "xarray.Dataset":
     """The dataset without values: coordinates, attributes, and variables that take no memory."""
     import xarray
@@ -229,6 +245,14 @@ def _template(
         own = dims[:3] if name == "critical_intensity" else dims
         empty = np.broadcast_to(np.zeros((), dtype), [axes[dim].size for dim in own])
         variables[name] = (own, empty, {"long_name": variable.long_name, "units": variable.units})
+    if model == "auto":
+        shape = [axes[dim].size for dim in dims]
+        meanings = {
+            "long_name": "equation that this point is computed with",
+            "flag_values": np.array([0, 1], np.int8),
+            "flag_meanings": "linearized nonlinear",
+        }
+        variables["rung"] = (dims, np.broadcast_to(np.zeros((), np.int8), shape), meanings)
     coordinates = {
         name: (
             (name,) if name in dims else (),
@@ -240,10 +264,12 @@ def _template(
     attributes = {
         "title": "Resonance spectra of rigid rocking blocks",
         "source": f"jaxrock {version('jaxrock')}",
-        "model": type(model).__name__,
+        "model": model if isinstance(model, str) else type(model).__name__,
         "gravity": gravity,
         "gravity_units": "m s-2",
     }
+    if model == "auto":
+        attributes["tolerance"] = tolerance
     return xarray.Dataset(variables, coordinates, attributes)
 
 
@@ -255,23 +281,68 @@ def _evaluate(scene: Scene, model: FreeRocking) -> dict[str, Array]:
 def _fill(
     targets: Mapping[str, Any],
     axes: Mapping[str, np.ndarray],
-    model: FreeRocking,
+    model: FreeRocking | str,
+    tolerance: float,
     gravity: float,
     chunk: int,
+    devices: Sequence[Any],
 ) -> None:
-    """Compute the grid chunk by chunk into `targets`, anything that takes slices."""
+    """Compute the grid chunk by chunk into `targets`, anything that takes slices.
+
+    The devices take turns, and each has the next chunk to work on while one is put away. All
+    run the same program for one device: XLA makes another one, whose last digits differ, of
+    what is partitioned.
+    """
+    under_way: collections.deque[tuple[tuple[slice, ...], Mapping[str, Any]]] = collections.deque()
+
+    def put_away() -> None:
+        block, answers = under_way.popleft()
+        for name, values in answers.items():
+            target = targets[name]
+            part = block[: target.ndim]
+            target[part] = np.asarray(values).reshape([p.stop - p.start for p in part])
+
     blocks = list(chunks_of([values.size for values in axes.values()], chunk))
-    for block in with_progress(blocks, "spectrum"):
+    for number, block in enumerate(with_progress(blocks, "spectrum")):
         grid = (
-            jnp.expand_dims(values[part], [other for other in range(4) if other != position])
+            np.expand_dims(values[part], tuple(other for other in range(4) if other != position))
             for position, (values, part) in enumerate(zip(axes.values(), block, strict=True))
         )
         slenderness, width, restitution, intensity = grid
         scene = Scene(Block(width / 2, slenderness, gravity), restitution, intensity)
-        for name, values in _evaluate(scene, model).items():
-            target = targets[name]
-            part = block[: target.ndim]
-            target[part] = np.asarray(values).reshape([p.stop - p.start for p in part])
+        device = devices[number % len(devices)]
+        if isinstance(model, str):
+            answers = _by_rung(scene, tolerance, device)
+        else:
+            answers = _evaluate(jax.device_put(scene, device), model)
+        under_way.append((block, answers))
+        if len(under_way) > len(devices):
+            put_away()
+    while under_way:
+        put_away()
+
+
+def _by_rung(scene: Scene, tolerance: float, device: Any) -> dict[str, np.ndarray]:
+    """As `_evaluate`, the linearized points apart from the nonlinear ones; and which is which."""
+    linear = np.asarray(linearized_is_enough(scene, tolerance))
+    shape, linear = linear.shape, linear.reshape(-1)
+    columns = jax.tree.map(lambda leaf: np.broadcast_to(leaf, shape).reshape(-1), scene)
+    found = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
+    for model, where in ((Linearized(), linear), (Nonlinear(), ~linear)):
+        (places,) = np.nonzero(where)
+        for start in range(0, places.size, _PIECE):
+            part = places[start : start + _PIECE]
+            # Few different sizes, so that little is compiled.
+            room = min(_PIECE, max(1 << (part.size - 1).bit_length(), 1024))
+            wanted = np.pad(part, (0, room - part.size), mode="edge")
+            scenes = jax.tree.map(lambda leaf, wanted=wanted: leaf[wanted], columns)
+            for name, values in _evaluate(jax.device_put(scenes, device), model).items():
+                found[name][part] = np.asarray(values)[: part.size]
+    shaped = {name: values.reshape(shape) for name, values in found.items()}
+    # It has no intensity, and all intensities have to agree about it.
+    exact = critical_intensity(scene.block, scene.restitution, model=Nonlinear())
+    rung = np.where(linear, 0, 1).reshape(shape)
+    return shaped | {"critical_intensity": np.asarray(exact), "rung": rung}
 
 
 def chunks_of(sizes: list[int], most: int) -> Iterator[tuple[slice, ...]]:
@@ -299,7 +370,8 @@ def _store(
         with netCDF4.Dataset(path, "a") as file:
             for name, variable in template.items():
                 dims = [str(dim) for dim in variable.dims]
-                target = file.createVariable(str(name), variable.dtype, dims, fill_value=math.nan)
+                missing = math.nan if variable.dtype.kind == "f" else None
+                target = file.createVariable(str(name), variable.dtype, dims, fill_value=missing)
                 target.setncatts(variable.attrs)
                 if "intensity" not in variable.dims:
                     target.coordinates = "intensity"
@@ -312,4 +384,6 @@ def _store(
 
 def with_progress(items: Any, label: str) -> Any:
     """`items`, showing progress if they take long and standard error is a terminal."""
+    from tqdm import tqdm
+
     return tqdm(items, desc=label, delay=2.0, disable=None, leave=False)

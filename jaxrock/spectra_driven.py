@@ -1,9 +1,10 @@
 """Spectra of driven motion: rocking spectra of records, overturning spectra of pulses."""
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from .block import Block, housner_restitution
 from .critical_driven import critical_amplitude
 from .motion import Motion, Pulse
 from .spectra import Values, axis, chunks_of, with_progress
+from .within import Within, respond_within
 
 if TYPE_CHECKING:
     import xarray
@@ -27,12 +29,18 @@ _AXES: Mapping[str, tuple[str, str, Domain]] = {
     "amplitude_ratio": ("amplitude of the pulse over what just lifts the block", "1", NON_NEGATIVE),
 }
 
-_VARIABLES: Mapping[str, tuple[str, str]] = {
+_VARIABLES: dict[str, tuple[str, str]] = {
     "rotation_ratio": ("peak rotation over critical angle", "1"),
     "peak_rotation": ("peak rotation", "rad"),
     "overturned": ("1 where the block overturns", "1"),
     "margin": ("margin at the end of the input, overturns below 0", "1"),
     "impacts": ("number of impacts", "1"),
+}
+
+_WITHIN: dict[str, tuple[str, str]] = {
+    "order": ("order of the polynomials that this block is computed with", "1"),
+    "error": ("what the peak rotation is off by at most, relative", "1"),
+    "kept": ("1 where that is within the tolerance", "1"),
 }
 
 
@@ -45,6 +53,8 @@ def rocking_spectrum(
     critical_angle: Values | None = None,
     gravity: float = 9.81,
     linearized: bool = False,
+    model: Literal["auto"] | None = None,
+    tolerance: float = 1e-3,
 ) -> "xarray.Dataset":
     """Response of blocks of many sizes and shapes to one ground motion.
 
@@ -62,6 +72,12 @@ def rocking_spectrum(
         g [m/s2].
     linearized : bool
         Linearize the equation of motion; see `respond`.
+    model : "auto", optional
+        Compute each block at the order that the `tolerance` needs; see `respond_within`. The
+        dataset then says in the variables order and error which one that is and how good,
+        and in kept, 0 where the response is so chaotic that no order is good enough.
+    tolerance : float
+        For "auto", on the peak rotation, relative.
 
     Returns
     -------
@@ -94,14 +110,17 @@ def rocking_spectrum(
     if restitution is not None:
         axes["restitution"] = _axis("restitution", restitution)
 
-    def run(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Block, BatchResponse]:
+    respond = _responding(linearized, model, tolerance)
+
+    def run(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Block, Any]:
         half_diagonal = 0.75 * gravity * (period / (2 * math.pi)) ** 2
         block = Block(half_diagonal / np.sqrt(1 + slenderness**2), slenderness, gravity)
         given = restitution is not None
         c = restitution if given else _housner(block)
-        return block, respond_batch(block, c, motion, linearized=linearized)
+        return block, respond(block, c, motion)
 
-    return _dataset("Rocking spectrum", axes, run, gravity, linearized, motion.name)
+    found = _dataset("Rocking spectrum", axes, run, gravity, linearized, motion.name)
+    return found.assign_attrs(_promise(model, tolerance))
 
 
 def overturning_spectrum(
@@ -112,6 +131,8 @@ def overturning_spectrum(
     slenderness: float = 5.0,
     restitution: float | None = None,
     linearized: bool = False,
+    model: Literal["auto"] | None = None,
+    tolerance: float = 1e-3,
 ) -> "xarray.Dataset":
     """Which pulses of one shape overturn a block, in the plane of the literature.
 
@@ -129,6 +150,8 @@ def overturning_spectrum(
         C [-]; Housner's by default.
     linearized : bool
         Linearize the equation of motion; see `respond`.
+    model, tolerance
+        As in `rocking_spectrum`.
 
     Returns
     -------
@@ -148,12 +171,15 @@ def overturning_spectrum(
     block, c, just_lifts = _normal_block(slenderness, restitution, linearized)
     p, of = float(block.frequency_parameter), _pulse_class(shape)
 
-    def run(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Block, BatchResponse]:
+    respond = _responding(linearized, model, tolerance)
+
+    def run(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Block, Any]:
         pulse = of(amplitude_ratio * just_lifts, of.angle / (frequency_ratio * p))
-        return block, respond_batch(block, c, pulse, linearized=linearized)
+        return block, respond(block, c, pulse)
 
     gravity = float(block.gravity)
-    return _dataset("Overturning spectrum", axes, run, gravity, linearized, of.name)
+    found = _dataset("Overturning spectrum", axes, run, gravity, linearized, of.name)
+    return found.assign_attrs(_promise(model, tolerance))
 
 
 def overturning_map(
@@ -283,6 +309,21 @@ def _normal_block(
     return block, c, float(block.gravity) * tangent
 
 
+def _responding(
+    linearized: bool, model: str | None, tolerance: float
+) -> Callable[..., BatchResponse | Within]:
+    if model is None:
+        return functools.partial(respond_batch, linearized=linearized)
+    if model != "auto":
+        raise ValueError(f'model must be "auto" or not given, got {model!r}')
+    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
+    return functools.partial(respond_within, tolerance=tolerance, linearized=linearized)
+
+
+def _promise(model: str | None, tolerance: float) -> dict[str, float]:
+    return {} if model is None else {"tolerance": tolerance}
+
+
 def _axis(name: str, value: Values) -> np.ndarray:
     return axis(name, value, _AXES[name][2])
 
@@ -294,7 +335,7 @@ def _housner(block: Block) -> np.ndarray:
 def _dataset(
     title: str,
     axes: Mapping[str, np.ndarray],
-    run: Callable[..., tuple[Block, BatchResponse]],
+    run: Callable[..., tuple[Block, BatchResponse | Within]],
     gravity: float,
     linearized: bool,
     motion: str,
@@ -302,7 +343,8 @@ def _dataset(
     import xarray
 
     sizes = [values.size for values in axes.values()]
-    kinds = {"overturned": np.int8, "impacts": int}
+    kinds = {"overturned": np.int8, "impacts": int, "order": np.int8, "kept": np.int8}
+    extra: dict[str, np.ndarray] = {}
     answers = {name: np.empty(sizes, kinds.get(name, float)) for name in _VARIABLES}
     for part in with_progress(list(chunks_of(sizes, _CHUNK)), title.lower()):
         grid = np.meshgrid(
@@ -310,14 +352,19 @@ def _dataset(
             indexing="ij",
         )
         block, response = run(*grid)
+        if isinstance(response, Within):
+            for name in _WITHIN:
+                whole = extra.setdefault(name, np.empty(sizes, kinds.get(name, float)))
+                whole[part] = getattr(response, name)
+            response = response.response
         if not bool(response.complete.all()):
             raise ValueError("motion could not be followed to its end for every block")
         for name in ("peak_rotation", "overturned", "margin", "impacts"):
             answers[name][part] = getattr(response, name)
         answers["rotation_ratio"][part] = response.peak_rotation / block.critical_angle
     variables = {
-        name: (tuple(axes), answers[name], {"long_name": long_name, "units": units})
-        for name, (long_name, units) in _VARIABLES.items()
+        name: (tuple(axes), (answers | extra)[name], {"long_name": long_name, "units": units})
+        for name, (long_name, units) in (_VARIABLES | _WITHIN if extra else _VARIABLES).items()
     }
     coordinates = {
         name: (name, values, {"long_name": _AXES[name][0], "units": _AXES[name][1]})

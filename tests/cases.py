@@ -380,7 +380,9 @@ def evaluate(case, samples, dtype):
 # inverse designs that need a root.
 NAMES = [
     pytest.param(name, marks=pytest.mark.thorough)
-    if re.search(r"Nonlinear.motion|critical_\w+ness\(5|critical_rest|width\(5", name)
+    if re.search(
+        r"Nonlinear.motion|critical_\w+ness|critical_rest|width\(5|half_cycle_dur|peak_ampl", name
+    )
     else name
     for name in CASES
 ]

@@ -1,5 +1,7 @@
 """What is not allowed: an error where it can be said, NaN where it cannot."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -109,3 +111,14 @@ def test_peak_amplification_leaves_blocks_that_overturn_out():
     both = jax.grad(total)(0.4, jnp.asarray([1.0, 100.0]))
     alone = jax.grad(total)(0.4, jnp.asarray([1.0]))
     np.testing.assert_allclose(both, alone, rtol=1e-6)
+
+
+def test_arguments_are_guarded_once():
+    """Four of these numbers have to be finite, and one velocity is asked whether it is."""
+    numbers = [0.4, 5.0, 9.81, 0.7, 0.15]
+
+    def ratio(b, slenderness, g, c, i):
+        return jr.rotation_ratio(jr.Scene(jr.Block(b, slenderness, g), c, i))
+
+    program = str(jax.make_jaxpr(ratio)(*numbers))
+    assert len(re.findall(r"= lt \w+ inf", program)) == 5

@@ -80,3 +80,13 @@ def test_restitution_of_one():
 def test_one_scene_at_a_time():
     with pytest.raises(ValueError, match=r"single one to be assessed, got an array of \(2,\)"):
         jr.assess(jr.Scene(BLOCK, np.array([0.5, 0.6]), 0.15))
+
+
+def test_what_a_tolerance_needs():
+    wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
+    result = jr.assess(wall, tolerance=1e-3)
+    choice = result["choice"]
+    assert (choice["rung"], choice["bits"], choice["kept"]) == ("nonlinear", 32, True)
+    assert choice["predicted_error"] < 1e-3
+    assert "To 0.001: nonlinear in float32" in assessment.text(result)
+    assert "choice" not in jr.assess(wall)

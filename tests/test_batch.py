@@ -32,7 +32,12 @@ def test_record_against_independent_integration(component, vertical):
 @pytest.mark.float64
 @pytest.mark.parametrize(
     ("shape", "linearized"),
-    [(jr.Rectangular, False), (jr.Cosine, False), (jr.Sine, True), (jr.Ricker, False)],
+    [
+        (jr.Cosine, False),
+        (jr.Ricker, False),
+        pytest.param(jr.Rectangular, False, marks=pytest.mark.thorough),
+        pytest.param(jr.Sine, True, marks=pytest.mark.thorough),
+    ],
 )
 def test_pulses_against_adaptive(shape, linearized):
     block, amplitude = jr.Block(0.4, 5.0), np.linspace(1.5, 6.0, 10)
@@ -97,7 +102,16 @@ CORNERS = {
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("corner", CORNERS)
+@pytest.mark.parametrize(
+    "corner",
+    # Every length of record compiles anew.
+    [
+        name
+        if name in ("squat", "an impact within a step")
+        else pytest.param(name, marks=pytest.mark.thorough)
+        for name in CORNERS
+    ],
+)
 def test_corners_against_adaptive(corner):
     scene = CORNERS[corner]
     r, found = jr.respond(*scene), jr.respond_batch(*scene)

@@ -159,11 +159,11 @@ def test_as_a_module():
 @pytest.mark.float64
 def test_respond(tmp_path, capsys):
     out = tmp_path / "out"
-    pulse = "respond --pulse sine --amplitude 3 --pulse-duration 0.5 --duration 3"
+    pulse = "respond --pulse sine --amplitude 3 --pulse-duration 0.5 --duration 1"
     main([*pulse.split(), "--out", str(out), "--animate", "--json"])
     answer = json.loads(capsys.readouterr().out)
     block = jr.Block(0.4, 5.0)
-    expected = jr.respond(block, float(jr.housner_restitution(block)), jr.Sine(3.0, 0.5), 3.0)
+    expected = jr.respond(block, float(jr.housner_restitution(block)), jr.Sine(3.0, 0.5), 1.0)
     assert answer["peak_rotation"] == pytest.approx(float(expected.peak_rotation), rel=1e-9)
     assert answer["impacts"] == expected.impacts
     assert answer["status"] == "complete"
@@ -264,3 +264,40 @@ def test_bad_questions_of_design(capsys, tmp_path, arguments, words):
     assert code == 2
     assert words in err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["assess", "--tolerance", 0], "tolerance must be finite and greater than 0, got 0"),
+        (["tradeoff", "--intensity", 0.1, "--record", "example"], "intensity excludes a pulse"),
+        (["tradeoff", "--repeats", 0], "repeats must be at least 1, got 0"),
+        (["spectrum", "--model", "auto", "--tolerance", -1], "tolerance must be finite and"),
+    ],
+)
+def test_bad_tolerances(capsys, tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, *arguments)
+    assert code == 2
+    assert words in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_tolerance(capsys, tmp_path):
+    code, out, _ = run(capsys, "assess", "--tolerance", 1e-3, "--json")
+    assert code == 0
+    assert json.loads(out)["choice"]["rung"] == "nonlinear"
+    auto = ("--model", "auto", "--tolerance", 0.01, "--out", tmp_path / "auto")
+    code, _, _ = run(capsys, "spectrum", *SMALL, *auto)
+    assert code == 0
+    with xarray.open_dataset(tmp_path / "auto" / "spectrum.nc") as dataset:
+        assert set(dataset.rung.values.ravel()) == {0, 1}
+
+
+@pytest.mark.thorough
+def test_tradeoff(capsys, tmp_path):
+    code, out, _ = run(capsys, "tradeoff", "--repeats", 1, "--out", tmp_path / "t")
+    assert code == 0
+    assert "for 1e-04 use" in out
+    names = ["tradeoff.csv", "tradeoff.nc", "tradeoff.png"]
+    assert sorted(path.name for path in (tmp_path / "t").iterdir()) == names

@@ -14,6 +14,7 @@ def half_sine(duration):
     return jr.HalfSine(INTENSITY / duration * np.pi / 2, duration)
 
 
+@pytest.mark.thorough
 def test_order_in_the_duration():
     scene = jr.Scene(BLOCK, C, INTENSITY)
     closed = [

@@ -1,5 +1,6 @@
 import csv
 
+import jax
 import numpy as np
 import pytest
 import xarray
@@ -90,6 +91,20 @@ def test_chunks_and_files_change_nothing(tmp_path, monkeypatch, chunk):
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
 
 
+def test_devices_change_nothing(tmp_path):
+    """Not the last bit of a number: there are two devices in the tests."""
+    devices = jax.local_devices()
+    assert len(devices) >= 2
+    grid = GRID | {"slenderness": np.linspace(3, 10, 37), "model": jr.Nonlinear(), "chunk": 60}
+    single = jr.resonance_spectrum(**grid, devices=devices[:1])
+    shared = jr.resonance_spectrum(**grid)
+    with jr.resonance_spectrum(**grid, store=tmp_path / "spectrum.nc") as stored:
+        for name in single:
+            values = single[name].values.tobytes()
+            assert shared[name].values.tobytes() == values, name
+            assert stored[name].values.tobytes() == values, name
+
+
 def test_table(tmp_path):
     spectrum = jr.resonance_spectrum(**GRID)
     jr.write_table(spectrum, tmp_path / "spectrum.csv")
@@ -159,3 +174,21 @@ def test_a_path_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "file" / "spectrum.nc")
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_each_point_by_its_rung(tmp_path, tolerance):
+    grid = (np.geomspace(2, 60, 20), [0.4, 1.2], [0.4, 0.9], np.geomspace(1e-3, 0.5, 7))
+    auto = jr.resonance_spectrum(*grid, model="auto", tolerance=tolerance, store=tmp_path / "a.nc")
+    rungs = [jr.resonance_spectrum(*grid, model=m) for m in (jr.Linearized(), jr.Nonlinear())]
+    with auto:
+        assert auto.rung.attrs["flag_meanings"] == "linearized nonlinear"
+        assert set(np.unique(auto.rung)) == {0, 1}
+        for name in ("rotation_ratio", "peak_rotation", "period", "amplification"):
+            own = np.where(auto.rung == 1, rungs[1][name], rungs[0][name])
+            np.testing.assert_allclose(auto[name], own, rtol=1e-12)
+            np.testing.assert_allclose(auto[name], rungs[1][name], rtol=tolerance)
+        for name in ("critical_intensity", "overturning_half_cycle"):
+            np.testing.assert_allclose(auto[name], rungs[1][name], rtol=1e-12)
+        assert auto.attrs["tolerance"] == tolerance

@@ -69,3 +69,26 @@ def test_chunks_change_nothing(monkeypatch):
 def test_bad_input(make, words):
     with pytest.raises(ValueError, match=words):
         make(jr.Sine(3.0, 0.5))
+
+
+@pytest.mark.float64
+def test_each_block_at_its_order():
+    """What "auto" says of a block is true of it, and the tolerance is kept where it says so."""
+    record = jr.example_record().scaled(1.5)
+    grid = (np.linspace(1.0, 6.0, 12), np.array([4.0, 8.0]), [0.9])
+    usual = jr.rocking_spectrum(record, *grid)
+    auto = jr.rocking_spectrum(record, *grid, model="auto", tolerance=1e-5)
+    assert auto.attrs["tolerance"] == 1e-5
+    kept = auto.kept.values == 1
+    assert kept.mean() > 0.8
+    assert len(np.unique(auto.order)) > 1
+    assert (auto.error.values[kept] <= 1e-5).all()
+    off = np.abs(auto.peak_rotation / usual.peak_rotation - 1).values
+    assert (off[kept] <= auto.error.values[kept] + 1e-9).all()
+    for order in np.unique(auto.order):
+        at = auto.to_dataframe().reset_index()
+        (k, *_) = np.flatnonzero(at["order"] == order)
+        size = 0.75 * 9.81 * (at["period"][k] / (2 * np.pi)) ** 2
+        block = jr.Block(size / np.sqrt(1 + at["slenderness"][k] ** 2), at["slenderness"][k])
+        alone = jr.respond_batch(block, 0.9, record, order=int(order))
+        assert float(alone.peak_rotation) == at["peak_rotation"][k]

@@ -10,8 +10,10 @@ from scipy.integrate import solve_ivp
 import jaxrock as jr
 
 pytestmark = pytest.mark.float64
-RUNGS = [jr.Linearized(), jr.Nonlinear()]
 SLOW = pytest.mark.thorough
+BOTH = pytest.mark.parametrize(
+    "model", [jr.Linearized(), pytest.param(jr.Nonlinear(), marks=SLOW)], ids=repr
+)
 
 
 def scipy_train(rocker, block, times, intensities):
@@ -66,7 +68,7 @@ def scipy_train(rocker, block, times, intensities):
     return max(peak, highest), over
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@BOTH
 def test_trains_against_scipy(model):
     rng = np.random.default_rng(2)
     fates = []
@@ -88,7 +90,7 @@ def test_trains_against_scipy(model):
     assert not all(fates)
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@BOTH
 @pytest.mark.parametrize(
     "count",
     [2, pytest.param(3, marks=SLOW), pytest.param(5, marks=SLOW), pytest.param(8, marks=SLOW)],
@@ -109,7 +111,7 @@ def test_the_papers_input_comes_out(model, count):
     assert worst.history.shape[0] == 10
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@BOTH
 def test_the_least_in_total_is_a_single_pulse(model):
     block, c = jr.Block(0.4, 4.0), 0.7
     worst = jr.worst_train(block, c, 4, "smallest total", model=model)

@@ -1,0 +1,325 @@
+"""What simplifying a scene costs, predicted from closed forms.
+
+The truth is the nonlinear equation under pulses as long as they are. Three things are
+cheaper: linearizing, taking pulses as instantaneous, and single precision.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from .arguments import NON_NEGATIVE, Booleans, Number, Reals, as_real, elementwise
+from .critical import critical_intensity
+from .free import FreeRocking, Linearized, Nonlinear
+from .motion import Pulse
+from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
+
+# What just lifts the block over the mean strength of the pulse, up to which the cost of its
+# duration is known; and the bounds on what is left, of which the largest found are 0.28,
+# 0.16 and 0.17.
+_LONGEST = 0.8
+_VELOCITY, _TIME, _CRITICAL = 0.4, 0.25, 0.25
+# Under a half-sine a block launched with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity
+# comes back at once; that velocity may be half of what is estimated.
+_FALLS = 0.2
+# Rounding of the closed forms, as a change of the intensity in units of the last place.
+_ROUNDINGS = 3.5
+
+
+class Answers(NamedTuple):
+    """The three answers about which errors are stated."""
+
+    rotation_ratio: Reals
+    period: Reals
+    critical_intensity: Reals
+
+
+class ModelError(eqx.Module):
+    """What simplifying a scene costs; see `model_error`. All are relative.
+
+    Attributes
+    ----------
+    linearization : Answers
+        `Linearized` over `Nonlinear`, less 1: exact up to rounding.
+    duration : Answers
+        Instantaneous pulses over pulses that last, less 1: to first order in the duration.
+    duration_bound : Answers
+        What the estimate of `duration` may be off by; inf where nothing is known.
+    rounding : dict
+        For the rungs "linearized" and "nonlinear" and 32 and 64 bits: bound on what rounding
+        costs, of the arguments (if they are given in a higher precision) and on the way.
+    """
+
+    linearization: Answers
+    duration: Answers
+    duration_bound: Answers
+    rounding: dict[str, dict[int, Answers]]
+
+    def total(self, rung: str, bits: int) -> Answers:
+        """Bound on the error of a rung, "linearized" or "nonlinear", in 32 or 64 bits."""
+
+        def added(model: Reals, duration: Reals, unsure: Reals, rounding: Reals) -> Reals:
+            model = model if rung == "linearized" else jnp.zeros_like(model)
+            both = jnp.abs(model + duration + model * duration)
+            return jnp.where(
+                jnp.isfinite(model + duration), both + (unsure + rounding) * (1 + model), jnp.inf
+            )
+
+        rounding = self.rounding[rung][bits]
+        return jax.tree.map(added, self.linearization, self.duration, self.duration_bound, rounding)
+
+
+def model_error(
+    scene: Scene, shape: type[Pulse] | None = None, duration: Number = 0.0
+) -> ModelError:
+    """What simplifications cost a scene, before anything expensive is computed.
+
+    Parameters
+    ----------
+    scene : Scene
+    shape : type, optional
+        `Rectangular` or `HalfSine`, if the pulses last: those that have an intensity.
+    duration : array_like, optional
+        Of the pulses [s], at least 0.
+
+    Returns
+    -------
+    ModelError
+        Of the stabilized rotation ratio and period and of the critical intensity. Where a
+        simplification lets a block stand that overturns, or the other way round, its cost
+        is inf; where both overturn, 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed.
+
+    Notes
+    -----
+    To first order in the duration d of the pulses, those that last settle at a velocity that
+    is ``1 + e (w v* I / g - (1 - C) m)`` times that of instantaneous ones, with ``e = d g
+    tan(alpha_c) / I`` (what just lifts the block over the mean acceleration of the pulse), m
+    the centroid of the pulse in durations and ``w = C m + (1 - C) n``, n the integral of the
+    pulse times the second integral of itself. The remainder, bounded by
+    ``0.4 e^2 (1 - C)``, is from comparisons with the equation of motion for slenderness 1 to
+    30, C up to 0.98 and e up to 0.8; beyond, and where a half-sine starts too weakly to hold
+    a slow block up, the bound is inf.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> error = jr.model_error(wall)
+    >>> print(f"{100 * error.linearization.rotation_ratio:.2f} %")
+    -0.61 %
+    """
+    centroid, work, slack = (0.0, 0.0, 0.0) if shape is None else _moments(shape)
+    duration = as_real("duration", duration)
+    if shape is None and not isinstance(duration, jax.core.Tracer) and np.any(duration != 0):
+        raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
+    return _model_error(scene, duration, centroid, work, slack)
+
+
+@elementwise(duration=NON_NEGATIVE)
+def _model_error(
+    scene: Scene, duration: Number, centroid: Number, work: Number, slack: Number
+) -> ModelError:
+    scene, duration = _together(scene, jnp.asarray(duration))
+    pulse = (duration, centroid, work, slack)
+    shift, unsure, known = _shift(scene, stabilized_velocity(scene), *pulse)
+    precisions = {32: jnp.finfo(jnp.float32), 64: jnp.finfo(duration.dtype)}
+    variants = {
+        "given": scene,
+        "lasting": _scaled(scene, 1 + shift),
+        "weaker": _scaled(scene, 1 + shift - _VELOCITY * unsure),
+        "stronger": _scaled(scene, 1 + shift + _VELOCITY * unsure),
+    }
+    for bits, kind in precisions.items():
+        rounded = jax.tree.map(
+            lambda leaf, kind=kind: jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant), scene
+        )
+        slip = _ROUNDINGS * float(kind.eps)
+        variants |= {
+            f"{bits}": rounded,
+            f"{bits}-": _scaled(rounded, 1 - slip),
+            f"{bits}+": _scaled(rounded, 1 + slip),
+        }
+
+    # All at once, since each closed form takes long to compile.
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants.values())
+
+    def answered(model: FreeRocking) -> dict[str, Answers]:
+        found = answers_of(stacked, model)
+        return {
+            name: jax.tree.map(lambda leaf, k=k: leaf[k], found) for k, name in enumerate(variants)
+        }
+
+    nonlinear, linearized = answered(Nonlinear()), answered(Linearized())
+
+    def rounding(found: dict[str, Answers], bits: int) -> Answers:
+        eps = float(precisions[bits].eps)
+
+        def bound(exact: Reals, rounded: Reals, less: Reals, more: Reals) -> Reals:
+            moved = jnp.maximum(jnp.abs(_apart(less, rounded)), jnp.abs(_apart(more, rounded)))
+            return jnp.abs(_apart(rounded, exact)) + moved + _ROUNDINGS * eps
+
+        names = ("given", f"{bits}", f"{bits}-", f"{bits}+")
+        return jax.tree.map(bound, *(found[name] for name in names))
+
+    later = 2 * duration * (1 - scene.restitution) * centroid
+    now, then, less, more = (nonlinear[n] for n in ("given", "lasting", "weaker", "stronger"))
+    critical = now.critical_intensity
+    at_verge = Nonlinear().critical_velocity(scene.block)
+    by, unsure_there, known_there = _shift(_with_intensity(scene, critical), at_verge, *pulse)
+    lasting = {
+        "rotation_ratio": (then.rotation_ratio, less.rotation_ratio, more.rotation_ratio),
+        "period": (
+            then.period + later,
+            less.period * (1 - _TIME * unsure) + later,
+            more.period * (1 + _TIME * unsure) + later,
+        ),
+        "critical_intensity": tuple(
+            critical * (1 - by + sign * _CRITICAL * unsure_there) for sign in (0.0, -1.0, 1.0)
+        ),
+    }
+    costs = {
+        name: _cost(
+            getattr(now, name),
+            others,
+            known_there if name == "critical_intensity" else known,
+            duration > 0,
+        )
+        for name, others in lasting.items()
+    }
+    return ModelError(
+        linearization=jax.tree.map(_apart, linearized["given"], now),
+        duration=Answers(**{name: estimate for name, (estimate, _) in costs.items()}),
+        duration_bound=Answers(**{name: unsure for name, (_, unsure) in costs.items()}),
+        rounding={
+            "linearized": {bits: rounding(linearized, bits) for bits in precisions},
+            "nonlinear": {bits: rounding(nonlinear, bits) for bits in precisions},
+        },
+    )
+
+
+@jax.jit
+def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
+    """Where the block stands and linearizing costs no answer more than the tolerance.
+
+    For less than either closed form takes: what it costs grows with the velocity, so that
+    there is one up to which it is little, and in units of the critical velocity that follows
+    from the slenderness alone.
+    """
+    block = eqx.tree_at(lambda b: b.half_width, scene.block, jnp.ones_like(scene.block.slenderness))
+    block = eqx.tree_at(lambda b: b.gravity, block, jnp.ones_like(scene.block.slenderness))
+    linearized, nonlinear = Linearized(), Nonlinear()
+    over = nonlinear.critical_velocity(block) / linearized.critical_velocity(block)
+    single = nonlinear.critical_velocity(block) / block.pulse_velocity(1.0)
+    least = 16 * float(jnp.finfo(over.dtype).eps)
+    allowed = jnp.asarray(tolerance, over.dtype) - least
+
+    def little(x: Reals) -> Booleans:
+        ratios = (m._rotation_ratio(block, v) for m, v in ((linearized, x * over), (nonlinear, x)))
+        durations = (
+            m._half_cycle_duration(block, v, x * single)
+            for m, v in ((linearized, x * over), (nonlinear, x))
+        )
+        costs = jnp.maximum(jnp.abs(_apart(*ratios)), jnp.abs(_apart(*durations)))
+        return jnp.maximum(costs, jnp.abs(1 / over - 1)) <= allowed
+
+    def halved(_: Any, between: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
+        low, high = between
+        middle = 0.5 * (low + high)
+        enough = little(middle)
+        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
+
+    one = jnp.ones_like(over)
+    fastest, _ = jax.lax.fori_loop(0, 40, halved, (0 * one, one))
+    fastest = jnp.where(little(1e-3 * one), fastest, -1.0)
+    return stabilized_velocity(scene) <= fastest * nonlinear.critical_velocity(scene.block)
+
+
+def answers_of(scene: Scene, model: FreeRocking) -> Answers:
+    """The three answers by a closed form."""
+    critical = critical_intensity(scene.block, scene.restitution, model=model)
+    return Answers(rotation_ratio(scene, model), stabilized_period(scene, model), critical)
+
+
+def _with_intensity(scene: Scene, intensity: Reals) -> Scene:
+    return eqx.tree_at(lambda s: s.intensity, scene, intensity)
+
+
+def _scaled(scene: Scene, factor: Any) -> Scene:
+    return _with_intensity(scene, scene.intensity * factor)
+
+
+def _together(scene: Scene, duration: Reals) -> tuple[Scene, Reals]:
+    leaves, form = jax.tree.flatten((scene, duration))
+    leaves = jnp.broadcast_arrays(*leaves)
+    return jax.tree.unflatten(form, leaves)
+
+
+def _apart(value: Reals, of: Reals) -> Reals:
+    """``value / of - 1``: 0 where neither exists, inf where one does, 0 for 0 / 0."""
+    here, there = jnp.isfinite(value), jnp.isfinite(of)
+    compared = here & there & (of != 0)
+    ratio = jnp.where(compared, value, 1) / jnp.where(compared, of, 1)
+    return jnp.where((here == there) & (compared | (value == of) | ~here), ratio - 1, jnp.inf)
+
+
+def _shift(
+    scene: Scene, velocity: Reals, duration: Reals, centroid: Number, work: Number, slack: Number
+) -> tuple[Reals, Reals, Booleans]:
+    """Relative change of the velocity if pulses last, unit of its bounds, whether known."""
+    block, c, intensity = scene.block, scene.restitution, scene.intensity
+    lasts = (duration > 0) & (intensity > 0)
+    e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
+    # One that starts weak lets a slow block fall back to the ground before it pushes.
+    known = lasts & (e <= _LONGEST) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
+    e = jnp.where(known, e, 0)
+    pushed = jnp.where(known, velocity, 0) * intensity / block.gravity
+    shift = e * ((c * centroid + (1 - c) * work) * pushed - (1 - c) * centroid)
+    return shift, e**2 * (1 - c), known
+
+
+def _cost(
+    now: Reals, lasting: tuple[Reals, ...], known: Booleans, lasts: Booleans
+) -> tuple[Reals, Reals]:
+    """What `now` is off by if the first that is `lasting` is right, or else one of the others."""
+    then, less, more = lasting
+    estimate = _apart(now, then)
+    spread = [
+        jnp.where(jnp.isfinite(estimate), jnp.abs(_apart(now, other) - estimate), 0)
+        for other in (less, more)
+    ]
+    # Where nothing is left to lose the block overturns in any case.
+    some = jnp.isfinite(now) | jnp.isfinite(then) | jnp.isfinite(less) | jnp.isfinite(more)
+    unsure = jnp.where(known, jnp.maximum(*spread), jnp.inf)
+    keeps = lasts & some
+    return jnp.where(keeps & known, estimate, 0), jnp.where(keeps, unsure, 0)
+
+
+@functools.cache
+def _moments(shape: type[Pulse]) -> tuple[float, float, float]:
+    """Centroid of a pulse, the integral of it times its second integral, and `_FALLS`.
+
+    Of a pulse of duration 1 and intensity 1.
+    """
+    if not (isinstance(shape, type) and issubclass(shape, Pulse)) or shape.area == 0:
+        raise ValueError(f"shape must be Rectangular or HalfSine, got {shape!r}")
+    node, weight = np.polynomial.legendre.leggauss(32)
+    node, weight = 0.5 * (node + 1), 0.5 * weight
+
+    def strength(phase: np.ndarray) -> np.ndarray:
+        return np.asarray(shape.shape(jnp.asarray(phase))) / shape.area
+
+    # The second integral of f up to t is the integral of (t - u) f(u).
+    twice = [np.sum(weight * t * t * (1 - node) * strength(t * node)) for t in node]
+    pulse = weight * strength(node)
+    slack = 0.0 if strength(np.zeros(1))[0] > 0 else _FALLS
+    return float(np.sum(pulse * node)), float(np.sum(pulse * np.array(twice))), slack

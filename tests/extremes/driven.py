@@ -1,0 +1,336 @@
+"""Driven motion in the corners: cases, their closed forms in mpmath, and which cells fail.
+
+All motions are a rectangular pulse on a block that rests or is launched: a constant push
+only turns gravity and makes it stronger, so that a block under it, too, is a pendulum.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import reference
+
+import jaxrock as jr
+
+ANSWERS = ("peak", "margin", "first impact", "its velocity", "final rotation")
+OF_BATCH = ("peak", "margin", "final rotation")
+DIGITS = 100
+STEP = mp.mpf(10) ** -25
+
+# Relative to the answer and all its sensitivities, each times the number concerned.
+BOUNDS = {
+    ("respond", "float64"): {"value": 1e-8, "gradient": 1e-6, "Hessian": 1e-4},
+    ("respond", "float32"): {"value": 1e-3, "gradient": 1e-2},
+    ("respond_batch", "float64"): {"value": 1e-7, "gradient": 1e-6, "Hessian": 1e-4},
+    ("respond_batch", "float32"): {"value": 1e-3, "gradient": 1e-2},
+}
+# By how much the push that just lifts exceeds the one that does not.
+JUST = {"float64": 1e-9, "float32": 1e-4}
+
+
+class Case(NamedTuple):
+    """Half-width, slenderness, gravity, C, amplitude and duration of the push, launch."""
+
+    b: float = 0.4
+    slenderness: float = 5.0
+    gravity: float = 9.81
+    restitution: float = 0.7
+    amplitude: float = 0.0
+    duration: float = 1e-3
+    velocity: float = 0.0
+    followed: float = 0.0  # for so long, and with so many impacts; not differentiated
+    impacts: int = 1
+    fate: str = ""  # where there is no closed form: "falls" or "rests"
+
+    @property
+    def numbers(self) -> tuple:
+        """Those that answers are differentiated to."""
+        return self[:7]
+
+
+def _launched(**numbers):
+    """At 0.6 of the critical velocity, on ground that does not move."""
+    case = Case(**numbers)
+    block = tuple(map(mp.mpf, case[:3]))
+    critical = reference.Nonlinear.critical_velocity(*block)
+    rate = reference.frequency(*block)
+    return case._replace(velocity=float(0.6 * critical), duration=float(0.01 / rate))
+
+
+def _pushed(duration=None, **numbers):
+    """As much as by an instantaneous pulse of half the critical intensity."""
+    case = Case(**numbers)
+    block = tuple(map(mp.mpf, case[:3]))
+    single = reference.critical_intensity(reference.Nonlinear, *block, mp.mpf(0), 1)
+    duration = duration or float(0.05 / reference.frequency(*block))
+    push = 0.5 * single / duration + case.gravity / case.slenderness
+    return case._replace(amplitude=float(push), duration=duration)
+
+
+def _cases(excess):
+    blocks = {
+        "in the middle": {},
+        "C = 0": {"restitution": 0.0},
+        "C = 1 - 1e-15": {"restitution": 1 - 1e-15},
+        "C = 1": {"restitution": 1.0},
+        "λ = 0.1": {"slenderness": 0.1},
+        "λ = 1e4": {"slenderness": 1e4},
+        "b = 0.1 mm": {"b": 1e-4},
+        "b = 1 km": {"b": 1e3},
+        "on the Moon": {"gravity": 1.62},
+        "in a centrifuge": {"gravity": 981.0},
+    }
+    for name, numbers in blocks.items():
+        yield f"{name}, launched", _followed(_launched(**numbers))
+        yield f"{name}, pushed", _followed(_pushed(**numbers))
+    yield "pushed for 1 µs", _followed(_pushed(1e-6))
+    yield "pushed with 1e6 m/s2", _followed(Case(amplitude=1e6, duration=4e-7))
+    yield "just lifted", _followed(Case(amplitude=9.81 / 5 * (1 + excess), duration=0.3))
+    yield "for an hour", _followed(_launched(restitution=1.0), 3600.0)
+    needed, hour = 9.81 / 5, {"duration": 3600.0, "followed": 3600.0}
+    yield "not quite lifted in an hour", Case(amplitude=needed * (1 - excess), fate="rests", **hour)
+    yield "pushed over in an hour", Case(amplitude=1.5 * needed, fate="falls", **hour)
+    over = Case(amplitude=1e6, duration=1.0, followed=10.0, fate="falls")
+    yield "pushed over with 1e6 m/s2", over
+
+
+def state(b, slenderness, gravity, restitution, amplitude, duration, velocity):
+    """Rotation and velocity where the push ends: a pendulum in the gravity the block feels."""
+    push = amplitude / gravity
+    angle = reference.critical_angle(slenderness) - mp.atan(push)
+    p = reference.frequency(b, slenderness, gravity) * mp.root(1 + push**2, 4)
+    modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
+    launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
+    phase = mp.ellipf(launch if angle > 0 else -launch, modulus) + p * duration
+    sn, cn, dn = (mp.re(mp.ellipfun(name, phase, m=modulus)) for name in ("sn", "cn", "dn"))
+    around = -mp.pi if angle > 0 else mp.pi
+    rotation = angle + around + 2 * mp.atan2(mp.sqrt(modulus) * sn, dn)
+    return rotation, 2 * p * mp.sqrt(modulus) * cn
+
+
+class Flight(NamedTuple):
+    """What follows from the state where the push ends."""
+
+    launch: mp.mpf  # velocity with which it would have left the ground
+    landing: mp.mpf  # time of the next impact
+    margin: mp.mpf
+
+
+def flight(numbers) -> Flight:
+    b, slenderness, gravity, restitution, _, duration, _ = numbers
+    block = b, slenderness, gravity
+    angle, p = reference.critical_angle(slenderness), reference.frequency(*block)
+    critical = reference.Nonlinear.critical_velocity(*block)
+    rotation, velocity = state(*numbers)
+    launch = mp.sqrt(velocity**2 + 2 * p**2 * (mp.cos(angle - rotation) - mp.cos(angle)))
+    modulus = mp.cos(angle / 2) ** 2 + launch**2 / (4 * p**2)
+    here, ground = (
+        mp.ellipf(mp.asin(mp.cos((angle - lean) / 2) / mp.sqrt(modulus)), modulus)
+        for lean in (rotation, mp.mpf(0))
+    )
+    landing = duration + (2 * mp.ellipk(modulus) - here - ground) / p
+    outward = (2 * p * mp.sin((angle - rotation) / 2) - velocity) / critical
+    return Flight(launch, landing, min(outward, 1 - restitution * launch / critical))
+
+
+def closed_form(case: Case, numbers) -> list:
+    """All answers at numbers near those of the case."""
+    model, block, restitution = reference.Nonlinear, numbers[:3], numbers[3]
+    launch, landing, margin = flight(numbers)
+    rotation = mp.mpf(0)
+    if case.restitution > 0:
+        last = landing + _bounces(block, restitution, launch, case.impacts - 1)
+        left = restitution**case.impacts * launch
+        rotation = (-1) ** case.impacts * model.motion(*block, left, case.followed - last)[0]
+    return [model.peak_rotation(*block, launch), margin, landing, -launch, rotation]
+
+
+def _bounces(block, restitution, launch, number):
+    """Time that so many half-cycles take after an impact, to second order in log(C)."""
+    if number == 0:
+        return mp.mpf(0)
+    loss = mp.log(restitution)
+
+    def duration(factor):
+        return reference.Nonlinear.half_cycle_duration(*block, launch * mp.exp(factor))
+
+    terms = mp.taylor(duration, 0, 2)
+    sums = number, number * (number + 1) // 2, number * (number + 1) * (2 * number + 1) // 6
+    return sum(
+        term * loss**k * total for k, (term, total) in enumerate(zip(terms, sums, strict=True))
+    )
+
+
+def _followed(case: Case, seconds: float | None = None) -> Case:
+    """For a third of the half-cycle after the first impact, or for so long."""
+    numbers = tuple(map(mp.mpf, case.numbers))
+    launch, landing, _ = flight(numbers)
+    left = max(numbers[3], mp.mpf(1) / 10) * launch
+    half = reference.Nonlinear.half_cycle_duration(*numbers[:3], left)
+    if seconds is None:
+        return case._replace(followed=float(landing + half / 3))
+    return case._replace(followed=seconds, impacts=1 + int((seconds - landing) / half))
+
+
+with mp.workdps(DIGITS):
+    CASES = {precision: dict(_cases(excess)) for precision, excess in JUST.items()}
+
+
+class Exact(NamedTuple):
+    values: list
+    gradients: list  # of each answer
+    hessians: list
+
+
+def expected(case: Case, second: bool) -> Exact:
+    """From forward differences by very small steps."""
+    with mp.workdps(DIGITS):
+        numbers = tuple(map(mp.mpf, case.numbers))
+        steps = [STEP * scale for scale in scales(case)]
+        size = range(len(numbers))
+
+        def at(*raised):
+            moved = (n + raised.count(k) * steps[k] for k, n in enumerate(numbers))
+            return closed_form(case, tuple(moved))
+
+        value = at()
+        first = [at(i) for i in size]
+        answers = range(len(value))
+        gradients = [[(first[i][k] - value[k]) / steps[i] for i in size] for k in answers]
+        if not second:
+            return Exact(value, gradients, [])
+        both = {(i, j): at(i, j) for i in size for j in range(i + 1)}
+
+        def bent(k, i, j):
+            rise = both[max(i, j), min(i, j)][k] - first[i][k] - first[j][k] + value[k]
+            return rise / (steps[i] * steps[j])
+
+        hessians = [[[bent(k, i, j) for j in size] for i in size] for k in answers]
+        return Exact(value, gradients, hessians)
+
+
+def scales(case: Case) -> tuple:
+    """What a change of each number is measured by; of C, by how often it counts."""
+    block = tuple(map(mp.mpf, case.numbers[:3]))
+    return (
+        *block,
+        mp.mpf(1) / case.impacts,
+        mp.mpf(case.amplitude or case.gravity / case.slenderness),
+        mp.mpf(case.duration),
+        mp.mpf(case.velocity) or reference.Nonlinear.critical_velocity(*block),
+    )
+
+
+def adaptive(numbers, followed):
+    b, slenderness, gravity, restitution, amplitude, duration, velocity = numbers
+    found = jr.respond(
+        jr.Block(b, slenderness, gravity),
+        restitution,
+        jr.Rectangular(amplitude, duration),
+        followed,
+        velocity=velocity,
+        rtol=1e-11 if numbers.dtype == np.float64 else None,
+        listed=8,
+    )
+    impact = found.impact_times[0], found.impact_velocities[0]
+    return jnp.stack([found.peak_rotation, found.margin, *impact, found.final_rotation])
+
+
+def batch(numbers, followed):
+    b, slenderness, gravity, restitution, amplitude, duration, _ = numbers
+    block, push = jr.Block(b, slenderness, gravity), jr.Rectangular(amplitude, duration)
+    found = jr.respond_batch(block, restitution, push, followed)
+    return jnp.stack([found.peak_rotation, found.margin, found.final_rotation])
+
+
+SOLVERS = {"respond": (adaptive, ANSWERS), "respond_batch": (batch, OF_BATCH)}
+
+
+def names_for(solver: str) -> list[str]:
+    """`respond_batch` knows no launch."""
+    cases = CASES["float64"].items()
+    return [name for name, case in cases if solver == "respond" or not case.velocity]
+
+
+def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[str, str], str]:
+    """Case and quantity of the cells that fail, with what is wrong."""
+    dtype = np.dtype(precision)
+    run, names = SOLVERS[solver]
+    kept = [ANSWERS.index(name) for name in names]
+    compiled = jax.jit(_with_derivatives(run, hessian))
+    failed = {}
+    for name in names_for(solver):
+        case = CASES[precision][name]
+        numbers, followed = jnp.asarray(case.numbers, dtype), jnp.asarray(case.followed, dtype)
+        given = Case(*map(float, numbers), float(followed), case.impacts)
+        found = [np.asarray(part) for part in compiled(numbers, followed)]
+        if case.fate:
+            failed |= _not_its_fate(name, case.fate, names, found)
+            continue
+        exact = expected(given, hessian)
+        # A batch knows no launch.
+        scale = scales(given)[: 7 if solver == "respond" else 6]
+        for k, which in enumerate(kept):
+            errors = _errors(exact, which, [part[k] for part in found], scale)
+            for what, error in errors.items():
+                if not error <= BOUNDS[solver, precision][what]:
+                    words = f" {names[k]} off by {mp.nstr(error, 3)}"
+                    failed[name, what] = failed.get((name, what), "") + words
+    return failed
+
+
+def _not_its_fate(name, fate, names, found):
+    """It stays where it is, or lies on its side in the end; in neither way has it a slope."""
+    end = np.pi / 2 if fate == "falls" else 0
+    margin = found[0][names.index("margin")]
+    failed = {}
+    if margin >= 0 if fate == "falls" else not np.isclose(margin, 1, rtol=1e-6):
+        failed[name, "value"] = f"margin is {margin}"
+    for answer in ("peak", "final rotation"):
+        value, *derivatives = (part[names.index(answer)] for part in found)
+        if value != np.dtype(value.dtype).type(end):
+            failed[name, "value"] = f"{answer} is {value}"
+        for what, derivative in zip(("gradient", "Hessian"), derivatives, strict=False):
+            if (derivative != 0).any():
+                failed[name, what] = f"{answer} has derivatives {derivative}"
+    return failed
+
+
+def _with_derivatives(run, hessian):
+    def of(numbers, followed):
+        value = run(numbers, followed)
+        return value, (value,)
+
+    def first(numbers, followed):
+        slope, value = jax.jacfwd(of, has_aux=True)(numbers, followed)
+        return slope, (*value, slope)
+
+    def second(numbers, followed):
+        bent, values = jax.jacfwd(first, has_aux=True)(numbers, followed)
+        return *values, bent
+
+    return second if hessian else lambda *given: first(*given)[1]
+
+
+def _errors(exact, which, found, scale):
+    """Of value, gradient and Hessian of an answer, relative to what it hangs on."""
+    size = range(len(scale))
+    pairs = [(i, j) for i in size for j in size]
+    theirs = [
+        [exact.values[which]],
+        [scale[i] * exact.gradients[which][i] for i in size],
+    ]
+    ours = [[found[0]], [scale[i] * mp.mpf(float(found[1][i])) for i in size]]
+    if exact.hessians:
+        theirs.append([scale[i] * scale[j] * exact.hessians[which][i][j] for i, j in pairs])
+        ours.append([scale[i] * scale[j] * mp.mpf(float(found[2][i, j])) for i, j in pairs])
+    felt = abs(theirs[0][0]) + sum(map(abs, theirs[1]))
+    errors = {}
+    for what, one, other in zip(("value", "gradient", "Hessian"), ours, theirs, strict=False):
+        if what == "Hessian":
+            felt += sum(map(abs, other))
+        off = [abs(mp.mpf(float(a)) - b) for a, b in zip(one, other, strict=True)]
+        errors[what] = mp.nan if any(map(mp.isnan, off)) else max(off) / (felt or 1)
+    return errors

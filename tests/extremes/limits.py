@@ -1,0 +1,55 @@
+"""Cells that do not meet their bounds, and why. One that meets them must not be here."""
+
+from typing import NamedTuple
+
+
+class Limit(NamedTuple):
+    subject: str  # a closed form, "respond" or "respond_batch"
+    precision: str
+    quantity: str  # value, gradient or Hessian
+    corners: tuple[str, ...]
+    reason: str
+
+
+LIMITS = (
+    Limit(
+        "respond",
+        "float64",
+        "gradient",
+        ("for an hour",),
+        "4,914 half-cycles without loss: what the steps of each leave of an error adds up to"
+        " 1e-5 s at the end. The final rotation is within its bound, its slopes are those of"
+        " a moment before.",
+    ),
+    Limit(
+        "respond",
+        "float32",
+        "gradient",
+        ("for an hour",),
+        "4,914 equal peaks, and in float32 one of the later ones comes out as the largest: its"
+        " slope to C is that of a block that has had two hundred impacts. At the end it is five"
+        " half-cycles behind.",
+    ),
+    Limit(
+        "respond_batch",
+        "float32",
+        "gradient",
+        ("pushed for 1 µs", "pushed with 1e6 m/s2"),
+        "NaN: the slope of the fourth power of 64 over the duration, times the acceleration in"
+        " units of gravity, is beyond the range of float32.",
+    ),
+)
+KNOWN = {
+    (limit.subject, corner, limit.precision, limit.quantity): number
+    for number, limit in enumerate(LIMITS, 1)
+    for corner in limit.corners
+}
+
+
+def of(subject: str, precision: str, quantities: tuple[str, ...]) -> set[tuple[str, str]]:
+    """Corner and quantity of the known limits of a subject."""
+    return {
+        (corner, quantity)
+        for about, corner, bits, quantity in KNOWN
+        if (about, bits) == (subject, precision) and quantity in quantities
+    }

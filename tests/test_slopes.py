@@ -1,0 +1,75 @@
+"""Values and slopes point by point, in chunks or not, against `jax.grad` of single points."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock import slopes
+
+RUNGS = [jr.Linearized(), jr.Nonlinear()]
+
+
+def scenes(*shape):
+    rng = np.random.default_rng(3)
+    block = jr.Block(rng.uniform(0.2, 0.6, shape), rng.uniform(3, 10, shape))
+    return jr.Scene(block, rng.uniform(0.3, 0.8, shape), 0.15)
+
+
+@pytest.mark.parametrize("model", RUNGS)
+@pytest.mark.parametrize("chunk", [4, 7, 21, 100])
+def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
+    monkeypatch.setattr(slopes, "_CHUNK", chunk)
+    scene = scenes(3, 7)
+    value, slope = jr.value_and_slopes(jr.rotation_ratio)(scene, model)
+    assert {leaf.shape for leaf in jax.tree.leaves((value, slope))} == {(3, 7)}
+    for at in np.ndindex(3, 7):
+        point = jax.tree.map(lambda leaf, at=at: leaf[at] if leaf.ndim else leaf, scene)
+        one, gradient = jax.value_and_grad(jr.rotation_ratio)(point, model)
+        np.testing.assert_allclose(value[at], one, rtol=1000 * eps)
+        for ours, theirs in zip(jax.tree.leaves(slope), jax.tree.leaves(gradient), strict=True):
+            np.testing.assert_allclose(ours[at], theirs, rtol=1000 * eps)
+
+
+def test_arguments_that_broadcast(monkeypatch, eps):
+    monkeypatch.setattr(slopes, "_CHUNK", 4)
+    restitution, width = jnp.linspace(0.5, 0.8, 5)[:, None], jnp.linspace(0.2, 0.6, 3)[None, :]
+
+    def ratio(c, b, slenderness):
+        return jr.rotation_ratio(jr.Scene(jr.Block(b, slenderness), c, 0.15))
+
+    value, (to_c, to_slenderness) = jr.value_and_slopes(ratio, (0, 2))(restitution, width, 5.0)
+    assert value.shape == to_c.shape == to_slenderness.shape == (5, 3)
+    single = jax.grad(ratio, (0, 2))(restitution[4, 0], width[0, 1], 5.0)
+    np.testing.assert_allclose((to_c[4, 1], to_slenderness[4, 1]), single, rtol=1000 * eps)
+
+
+@pytest.mark.float64
+def test_slopes_of_slopes(monkeypatch):
+    monkeypatch.setattr(slopes, "_CHUNK", 4)
+    c = jnp.linspace(0.5, 0.8, 10)
+
+    def ratio(c):
+        return jr.rotation_ratio(jr.Scene(jr.Block(0.4, 5.0), c, 0.15))
+
+    def slope(c):
+        return jr.value_and_slopes(ratio)(c)[1]
+
+    second = jax.vmap(jax.grad(jax.grad(ratio)))(c)
+    np.testing.assert_allclose(jax.grad(lambda c: slope(c).sum())(c), second, rtol=1e-12)
+    np.testing.assert_allclose(jax.jvp(slope, (c,), (jnp.ones_like(c),))[1], second, rtol=1e-12)
+
+
+@pytest.mark.parametrize("model", RUNGS)
+def test_nothing_between_goes_to_memory(model):
+    """A million points: what XLA keeps beside inputs and outputs."""
+
+    def ratio(slenderness, width, c, intensity):
+        return jr.rotation_ratio(jr.Scene(jr.Block(width, slenderness), c, intensity), model)
+
+    point = jax.ShapeDtypeStruct((10**6,), jnp.result_type(float))
+    for function in (ratio, jr.value_and_slopes(ratio, (0, 1, 2, 3))):
+        memory = jax.jit(function).lower(*[point] * 4).compile().memory_analysis()
+        both = memory.argument_size_in_bytes + memory.output_size_in_bytes
+        assert memory.temp_size_in_bytes < 0.25 * both
