@@ -49,7 +49,6 @@ CLOSED = (
     Setting("nonlinear", 64),
 )
 PULSED = Setting("pulsed", 64)
-LOCKSTEP = tuple(Setting("lockstep", 64, order) for order in ORDERS)
 # By which `pulsed_phase` is off at its default tolerance, as a change of the intensity.
 _PULSED_SLIP = 1e-8
 
@@ -161,8 +160,7 @@ def choose(
     For a `Scene` from `model_error`, before anything is computed with the pulses as long as
     they are. For a `DrivenScene` from a trial: lockstep orders 4 and 6, then 8 and 10 as far
     as needed, which is the cheapest there is; the next order shows what one is off by. On
-    offer is 64 bits if JAX is set to it, else 32 only, and `lockstep` in 64 only: in 32 it
-    is no faster on a processor.
+    offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own precision.
 
     Examples
     --------
@@ -230,13 +228,14 @@ def _choose_order(scene: DrivenScene, tolerance: float) -> Choice:
         raise ValueError(f"motion must be a pulse or a Record, got a {type(motion).__name__}")
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     index = jnp.asarray(np.searchsorted(ORDERS, within.cheapest))
+    bits = int(jnp.finfo(within.response.margin.dtype).bits)
     reason = f"the next order differs by {float(within.error):.1e}" if index.ndim == 0 else ""
     return Choice(
         index,
         jnp.asarray(within.error),
         jnp.asarray(within.kept),
         tolerance,
-        LOCKSTEP,
+        tuple(Setting("lockstep", bits, order) for order in ORDERS),
         (reason,) if reason else (),
     )
 

@@ -14,9 +14,9 @@ from .motion import Pulse, Record
 
 ORDERS = (4, 6, 8, 10)
 _SAFETY = 1.25  # an order is off by what the next one differs by, and by what that is off by
-# For less than this the rounding of the steps counts, too, after the impacts have amplified it.
-_DELICATE = 1e-6
-_ROUNDING = 1 + 2.0**-46  # on the input
+# In units of eps: what rounding amounts to, as a slip of the input, and the tolerance below
+# which it counts, too, after the impacts have amplified it.
+_ROUNDING, _DELICATE = 64, 2**32
 # What no order gets below: pulses are taken as quintics.
 _FLOORS = {Record: 1e-12, Pulse: 1e-9}
 
@@ -84,6 +84,8 @@ def respond_within(
     now = respond_batch(blocks, restitution, motion, linearized=linearized, order=ORDERS[0])
     shape = now.complete.shape
     floor = next(least for kind, least in _FLOORS.items() if isinstance(motion, kind))
+    eps = float(np.finfo(now.margin.dtype).eps)
+    floor = max(floor, _ROUNDING * eps)
     found = jax.tree.map(lambda leaf: np.array(leaf).reshape(-1), now)
     order = np.full(found.complete.shape, ORDERS[0])
     error = np.full(found.complete.shape, np.inf)
@@ -96,8 +98,8 @@ def respond_within(
         now = respond_batch(block, c, shaking, linearized=linearized, order=after)
         now = jax.tree.map(lambda leaf, size=open_.size: np.broadcast_to(leaf, (size,)), now)
         differs = _apart(jax.tree.map(lambda leaf, k=open_: leaf[k], found), now)
-        if tolerance < _DELICATE:
-            slipped = shaking.scaled(_ROUNDING)
+        if tolerance < _DELICATE * eps:
+            slipped = shaking.scaled(1 + _ROUNDING * eps)
             other = respond_batch(block, c, slipped, linearized=linearized, order=after)
             differs = np.maximum(differs, _apart(now, jax.tree.map(np.asarray, other)))
         error[open_] = np.maximum(_SAFETY * differs, floor)
