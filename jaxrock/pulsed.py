@@ -323,13 +323,14 @@ def _phase(
 
     parts = (block, restitution, pulse)
     fixed = jax.lax.stop_gradient(parts)
-    near = jax.lax.fori_loop(
-        0, _ITERATIONS, lambda _, v: after(v, fixed), jnp.zeros_like(restitution)
+    nothing = jnp.zeros_like(restitution)
+    before, near = jax.lax.fori_loop(
+        0, _ITERATIONS, lambda _, last: (last[1], after(last[1], fixed)), (nothing, nothing)
     )
     critical = (Linearized() if linearized else Nonlinear()).critical_velocity(block)
     # With a restitution close to 1 it is still far away: on as if the map were linear.
-    gain = after(near, fixed) - near
-    limit = jnp.minimum(near + gain / jnp.maximum(1 - restitution, 1e-6), 0.98 * critical)
+    gain = near - before
+    limit = jnp.minimum(before + gain / jnp.maximum(1 - restitution, 1e-6), 0.98 * critical)
     near = jax.lax.stop_gradient(jnp.where(gain > 1e-3 * near, limit, near))
     tolerance = max(rtol, 20 * float(jnp.finfo(near.dtype).eps))
     reached = jnp.isfinite(near)

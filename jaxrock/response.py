@@ -37,6 +37,7 @@ REST, RISING, FALLING, OVER = range(4)
 _MAX_STEPS = 2**20
 _MAX_CUTS = 2**22
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Bosh3", "Heun")
+_TIMES = 512  # of a history at once
 _CLOSE = 1e-6  # to which a cut is sought before it is stepped to
 
 
@@ -114,9 +115,22 @@ class Response(eqx.Module):
             overturned stays where it lies.
         """
         times = as_real("time", time).astype(self.cuts.time.dtype)
-        shape = times.shape
-        rotation, velocity = _history(self, times.reshape(-1))
-        return rotation.reshape(shape), velocity.reshape(shape)
+        flat, cuts = times.reshape(-1), self.cuts
+        leaves = jax.tree.leaves((self, times))
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            found = _history(self.scene, cuts, self.linearized, flat)
+        else:
+            # Few different shapes, so that little is compiled.
+            size = max(1, -(-flat.size // _TIMES)) * _TIMES
+            pieces = _padded(flat, size, 0.0).reshape(-1, _TIMES)
+            room = max(64, 1 << (cuts.time.size - 1).bit_length())
+            cuts = jax.tree.map(lambda part: jnp.asarray(_padded(part, room, np.nan)), cuts)
+            parts = [
+                _history(self.scene, cuts, self.linearized, jnp.asarray(piece)) for piece in pieces
+            ]
+            found = jnp.asarray(np.concatenate(parts, axis=-1)[:, : flat.size])
+        rotation, velocity = found
+        return rotation.reshape(times.shape), velocity.reshape(times.shape)
 
     def __str__(self) -> str:
         if jnp.ndim(self.status) or isinstance(self.status, jax.core.Tracer):
@@ -684,15 +698,20 @@ def _valid(driven: Any) -> tuple[Driven, Any]:
     return Driven(block, restitution, motion, duration, rotation, velocity), valid
 
 
+def _padded(values: Reals, size: int, fill: float) -> np.ndarray:
+    return np.pad(np.asarray(values), (0, size - values.size), constant_values=fill)
+
+
 @eqx.filter_jit
-def _history(response: Response, times: Reals) -> tuple[Reals, Reals]:
+def _history(scene: Driven, cuts: Cuts, linearized: bool, times: Reals) -> tuple[Reals, Reals]:
     """From the last cut before every time on."""
-    cuts, scene = response.cuts, response.scene
-    equation = Equation.of(scene.block, response.linearized)
+    equation = Equation.of(scene.block, linearized)
     known = jnp.where(jnp.isnan(cuts.time), jnp.inf, cuts.time)
     eps = float(jnp.finfo(times.dtype).eps)
 
-    def at(time: Any) -> Any:
+    def at(asked: Any) -> Any:
+        inside = (asked >= 0) & (asked <= scene.duration)
+        time = jnp.where(inside, asked, 0)
         index = jnp.maximum(jnp.searchsorted(known, time, side="right") - 1, 0)
         origin, side, lean, speed = (part[index] for part in jax.tree.leaves(cuts))
         acts = scene.motion.acts(origin)
@@ -714,7 +733,6 @@ def _history(response: Response, times: Reals) -> tuple[Reals, Reals]:
             0.0,
         )
         there = side * jnp.where(moves, there, y)
-        inside = (time >= 0) & (time <= scene.duration)
         return tuple(jnp.where(inside, part + 0.0, jnp.nan) for part in there)
 
     return jax.vmap(at)(times)

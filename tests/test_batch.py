@@ -33,7 +33,7 @@ def test_record_against_independent_integration(component, vertical):
 @pytest.mark.parametrize(
     ("shape", "linearized"),
     [
-        (jr.Cosine, False),
+        pytest.param(jr.Cosine, False, marks=pytest.mark.thorough),
         (jr.Ricker, False),
         pytest.param(jr.Rectangular, False, marks=pytest.mark.thorough),
         pytest.param(jr.Sine, True, marks=pytest.mark.thorough),
@@ -107,7 +107,7 @@ CORNERS = {
     # Every length of record compiles anew.
     [
         name
-        if name in ("squat", "an impact within a step")
+        if name == "an impact within a step"
         else pytest.param(name, marks=pytest.mark.thorough)
         for name in CORNERS
     ],
@@ -164,6 +164,7 @@ def test_several_records_and_shapes():
         np.testing.assert_array_equal(one.peak_rotation[:, 0], found.peak_rotation[:, k])
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivative():
     def peak(amplitude):
@@ -173,7 +174,8 @@ def test_derivative():
         return jr.respond(jr.Block(0.4, 5.0), 0.9, jr.Sine(amplitude, 0.7), 6.0).peak_rotation
 
     found = jax.jvp(peak, (3.2,), (1.0,))[1]
-    assert float(found) == pytest.approx(float(jax.jvp(adaptive, (3.2,), (1.0,))[1]), rel=1e-4)
+    difference = (adaptive(3.2 + 1e-3) - adaptive(3.2 - 1e-3)) / 2e-3
+    assert float(found) == pytest.approx(float(difference), rel=1e-4)
 
 
 def test_never_lifted_and_traced_bad_values():

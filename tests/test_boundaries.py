@@ -93,10 +93,7 @@ CASES = {
 
 @pytest.mark.parametrize(
     "name",
-    [
-        name if name in ("no impact", "falls flat") else pytest.param(name, marks=SLOW)
-        for name in CASES
-    ],
+    [name if name == "falls flat" else pytest.param(name, marks=SLOW) for name in CASES],
 )
 def test_derivatives(name):
     """To block, restitution, duration and gravity, against extrapolated differences."""
@@ -178,6 +175,7 @@ def test_slopes_along_other_quantities(along):
     assert float(forth * back) == pytest.approx(1, abs=1e-8)
 
 
+@SLOW
 def test_record():
     """A boundary below the chaotic ones, against the adaptive integrator."""
     block, record = jr.Block(0.3, 3.0), jr.example_record()

@@ -118,6 +118,7 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_paper(capsys, tmp_path):
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper", "--json")
     assert code == 0
@@ -129,6 +130,7 @@ def test_paper(capsys, tmp_path):
     assert "report.md' exists; --force overwrites it" in err
 
 
+@pytest.mark.thorough
 def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     from jaxrock import paper
 

@@ -170,6 +170,7 @@ def test_promise_of_the_order(kind, number):
         assert np.mean(cheaper) <= 0.1
 
 
+@pytest.mark.thorough
 def test_chaos_is_not_promised():
     """Where impacts make answers of rounding itself, no order agrees with the next."""
     block, record = jr.Block(0.05, 8.0), jr.example_record().scaled(np.linspace(0.2, 3.0, 600))

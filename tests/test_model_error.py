@@ -75,7 +75,6 @@ def test_prediction_against_mpmath(setting):
 @pytest.mark.parametrize(
     ("shape", "number"),
     [
-        (jr.HalfSine, 8),
         pytest.param(jr.HalfSine, 150, marks=pytest.mark.thorough),
         pytest.param(jr.Rectangular, 150, marks=pytest.mark.thorough),
     ],

@@ -58,6 +58,7 @@ block, record = jr.Block(half_width=0.2, slenderness=5.0), jr.example_record()
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_as_much_model_as_required(capsys):
     namespace = {}

@@ -27,7 +27,7 @@ def motion_of(row):
     return jr.example_record(row["component"], vertical=bool(row["vertical"])).scaled(row["scale"])
 
 
-@pytest.mark.parametrize("linearized", [False, True])
+@pytest.mark.parametrize("linearized", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_free_rocking(linearized):
     """The first 20 half-cycles of random blocks, none missed."""
     rng = np.random.default_rng(2)
@@ -189,7 +189,7 @@ def slopes(of, at, part):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("rung", ["adaptive", "batch"])
+@pytest.mark.parametrize("rung", [pytest.param("adaptive", marks=pytest.mark.thorough), "batch"])
 def test_derivatives_under_a_record(rung):
     """Kinks of the input: a plain loop that restarts at every sample, and both integrators."""
     samples = np.asarray(jr.example_record("north").acceleration)[1200:1400]
@@ -255,7 +255,9 @@ def test_history():
     np.testing.assert_allclose(velocity, expected[1], rtol=1e-6, atol=1e-7)
     later = model.motion(block, 0.8 * launch, times * 0.3)
     np.testing.assert_allclose(r.history(first + times * 0.3)[0], -later[0], rtol=1e-6)
-    assert np.isnan(r.history([-1.0, 3.1])[0]).all()
+    outside = np.resize([-1.0, 3.1, np.nan, np.inf], times.shape)
+    assert np.isnan(r.history(outside)[0]).all()
+    assert r.history(np.zeros((2, 0)))[0].shape == (2, 0)
 
 
 @pytest.mark.thorough

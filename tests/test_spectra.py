@@ -177,7 +177,7 @@ def test_a_path_that_cannot_be_written(tmp_path):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+@pytest.mark.parametrize("tolerance", [1e-2, pytest.param(1e-4, marks=pytest.mark.thorough)])
 def test_each_point_by_its_rung(tmp_path, tolerance):
     grid = (np.geomspace(2, 60, 20), [0.4, 1.2], [0.4, 0.9], np.geomspace(1e-3, 0.5, 7))
     auto = jr.resonance_spectrum(*grid, model="auto", tolerance=tolerance, store=tmp_path / "a.nc")

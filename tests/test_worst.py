@@ -122,6 +122,7 @@ def test_the_least_in_total_is_a_single_pulse(model):
     assert np.sort(abs(worst.intensities))[-2] < 1e-6 * single
 
 
+@pytest.mark.thorough
 def test_most_rotation():
     block, c, model = jr.Block(0.4, 4.0), 0.7, jr.Nonlinear()
     largest = 0.9 * float(jr.critical_intensity(block, c, 3, model))

@@ -62,6 +62,7 @@ def test_overturning_half_cycle(rung, precision):
     check(found, f"{rung} overturning_half_cycle", precision, corners.QUANTITIES)
 
 
+@pytest.mark.thorough
 def test_respond(precision):
     found = driven.failures("respond", precision)
     check(found, "respond", precision, ("value", "gradient"))
