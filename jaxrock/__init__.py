@@ -1,9 +1,9 @@
 """Rocking of rigid blocks on JAX: resonance spectra, sensitivities, inverse design.
 
 All functions are elementwise: arguments are numbers or arrays that broadcast against each
-other, answers have the shape that results, everything is in SI units and radians. An argument
-outside of what is allowed raises `ValueError` where it is concrete, and gives NaN with
-derivative zero where it is traced.
+other, answers have the shape that results, ``(...)`` in the docstrings, everything is in SI
+units and radians. An argument outside of what is allowed raises `ValueError` where it is
+concrete, and gives NaN with derivative zero where it is traced.
 """
 
 from .assessment import assess

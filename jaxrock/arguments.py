@@ -27,6 +27,7 @@ Booleans = Bool[Array, "..."]
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+_T = TypeVar("_T")
 
 
 class Domain(NamedTuple):
@@ -60,6 +61,13 @@ def as_real(name: str, value: Any) -> Array:
     raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
 
 
+def of_one_precision(tree: _T) -> _T:
+    """The numbers of a pytree in the precision that JAX's rules give all of them together."""
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*jax.tree.leaves(tree))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
+
+
 def check(name: str, value: Any, domain: Domain) -> None:
     """Raise `ValueError` if `value` is concrete and anywhere outside `domain`."""
     if isinstance(value, jax.core.Tracer):
@@ -86,7 +94,13 @@ class Checked(eqx.Module):
         self.check()
 
     def check(self) -> None:
-        """Raise `ValueError` if a concrete value lies outside of its domain."""
+        """Check all fields, also those of the modules inside.
+
+        Raises
+        ------
+        ValueError
+            If a concrete value lies outside of its domain.
+        """
         for field in self.__dataclass_fields__.values():
             value = getattr(self, field.name)
             if "domain" in field.metadata:

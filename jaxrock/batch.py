@@ -24,6 +24,7 @@ from .fate import margins_of
 from .grid import Grid, factor_and_length, grid_of
 from .lanes import Arguments, Case, Lanes, most_turns, turn
 from .motion import Motion, Pulse, Record
+from .printing import listed
 
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
@@ -44,7 +45,7 @@ class BatchResponse(eqx.Module):
     overturned : Array of bool
         As in `Response`.
     margin : Array
-        `fate_margin` at the end of the input.
+        `fate_margin` at the end of the input [-].
     impacts : Array of int
         Number of impacts, without the infinitely many in which a block comes to rest.
     mode : Array of int
@@ -63,6 +64,18 @@ class BatchResponse(eqx.Module):
     impacts: Int[Array, "..."]
     mode: Int[Array, "..."]
     complete: Booleans
+
+    def __str__(self) -> str:
+        return listed(
+            self,
+            overturned="",
+            margin="",
+            peak_rotation="rad",
+            final_rotation="rad",
+            final_velocity="rad/s",
+            impacts="",
+            complete="",
+        )
 
 
 class _Progress(NamedTuple):
@@ -182,11 +195,11 @@ def respond_batch(
     ----------
     blocks : Block
     restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
+        C [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
     duration : array_like, optional
-        Time to follow the blocks for [s], greater than 0. To the end of the motion unless
+        Time to follow each block for [s], greater than 0; to the end of the motion unless
         given.
     linearized : bool
         Linearize the equation of motion; see `respond`.
@@ -210,6 +223,15 @@ def respond_batch(
     Taylor polynomials, one a sample (more where the block is fast). A pulse is
     taken as 128 quintics a period. Without a transformation, the batch is shared out to
     the devices, or on a single processor to its cores. Has forward-mode derivatives.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> import jaxrock as jr
+    >>> pulses = jr.Sine(amplitude=jnp.array([2.5, 3.5, 4.5]), duration=0.5)
+    >>> response = jr.respond_batch(jr.Block(half_width=0.1, slenderness=5.0), 0.9, pulses)
+    >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
+    0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)

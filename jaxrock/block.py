@@ -14,6 +14,7 @@ from .arguments import (
     quantity,
 )
 from .elementary import angle
+from .printing import shown
 
 
 class Block(Checked):
@@ -22,7 +23,7 @@ class Block(Checked):
     Parameters
     ----------
     half_width : array_like
-        b, half the width of the base [m], greater than 0.
+        b, half the width of the base [m], greater than 0. All three broadcast.
     slenderness : array_like
         lambda = a / b, height over width [-], greater than 0.
     gravity : array_like, optional
@@ -51,9 +52,28 @@ class Block(Checked):
         self.slenderness = as_real("slenderness", slenderness)
         self.gravity = as_real("gravity", gravity)
 
+    def __str__(self) -> str:
+        return (
+            f"half-width {shown(self.half_width, 'm')}, slenderness {shown(self.slenderness)},"
+            f" gravity {shown(self.gravity, 'm/s2')}"
+        )
+
     @classmethod
     def from_size(cls, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
-        """The block of the given full `width` 2b and full `height` 2a, both in m.
+        """Make the block of a given full width and height.
+
+        Parameters
+        ----------
+        width : array_like
+            2b [m], greater than 0.
+        height : array_like
+            2a [m], greater than 0.
+        gravity : array_like, optional
+            g [m/s2], greater than 0.
+
+        Returns
+        -------
+        Block
 
         Raises
         ------
@@ -68,25 +88,25 @@ class Block(Checked):
     @property
     @elementwise()
     def half_height(self) -> Reals:
-        """a = lambda b, half the height [m]."""
+        """Half the height, a = lambda b [m]."""
         return self.slenderness * self.half_width
 
     @property
     @elementwise()
     def half_diagonal(self) -> Reals:
-        """R = sqrt(a^2 + b^2) = b sqrt(1 + lambda^2), from the centre to a corner [m]."""
+        """From the centre to a corner, R = sqrt(a^2 + b^2) = b sqrt(1 + lambda^2) [m]."""
         return self.half_width * diagonal_ratio(self)
 
     @property
     @elementwise()
     def critical_angle(self) -> Reals:
-        """alpha_c = arctan(1 / lambda), the rotation of unstable balance [rad]."""
+        """Rotation of unstable balance, alpha_c = arctan(1 / lambda) [rad]."""
         return angle(1.0, self.slenderness)
 
     @property
     @elementwise()
     def frequency_parameter(self) -> Reals:
-        """p = sqrt(3 g / (4 R)), the rate at which free rocking grows or decays [1/s]."""
+        """Rate at which free rocking grows or decays, p = sqrt(3 g / (4 R)) [1/s]."""
         return jnp.sqrt(0.75 * self.gravity / (self.half_width * diagonal_ratio(self)))
 
     @elementwise(intensity=NON_NEGATIVE)
@@ -103,8 +123,13 @@ class Block(Checked):
 
         Returns
         -------
-        Array
+        velocity : Array, shape (...)
             ``3 lambda I / (4 b (1 + lambda^2))`` [rad/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete intensity is not finite or negative; traced, it gives NaN.
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return 0.75 * shape * intensity / self.half_width
@@ -122,10 +147,20 @@ def housner_restitution(block: Block) -> Reals:
     Angular momentum about the new corner is conserved in the impact (Housner 1963).
     Below a slenderness of 0.707 it is negative: such a block does not rock on.
 
+    Parameters
+    ----------
+    block : Block
+
     Returns
     -------
-    Array
+    restitution : Array, shape (...)
         ``1 - (3/2) sin(alpha_c)^2`` [-].
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.housner_restitution(jr.Block(half_width=0.4, slenderness=5.0)):.3f}")
+    0.942
     """
     square = block.slenderness**2
     return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)

@@ -23,10 +23,13 @@ from .arguments import (
     Reals,
     as_real,
     check,
+    of_one_precision,
 )
 from .batch import BatchResponse, respond_batch
 from .block import Block
 from .motion import Motion, Pulse, Record
+from .printing import listed
+from .progress import with_clock
 from .search import brackets, brackets_traced, located
 
 
@@ -75,7 +78,8 @@ class Boundaries(eqx.Module):
     Attributes
     ----------
     value : Array, shape (..., boundaries)
-        Where they are, on the side on which the block stands. Has derivatives in both modes.
+        Where they are [unit of the quantity], on the side on which the block stands. Has
+        derivatives in both modes.
     overturns_beyond : Array of bool, shape (..., boundaries)
         Whether the block overturns beyond the boundary; if not, it does before it.
     impacts : Array of int, shape (..., boundaries)
@@ -101,7 +105,7 @@ class Boundaries(eqx.Module):
 
     def __str__(self) -> str:
         if jnp.ndim(self.count) or isinstance(self.count, jax.core.Tracer):
-            return repr(self)
+            return listed(self, count="", value="", overturns_first="", complete="")
         lines = [] if self.count else [f"no boundary: it {self._does(self.overturns_first)} always"]
         for k in range(min(int(self.count), self.value.size)):
             number = int(self.impacts[k])
@@ -117,6 +121,7 @@ class Boundaries(eqx.Module):
         return "overturns" if overturns else "stands"
 
 
+@with_clock("boundaries")
 def overturning_boundaries(
     block: Block,
     restitution: Number,
@@ -146,7 +151,7 @@ def overturning_boundaries(
         ``"half_width"``, ``"slenderness"`` or ``"restitution"``. What is given for it
         otherwise does not matter (but for the factor, which multiplies it).
     tried : array_like, shape (..., n)
-        Increasing values to try, at least two.
+        Increasing values to try [unit of the quantity], at least two.
     halvings : int
         How many times the intervals between them are halved where boundaries might hide:
         where the number of impacts changes, or the margin is small beside its changes. Two
@@ -211,10 +216,7 @@ def _checked(
         raise ValueError(f"tried must be at least two values, got an array of shape {places.shape}")
     if not isinstance(places, jax.core.Tracer) and (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("tried must be increasing, got values that do not increase")
-    case = _Case(block, restitution, motion)
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*jax.tree.leaves((case, places)))
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (case, places))
+    return of_one_precision((_Case(block, restitution, motion), places))
 
 
 def _is_sample(path: Any) -> bool:
@@ -278,6 +280,9 @@ def _boundaries(
     # The mode is seen from a little further into overturning.
     further = falls + library.sign(falls - stands) * eps**0.4 * abs(falls)
     answer, highest = followed(found.case, further), followed(found.case, stands).peak_rotation
+    mode = answer.mode
+    if traced or not answer.overturned.all():  # so far might be beyond a window this narrow
+        mode = library.where(answer.overturned, mode, followed(found.case, falls).mode)
     flat = (left > eps**0.25) & (highest > 0.5 * math.pi - eps**0.25)
     known = found.there & library.isfinite(left) & answer.complete
 
@@ -292,7 +297,7 @@ def _boundaries(
     return Boundaries(
         value=spread(stands, library.nan),
         overturns_beyond=spread(falls > stands, False),
-        impacts=spread(answer.mode, -1),
+        impacts=spread(mode, -1),
         flat=spread(flat, False),
         count=jnp.asarray(found.count).reshape(shape),
         overturns_first=jnp.asarray(found.negative_first).reshape(shape),

@@ -11,7 +11,8 @@ import numpy as np
 from .arguments import Number, Numbers, as_real
 from .block import Block
 from .boundaries import Boundaries, overturning_boundaries
-from .motion import Motion, Pulse
+from .motion import Motion, Pulse, pulse_class
+from .printing import shown
 
 _HALVINGS = 4  # from first steps of 16 times the resolution
 
@@ -31,6 +32,13 @@ class SurvivalWindows(NamedTuple):
 
     first_overturning: float
     windows: np.ndarray
+
+    def __str__(self) -> str:
+        if np.isinf(self.first_overturning):
+            return "stands everywhere in the range"
+        lines = [f"overturns from {shown(self.first_overturning)} on"]
+        lines += [f"stands again from {low:.6g} to {high:.6g}" for low, high in self.windows]
+        return "\n".join(lines)
 
 
 def critical_amplitude(
@@ -77,7 +85,7 @@ def critical_amplitude(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If `shape` is no class of pulses, or a concrete argument is out of range.
 
     Examples
     --------
@@ -87,10 +95,8 @@ def critical_amplitude(
     stands beyond 7.706 (overturning after 1 impact)
     overturns beyond 8.08528 (overturning without an impact)
     """
-    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
-        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
+    pulse = pulse_class(shape)(1.0, duration)
     places = _places("ratios", ratios, resolution)
-    pulse = shape(1.0, duration)
     if not isinstance(block, Block):
         raise ValueError(f"block must be a Block, got {block!r:.60}")
     block.check()
@@ -135,10 +141,8 @@ def critical_duration(
         The range [s].
     resolution : float
         Windows wider than this share of their duration are found; see `critical_amplitude`.
-    linearized : bool
-        Linearize the equation of motion; see `respond`.
-    most : int
-        How many boundaries are listed under a transformation.
+    linearized, most
+        As there.
 
     Returns
     -------
@@ -148,7 +152,7 @@ def critical_duration(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If `pulse` is a record, or a concrete argument is out of range.
 
     Examples
     --------
@@ -185,10 +189,8 @@ def survival_windows(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C [-], between 0 and 1.
+    block, restitution : Block, float
+        One block and its C [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
     factors : array_like, shape (n,)

@@ -85,8 +85,8 @@ def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
 
     Returns
     -------
-    Array
-        R_F, homogeneous of degree -1/2; ``R_F(x, x, x) = 1 / sqrt(x)``.
+    integral : Array, shape (...)
+        Homogeneous of degree -1/2; ``R_F(x, x, x) = 1 / sqrt(x)``.
     """
     arguments, _, _ = _duplicated((x, y, z))
     return _rf_series(*arguments)
@@ -116,12 +116,12 @@ def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
     Parameters
     ----------
     x, y, z : array_like
-        Arguments, greater than 0, their ratios within 1/eps of the dtype; elementwise.
+        As in `carlson_rf`.
 
     Returns
     -------
-    Array
-        R_D, symmetric in x and y only, of degree -3/2; ``R_D(x, x, x) = x**(-3/2)``.
+    integral : Array, shape (...)
+        Symmetric in x and y only, of degree -3/2; ``R_D(x, x, x) = x**(-3/2)``.
     """
     arguments, (part,), factor = _duplicated((x, y, z), (2,))
     return part + factor * _rd_series(*arguments)
@@ -142,7 +142,7 @@ def jacobi(
 
     Returns
     -------
-    tuple of Array
+    sn, cn, dn : Array, shape (...)
         ``sn(u|m), cn(u|m), dn(u|m)``.
     """
     # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges.

@@ -45,10 +45,15 @@ def fate_margin(
 
     Returns
     -------
-    Array
+    margin : Array, shape (...)
         The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
         2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the
         one at the next impact, v_c the critical velocity. 1 at rest.
+
+    Raises
+    ------
+    ValueError
+        If a concrete restitution, rotation or velocity is out of range; traced, it gives NaN.
 
     Examples
     --------

@@ -5,25 +5,17 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
-from .arguments import (
-    POSITIVE,
-    UNIT_INTERVAL,
-    Booleans,
-    Checked,
-    Number,
-    Reals,
-    as_real,
-    check,
-    quantity,
-)
+from .arguments import POSITIVE, UNIT_INTERVAL, Checked, Number, Reals, as_real, check, quantity
 from .block import Block
 from .free import Linearized, Nonlinear
 from .model_error import Answers, ModelError, answers_of, model_error
 from .motion import Motion, Pulse, Record
+from .printing import listed, shown
 from .pulsed import critical_pulsed_amplitude, pulsed_phase
 from .resonance import Scene
 from .within import ORDERS, respond_within
@@ -79,6 +71,9 @@ class DrivenScene(Checked):
         self.motion = motion
         self.restitution = as_real("restitution", restitution)
 
+    def __str__(self) -> str:
+        return f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
+
 
 class Choice(eqx.Module):
     """The cheapest setting that keeps a tolerance; see `choose`.
@@ -93,23 +88,35 @@ class Choice(eqx.Module):
         Whether that is within the tolerance. Where it is not, the setting is the best one.
     settings : tuple of Setting
         All that were on offer, from the cheapest on: rung, bits, and order of `lockstep`.
+    tolerance : float
+        What was asked for, relative.
+    reasons : tuple of str
+        Of a single scene, what each simplification costs.
     """
 
     index: Int[Array, "..."]
     error: Reals
-    kept: Booleans
+    kept: Bool[Array, "..."]
     tolerance: float = eqx.field(static=True)
     settings: tuple[Setting, ...] = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def setting(self) -> Setting:
-        """The setting, of a single scene."""
+        """The setting, of a single scene.
+
+        Raises
+        ------
+        ValueError
+            If there are several scenes.
+        """
         if jnp.ndim(self.index):
             raise ValueError(f"setting is that of a single scene, got {jnp.shape(self.index)}")
         return self.settings[int(self.index)]
 
     def __str__(self) -> str:
+        if isinstance(self.index, jax.core.Tracer):
+            return listed(self, index="", error="", kept="")
         if jnp.ndim(self.index):
             counts = np.bincount(np.ravel(self.index), minlength=len(self.settings))
             lines = [

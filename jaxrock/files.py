@@ -16,6 +16,15 @@ class CannotWrite(ValueError):
         self.reason = reason
 
 
+def check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bool) -> None:
+    """Raise `ValueError` if a file is in the way, naming the `argument` that said where."""
+    for path in (folder / name for name in names):
+        if path.is_dir():
+            raise ValueError(f"{argument}: {str(path)!r} is a folder, a file was expected")
+        if path.exists() and not overwrite:
+            raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
+
+
 @contextlib.contextmanager
 def written_whole(
     argument: str, folder: Path, names: Sequence[str], overwrite: bool
@@ -30,11 +39,7 @@ def written_whole(
         Naming the `argument` that said where to write: if a file exists and `overwrite` is
         false, or if anything cannot be written.
     """
-    for path in (folder / name for name in names):
-        if path.is_dir():
-            raise ValueError(f"{argument}: {str(path)!r} is a folder, a file was expected")
-        if path.exists() and not overwrite:
-            raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
+    check_free(argument, folder, names, overwrite)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     scratch = None
     try:

@@ -60,9 +60,13 @@ class FreeRocking(eqx.Module):
     def critical_velocity(self, block: Block) -> Reals:
         """Launch velocity that just overturns the block.
 
+        Parameters
+        ----------
+        block : Block
+
         Returns
         -------
-        Array
+        velocity : Array, shape (...)
             ``alpha_c p`` (`Linearized`) or ``2 p sin(alpha_c / 2)`` (`Nonlinear`) [rad/s].
         """
         return self._critical_velocity(block)
@@ -79,8 +83,13 @@ class FreeRocking(eqx.Module):
 
         Returns
         -------
-        Array
+        rotation : Array, shape (...)
             Peak rotation [rad]; NaN where the launch overturns the block.
+
+        Raises
+        ------
+        ValueError
+            If a concrete velocity is not finite or negative; traced, it gives NaN.
         """
         return self._where_standing(self._peak_rotation, block, velocity)
 
@@ -92,12 +101,17 @@ class FreeRocking(eqx.Module):
         ----------
         block : Block
         velocity : array_like
-            Launch velocity [rad/s], finite and at least 0.
+            Of the launch [rad/s], finite and at least 0.
 
         Returns
         -------
-        Array
-            Duration [s]; NaN where the launch overturns the block.
+        duration : Array, shape (...)
+            Time [s]; NaN where the launch overturns the block.
+
+        Raises
+        ------
+        ValueError
+            As `peak_rotation`.
         """
         return self._where_standing(self._half_cycle_duration, block, velocity)
 
@@ -115,13 +129,18 @@ class FreeRocking(eqx.Module):
         velocity : array_like
             Launch velocity [rad/s], finite and at least 0.
         time : array_like
-            Time since the launch [s].
+            Time since the launch [s], finite.
 
         Returns
         -------
-        tuple of Array
+        rotation, velocity : Array, shape (...)
             Rotation [rad] and angular velocity [rad/s]; NaN where the linearized motion,
             which grows without bound, leaves the range of floating-point numbers.
+
+        Raises
+        ------
+        ValueError
+            If a concrete velocity or time is out of range; traced, it gives NaN.
         """
         x = velocity / self._critical_velocity(block)
         x, time = jnp.broadcast_arrays(x, time)
@@ -144,10 +163,15 @@ class FreeRocking(eqx.Module):
 
         Returns
         -------
-        Array
+        amplification : Array, shape (...)
             ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], with
             its limit ``(1 + growth)^2`` at zero velocity; NaN where the faster launch
             overturns the block.
+
+        Raises
+        ------
+        ValueError
+            If a concrete velocity or growth is out of range; traced, it gives NaN.
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1
@@ -273,7 +297,7 @@ class Nonlinear(FreeRocking):
 
 
 def _barrier(x: Reals) -> Reals:
-    """k = sqrt(1 - x^2)."""
+    """Square root of the energy left to the barrier, k = sqrt(1 - x^2)."""
     return jnp.sqrt(one_minus_square(x))
 
 
@@ -283,16 +307,16 @@ def _weight_of(intensity: Reals, block: Block) -> Reals:
 
 
 def _tangent_of_half(block: Block) -> Reals:
-    """tau = tan(alpha_c / 2) = 1 / (h + lambda)."""
+    """Tangent of half the critical angle, tau = 1 / (h + lambda)."""
     return 1 / (diagonal_ratio(block) + block.slenderness)
 
 
 def _sine_of_half(block: Block) -> Reals:
-    """s = sin(alpha_c / 2)."""
+    """Sine of half the critical angle."""
     h = diagonal_ratio(block)
     return jnp.sqrt(0.5 / (h * (h + block.slenderness)))
 
 
 def _stiffening(block: Block, x: Reals) -> Reals:
-    """w = sqrt(1 + tau^2 x^2), which is 1 in the linearized equation."""
+    """What is 1 in the linearized equation, w = sqrt(1 + tau^2 x^2)."""
     return jnp.sqrt(1 + (_tangent_of_half(block) * x) ** 2)

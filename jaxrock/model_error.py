@@ -17,6 +17,7 @@ from .arguments import NON_NEGATIVE, Booleans, Number, Reals, as_real, elementwi
 from .critical import critical_intensity
 from .free import FreeRocking, Linearized, Nonlinear
 from .motion import Pulse
+from .printing import shown
 from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
 
 # What just lifts the block over the mean strength of the pulse, up to which the cost of its
@@ -32,11 +33,21 @@ _ROUNDINGS = 3.5
 
 
 class Answers(NamedTuple):
-    """The three answers about which errors are stated."""
+    """The three answers about which errors are stated.
+
+    Attributes
+    ----------
+    rotation_ratio, period, critical_intensity : Array, shape (...)
+        [-], [s] and [m/s]; their errors relative [-].
+    """
 
     rotation_ratio: Reals
     period: Reals
     critical_intensity: Reals
+
+    def __str__(self) -> str:
+        named = self._asdict().items()
+        return ", ".join(f"{name.replace('_', ' ')} {shown(answer)}" for name, answer in named)
 
 
 class ModelError(eqx.Module):
@@ -60,8 +71,33 @@ class ModelError(eqx.Module):
     duration_bound: Answers
     rounding: dict[str, dict[int, Answers]]
 
+    def __str__(self) -> str:
+        rows = {
+            "linearizing": self.linearization,
+            "instantaneous pulses": self.duration,
+            "  known to": self.duration_bound,
+        } | {
+            f"{rung} in float{bits}": errors
+            for rung, by_bits in self.rounding.items()
+            for bits, errors in by_bits.items()
+        }
+        return "\n".join(f"{name:24}{errors}" for name, errors in rows.items())
+
     def total(self, rung: str, bits: int) -> Answers:
-        """Bound on the error of a rung, "linearized" or "nonlinear", in 32 or 64 bits."""
+        """Bound on the error of a rung in a precision.
+
+        Parameters
+        ----------
+        rung : str
+            "linearized" or "nonlinear", under instantaneous pulses.
+        bits : int
+            32 or 64.
+
+        Returns
+        -------
+        Answers
+            Relative; inf where nothing is known.
+        """
 
         def added(model: Reals, duration: Reals, unsure: Reals, rounding: Reals) -> Reals:
             model = model if rung == "linearized" else jnp.zeros_like(model)
@@ -97,7 +133,7 @@ def model_error(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If `shape` has no intensity, or a concrete argument is out of range.
 
     Notes
     -----

@@ -10,7 +10,7 @@ inside over both ends, so that none of their steps ever sees a jump.
 
 import abc
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -30,10 +30,19 @@ from .arguments import (
     check,
     quantity,
 )
+from .printing import shown
 
 
 class Motion(Checked):
-    """What all ground motions have in common; see `Rectangular`, ..., `Ricker`, `Record`."""
+    """What all ground motions have in common; see `Rectangular`, ..., `Ricker`, `Record`.
+
+    Attributes
+    ----------
+    name : str
+        Of the kind of motion, in words.
+    start : Array
+        Time up to which the ground is at rest [s].
+    """
 
     name: ClassVar[str]
 
@@ -47,26 +56,78 @@ class Motion(Checked):
     @property
     @abc.abstractmethod
     def intensity(self) -> Reals:
-        """The change of the ground velocity, the integral of the acceleration [m/s]."""
+        """Change of the ground velocity, the integral of the acceleration [m/s]."""
 
     @abc.abstractmethod
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Horizontal and vertical acceleration [m/s2], continued beyond start and end."""
+        """Acceleration of the ground, continued beyond start and end.
+
+        Parameters
+        ----------
+        time : Array
+            Times [s].
+
+        Returns
+        -------
+        horizontal, vertical : Array, shape (...)
+            Accelerations [m/s2], the vertical one upward.
+        """
 
     @abc.abstractmethod
     def knots(self) -> Float[Array, " knots"]:
-        """Times from start to end between which the horizontal acceleration is monotone."""
+        """Between which the horizontal acceleration is monotone.
+
+        Returns
+        -------
+        times : Array, shape (knots,)
+            From start to end [s].
+        """
 
     @abc.abstractmethod
     def next_kink(self, time: Reals) -> Reals:
-        """The next time inside at which the acceleration has a kink; inf if there is none."""
+        """The next time inside at which the acceleration has a kink.
+
+        Parameters
+        ----------
+        time : Array
+            Times [s]; within rounding of a kink they count as past it.
+
+        Returns
+        -------
+        kink : Array, shape (...)
+            Time [s]; inf if there is none.
+        """
 
     @abc.abstractmethod
     def scaled(self, factor: Number) -> "Motion":
-        """The same motion, `factor` times as strong."""
+        """The same motion, stronger.
+
+        Parameters
+        ----------
+        factor : array_like
+            How many times as strong [-], finite.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        ValueError
+            If a concrete factor is not finite.
+        """
 
     def shifted(self, delay: Number) -> "Motion":
-        """The same motion, beginning `delay` [s] later.
+        """The same motion, later.
+
+        Parameters
+        ----------
+        delay : array_like
+            How much later [s].
+
+        Returns
+        -------
+        Motion
 
         Raises
         ------
@@ -78,15 +139,47 @@ class Motion(Checked):
         return eqx.tree_at(lambda motion: motion.start, self, start)
 
     def horizontal(self, time: Numbers) -> Reals:
-        """Horizontal acceleration of the ground at a time [s], in m/s2; 0 outside."""
+        """Horizontal acceleration of the ground.
+
+        Parameters
+        ----------
+        time : array_like
+            At which it is asked for [s].
+
+        Returns
+        -------
+        acceleration : Array, shape (...)
+            Signed [m/s2]; 0 before the start and from the end on.
+        """
         return self._within(time)[0]
 
     def upward(self, time: Numbers) -> Reals:
-        """Vertical acceleration of the ground at a time [s], in m/s2, upward; 0 outside."""
+        """Vertical acceleration of the ground.
+
+        Parameters
+        ----------
+        time : array_like
+            As in `horizontal`.
+
+        Returns
+        -------
+        upward : Array, shape (...)
+            Acceleration [m/s2]; 0 before the start and from the end on.
+        """
         return self._within(time)[1]
 
     def acts(self, time: Reals) -> Booleans:
-        """Whether a time is from the start on and before the end."""
+        """Whether a time is from the start on and before the end.
+
+        Parameters
+        ----------
+        time : Array
+            Of any shape [s].
+
+        Returns
+        -------
+        acts : Array of bool, shape (...)
+        """
         return (time >= self.start) & (time < self.end)
 
     def _within(self, time: Numbers) -> tuple[Reals, Reals]:
@@ -108,32 +201,63 @@ class Pulse(Motion):
     start : array_like, optional
         Time at which it begins [s], at least 0.
 
+    Attributes
+    ----------
+    turns : tuple of float
+        Where the acceleration turns, in durations from the start; the last one is the end.
+    area : float
+        Intensity over amplitude and duration [-].
+    angle : float
+        Angular frequency times duration [rad].
+
     Raises
     ------
     ValueError
         If a concrete value is outside of what is allowed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> pulse = jr.HalfSine(amplitude=3.0, duration=0.5)
+    >>> print(f"{pulse.intensity:.3f} m/s, {pulse.horizontal(0.1):.3f} m/s2 after 0.1 s")
+    0.955 m/s, 1.763 m/s2 after 0.1 s
     """
 
     amplitude: Reals = quantity(FINITE)
     duration: Reals = quantity(POSITIVE)
     start: Reals = quantity(NON_NEGATIVE)
 
-    # Where the acceleration turns, in durations from the start; the last one is the end.
     turns: ClassVar[tuple[float, ...]]
-    # Intensity over amplitude and duration.
     area: ClassVar[float]
-    # Angular frequency times duration.
     angle: ClassVar[float]
 
+    # Named again in every shape of pulse: type checkers would make another from the fields.
     def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
         self.amplitude = as_real("amplitude", amplitude)
         self.duration = as_real("duration", duration)
         self.start = as_real("start", start)
 
+    def __str__(self) -> str:
+        return (
+            f"{self.name} of {shown(self.amplitude, 'm/s2')}, duration"
+            f" {shown(self.duration, 's')}, from {shown(self.start, 's')} on"
+        )
+
     @staticmethod
     @abc.abstractmethod
     def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude, at a time counted in durations from the start."""
+        """Acceleration over amplitude.
+
+        Parameters
+        ----------
+        phase : Array
+            Time since the start, in durations [-].
+
+        Returns
+        -------
+        share : Array, shape (...)
+            Of the amplitude [-].
+        """
 
     @property
     def end(self) -> Reals:
@@ -142,32 +266,39 @@ class Pulse(Motion):
 
     @property
     def intensity(self) -> Reals:
-        """I, the change of the ground velocity [m/s]."""
+        """Change of the ground velocity, I [m/s]."""
         return self.area * self.amplitude * self.duration
 
     @property
     def frequency(self) -> Reals:
-        """omega_p, the pulse's angular frequency in the literature [rad/s]."""
+        """Angular frequency of the pulse in the literature, omega_p [rad/s]."""
         return self.angle / self.duration
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Horizontal and vertical acceleration [m/s2], continued beyond start and end."""
+        """Acceleration of the ground; see `Motion.value`."""
         horizontal = self.amplitude * self.shape((time - self.start) / self.duration)
         return horizontal, jnp.zeros_like(horizontal)
 
     def knots(self) -> Float[Array, " knots"]:
-        """Times from start to end between which the acceleration is monotone."""
+        """The `turns` as times [s]; see `Motion.knots`."""
         return self.start + self.duration * jnp.asarray(self.turns, self.duration.dtype)
 
     def next_kink(self, time: Reals) -> Reals:
-        """The next kink inside: inf, a pulse has none."""
+        """The next kink: inf, a pulse has none inside; see `Motion.next_kink`."""
         return jnp.full_like(time, jnp.inf)
 
     def scaled(self, factor: Number) -> "Pulse":
-        """The same pulse, `factor` times as strong."""
+        """The same pulse, stronger; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
+
+
+def pulse_class(shape: Any) -> type[Pulse]:
+    """The shape of a pulse as it is given to functions, or a `ValueError`."""
+    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
+        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
+    return shape
 
 
 class Rectangular(Pulse):
@@ -176,6 +307,7 @@ class Rectangular(Pulse):
     Intensity ``a_p duration``; angular frequency pi / duration, as for half a period.
     """
 
+    __init__ = Pulse.__init__
     name = "rectangular pulse"
     turns = (0.0, 1.0)
     area = 1.0
@@ -193,6 +325,7 @@ class HalfSine(Pulse):
     Intensity ``2 a_p duration / pi``; angular frequency pi / duration.
     """
 
+    __init__ = Pulse.__init__
     name = "half-sine pulse"
     turns = (0.0, 0.5, 1.0)
     area = 2 / math.pi
@@ -210,6 +343,7 @@ class Sine(Pulse):
     A full period of a sine, so that its intensity is 0; angular frequency 2 pi / duration.
     """
 
+    __init__ = Pulse.__init__
     name = "one-sine pulse"
     turns = (0.0, 0.25, 0.75, 1.0)
     area = 0.0
@@ -228,6 +362,7 @@ class Cosine(Pulse):
     duration.
     """
 
+    __init__ = Pulse.__init__
     name = "one-cosine pulse"
     turns = (0.0, 0.5, 1.0)
     area = 0.0
@@ -248,6 +383,7 @@ class Ricker(Pulse):
     angular frequency 2 pi / duration.
     """
 
+    __init__ = Pulse.__init__
     name = "symmetric Ricker wavelet"
     turns = (0.0, 2 - math.sqrt(1.5) / math.pi, 2.0, 2 + math.sqrt(1.5) / math.pi, 4.0)
     area = 0.0
@@ -272,7 +408,7 @@ class Record(Motion):
     vertical : array_like, shape (..., samples), optional
         Vertical acceleration [m/s2], upward, of as many samples.
     scale : array_like, optional
-        Factor on both. What is differentiated to it costs one derivative; to the samples,
+        Factor on both [-]. What is differentiated to it costs one derivative; to the samples,
         as many as there are.
     start : array_like, optional
         Time of the first sample [s], at least 0.
@@ -282,6 +418,13 @@ class Record(Motion):
     ValueError
         If a concrete value is outside of what is allowed, or if the numbers of samples
         differ or are less than two.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> record = jr.Record([0.0, 2.0, -1.0, 0.0], time_step=0.1)
+    >>> print(f"{record.horizontal(0.05):.2f} m/s2, ends at {record.end:.1f} s")
+    1.00 m/s2, ends at 0.3 s
     """
 
     vertical: Reals | None
@@ -318,9 +461,16 @@ class Record(Motion):
                     f" got an array of shape {self.vertical.shape}"
                 )
 
+    def __str__(self) -> str:
+        return (
+            f"record of {self.samples} samples, step {shown(self.time_step, 's')}, from"
+            f" {shown(self.start, 's')} on: {shown(self.acceleration, 'm/s2')}, scale"
+            f" {shown(self.scale)}{'' if self.vertical is None else ', with vertical'}"
+        )
+
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Number of samples [-]."""
         return self.acceleration.shape[-1]
 
     @property
@@ -330,13 +480,13 @@ class Record(Motion):
 
     @property
     def intensity(self) -> Reals:
-        """I, the change of the ground velocity [m/s]."""
+        """Change of the ground velocity, I [m/s]."""
         a = self.acceleration
         total = a.sum(axis=-1) - 0.5 * (a[..., 0] + a[..., -1])
         return self.scale * total * self.time_step
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Horizontal and vertical acceleration [m/s2], continued beyond start and end."""
+        """Acceleration of the ground; see `Motion.value`."""
         position = (time - self.start) / self.time_step
         index = jnp.clip(jnp.floor(position), 0, self.samples - 2)
         along = position - index
@@ -347,14 +497,11 @@ class Record(Motion):
         return horizontal, self.scale * _between(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
-        """The times of the samples."""
+        """The times of the samples [s]; see `Motion.knots`."""
         return self.start + self.time_step * jnp.arange(self.samples, dtype=self.time_step.dtype)
 
     def next_kink(self, time: Reals) -> Reals:
-        """The time of the next sample, inf beyond the last one.
-
-        A time within rounding of a sample counts as that sample.
-        """
+        """The time of the next sample [s], inf beyond the last one; see `Motion.next_kink`."""
         position = (time - self.start) / self.time_step
         near = 4 * self.samples * jnp.finfo(position.dtype).eps
         index = jnp.maximum(jnp.floor(position + near) + 1, 0)
@@ -362,7 +509,7 @@ class Record(Motion):
         return jnp.where(index < self.samples, kink, jnp.inf)
 
     def scaled(self, factor: Number) -> "Record":
-        """The same record, both components `factor` times as strong."""
+        """The same record, both components stronger; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)

@@ -21,6 +21,7 @@ from .arguments import (
     quantity,
 )
 from .elementary import decaying_share_of_one, minus_log, one_minus_square, quotient_or_infinite
+from .printing import shown
 
 
 class Oscillator(Checked):
@@ -52,16 +53,22 @@ class Oscillator(Checked):
         self.angular_frequency = as_real("angular_frequency", angular_frequency)
         self.damping_ratio = as_real("damping_ratio", damping_ratio)
 
+    def __str__(self) -> str:
+        return (
+            f"angular frequency {shown(self.angular_frequency, 'rad/s')},"
+            f" damping ratio {shown(self.damping_ratio)}"
+        )
+
     @property
     @elementwise()
     def damped_frequency(self) -> Reals:
-        """Omega = omega sqrt(1 - xi^2) (Eq. 16) [rad/s]."""
+        """Damped angular frequency, Omega = omega sqrt(1 - xi^2) (Eq. 16) [rad/s]."""
         return self.angular_frequency * _damped_share(self)
 
     @property
     @elementwise()
     def velocity_decay(self) -> Reals:
-        """B = exp(-pi xi / sqrt(1 - xi^2)), velocity kept over a half-cycle (Eq. 18) [-].
+        """Velocity kept over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
 
         What the coefficient of restitution is to the block, except that the loss is spread
         over the half-cycle.
@@ -71,7 +78,7 @@ class Oscillator(Checked):
     @property
     @elementwise()
     def amplification(self) -> Reals:
-        """psi = 1 / (1 - B), stabilized displacement over the first (Eq. 23) [-].
+        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-].
 
         Infinite without damping.
         """
@@ -85,14 +92,19 @@ class Oscillator(Checked):
         Parameters
         ----------
         velocity : array_like
-            Velocity at time zero [m/s].
+            Velocity at time zero [m/s], finite.
         time : array_like
-            Time since then [s].
+            Time since then [s], finite.
 
         Returns
         -------
-        tuple of Array
+        displacement, velocity : Array, shape (...)
             Displacement [m] and velocity [m/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete argument is not finite; traced, it gives NaN.
         """
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
@@ -115,26 +127,59 @@ class Oscillator(Checked):
 
         Returns
         -------
-        Array
+        velocity : Array, shape (...)
             ``I (1 - B^i) / (1 - B)`` [m/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete argument is out of range. Traced ones give NaN.
         """
         share = decaying_share_of_one(_decrement(self), half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
 
     @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
-        """Displacement at a quarter of the damped period, as printed in Eq. 22 [m].
+        """Displacement at a quarter of the damped period, as printed in Eq. 22.
 
         Not the maximum, which comes earlier: see `peak_displacement`. The ratio of two such
         displacements (Eq. 23) is that of the maxima.
+
+        Parameters
+        ----------
+        velocity : array_like
+            With which it passed zero [m/s], finite and at least 0.
+
+        Returns
+        -------
+        displacement : Array, shape (...)
+            ``v exp(-pi xi / (2 sqrt(1 - xi^2))) / Omega`` [m].
+
+        Raises
+        ------
+        ValueError
+            If a concrete velocity is out of range; traced, it gives NaN.
         """
         return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
-        """Largest displacement after it passed zero with `velocity` [m].
+        """Largest displacement after it passed zero.
 
-        It is reached at ``tan(Omega t) = Omega / (xi omega)``.
+        Parameters
+        ----------
+        velocity : array_like
+            Then [m/s], finite and at least 0.
+
+        Returns
+        -------
+        displacement : Array, shape (...)
+            That at ``tan(Omega t) = Omega / (xi omega)`` [m].
+
+        Raises
+        ------
+        ValueError
+            As `quarter_cycle_displacement`.
         """
         phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
         decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
@@ -151,19 +196,40 @@ def equivalent_damping(restitution: Number) -> Reals:
     Parameters
     ----------
     restitution : array_like
-        C, between 0 and 1 [-].
+        C [-], between 0 and 1.
 
     Returns
     -------
-    Array
-        ``-0.68 ln(C)`` [-].
+    damping_ratio : Array, shape (...)
+        ``-0.68 ln(C)`` [-]; inf for C = 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete restitution is out of range; traced, it gives NaN.
     """
     return 0.68 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping_as_printed(restitution: Number) -> Reals:
-    """``-0.34 ln(C)`` as printed in Eq. 13: half of `equivalent_damping` [-]."""
+    """Half of `equivalent_damping`, as printed in Eq. 13.
+
+    Parameters
+    ----------
+    restitution : array_like
+        As in `equivalent_damping`, with its errors.
+
+    Returns
+    -------
+    beta : Array, shape (...)
+        ``-0.34 ln(C)`` [-].
+
+    Raises
+    ------
+    ValueError
+        If it is out of range.
+    """
     return 0.34 * minus_log(jnp.asarray(restitution))
 
 
@@ -171,10 +237,20 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
 def damping_from_decay(velocity_decay: Number) -> Reals:
     """Damping ratio of a lightly damped oscillator from its velocity decay B (Eq. 19).
 
+    Parameters
+    ----------
+    velocity_decay : array_like
+        B [-], between 0 and 1; see `Oscillator.velocity_decay`.
+
     Returns
     -------
-    Array
+    xi : Array, shape (...)
         ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete decay is out of range; traced, it gives NaN.
     """
     return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
 

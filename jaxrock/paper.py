@@ -138,7 +138,7 @@ FILES = (
     "table_1.csv",
     "table_2.csv",
     "table_3.csv",
-    *(f"figure_{name}.png" for name in ("3", "4a", "4b", "5", "6", "7", "8")),
+    *(f"figure_{name}.png" for name in ("1", "2", "3", "4a", "4b", "5", "6", "7", "8")),
 )
 
 
@@ -146,7 +146,7 @@ def write(report: Report, folder: Path) -> None:
     """Write `FILES` into an existing folder: the report, its tables and the figures."""
     import matplotlib.pyplot as plt
 
-    from .plot import plot_curves
+    from .plot import plot_block, plot_curves, plot_resonance
 
     for number, table in (("1", "I"), ("2", "II"), ("3", "III")):
         path = folder / f"table_{number}.csv"
@@ -156,14 +156,25 @@ def write(report: Report, folder: Path) -> None:
             for entry in report.entries:
                 if entry.table == table:
                     writer.writerow((*entry[1:], entry.agrees))
-    drawn = figures()
-    for name, (variable, hue, title) in drawn.items():
+    curves, scene = figures(), _scene(3.0, 0.8, 0.7)
+    pulses = f"$I$ = {INTENSITY} m/s"
+    titles = {
+        "figure_1": r"a block, $\lambda$ = 3, $2b$ = 0.8 m",
+        "figure_2": rf"$\lambda$ = 3, $2b$ = 0.8 m, $C$ = 0.7, {pulses}",
+        **{name: f"{title}, {pulses}" for name, (_, _, title) in curves.items()},
+    }
+    for name, title in titles.items():
         figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
-        plot_curves(variable, hue, ax=ax)
-        ax.set_title(f"Fig. {name.removeprefix('figure_')}: {title}, $I$ = {INTENSITY} m/s")
+        if name == "figure_1":
+            plot_block(scene.block, ax=ax)
+        elif name == "figure_2":
+            plot_resonance(scene, ax=ax)
+        else:
+            variable, hue, _ = curves[name]
+            plot_curves(variable, hue, ax=ax)
+        ax.set_title(f"Fig. {name.removeprefix('figure_')}: {title}")
         figure.savefig(folder / f"{name}.png", dpi=150)
         plt.close(figure)
-    titles = {name: title for name, (_, _, title) in drawn.items()}
     (folder / "report.md").write_text(_markdown(report, titles), encoding="utf-8")
 
 

@@ -10,10 +10,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .arguments import NON_NEGATIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
+from .arguments import (
+    NON_NEGATIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Number,
+    Reals,
+    as_real,
+    check,
+    of_one_precision,
+)
 from .block import Block
 from .free import Linearized, Nonlinear
-from .motion import Pulse
+from .motion import Pulse, pulse_class
+from .printing import listed
+from .progress import with_clock
 from .response import Driven, Response, Status, follow
 
 _LONGEST = 200.0  # time to wait for an impact, times p
@@ -43,6 +54,10 @@ class PulsedPhase(NamedTuple):
     peak_rotation: Reals
     rotation_ratio: Reals
     stands: Booleans
+
+    def __str__(self) -> str:
+        units = {"velocity": "rad/s", "period": "s", "peak_rotation": "rad"}
+        return listed(self, **dict.fromkeys(self._fields, "") | units)
 
 
 def pulsed_next_velocity(
@@ -80,12 +95,13 @@ def pulsed_next_velocity(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If an argument is not scalar, or a concrete one is out of range.
     """
     block, restitution, pulse, velocity = _checked(block, restitution, pulse, velocity, rtol)
     return _next(block, restitution, pulse, velocity, linearized, rtol)
 
 
+@with_clock("pulsed phase")
 def pulsed_phase(
     block: Block,
     restitution: Number,
@@ -101,16 +117,8 @@ def pulsed_phase(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C [-], between 0 and 1.
-    pulse : Pulse
-        What acts from each impact on, outward.
-    linearized : bool
-        Linearize the equation of motion; see `respond`.
-    rtol : float
-        Tolerance of the integration, at most 0.001.
+    block, restitution, pulse, linearized, rtol
+        As in `pulsed_next_velocity`.
 
     Returns
     -------
@@ -119,7 +127,7 @@ def pulsed_phase(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        As there.
     """
     block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0, rtol)
     return _phase(block, restitution, pulse, linearized, rtol)
@@ -144,7 +152,11 @@ class PulsedVerge(NamedTuple):
     rate: Reals
     lifts: Booleans
 
+    def __str__(self) -> str:
+        return listed(self, amplitude="m/s2", intensity="m/s", rate="", lifts="")
 
+
+@with_clock("critical amplitude of pulses")
 def critical_pulsed_amplitude(
     block: Block,
     restitution: Number,
@@ -161,18 +173,12 @@ def critical_pulsed_amplitude(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C [-], between 0 and 1.
+    block, restitution, linearized, rtol
+        As in `pulsed_next_velocity`.
     shape : type
         `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
     duration : float
         Duration of the pulses [s], greater than 0.
-    linearized : bool
-        Linearize the equation of motion; see `respond`.
-    rtol : float
-        Tolerance of the integration, at most 0.001.
 
     Returns
     -------
@@ -183,11 +189,10 @@ def critical_pulsed_amplitude(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If `shape` is no class of pulses, or a concrete argument is out of range.
     """
-    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
-        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
-    block, restitution, pulse, _ = _checked(block, restitution, shape(1.0, duration), 0.0, rtol)
+    pulse = pulse_class(shape)(1.0, duration)
+    block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0, rtol)
     return _verge(block, restitution, pulse, linearized, rtol)
 
 
@@ -276,12 +281,10 @@ def _checked(
     block.check()
     pulse.check()
     parts = (block, restitution, pulse, velocity)
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*jax.tree.leaves(parts))
     for leaf in jax.tree.leaves(parts):
         if leaf.ndim:
             raise ValueError(f"arguments must be scalar, got an array of shape {leaf.shape}")
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), parts)
+    return of_one_precision(parts)
 
 
 def _half_cycle(

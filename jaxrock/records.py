@@ -93,6 +93,15 @@ def read_record(
         If the file cannot be read, is neither of the two formats or contradicts itself, if
         anything in it is missing or not a finite number, if the time step is not uniform, or
         if there are less than two samples. It names the file and the line.
+
+    Examples
+    --------
+    >>> from importlib.resources import files
+    >>> import jaxrock as jr
+    >>> path = files("jaxrock") / "data" / "ridgecrest_2019_clc.csv"
+    >>> record = jr.read_record(str(path), unit="g", column="east_g", time_step=0.01)
+    >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
+    6001 samples, 0.01 s apart
     """
     path = Path(path)
     if time_step is not None:
@@ -133,7 +142,7 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     Returns
     -------
     Record
-        Accelerations of shape (samples,) in m/s2 and the time step in s, from time 0 on.
+        As from `read_record`.
 
     Raises
     ------
@@ -167,6 +176,11 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
         The horizontal component, positive to where its name says.
     vertical : bool
         Whether to include the vertical component.
+
+    Returns
+    -------
+    Record
+        6001 samples [m/s2], 0.01 s apart.
 
     Raises
     ------

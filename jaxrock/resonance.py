@@ -22,6 +22,7 @@ from .arguments import (
 from .block import Block
 from .elementary import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from .free import FreeRocking, Linearized
+from .printing import shown
 
 
 class Scene(Checked):
@@ -33,7 +34,8 @@ class Scene(Checked):
     restitution : array_like
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     intensity : array_like
-        I, the change of ground velocity in each pulse [m/s], finite and at least 0.
+        I, the change of ground velocity in each pulse [m/s], finite and at least 0. All
+        three broadcast.
 
     Raises
     ------
@@ -62,10 +64,26 @@ class Scene(Checked):
         self.restitution = as_real("restitution", restitution)
         self.intensity = as_real("intensity", intensity)
 
+    def __str__(self) -> str:
+        return (
+            f"{self.block}\nrestitution {shown(self.restitution)},"
+            f" pulses of {shown(self.intensity, 'm/s')}"
+        )
+
 
 @elementwise()
 def launch_velocity(scene: Scene) -> Reals:
-    """Velocity at the beginning of the first half-cycle (Eq. 2) [rad/s]."""
+    """Velocity at the beginning of the first half-cycle (Eq. 2).
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    velocity : Array, shape (...)
+        `Block.pulse_velocity` of the intensity [rad/s].
+    """
     return scene.block.pulse_velocity(scene.intensity)
 
 
@@ -84,8 +102,13 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
 
     Returns
     -------
-    Array
+    velocity : Array, shape (...)
         Launch velocity of the next half-cycle [rad/s].
+
+    Raises
+    ------
+    ValueError
+        If a concrete velocity is not finite or negative; traced, it gives NaN.
     """
     return scene.restitution * velocity + launch_velocity(scene)
 
@@ -105,8 +128,22 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 
     Returns
     -------
-    Array
+    velocity : Array, shape (...)
         ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete half-cycle is not a whole number from 1 on or inf; traced, it gives NaN.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> velocities = jr.half_cycle_velocity(wall, jnp.array([1.0, 2.0, 3.0]))
+    >>> print(*(f"{velocity:.3f}" for velocity in velocities), "rad/s")
+    0.054 0.092 0.118 rad/s
     """
     share = share_of_one(scene.restitution, half_cycle)
     return quotient_or_infinite(launch_velocity(scene), share)
@@ -116,9 +153,13 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 def stabilized_velocity(scene: Scene) -> Reals:
     """Limit of the launch velocity (Eq. 10), whether or not the block stands.
 
+    Parameters
+    ----------
+    scene : Scene
+
     Returns
     -------
-    Array
+    velocity : Array, shape (...)
         ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
     """
     return _unlimited(launch_velocity(scene), scene)
@@ -132,11 +173,19 @@ def stabilized_period(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : Linearized or Nonlinear
+        Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
 
     Returns
     -------
-    Array
+    period : Array, shape (...)
         T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.stabilized_period(wall):.3f} s")
+    1.104 s
     """
     x, intensity, stands = _stabilized(scene, model)
     half = model._half_cycle_duration(scene.block, x, intensity)
@@ -151,10 +200,11 @@ def stabilized_rotation(scene: Scene, model: FreeRocking = Linearized()) -> Real
     ----------
     scene : Scene
     model : Linearized or Nonlinear
+        Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
     Returns
     -------
-    Array
+    rotation : Array, shape (...)
         alpha*_max [rad]; NaN where the block overturns.
     """
     x, intensity, stands = _stabilized(scene, model)
@@ -169,11 +219,19 @@ def rotation_ratio(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : Linearized or Nonlinear
+        Linearized, it is as much too small as `stabilized_rotation`.
 
     Returns
     -------
-    Array
+    ratio : Array, shape (...)
         alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.rotation_ratio(wall):.4f}, {jr.rotation_ratio(wall, jr.Nonlinear()):.4f}")
+    0.1232, 0.1240
     """
     x, _, stands = _stabilized(scene, model)
     return jnp.where(stands, model._rotation_ratio(scene.block, x), jnp.nan)
@@ -187,10 +245,11 @@ def amplification(scene: Scene, model: FreeRocking = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : Linearized or Nonlinear
+        Linearized, it is right for weak pulses.
 
     Returns
     -------
-    Array
+    zeta : Array, shape (...)
         zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
         it tends to ``1 / (1 - C)^2``.
     """
@@ -213,12 +272,20 @@ def overturning_margin(scene: Scene, model: FreeRocking = Linearized()) -> Reals
     ----------
     scene : Scene
     model : Linearized or Nonlinear
+        Linearized, v_c is 0.16 % too large at slenderness 5: the unsafe side.
 
     Returns
     -------
-    Array
+    margin : Array, shape (...)
         ``1 - (v* / v_c)^2`` [-]: 1 without pulses, positive while the block stands, at
         most 0 where it has no stabilized phase, -inf for C = 1.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.overturning_margin(wall):.3f}")
+    0.769
     """
     x, limited = _limit(scene, model)
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
@@ -232,10 +299,11 @@ def overturning_half_cycle(scene: Scene, model: FreeRocking = Linearized()) -> R
     ----------
     scene : Scene
     model : Linearized or Nonlinear
+        Linearized, it may be too late: v_c is too large.
 
     Returns
     -------
-    Array
+    half_cycle : Array, shape (...)
         Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
         floating-point number; inf where there is none. Its derivative is zero.
     """

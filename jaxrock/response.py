@@ -26,12 +26,14 @@ from .arguments import (
     Reals,
     as_real,
     check,
+    of_one_precision,
 )
 from .block import Block
 from .equation import Equation
 from .fate import margins_of
 from .forward import through_jacobian
 from .motion import Motion
+from .printing import listed
 
 REST, RISING, FALLING, OVER = range(4)
 _MAX_STEPS = 2**20
@@ -66,7 +68,7 @@ class Response(eqx.Module):
         When it passed the critical angle for the last time [s]; NaN if it stands, or if that
         comes after the duration.
     margin : Array
-        `fate_margin` at the end of the input: negative where the block falls.
+        `fate_margin` at the end of the input [-]: negative where the block falls.
     impacts : Array of int
         Number of impacts.
     impact_times, impact_velocities : Array, shape (impacts,)
@@ -76,10 +78,12 @@ class Response(eqx.Module):
         Whether it rests on the ground at the end of the duration.
     friction_demand, normal_force : Array
         Largest ratio of horizontal to normal force at the base, and smallest normal force
-        over weight, at rest and in every step of the motion. A negative normal force means
+        over weight [-], at rest and in every step of the motion. A negative normal force means
         that the block would have left the ground: the model is broken there.
     status : Array of int
         A `Status`; other than 0 or 1, the answers are NaN.
+    cuts, scene, linearized
+        What `history` integrates from.
     """
 
     final_rotation: Reals
@@ -110,9 +114,9 @@ class Response(eqx.Module):
 
         Returns
         -------
-        tuple of Array
-            Rotation [rad] and angular velocity [rad/s]; NaN outside. A block that has
-            overturned stays where it lies.
+        rotation, velocity : Array, shape (...)
+            alpha [rad] and its rate [rad/s]; NaN outside. A block that has overturned stays
+            where it lies.
         """
         times = as_real("time", time).astype(self.cuts.time.dtype)
         flat, cuts = times.reshape(-1), self.cuts
@@ -134,7 +138,17 @@ class Response(eqx.Module):
 
     def __str__(self) -> str:
         if jnp.ndim(self.status) or isinstance(self.status, jax.core.Tracer):
-            return repr(self)
+            return listed(
+                self,
+                status="",
+                overturned="",
+                margin="",
+                peak_rotation="rad",
+                peak_time="s",
+                impacts="",
+                friction_demand="",
+                normal_force="of the weight",
+            )
         status = Status(int(self.status))
         if status not in (Status.COMPLETE, Status.LIST_FULL):
             return f"no response: {status.name.lower()}"
@@ -829,11 +843,8 @@ def respond(
         check(name, numbers[name], domain)
     block.check()
     motion.check()
-    driven = Driven(block=block, motion=motion, **numbers)
-    leaves = jax.tree.leaves(driven)
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*leaves)
-    driven = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), driven)
+    driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
+    dtype = driven.restitution.dtype
     scalars: dict[str, Any] = {"block": block, "motion": (motion.end, motion.intensity)}
     for name, leaf in (scalars | numbers).items():
         if any(jnp.ndim(part) for part in jax.tree.leaves(leaf)):

@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from .printing import listed, table
+
 Answer = Callable[[Any], Any]
 
 _TOGETHER = 2**14  # samples computed at once
@@ -26,9 +28,9 @@ class Sensitivities(NamedTuple):
     names : tuple of str
         Of the numbers.
     at : ndarray, shape (numbers,)
-        Where the derivatives are taken.
+        Where the derivatives are taken, each in its unit.
     value : float
-        The answer there.
+        The answer there, in the unit of the answer.
     gradient : ndarray, shape (numbers,)
         Slope to each number.
     elasticity : ndarray, shape (numbers,)
@@ -45,10 +47,8 @@ class Sensitivities(NamedTuple):
     hessian: np.ndarray
 
     def __str__(self) -> str:
-        lines = [f"{self.value:.6g}", f"{'':20}{'at':>12}{'slope':>14}{'elasticity':>14}"]
-        for row in zip(self.names, self.at, self.gradient, self.elasticity, strict=True):
-            lines.append(f"{row[0]:20}{row[1]:12.6g}{row[2]:14.6g}{row[3]:14.6g}")
-        return "\n".join(lines)
+        columns = {"at": self.at, "slope": self.gradient, "elasticity": self.elasticity}
+        return table(f"{self.value:.6g}", self.names, **columns)
 
 
 class Swing(NamedTuple):
@@ -74,13 +74,8 @@ class Swing(NamedTuple):
     value: float
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.value:.6g}",
-            f"{'':20}{'low':>12}{'high':>12}{'at low':>14}{'at high':>14}",
-        ]
-        for name, *row in zip(*self[:5], strict=True):
-            lines.append(f"{name:20}{row[0]:12.6g}{row[1]:12.6g}{row[2]:14.6g}{row[3]:14.6g}")
-        return "\n".join(lines)
+        columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
+        return table(f"{self.value:.6g}", self.names, **columns)
 
 
 class Scatter(NamedTuple):
@@ -95,8 +90,9 @@ class Scatter(NamedTuple):
     shares : dict
         Of the variance to first order, by number.
     holds : bool
-        Whether second order is a correction to the first: not so where the answer bends so
-        much within the scatter, or where it is chaotic, that neither is to be trusted.
+        Whether second order is a correction to the first, and right along the steepest way,
+        where there must be an answer up to two deviations away: not so where it bends too
+        much within the scatter, is chaotic, or ceases to exist because the block overturns.
     """
 
     mean_first: float
@@ -105,6 +101,9 @@ class Scatter(NamedTuple):
     deviation: float
     shares: dict[str, float]
     holds: bool
+
+    def __str__(self) -> str:
+        return listed(self, **dict.fromkeys(self._fields, ""))
 
 
 class Probability(NamedTuple):
@@ -135,6 +134,9 @@ class Probability(NamedTuple):
     misjudged: float
     holds: bool
 
+    def __str__(self) -> str:
+        return listed(self, **dict.fromkeys(self._fields, ""))
+
 
 class GlobalSensitivities(NamedTuple):
     """Derivative-based measures over ranges; see `global_sensitivities`.
@@ -162,6 +164,11 @@ class GlobalSensitivities(NamedTuple):
     mean: float
     deviation: float
     left_out: float
+
+    def __str__(self) -> str:
+        first = f"{self.mean:.6g} +- {self.deviation:.6g}, left out {self.left_out:.3g}"
+        columns = {name: getattr(self, name) for name in ("mean_slope", "measure", "bound")}
+        return table(first, self.names, **columns)
 
 
 class _Numbers(NamedTuple):
@@ -238,12 +245,12 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
     >>> print(jr.sensitivities(jr.rotation_ratio, wall))
     0.123215
-                                  at         slope    elasticity
-    half_width                   0.4     -0.329681      -1.07027
-    slenderness                    5     0.0280581       1.13859
-    gravity                     9.81    -0.0134427      -1.07027
-    restitution                  0.7       0.87915       4.99457
-    intensity                   0.15        1.7583       2.14053
+                                    at         slope    elasticity
+    half_width                     0.4     -0.329681      -1.07027
+    slenderness                      5     0.0280581       1.13859
+    gravity                       9.81    -0.0134427      -1.07027
+    restitution                    0.7       0.87915       4.99457
+    intensity                     0.15        1.7583       2.14053
     """
     numbers = _Numbers.of(at)
     function = numbers.scalar(answer)
@@ -292,9 +299,9 @@ def tornado(answer: Answer, at: Any, ranges: Mapping[str, tuple[float, float]]) 
     >>> ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8)}
     >>> print(jr.tornado(jr.rotation_ratio, wall, ranges))
     0.123215
-                                 low        high        at low       at high
-    restitution                  0.6         0.8     0.0673033      0.307402
-    slenderness                    4           6     0.0954255       0.15161
+                                   low          high        at low       at high
+    restitution                    0.6           0.8     0.0673033      0.307402
+    slenderness                      4             6     0.0954255       0.15161
     """
     numbers = _Numbers.of(at)
     places = numbers.chosen("ranges", ranges)
@@ -350,9 +357,8 @@ def propagate(answer: Answer, at: Any, variation: Mapping[str, float]) -> Scatte
 
     z = jnp.zeros(len(variation))
     slope_of = jax.jacfwd(standard)
-    value, slope, curvature = jax.jit(
-        lambda z: (standard(z), slope_of(z), jax.jacfwd(slope_of)(z))
-    )(z)
+    expanded = jax.jit(lambda z: (standard(z), slope_of(z), jax.jacfwd(slope_of)(z)))
+    value, slope, curvature = expanded(z)
     variance = float((slope**2).sum())
     second = variance + 0.5 * float((curvature**2).sum())
     shares = np.asarray(slope**2) / (variance if variance else 1.0)
@@ -363,8 +369,24 @@ def propagate(answer: Answer, at: Any, variation: Mapping[str, float]) -> Scatte
         mean,
         second**0.5,
         dict(zip(variation, shares.tolist(), strict=True)),
-        second <= 1.5 * variance and abs(mean - float(value)) <= 0.5 * variance**0.5,
+        second <= 1.5 * variance
+        and abs(mean - float(value)) <= 0.5 * variance**0.5
+        and _is_quadratic(lambda z: expanded(z)[0], value, slope, curvature),
     )
+
+
+def _is_quadratic(function: Any, value: Any, slope: Any, curvature: Any) -> bool:
+    """Whether the expansion is right a deviation away, and there is an answer two away."""
+    deviation = jnp.sqrt((slope**2).sum())
+    steepest = slope / jnp.where(deviation > 0, deviation, 1.0)
+    bend = steepest @ curvature @ steepest
+    for way in (-1.0, 1.0):
+        expected = value + way * deviation + 0.5 * bend
+        if not abs(function(way * steepest) - expected) <= 0.5 * deviation:
+            return False
+        if not jnp.isfinite(function(2 * way * steepest)):
+            return False
+    return True
 
 
 def monte_carlo(
@@ -378,12 +400,8 @@ def monte_carlo(
 
     Parameters
     ----------
-    answer : callable
-        From a pytree of numbers to one number.
-    at : pytree
-        Medians.
-    variation : dict
-        Coefficient of variation by name.
+    answer, at, variation
+        As in `propagate`.
     samples : int
         How many.
     seed : int
@@ -396,7 +414,7 @@ def monte_carlo(
     Raises
     ------
     ValueError
-        If a name is not one of `at`, or a coefficient is negative.
+        As `propagate`.
     """
     numbers, _, physical = _scattering(at, variation)
     z = np.random.default_rng(seed).standard_normal((samples, len(variation)))
@@ -439,7 +457,7 @@ def failure_probability(
     Raises
     ------
     ValueError
-        If a name is not one of `at`, or a coefficient is negative.
+        As `propagate`; also if nothing scatters.
 
     Examples
     --------
@@ -474,7 +492,7 @@ def failure_probability(
     # Beyond where away . z > beta + u . K u / 2, u the rest of z.
     bend, twist = 0.5 * np.trace(curvature), 0.5 * (curvature**2).sum()
     first = _normal(-beta)
-    second = _normal(-(beta + bend) / (1 + twist) ** 0.5)
+    second = _normal(-(beta + float(bend)) / (1 + float(twist)) ** 0.5)
 
     drawn = np.random.default_rng(seed).standard_normal((samples, len(variation)))
     fails = _sampled(standard, drawn) < 0

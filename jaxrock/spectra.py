@@ -20,6 +20,7 @@ from .critical import critical_intensity
 from .files import written_whole
 from .free import FreeRocking, Linearized, Nonlinear
 from .model_error import linearized_is_enough
+from .progress import with_progress
 from .resonance import (
     Scene,
     amplification,
@@ -50,7 +51,7 @@ class _Variable(NamedTuple):
 
 _PIECE = 2**16  # of points of one rung
 
-_AXES = {
+AXES = {
     "slenderness": _Axis("slenderness, height over width", "1", POSITIVE),
     "width": _Axis("full width 2b of the base", "m", POSITIVE),
     "restitution": _Axis("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
@@ -149,8 +150,7 @@ def resonance_spectrum(
         raise ValueError(f"chunk must be at least 1, got {chunk}")
     given = (slenderness, width, restitution, intensity)
     axes = {
-        name: axis(name, value, _AXES[name].domain)
-        for name, value in zip(_AXES, given, strict=True)
+        name: axis(name, value, AXES[name].domain) for name, value in zip(AXES, given, strict=True)
     }
     template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, tolerance, gravity)
 
@@ -178,6 +178,13 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """Write a spectrum as CSV: a column each dimension and variable, a row each grid point.
 
     Part by part, so that the table need not fit into memory. An existing file is replaced.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `resonance_spectrum`.
+    path : str or path
+        The file to write.
 
     Raises
     ------
@@ -257,7 +264,7 @@ def _template(
         name: (
             (name,) if name in dims else (),
             values if name in dims else values[0],
-            {"long_name": _AXES[name].long_name, "units": _AXES[name].units},
+            {"long_name": AXES[name].long_name, "units": AXES[name].units},
         )
         for name, values in axes.items()
     }
@@ -380,10 +387,3 @@ def _store(
         if str(error).startswith("NetCDF:"):  # how it reports a full disk, among others
             raise OSError(str(error)) from error
         raise
-
-
-def with_progress(items: Any, label: str) -> Any:
-    """`items`, showing progress if they take long and standard error is a terminal."""
-    from tqdm import tqdm
-
-    return tqdm(items, desc=label, delay=2.0, disable=None, leave=False)

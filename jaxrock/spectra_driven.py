@@ -12,8 +12,9 @@ from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, as_real, c
 from .batch import BatchResponse, respond_batch
 from .block import Block, housner_restitution
 from .critical_driven import critical_amplitude
-from .motion import Motion, Pulse
-from .spectra import Values, axis, chunks_of, with_progress
+from .motion import Motion, Pulse, pulse_class
+from .progress import with_progress
+from .spectra import Values, axis, chunks_of
 from .within import Within, respond_within
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 _CHUNK = 2**14
 
-_AXES: Mapping[str, tuple[str, str, Domain]] = {
+AXES: Mapping[str, tuple[str, str, Domain]] = {
     "period": ("period 2 pi / p of the block", "s", POSITIVE),
     "slenderness": ("slenderness, height over width", "1", POSITIVE),
     "restitution": ("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
@@ -88,7 +89,7 @@ def rocking_spectrum(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If an argument is out of range, or a motion could not be followed.
 
     Examples
     --------
@@ -169,7 +170,7 @@ def overturning_spectrum(
         "amplitude_ratio": _axis("amplitude_ratio", amplitude_ratio),
     }
     block, c, just_lifts = _normal_block(slenderness, restitution, linearized)
-    p, of = float(block.frequency_parameter), _pulse_class(shape)
+    p, of = float(block.frequency_parameter), pulse_class(shape)
 
     respond = _responding(linearized, model, tolerance)
 
@@ -229,7 +230,7 @@ def overturning_map(
     block, c, just_lifts = _normal_block(slenderness, restitution, linearized)
     title, parts = "Overturning map", []
     for (part,) in with_progress(list(chunks_of([ratios.size], 256)), title.lower()):
-        duration = _pulse_class(shape).angle / (ratios[part] * float(block.frequency_parameter))
+        duration = pulse_class(shape).angle / (ratios[part] * float(block.frequency_parameter))
         found = critical_amplitude(
             block,
             c,
@@ -252,7 +253,7 @@ def overturning_map(
 
     both = ("frequency_ratio", "boundary")
     first = np.concatenate([np.asarray(found.overturns_first) for found in parts])
-    long_name, units, _ = _AXES["amplitude_ratio"]
+    long_name, units, _ = AXES["amplitude_ratio"]
     variables = {
         "amplitude_ratio": (
             both,
@@ -275,7 +276,7 @@ def overturning_map(
             {"long_name": "1 where it overturns at the lowest amplitude", "units": "1"},
         ),
     }
-    long_name, units, _ = _AXES["frequency_ratio"]
+    long_name, units, _ = AXES["frequency_ratio"]
     attributes = {
         "title": title,
         "source": f"jaxrock {version('jaxrock')}",
@@ -291,12 +292,6 @@ def overturning_map(
         "frequency_ratio": ("frequency_ratio", ratios, {"long_name": long_name, "units": units})
     }
     return xarray.Dataset(variables, coordinates, attributes)
-
-
-def _pulse_class(shape: Any) -> type[Pulse]:
-    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
-        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
-    return shape
 
 
 def _normal_block(
@@ -325,7 +320,7 @@ def _promise(model: str | None, tolerance: float) -> dict[str, float]:
 
 
 def _axis(name: str, value: Values) -> np.ndarray:
-    return axis(name, value, _AXES[name][2])
+    return axis(name, value, AXES[name][2])
 
 
 def _housner(block: Block) -> np.ndarray:
@@ -367,7 +362,7 @@ def _dataset(
         for name, (long_name, units) in (_VARIABLES | _WITHIN if extra else _VARIABLES).items()
     }
     coordinates = {
-        name: (name, values, {"long_name": _AXES[name][0], "units": _AXES[name][1]})
+        name: (name, values, {"long_name": AXES[name][0], "units": AXES[name][1]})
         for name, values in axes.items()
     }
     attributes = {

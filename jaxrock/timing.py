@@ -4,9 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .arguments import UNIT_INTERVAL, Number, as_real, check
+from .arguments import UNIT_INTERVAL, Number, as_real, check, of_one_precision
 from .block import Block
 from .free import FreeRocking, Linearized
+from .progress import with_clock
 from .train import Rocker, follow
 from .worst import Train, shot
 
@@ -14,6 +15,7 @@ _LATE = (0.05, 0.1, 0.2)  # half-cycles
 _STEP = 0.005  # relative, of spacings and strengths
 
 
+@with_clock("timing costs")
 def timing_costs(
     block: Block, restitution: Number, count: int, model: FreeRocking = Linearized()
 ) -> dict[str, float]:
@@ -21,10 +23,8 @@ def timing_costs(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    block, restitution : Block, float
+        One block and its C [-], between 0 and 1.
     count : int
         Number of pulses, at least 2.
     model : Linearized or Nonlinear
@@ -41,7 +41,7 @@ def timing_costs(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If `restitution` is not between 0 and 1, or `count` less than 2.
 
     Examples
     --------
@@ -60,9 +60,8 @@ def timing_costs(
     block.check()
     if count < 2:
         raise ValueError(f"count must be at least 2, got {count}")
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*jax.tree.leaves((block, restitution)))
-    block, restitution = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (block, restitution))
+    block, restitution = of_one_precision((block, restitution))
+    dtype = restitution.dtype
     rocker = Rocker(block, restitution, model)
     unit = float(rocker.unit)
     ones, first = jnp.ones(count, dtype), jnp.arange(count) == 0

@@ -25,9 +25,9 @@ from .fidelity import CLOSED, DrivenScene
 from .free import Linearized, Nonlinear
 from .model_error import model_error
 from .motion import HalfSine, Pulse, Rectangular
+from .progress import with_progress
 from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
 from .response import SOLVERS, Driven, Method, Response, compiled, follow
-from .spectra import with_progress
 
 if TYPE_CHECKING:
     import xarray
@@ -80,7 +80,20 @@ class Tradeoff(NamedTuple):
     dataset: "xarray.Dataset"
 
     def best(self, tolerance: float, batch: int | None = None) -> str | None:
-        """The fastest setting that keeps a tolerance, in words; None if there is none."""
+        """The fastest setting that keeps a tolerance.
+
+        Parameters
+        ----------
+        tolerance : float
+            Relative.
+        batch : int, optional
+            Among the settings measured at this size of batch; of all unless given.
+
+        Returns
+        -------
+        str or None
+            In words; None if there is none.
+        """
         found = self.dataset.where(self.dataset.error <= tolerance, drop=True)
         if batch is not None:
             found = found.where(found.batch == batch, drop=True)
@@ -90,7 +103,17 @@ class Tradeoff(NamedTuple):
         return f"{row.label.item()} ({_duration(float(row.seconds))} an answer)"
 
     def sentence(self, batch: int | None = None) -> str:
-        """For which accuracy to use what, on this machine."""
+        """For which accuracy to use what, on this machine.
+
+        Parameters
+        ----------
+        batch : int, optional
+            As in `best`.
+
+        Returns
+        -------
+        str
+        """
         parts: list[str] = []
         for tolerance in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10):
             best = self.best(tolerance, batch)
@@ -98,7 +121,13 @@ class Tradeoff(NamedTuple):
         return "; ".join(parts) + "."
 
     def notes(self) -> list[str]:
-        """Which values of a dial are on no front, by what was measured."""
+        """Which values of a dial are on no front, by what was measured.
+
+        Returns
+        -------
+        list of str
+            A sentence for each such dial.
+        """
         rows = self.dataset
         lines = []
         dials = {

@@ -8,9 +8,19 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from .arguments import FINITE, NON_NEGATIVE, UNIT_INTERVAL, Number, Numbers, as_real, check
+from .arguments import (
+    FINITE,
+    NON_NEGATIVE,
+    UNIT_INTERVAL,
+    Number,
+    Numbers,
+    as_real,
+    check,
+    of_one_precision,
+)
 from .block import Block
 from .free import FreeRocking, Linearized
+from .printing import listed
 
 _BOUNCES = 10**5
 
@@ -118,7 +128,7 @@ class TrainResponse(NamedTuple):
     ----------
     velocity_ratio : Array, shape (pulses,)
         After each pulse, the velocity with which the block would have left the ground (and
-        will land) over the critical one.
+        will land) over the critical one [-].
     peak_rotation : Array
         Largest rotation, also after the last pulse [rad]; pi / 2 if it overturns.
     overturned : Array of bool
@@ -135,6 +145,9 @@ class TrainResponse(NamedTuple):
     overturned: Any
     side: Any
     complete: Any
+
+    def __str__(self) -> str:
+        return listed(self, overturned="", peak_rotation="rad", velocity_ratio="", complete="")
 
 
 def respond_to_train(
@@ -167,7 +180,8 @@ def respond_to_train(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If there are not as many times as intensities, if the times decrease, or if a
+        concrete argument is out of range.
 
     Examples
     --------
@@ -197,9 +211,7 @@ def respond_to_train(
     concrete = not isinstance(numbers[1], jax.core.Tracer)
     if concrete and (np.diff(np.asarray(numbers[1])) < 0).any():
         raise ValueError("times must not decrease")
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*jax.tree.leaves((block, numbers)))
-    block, numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (block, numbers))
+    block, numbers = of_one_precision((block, numbers))
     return follow(Rocker(block, numbers[0], model), numbers[1], numbers[2])
 
 

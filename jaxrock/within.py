@@ -11,6 +11,7 @@ from .arguments import POSITIVE, Number, as_real, check
 from .batch import BatchResponse, respond_batch
 from .block import Block
 from .motion import Pulse, Record
+from .printing import listed
 
 ORDERS = (4, 6, 8, 10)
 _SAFETY = 1.25  # an order is off by what the next one differs by, and by what that is off by
@@ -47,6 +48,9 @@ class Within(NamedTuple):
     cheapest: Int[np.ndarray, "..."]
     kept: Bool[np.ndarray, "..."]
 
+    def __str__(self) -> str:
+        return f"{self.response}\n{listed(self, order='', error='', kept='')}"
+
 
 def respond_within(
     blocks: Block,
@@ -60,15 +64,10 @@ def respond_within(
 
     Parameters
     ----------
-    blocks : Block
-    restitution : array_like
-        C [-], between 0 and 1.
-    motion : Motion
-        A pulse or a `Record`. Everything broadcasts; see `respond_batch`.
+    blocks, restitution, motion, linearized
+        As in `respond_batch`, where everything broadcasts.
     tolerance : float
         On the peak rotation, relative.
-    linearized : bool
-        Linearize the equation of motion; see `respond`.
 
     Returns
     -------

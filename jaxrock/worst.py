@@ -8,9 +8,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Number, as_real, check
+from .arguments import (
+    NON_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Number,
+    as_real,
+    check,
+    of_one_precision,
+)
 from .block import Block
 from .free import FreeRocking, Linearized
+from .progress import with_clock
 from .train import Flight, Rocker
 
 Goal = Literal["smallest largest", "smallest total", "most rotation"]
@@ -205,7 +214,7 @@ class WorstTrain(NamedTuple):
     impacts_between : ndarray of int, shape (pulses,)
         Impacts between a pulse and the one before it.
     delays : ndarray, shape (pulses,)
-        Time from the last impact to the pulse, over the half-cycle that it falls into.
+        Time from the last impact to the pulse, over the half-cycle that it falls into [-].
     largest, total : float
         Largest and total magnitude of the pulses [m/s].
     peak_rotation : float
@@ -252,6 +261,7 @@ class WorstTrain(NamedTuple):
         return "\n".join(lines)
 
 
+@with_clock("worst train")
 def worst_train(
     block: Block,
     restitution: Number,
@@ -274,10 +284,8 @@ def worst_train(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    block, restitution : Block, float
+        One block and its C [-], between 0 and 1.
     count : int
         Number of pulses, at least 1.
     goal : str
@@ -349,9 +357,8 @@ def worst_train(
             f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
             f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
         )
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*jax.tree.leaves((block, restitution)))
-    block, restitution = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (block, restitution))
+    block, restitution = of_one_precision((block, restitution))
+    dtype = restitution.dtype
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
     rocker = Rocker(block, restitution, model)

@@ -34,7 +34,11 @@ def pytest_configure(config):
     jax.config.update("jax_enable_x64", config.getoption("--precision") == "64")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    for item in items:  # the first one stays, since it is what the README shows
+        if item.path.suffix == ".ipynb" and not item.path.name.startswith("1"):
+            item.add_marker("thorough")
     if config.getoption("--precision") == "32":
         left_out = [item for item in items if item.get_closest_marker("float64")]
         config.hook.pytest_deselected(items=left_out)

@@ -186,10 +186,11 @@ def loop(rocker, pieces, substeps, negligible=1e-9, settle=0.0):
     return Outcome(peak, margin < 0, impacts, alpha, velocity, margin)
 
 
-def with_events(rocker, pieces, settle=0.0, rtol=1e-12):
+def with_events(rocker, pieces, settle=0.0, rtol=1e-12, start=(0.0, 0.0)):
     """SciPy's DOP853, restarted at every impact; for pulses."""
-    alpha = velocity = peak = 0.0
-    side, resting, impacts, margin = 1, True, [], None
+    alpha, velocity = start
+    peak, impacts, margin = abs(alpha), [], None
+    side, resting = (-1 if (alpha or velocity) < 0 else 1), start == (0.0, 0.0)
     last = pieces[-1].end
     for piece in [*pieces, Piece(last, last + settle, lambda t: (0.0, 0.0))]:
         if margin is None and piece.begin >= last:

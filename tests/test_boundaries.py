@@ -188,6 +188,17 @@ def test_record():
 
 
 @pytest.mark.thorough
+@pytest.mark.thorough
+def test_mode_beside_a_narrow_window():
+    """Not that of what lies beyond the window, which stands."""
+    block, factors = jr.Block(0.2, 5.0), jnp.linspace(0.5, 2.5, 41)
+    found = jr.overturning_boundaries(block, 0.9, jr.example_record(), "factor", factors)
+    beyond = jr.example_record().scaled(found.value[0] * (1 + 1e-9))
+    falls = jr.respond_batch(block, 0.9, beyond)
+    assert falls.overturned
+    assert found.impacts[0] == falls.impacts > 200
+
+
 def test_under_transformations():
     def edges(slenderness):
         block = jr.Block(0.1, slenderness)

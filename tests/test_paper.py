@@ -75,6 +75,9 @@ def test_files(report, tmp_path):
     assert "93 of 94 printed numbers agree" in text
     assert "10 of 10 claims hold, 6 of 6 known faults reproduced" in text
     assert text.count("| **no**") == 1
+    figures = [name.removesuffix(".png") for name in paper.FILES if name.endswith(".png")]
+    assert figures[:2] == ["figure_1", "figure_2"]
+    assert all(f"]({name}.png)" in text for name in figures)
     assert len((tmp_path / "table_3.csv").read_text(encoding="utf-8").splitlines()) == 51
     for name in paper.FILES:
         if name.endswith(".png"):

@@ -1,15 +1,43 @@
+"""What the figures show: their lines against the answers, limits, labels and legends."""
+
+import functools
+import inspect
+import re
+
+import jax
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray
+from matplotlib.patches import Polygon
 from PIL import Image
 
 import jaxrock as jr
-from jaxrock.plot import animate, plot_curves, plot_phase, plot_response, plot_spectrum
+from jaxrock import plot, tradeoff
+from jaxrock.plot import (
+    animate,
+    plot_block,
+    plot_convergence,
+    plot_curves,
+    plot_distribution,
+    plot_overturning_map,
+    plot_phase,
+    plot_resonance,
+    plot_response,
+    plot_rocking_curves,
+    plot_rocking_spectrum,
+    plot_sensitivity_map,
+    plot_shares,
+    plot_spectrum,
+    plot_tornado,
+    plot_tradeoff,
+    plot_train,
+)
+from jaxrock.train import Rocker
+from jaxrock.worst import Train, shot
 
-
-@pytest.fixture(scope="module")
-def spectrum():
-    return jr.resonance_spectrum(np.linspace(3, 10, 29), [0.4, 1.2], [0.6, 0.8], 0.15)
+WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 
 
 @pytest.fixture(autouse=True)
@@ -18,24 +46,183 @@ def close_figures():
     plt.close("all")
 
 
+@pytest.fixture(scope="module")
+def spectrum():
+    return jr.resonance_spectrum(np.linspace(3, 10, 29), [0.4, 1.2], [0.6, 0.8], 0.15)
+
+
+@pytest.fixture(scope="module")
+def response():
+    return jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(3.5, 0.7), 4.0)
+
+
+@pytest.fixture(scope="module")
+def boundaries():
+    return jr.overturning_map(jr.Sine, [2.0, 3.0], (1.0, 12.0), restitution=0.9)
+
+
+@pytest.fixture(scope="module")
+def rocking():
+    """As of `rocking_spectrum`, the smaller blocks overturning."""
+    dimensions = ("period", "slenderness", "restitution")
+    ratio = np.linspace(0.9, 0.1, 20).reshape(5, 2, 2)
+    attributes = {"period": "s", "slenderness": "1", "restitution": "1"}
+    coordinates = {
+        "period": np.linspace(2, 6, 5),
+        "slenderness": [4, 6.0],
+        "restitution": [0.8, 0.9],
+    }
+    return xarray.Dataset(
+        {"rotation_ratio": (dimensions, ratio), "overturned": (dimensions, 1 * (ratio > 0.5))},
+        {k: (k, v, {"units": attributes[k]}) for k, v in coordinates.items()},
+    )
+
+
+@pytest.fixture(scope="module")
+def scatter():
+    return jr.propagate(jr.rotation_ratio, WALL, {"intensity": 0.1, "restitution": 0.05})
+
+
+@pytest.fixture(scope="module")
+def swing():
+    ranges = {"slenderness": (4.0, 6.0), "intensity": (0.1, 0.4)}
+    return jr.tornado(jr.rotation_ratio, WALL, ranges)
+
+
+def train(times, intensities, skips, delays):
+    """A train as a search would give it; the objectives of two starts are made up."""
+    return jr.WorstTrain(
+        times=np.asarray(times),
+        intensities=np.asarray(intensities),
+        impacts_between=np.asarray(skips),
+        delays=np.asarray(delays),
+        largest=float(np.abs(intensities).max()),
+        total=float(np.abs(intensities).sum()),
+        peak_rotation=np.nan,
+        overturns=False,
+        converged=True,
+        objectives=np.array([0.5, 0.4]),
+        history=np.array([[1.0, 0.6, 0.5], [0.8, 0.5, 0.4]]),
+        goal="smallest largest",
+    )
+
+
+SLOPES = xarray.DataArray(
+    np.array([[1.0, -2.0, 3.0], [np.nan, 0.0, -4.0]]),
+    {"half_width": [0.5, 0.6], "slenderness": [3.0, 4.0, 5.0]},
+    ("half_width", "slenderness"),
+    attrs={"long_name": "elasticity", "units": "1"},
+)
+
+
+def legend_of(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def looks_of(ax):
+    """What tells the entries of the legend apart but colour."""
+    looks = []
+    for handle in ax.get_legend().legend_handles:
+        if hasattr(handle, "get_linestyle") and hasattr(handle, "get_marker"):
+            dashes = handle._unscaled_dash_pattern[1]
+            dashes = tuple(dashes) if dashes else handle.get_linestyle()
+            looks.append((dashes, handle.get_marker()))
+        else:
+            grey = np.dot(np.ravel(handle.get_facecolor())[:3], (0.299, 0.587, 0.114))
+            looks.append((round(float(grey), 1), handle.get_hatch()))
+    return looks
+
+
+@pytest.fixture(scope="module")
+def calls(spectrum, response, boundaries, rocking, scatter, swing):
+    """A call of every function that takes axes, and the number of entries in its legend."""
+    pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
+    samples = jr.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
+    nine = jr.resonance_spectrum([3.0, 4.0], np.linspace(0.4, 1.2, 9), 0.6, 0.15)
+    table = tradeoff_table()
+    return {
+        plot_block: (lambda ax: plot_block(jr.Block(0.4, 5.0), ax=ax), 0),
+        plot_curves: (lambda ax: plot_curves(nine.period.squeeze(drop=True), "width", ax=ax), 9),
+        plot_convergence: (lambda ax: plot_convergence(pulses, ax), 0),
+        plot_distribution: (
+            lambda ax: plot_distribution(samples, scatter, ax, "rotation ratio [-]"),
+            4,
+        ),
+        plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
+        plot_phase: (lambda ax: plot_phase(response, ax), 2),
+        plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
+        plot_response: (lambda ax: plot_response(response, ax), 1),
+        plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 2),
+        plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 0),
+        plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
+        plot_tornado: (lambda ax: plot_tornado(swing, ax, "rotation ratio [-]"), 2),
+        plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 10),
+        plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
+    }
+
+
+def tradeoff_table():
+    """Nine families of settings: more than there are markers."""
+    rows = [
+        {
+            **{"label": "", "rung": "lockstep", "bits": 64, "batch": 10**k, "solver": "-"},
+            **{"locate": "-", "tolerance": np.nan, "order": 8, "default": k == 2},
+            **{"error": 10.0 ** (-k), "seconds": 10.0 ** (k - 9)},
+            **{"spread": 0.1, "compilation": 1.0},
+        }
+        for k in range(9)
+    ]
+    return tradeoff._dataset(rows, tradeoff.default_scene(), 1e-14)
+
+
+@pytest.mark.float64
+def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
+    whole = {animate, plot_spectrum, plot_rocking_spectrum}
+    assert {getattr(plot, name) for name in plot.__all__} == whole | set(calls)
+    for function, (call, entries) in calls.items():
+        name = function.__name__
+        _, given = plt.subplots()
+        assert call(given) is given, name
+        new = call(None)
+        assert new is not given, name
+        for ax in (new, *new.figure.axes, *new.child_axes):
+            for axis in (ax.xaxis, ax.yaxis):
+                label = axis.get_label().get_text()
+                # Without a label: names of numbers, or the neighbour's.
+                assert re.search(r" \[[^ ]+\]$", label) or not label, (name, label)
+        assert new.get_xlabel(), name
+        assert bool(new.get_ylabel()) == (function not in (plot_tornado, plot_shares)), name
+        looks = looks_of(new) if new.get_legend() else []
+        assert len(looks) == entries, name
+        assert len(set(looks)) == len(looks), (name, looks)
+        plt.close("all")
+
+
+def test_docstrings_say_what_all_have_in_common():
+    for name in plot.__all__:
+        function = getattr(plot, name)
+        doc = inspect.getdoc(function)
+        parameters = inspect.signature(function).parameters
+        assert all(f"\n{parameter} : " in doc for parameter in parameters), name
+        returns = "matplotlib.axes.Axes" if "ax" in parameters else "matplotlib.figure.Figure"
+        assert name == "animate" or f"Returns\n-------\n{returns}" in doc, name
+        assert doc.count("Parameters\n---") == 1, name
+
+
 def test_curves_end_where_the_block_overturns(spectrum):
-    _, given = plt.subplots()
     data = spectrum.rotation_ratio.sel(restitution=0.8)
-    ax = plot_curves(data, hue="width", ax=given)
-    assert ax is given
+    ax = plot_curves(data, hue="width")
     small, end, large = ax.get_lines()  # a cross where a curve ends
     np.testing.assert_array_equal(small.get_ydata(), data.sel(width=0.4))
     np.testing.assert_array_equal(large.get_ydata(), data.sel(width=1.2))
     assert end.get_xdata().tolist() == [4.75]  # overturns from a slenderness of 4.8
     assert end.get_marker() == "x"
-    assert small.get_linestyle() != large.get_linestyle()
     assert ax.get_xlim() == (3, 10)
     assert ax.get_ylim()[0] == 0
-    assert ax.get_xlabel() == r"slenderness $\lambda$"
-    assert ax.get_ylabel() == r"rotation ratio $\alpha^*_{max}/\alpha_c$"
-    legend = ax.get_legend()
-    assert legend.get_title().get_text() == "width $2b$ [m]"
-    assert [text.get_text() for text in legend.get_texts()] == ["0.4", "1.2"]
+    assert ax.get_xlabel() == r"slenderness $\lambda$ [-]"
+    assert ax.get_ylabel() == r"rotation ratio $\alpha^*_{max}/\alpha_c$ [-]"
+    assert ax.get_legend().get_title().get_text() == "width $2b$ [m]"
+    assert legend_of(ax) == ["0.4", "1.2"]
 
 
 def test_curves_begin_where_the_block_stands(spectrum):
@@ -49,16 +236,12 @@ def test_any_order_one_point_and_negative_values(spectrum):
     shuffled = spectrum.isel(slenderness=[28, 0, 14]).period.sel(restitution=0.6)
     line = plot_curves(shuffled, hue="width").get_lines()[0]
     assert line.get_xdata().tolist() == [3.0, 6.5, 10.0]
-    line = plot_curves(shuffled.isel(slenderness=[0]), hue="width").get_lines()[0]
-    assert line.get_marker() == "o"
+    ax = plot_curves(shuffled.isel(slenderness=[0]), hue="width")
+    assert [line.get_marker() for line in ax.get_lines()] == ["o", "s"]
+    assert ax.get_ylabel() == "stabilized period $T^*$ [s]"
     figure = plot_spectrum(spectrum, "overturning_margin")
     assert figure.axes[1].get_ylim()[0] < float(spectrum.overturning_margin.min()) < 0
-    assert figure.axes[0].get_ylabel() == "overturning margin"
-
-
-def test_new_axes_and_units(spectrum):
-    ax = plot_curves(spectrum.period.sel(width=0.4), hue="restitution")
-    assert ax.get_ylabel() == "stabilized period $T^*$ [s]"
+    assert figure.axes[0].get_ylabel() == "overturning margin [-]"
 
 
 def test_curves_refuse_other_dimensions(spectrum):
@@ -90,15 +273,27 @@ def test_of_many_values_some_are_drawn():
     assert without_pulses.axes[0].get_title() == "$C$ = 0.1"
 
 
-@pytest.fixture(scope="module")
-def response():
-    return jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(3.5, 0.7), 4.0)
+def test_rocking_spectrum(rocking):
+    ax = plot_rocking_curves(rocking.sel(restitution=0.9))
+    chosen = rocking.sel(restitution=0.9, slenderness=6.0)
+    assert 0 < int(chosen.overturned.sum()) < 5
+    expected = np.where(chosen.overturned == 0, chosen.rotation_ratio, np.nan)
+    drawn = next(line for line in ax.get_lines() if line.get_label() == "6")
+    np.testing.assert_array_equal(drawn.get_ydata(), expected)
+    assert ax.get_xlabel() == r"period $2\pi/p$ of the block [s]"
+    assert ax.get_ylabel() == r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]"
+    figure = plot_rocking_spectrum(rocking)
+    assert [panel.get_title() for panel in figure.axes] == ["$C$ = 0.8", "$C$ = 0.9"]
+    assert [panel.get_legend() is None for panel in figure.axes] == [True, False]
+    with pytest.raises(ValueError, match="variable must have the dimensions"):
+        plot_rocking_curves(rocking)
+    # Without a restitution of its own, Housner's.
+    one = rocking.isel(restitution=0, drop=True)
+    assert [panel.get_title() for panel in plot_rocking_spectrum(one).axes] == ["Housner's $C$"]
 
 
 def test_rotation_over_time(response):
-    _, given = plt.subplots()
-    ax = plot_response(response, given)
-    assert ax is given
+    ax = plot_response(response)
     curve, ticks, *levels = ax.get_lines()
     peak = float(response.peak_rotation / response.scene.block.critical_angle)
     assert np.abs(curve.get_ydata()).max() == pytest.approx(peak, rel=1e-4)
@@ -106,7 +301,23 @@ def test_rotation_over_time(response):
     assert np.isfinite(shown).sum() == response.impacts > 3
     assert sorted(line.get_ydata()[0] for line in levels) == [-1, 1]
     assert ax.get_ylim()[1] > peak
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", r"rotation $\alpha/\alpha_c$")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (
+        "time [s]",
+        r"rotation ratio $\alpha/\alpha_c$ [-]",
+    )
+    assert legend_of(ax) == ["impacts"]  # the critical angle lies outside
+
+
+def test_overturning_over_time():
+    response = jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(5.5, 0.9), 4.0)
+    ax = plot_response(response)
+    assert legend_of(ax) == ["impacts", "critical angle", "overturning"]
+    when = ax.get_lines()[-1].get_xdata()[0]
+    assert when == float(response.overturning_time)
+    curve = ax.get_lines()[0]
+    assert abs(np.interp(when, *curve.get_data())) == pytest.approx(1, abs=0.01)
+    # The fall, much faster, does not set the limits of the phase portrait.
+    assert 1.5 < plot_phase(response).get_ylim()[1] < 2
 
 
 def test_phase_portrait(response):
@@ -126,7 +337,120 @@ def test_phase_portrait(response):
         assert abs(y[0]) == pytest.approx(float(critical) / scale, rel=1e-5)
         assert np.interp(1, np.abs(x), np.abs(y)) == pytest.approx(0, abs=0.01)
     assert len(separatrix) == 4
-    assert ax.get_ylabel() == r"velocity $\dot\alpha/(p\,\alpha_c)$"
+    assert ax.get_ylabel() == r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]"
+
+
+def outline_of(ax):
+    return next(patch for patch in ax.patches if isinstance(patch, Polygon)).get_xy()[:4]
+
+
+@pytest.mark.parametrize("rotation", [0.1, -0.1])
+def test_block(rotation):
+    block = jr.Block(0.4, 5.0)
+    ax = plot_block(block, rotation)
+    corners = outline_of(ax)
+    side = np.sign(rotation)
+    # It stands on the corner O, leaning to its side, and keeps its size.
+    lowest = corners[np.argmin(corners[:, 1])]
+    np.testing.assert_allclose(lowest, [0.4 * side, 0], atol=1e-12)
+    top = corners[int(np.argmin(corners[:, 1])) ^ 3]  # the other end of that side
+    assert np.arctan2(top[0] - lowest[0], top[1]) == pytest.approx(rotation)
+    sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    np.testing.assert_allclose(sides, [0.8, 4.0, 0.8], rtol=1e-6)
+    # The lines have the lengths of their symbols.
+    lengths = [np.hypot(*np.ptp(line.get_xydata(), axis=0)) for line in ax.get_lines()[1:4]]
+    np.testing.assert_allclose(lengths, [float(block.half_diagonal), 2.0, 0.4], rtol=1e-6)
+    # And the arcs the angles.
+    angle, critical = [
+        patch.theta2 - patch.theta1 for patch in ax.patches if hasattr(patch, "theta1")
+    ]
+    assert np.radians(angle) == pytest.approx(0.1)
+    assert np.radians(critical) == pytest.approx(float(block.critical_angle), rel=1e-6)
+    symbols = {"$R$", "$a$", "$b$", "$G$", "$O$", r"$\alpha$", r"$\alpha_c$", r"$\ddot y$"}
+    assert {text.get_text() for text in ax.texts} - {""} == symbols
+    low, high = ax.get_xlim()
+    assert low < corners[:, 0].min() < corners[:, 0].max() < high
+    assert ax.get_aspect() == 1
+
+
+@pytest.mark.parametrize("slenderness", [0.5, 2.0, 5.0])
+def test_a_block_that_falls_stays_in_the_picture(slenderness):
+    block = jr.Block(0.4, slenderness)
+    for rotation in np.linspace(-np.pi / 2, np.pi / 2, 11):
+        ax = plot_block(block, float(rotation))
+        (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
+        x, y = outline_of(ax).T
+        assert x0 < x.min() <= x.max() < x1
+        assert y0 < y.min() <= y.max() < y1
+        plt.close("all")
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()])
+def test_resonance(model):
+    ax = plot_resonance(WALL, 6, model)
+    time, ratio = ax.get_lines()[0].get_data()
+    launches = jr.half_cycle_velocity(WALL, jnp.arange(1.0, 7.0))
+    peaks = model.peak_rotation(WALL.block, launches) / WALL.block.critical_angle
+    durations = np.asarray(model.half_cycle_duration(WALL.block, launches))
+    starts = np.cumsum(durations) - durations
+    assert time[-1] == pytest.approx(durations.sum())
+    for k in range(6):
+        part = ratio[(time >= starts[k]) & (time <= starts[k] + durations[k])]
+        assert part[np.argmax(abs(part))] == pytest.approx((-1) ** k * float(peaks[k]), rel=2e-3)
+    # Pulses of either sign in turn, right after the impacts, where the rotation is 0.
+    (above,) = ax.child_axes
+    ups, downs = (line.get_xydata() for line in above.get_lines()[1:])
+    pulses = np.concatenate([ups, downs])[np.array([0, 3, 1, 4, 2, 5])]
+    np.testing.assert_allclose(pulses[:, 0], starts, rtol=1e-6)
+    np.testing.assert_allclose(pulses[:, 1], 0.15 * np.array([1, -1] * 3), rtol=1e-6)
+    np.testing.assert_allclose(np.interp(starts, time, ratio), 0, atol=1e-9)
+    assert above.get_ylabel() == "$I$ [m/s]"
+    assert legend_of(ax) == ["stabilized peak"]
+    level = ax.get_lines()[2].get_ydata()[0]
+    assert level == pytest.approx(float(jr.rotation_ratio(WALL, model)))
+
+
+@pytest.mark.float64
+def test_resonance_until_it_overturns():
+    scene = jr.Scene(WALL.block, 0.7, 0.4)
+    assert int(jr.overturning_half_cycle(scene)) == 5
+    ax = plot_resonance(scene)
+    ratio = ax.get_lines()[0].get_ydata()
+    assert 1.19 < ratio[-1] < 1.2
+    assert sum(line.get_xdata().size for line in ax.child_axes[0].get_lines()[1:]) == 5
+    assert legend_of(ax) == ["critical angle"]
+    with pytest.raises(ValueError, match="half_cycles must be at least 1, got 0"):
+        plot_resonance(WALL, 0)
+    with pytest.raises(ValueError, match="intensity must be greater than 0"):
+        plot_resonance(jr.Scene(WALL.block, 0.7, 0.0))
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    "model", [jr.Linearized(), pytest.param(jr.Nonlinear(), marks=pytest.mark.thorough)]
+)
+def test_train(model):
+    """Pulses outward and inward, in flight and after impacts: as `respond_to_train` has it."""
+    rocker = Rocker(WALL.block, jnp.asarray(0.7), model)
+    skips, weights = np.array([0, 0, 1, 2]), np.array([1.0, 0.4, 0.7, -0.3])
+    phases = np.array([0.0, 0.3, 0.6, 0.2])
+    shape = Train(*(jnp.asarray(part) for part in (phases, weights, skips)))
+    outcome = jax.jit(functools.partial(shot, timed=True))(rocker, shape, jnp.asarray(0.5))
+    intensities = 0.5 * float(rocker.unit) * weights * np.asarray(outcome.sides)
+    times = np.asarray(outcome.times)
+    ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.late), model)
+    time, ratio = ax.get_lines()[0].get_data()
+    assert (np.diff(time) >= 0).all()
+    expected = jr.respond_to_train(WALL.block, 0.7, times, intensities, model)
+    peak = float(expected.peak_rotation / WALL.block.critical_angle)
+    assert abs(ratio).max() == pytest.approx(peak, rel=2e-3)
+    sides = np.sign(np.interp(times[1:], time, ratio))
+    np.testing.assert_array_equal(sides, np.asarray(expected.side)[1:])
+    # Where a pulse falls into a flight, that goes on: no jumps.
+    assert abs(np.diff(ratio)).max() < 0.1 * abs(ratio).max()
+    marks = np.concatenate([line.get_xydata() for line in ax.child_axes[0].get_lines()[1:]])
+    np.testing.assert_allclose(marks[marks[:, 0].argsort()], np.transpose([times, intensities]))
 
 
 def test_animation(response, tmp_path):
@@ -136,3 +460,121 @@ def test_animation(response, tmp_path):
         first = np.asarray(film.convert("L"), int)
         film.seek(5)
         assert np.abs(np.asarray(film.convert("L"), int) - first).max() > 50
+    animate(response, tmp_path / "part.gif", frames_per_second=5, span=(1.0, 2.0))
+    with Image.open(tmp_path / "part.gif") as film:
+        assert film.n_frames == 5
+    with pytest.raises(ValueError, match="span must be increasing and within 0 and 4 s"):
+        animate(response, tmp_path / "never.gif", span=(1.0, 5.0))
+    assert not (tmp_path / "never.gif").exists()
+
+
+@pytest.mark.float64
+def test_overturning_map(boundaries):
+    ax = plot_overturning_map(boundaries)
+    edges = boundaries.amplitude_ratio.values
+    drawn = np.concatenate([line.get_ydata() for line in ax.get_lines()])
+    np.testing.assert_array_equal(np.sort(drawn), np.sort(edges[np.isfinite(edges)]))
+    shaded, hatched = ax.collections
+    # At the first ratio: shaded from the first edge to the second, and from the third on.
+    first = edges[0][np.isfinite(edges[0])]
+    assert first.size == 3
+    areas = [path.get_extents() for path in shaded.get_paths()]
+    areas = [(area.y0, area.y1) for area in areas if area.x0 < 2 < area.x1]
+    assert areas == [(first[0], first[1]), (first[2], 12)]
+    windows = [path.get_extents() for path in hatched.get_paths()]
+    windows = [(window.y0, window.y1) for window in windows if window.x0 < 2 < window.x1]
+    assert windows == [(first[1], first[2])]
+    assert ax.get_yscale() == "log"
+    assert ax.get_ylim() == (1, 12)
+    assert ax.get_xlim() == (1.5, 3.5)
+    assert ax.get_xlabel() == r"frequency ratio $\omega_p/p$ [-]"
+    assert legend_of(ax)[:2] == ["overturns", "survives again"]
+    assert "boundary: after one impact" in legend_of(ax)
+    one = plot_overturning_map(boundaries.isel(frequency_ratio=[0]))
+    assert one.get_xlim() == pytest.approx((1.9, 2.1))
+
+
+def test_tornado(swing):
+    ax = plot_tornado(swing, label="rotation ratio [-]")
+    assert ax.get_xlabel() == "rotation ratio [-]"
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == [name.replace("_", " ") for name in swing.names]
+    ends = [bar.get_x() + bar.get_width() for bar in ax.patches]
+    answers = np.append(swing.at_low, swing.at_high)
+    np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=swing.value), rtol=1e-6)
+    texts = {text.get_text(): text for text in ax.texts}
+    assert set(texts) == {"0.1", "0.4: overturns", "4", "6"}
+    # The bar to the low end points to the left, what has none stands to the right.
+    assert texts["0.1"].get_ha() == "right"
+    assert texts["0.4: overturns"].get_ha() == "left"
+
+
+def test_sensitivity_map():
+    ax = plot_sensitivity_map(SLOPES)
+    mesh, lines = ax.collections
+    low, high = mesh.get_clim()
+    assert low == -high < 0  # white is zero
+    assert high == pytest.approx(np.quantile([1, 2, 3, 0, 4], 0.95))
+    wide = [w for level, w in zip(lines.levels, lines.get_linewidths(), strict=True) if level == 0]
+    assert wide == [max(lines.get_linewidths())]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (
+        r"slenderness $\lambda$ [-]",
+        "half-width $b$ [m]",
+    )
+    assert [other.get_ylabel() for other in ax.figure.axes[1:]] == ["elasticity [-]"]
+    with pytest.raises(ValueError, match="two dimensions"):
+        plot_sensitivity_map(SLOPES[0])
+    nothing = plot_sensitivity_map(SLOPES * np.nan)
+    assert len(nothing.collections) == 1
+
+
+def test_distribution(scatter):
+    samples = np.append(np.linspace(0, 1, 999), np.nan)
+    ax = plot_distribution(samples, scatter, label="rotation ratio [-]")
+    (histogram,) = ax.patches
+    heights, edges, _ = histogram.get_data()
+    assert heights.sum() == pytest.approx(0.999)
+    assert legend_of(ax) == [
+        "1,000 samples",
+        "normal, first order",
+        "normal, second order",
+        "0.1 % without an answer",
+    ]
+    for line, mean, deviation in (
+        (ax.get_lines()[0], scatter.mean_first, scatter.deviation_first),
+        (ax.get_lines()[1], scatter.mean, scatter.deviation),
+    ):
+        place, share = line.get_data()
+        assert place[share.argmax()] == pytest.approx(mean, abs=0.003)
+        normal = (edges[1] - edges[0]) / (deviation * np.sqrt(2 * np.pi))
+        assert share.max() == pytest.approx(normal, rel=1e-3)
+    assert plot_distribution(samples, scatter._replace(holds=False)).get_title()
+    with pytest.raises(ValueError, match="samples must have at least one answer"):
+        plot_distribution(np.full(3, np.nan))
+
+
+def test_shares(scatter):
+    ax = plot_shares(scatter)
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["intensity", "restitution"]  # the largest on top
+    np.testing.assert_allclose(
+        [bar.get_width() for bar in ax.patches], [100 * scatter.shares[name] for name in names]
+    )
+
+
+def test_convergence():
+    ax = plot_convergence(train([0.0], [0.4], [0], [0.0]))
+    first, second = (line.get_ydata() for line in ax.get_lines())
+    np.testing.assert_allclose(first, [1.5, 0.5, 0.25])
+    np.testing.assert_allclose(second, [1.0, 0.25, 1e-16], atol=1e-15)
+    assert ax.get_yscale() == "log"
+    assert ax.get_title() == "smallest largest: 2 starts"
+
+
+@pytest.mark.float64
+def test_tradeoff():
+    ax = plot_tradeoff(tradeoff_table())
+    assert legend_of(ax)[0] == "lockstep"
+    assert legend_of(ax)[-1] == "default"
+    ring = ax.get_lines()[-1]
+    assert (ring.get_xdata().item(), ring.get_ydata().item()) == (1e-7, 1e-2)

@@ -4,29 +4,14 @@ import ast
 import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
+import jaxrock as jr
+from jaxrock.commands import Run
+
 README = Path(__file__).parent.parent / "README.md"
-
-
-@pytest.mark.float64
-def test_quickstart():
-    code = re.search(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[1]
-    namespace, compared = {}, 0
-    for statement in ast.parse(code).body:
-        source = ast.get_source_segment(code, statement)
-        if not isinstance(statement, ast.Expr):
-            exec(source, namespace)
-            continue
-        value = eval(source, namespace)
-        comment = code.splitlines()[statement.end_lineno - 1].partition("#")[2]
-        for number, found in zip(
-            re.findall(r"\b0?\d\.\d+", comment), np.ravel(value), strict=False
-        ):
-            assert f"{found:.{len(number.partition('.')[2])}f}" == number, source
-            compared += 1
-    assert compared == 7
 
 
 BLOCKS = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
@@ -35,6 +20,85 @@ BEGIN = "\n".join(BLOCKS[0].splitlines()[:8]) + "\n"
 
 def block_with(words):
     return next(block for block in BLOCKS if words in block)
+
+
+def compared(code, namespace):
+    """Run it; how many answers begin as the comment beside them says."""
+    count = 0
+    for statement in ast.parse(code).body:
+        source = ast.get_source_segment(code, statement)
+        if not isinstance(statement, ast.Expr):
+            exec(source, namespace)
+            continue
+        value = np.ravel(eval(source, namespace))
+        comment = code.splitlines()[statement.end_lineno - 1].partition("#")[2]
+        for said in re.findall(r"\b(?:True|False|nan)|-?\b0?\d+\.\d+(?:e[-+]\d+)?", comment):
+            found, value = value[0], value[1:]
+            if said in ("True", "False"):
+                assert bool(found) == (said == "True"), source
+            else:
+                assert float(found) == pytest.approx(float(said), rel=6e-3, nan_ok=True), source
+                digits = len(said.partition("e")[0].partition(".")[2])
+                kind = "e" if "e" in said else "f"
+                assert f"{found:.{digits}{kind}}" == said, source
+            count += 1
+            if not value.size:
+                break
+    return count
+
+
+@pytest.mark.float64
+def test_quickstart():
+    assert compared(BLOCKS[0], {}) == 7
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_sharp_edges():
+    namespace = {}
+    exec(BEGIN, namespace)
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        assert compared(block_with("A textbook formula"), namespace) == 13
+
+
+def test_the_study_passes_its_check(tmp_path):
+    study = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[1]
+    path = tmp_path / "study.toml"
+    path.write_text(study, encoding="utf-8")
+    jobs = Run(study=path).jobs()
+    assert [job.command.width for job in jobs] == [0.4, 0.4]
+    assert [type(job.command.motion) for job in jobs] == [jr.Record, jr.HalfSine]
+
+
+def test_architecture_lists_every_file_and_imports_run_downwards():
+    package = README.parent / "jaxrock"
+    text = (README.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    rooms = text.partition("jaxrock/\n")[2].partition("notebooks/ ")[0]
+    listed = [line.split()[0].strip("/") for line in rooms.splitlines()]
+    above = {name.removesuffix(".py"): rank for rank, name in enumerate(listed)}
+    assert len(above) == len(listed)
+    files = [path for path in package.rglob("*.py") if not path.name.startswith("__")]
+    rooms = {path: path.relative_to(package).parts[0].removesuffix(".py") for path in files}
+    assert {*rooms.values(), "data"} == set(above)
+    for path, room in rooms.items():
+        depth = len(path.relative_to(package).parts)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level == depth:
+                names = [node.module] if node.module else [alias.name for alias in node.names]
+                for name in names:
+                    assert above[name.split(".")[0]] < above[room], (path.name, name)
+
+
+@pytest.mark.float64
+def test_every_row_that_is_measured_is_in_the_readme():
+    import measured
+
+    text = README.read_text(encoding="utf-8")
+    table = text.partition(measured.BEGIN)[2].partition(measured.END)[0]
+    for row in measured.ROWS:
+        assert f"| {row.what} | " in table
+        assert (README.parent / row.where).exists()
+    assert table.count("\n| ") == len(measured.ROWS) + 1
 
 
 @pytest.mark.float64

@@ -60,6 +60,11 @@ def test_scatter():
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
     assert found.deviation == pytest.approx(samples.std(), rel=1e-2)
     assert found.holds
+    # Near the verge the samples that overturn have no answer, which no derivative sees.
+    near = jr.Scene(WALL.block, 0.7, 0.28)
+    scatter = {"restitution": 0.05, "intensity": 0.1}
+    assert np.isnan(jr.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean() > 0.2
+    assert not jr.propagate(jr.rotation_ratio, near, scatter).holds
     # Second order is nearer than first.
     assert abs(found.mean - samples.mean()) < 0.2 * abs(found.mean_first - samples.mean())
     assert abs(found.deviation - samples.std()) < abs(found.deviation_first - samples.std())

@@ -6,7 +6,7 @@ import xarray
 
 import jaxrock as jr
 from jaxrock import tradeoff
-from jaxrock.plot_design import plot_tradeoff
+from jaxrock.plot import plot_tradeoff
 
 pytestmark = pytest.mark.float64
 

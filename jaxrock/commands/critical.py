@@ -1,0 +1,168 @@
+"""``jaxrock critical``."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from .options import Answer, BlockOptions, Grid, MotionOptions, Writing, values, write_rows
+
+if TYPE_CHECKING:
+    from ..boundaries import Boundaries
+
+_CLOSED_FORMS = (
+    "critical_intensity",
+    "critical_width",
+    "critical_slenderness",
+    "critical_restitution",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Critical(MotionOptions, BlockOptions, Writing):
+    """What just overturns a block: pulses timed to its impacts, a pulse that lasts, a record.
+
+    Without a pulse or a record: critical intensities in closed form, by both equations, and
+    the width, slenderness and restitution with which the given intensity just overturns.
+    With one: every boundary between standing and overturning along a quantity. Writes
+    critical.csv if given a folder.
+
+    Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
+    """
+
+    intensity: float = 0.15
+    """Change of ground velocity in each instantaneous pulse [m/s]."""
+    half_cycles: tuple[float, ...] = (1.0, 2.0, 5.0, math.inf)
+    """In how many half-cycles instantaneous pulses are to overturn the block."""
+    out: Path | None = None
+    """Folder for critical.csv; none is written if not given."""
+    amplitude: float | None = 1.0
+    """Largest acceleration of the pulse [m/s2], if not sought."""
+    pulse_duration: float | None = None
+    """Duration of the pulse [s]. Not needed if sought."""
+    along: (
+        Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
+        | None
+    ) = None
+    """What to seek: the amplitude of a pulse and the factor on a record if not given."""
+    tried: Grid | None = None
+    """Values to try, one by one or START:STOP:COUNT. If not given, amplitudes 1 to 10 times what
+    just lifts the block, or factors 0.05:5:397."""
+    linearized: bool = False
+    """Linearize the equation of motion under a pulse or a record."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One table."""
+        return ("critical.csv",)
+
+    @property
+    def sought(self) -> str:
+        """The quantity along which boundaries are sought."""
+        return self.along or ("amplitude" if self.pulse else "factor")
+
+    @property
+    def motion(self) -> Any:
+        """The pulse or the record; a duration that is sought may be any."""
+        if self.sought == "duration" and self.pulse_duration is None:
+            return replace(self, pulse_duration=1.0).motion
+        return super().motion
+
+    def check(self) -> None:
+        """The block, the question and the files."""
+        from ..arguments import COUNT, NON_NEGATIVE, check
+
+        assert self.block
+        assert self.coefficient >= 0
+        check("intensity", self.intensity, NON_NEGATIVE)
+        for number in self.half_cycles:
+            check("half_cycles", number, COUNT)
+        if not self.shaken:
+            if self.along is not None or self.tried is not None or self.linearized:
+                raise ValueError("along, tried and linearized go with a pulse or a record")
+        else:
+            assert self.motion
+            if self.tried is not None:
+                values("tried", self.tried)
+            elif self.sought not in ("amplitude", "factor"):
+                raise ValueError(f"tried must be given along {self.sought}")
+        super().check()
+
+    def run(self) -> Answer:
+        """Solve in closed form, or search in driven motion."""
+        if self.shaken:
+            found = self._boundaries()
+            names = [self.sought, "overturns_beyond", "impacts", "flat"]
+            rows, text = _rows(found, names), str(found)
+        else:
+            rows = self._closed_form()
+            names = ["half_cycles", "equation", *_CLOSED_FORMS]
+            text = "\n".join(self._lines(rows))
+        if self.out is not None:
+            with self.written() as scratch:
+                write_rows(rows, scratch / "critical.csv", names)
+        return self.finished(text, {"rows": rows})
+
+    def _boundaries(self) -> "Boundaries":
+        import numpy as np
+
+        from ..boundaries import overturning_boundaries
+        from ..critical_driven import critical_amplitude
+        from ..motion import Pulse
+
+        motion: Any = self.motion
+        block, c = self.block, self.coefficient
+        if self.sought == "amplitude" and self.tried is None and isinstance(motion, Pulse):
+            found = critical_amplitude(
+                block, c, type(motion), motion.duration, linearized=self.linearized
+            )
+        else:
+            tried = np.asarray(values("tried", self.tried or ("0.05:5:397",)))
+            found = overturning_boundaries(
+                block, c, motion, self.sought, tried, linearized=self.linearized
+            )
+        if not bool(found.complete):
+            raise ValueError("motion could not be followed to its end for every value tried")
+        return found
+
+    def _closed_form(self) -> list[dict[str, Any]]:
+        from .. import critical as inverse
+        from ..free import Linearized, Nonlinear
+        from ..resonance import Scene
+
+        scene = Scene(self.block, self.coefficient, self.intensity)
+        rows = []
+        for number in self.half_cycles:
+            for model in (Linearized(), Nonlinear()):
+                found = (
+                    inverse.critical_intensity(scene.block, scene.restitution, number, model),
+                    inverse.critical_width(scene, number, model),
+                    inverse.critical_slenderness(scene, number, model),
+                    inverse.critical_restitution(scene, number, model),
+                )
+                row = {"half_cycles": number, "equation": type(model).__name__.lower()}
+                rows.append(row | dict(zip(_CLOSED_FORMS, map(float, found), strict=True)))
+        return rows
+
+    def _lines(self, rows: list[dict[str, Any]]) -> list[str]:
+        lines = [
+            f"restitution {self.coefficient:.6g}; width, slenderness and restitution are those"
+            f" that {self.intensity:g} m/s just overturn",
+            "half-cycles  equation     intensity [m/s]  width [m]  slenderness  restitution",
+        ]
+        for row in rows:
+            number, equation, *found = row.values()
+            lines.append(
+                f"{number:<11g}  {equation:<11}  {found[0]:<15.6g}  {found[1]:<9.5g}"
+                f"  {found[2]:<11.5g}  {found[3]:.6g}"
+            )
+        return lines
+
+
+def _rows(found: "Boundaries", names: Sequence[str]) -> list[dict[str, Any]]:
+    import numpy as np
+
+    columns = (found.value, found.overturns_beyond, found.impacts, found.flat)
+    table = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+    return [dict(zip(names, row, strict=True)) for row in table]

@@ -1,0 +1,268 @@
+"""What commands have in common: options, checks before anything runs, and what they answer."""
+
+import abc
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+
+import tyro
+
+if TYPE_CHECKING:
+    from ..block import Block
+    from ..motion import Motion
+
+Grid = tuple[str, ...]
+Equation = Literal["linearized", "nonlinear"]
+PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
+
+
+class Answer(NamedTuple):
+    """What a command has to say: as text, as data for JSON, and the exit code."""
+
+    text: str
+    data: Mapping[str, Any]
+    code: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(abc.ABC):
+    """One command: its options are its fields."""
+
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print JSON; null stands for what does not exist or never happens."""
+
+    @abc.abstractmethod
+    def check(self) -> None:
+        """Raise `ValueError` for what is not allowed, before anything expensive is done."""
+
+    @abc.abstractmethod
+    def run(self) -> Answer:
+        """Do it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Writing(Command):
+    """A command that writes files."""
+
+    out: Path | None
+    """Folder to write to; made if it is missing."""
+    force: bool = False
+    """Overwrite existing files."""
+
+    @property
+    @abc.abstractmethod
+    def names(self) -> Sequence[str]:
+        """The names of its files."""
+
+    @property
+    def files(self) -> list[str]:
+        """The paths of its files; none without a folder."""
+        return [] if self.out is None else [str(self.out / name) for name in self.names]
+
+    def check(self) -> None:
+        """Files that exist are in the way unless they may be overwritten."""
+        from ..files import check_free
+
+        if self.out is not None:
+            check_free("out", self.out, self.names, self.force)
+
+    def written(self) -> AbstractContextManager[Path]:
+        """A folder to write the files into, all or none; see `written_whole`."""
+        from ..files import written_whole
+
+        assert self.out is not None
+        return written_whole("out", self.out, self.names, self.force)
+
+    def finished(self, text: str, data: Mapping[str, Any], code: int = 0) -> Answer:
+        """The answer, with the files that were written."""
+        return Answer("\n".join([text, *self.files]), {**data, "files": self.files}, code)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockOptions:
+    """Options that describe one block."""
+
+    width: float = 0.8
+    """Full width 2b of the base [m]."""
+    height: float | None = None
+    """Full height 2a [m]. Give this or the slenderness."""
+    slenderness: float | None = None
+    """Height over width [-]. 5 if neither is given."""
+    restitution: float | None = None
+    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
+    gravity: float = 9.81
+    """Acceleration of gravity [m/s2]."""
+
+    @property
+    def block(self) -> "Block":
+        """The block."""
+        from ..arguments import POSITIVE, check
+        from ..block import Block
+
+        check("width", self.width, POSITIVE)
+        if self.height is not None and self.slenderness is not None:
+            raise ValueError("height and slenderness exclude each other, got both")
+        if self.height is not None:
+            return Block.from_size(self.width, self.height, self.gravity)
+        slenderness = 5.0 if self.slenderness is None else self.slenderness
+        return Block(self.width / 2, slenderness, self.gravity)
+
+    @property
+    def coefficient(self) -> float:
+        """The coefficient of restitution."""
+        from ..arguments import UNIT_INTERVAL, check
+        from ..block import housner_restitution
+
+        if self.restitution is not None:
+            check("restitution", self.restitution, UNIT_INTERVAL)
+            return self.restitution
+        housner = float(housner_restitution(self.block))
+        if housner < 0:
+            raise ValueError(
+                f"restitution must be given for a block this stocky: Housner's is"
+                f" {housner:.3g}, and it must be between 0 and 1"
+            )
+        return housner
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions:
+    """Options that describe a record."""
+
+    record: str | None = None
+    """A file .AT2 or .csv, or "example" for the one that comes along."""
+    unit: str | None = None
+    """Unit of the record."""
+    column: str | None = None
+    """Column of the horizontal acceleration in a .csv."""
+    vertical: str | None = None
+    """Column, or file .AT2, of the vertical acceleration."""
+    time_step: float | None = None
+    """Time between samples of a .csv without times [s]."""
+    scale: float = 1.0
+    """Factor on the ground motion."""
+
+    @property
+    def motion(self) -> "Motion":
+        """The record, scaled."""
+        from ..records import example_record, read_record
+
+        if self.record is None:
+            raise ValueError("record must be given")
+        if self.record == "example":
+            if self.unit or self.time_step or self.vertical not in (None, "up"):
+                raise ValueError(
+                    'the record "example" has its unit and time step; its column may be "north"'
+                    ' or "east", and vertical "up"'
+                )
+            found = example_record(self.column or "north", vertical=self.vertical is not None)
+        else:
+            found = read_record(
+                self.record,
+                unit=self.unit,
+                column=self.column,
+                vertical=self.vertical,
+                time_step=self.time_step,
+            )
+        return found.scaled(self.scale)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(RecordOptions):
+    """Options that describe a pulse or a record."""
+
+    pulse: PulseShape | None = None
+    """Shape of a pulse. Give this or a record."""
+    amplitude: float | None = None
+    """Largest acceleration of the pulse [m/s2]."""
+    pulse_duration: float | None = None
+    """Duration of the pulse [s]."""
+
+    @property
+    def shaken(self) -> bool:
+        """Whether a pulse or a record is given."""
+        return self.pulse is not None or self.record is not None
+
+    @property
+    def motion(self) -> "Motion":
+        """The pulse or the record, scaled."""
+        from .. import motion as shapes
+
+        if (self.pulse is None) == (self.record is None):
+            raise ValueError("pulse or record must be given, one of the two")
+        if self.pulse is None:
+            return super().motion
+        if self.amplitude is None or self.pulse_duration is None:
+            raise ValueError("amplitude and pulse_duration must be given with a pulse")
+        of = {
+            "rectangular": shapes.Rectangular,
+            "half-sine": shapes.HalfSine,
+            "sine": shapes.Sine,
+            "cosine": shapes.Cosine,
+            "ricker": shapes.Ricker,
+        }
+        return of[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
+
+
+def values(name: str, given: Grid) -> list[float]:
+    """Numbers given one by one or as START:STOP:COUNT."""
+    import numpy as np
+
+    found: list[float] = []
+    for word in given:
+        parts = word.split(":")
+        try:
+            if len(parts) == 3 and int(parts[2]) > 0:
+                start, stop = float(parts[0]), float(parts[1])
+                if not math.isfinite(start) or not math.isfinite(stop):
+                    raise ValueError
+                found += np.linspace(start, stop, int(parts[2])).tolist()
+            elif len(parts) == 1:
+                found.append(float(word))
+            else:
+                raise ValueError
+        except ValueError:
+            raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {word!r}") from None
+    return found
+
+
+def picture(draw: Any, path: Path, **options: Any) -> None:
+    """Write what `draw` draws on new axes to a file; or the figure that it is."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    if callable(draw):
+        figure, axes = plt.subplots(layout="constrained", **options)
+        draw(axes)
+    else:
+        figure = draw
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def write_rows(rows: Iterable[Mapping[str, Any]], path: Path, names: Sequence[str]) -> None:
+    """Write rows as CSV, a column each name."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=names)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def dumps(value: Any) -> str:
+    """JSON; null stands for numbers that are not finite."""
+
+    def plain(item: Any) -> Any:
+        if isinstance(item, Mapping):
+            return {key: plain(inner) for key, inner in item.items()}
+        if isinstance(item, list):
+            return [plain(inner) for inner in item]
+        return None if isinstance(item, float) and not math.isfinite(item) else item
+
+    return json.dumps(plain(value), indent=2, allow_nan=False)

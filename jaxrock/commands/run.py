@@ -1,0 +1,186 @@
+"""``jaxrock run study.toml``: what one would otherwise script."""
+
+import contextlib
+import tomllib
+import types
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import tyro
+
+from .options import Answer, Command, Writing
+
+_REFUSED = ("as_json",)  # which the whole study has
+
+
+class Job:
+    """One command of a study, with the name that errors and answers give it."""
+
+    def __init__(self, name: str, command: Command):
+        self.name = name
+        self.command = command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Command):
+    """Run the jobs of a study file, all of them checked before the first one starts.
+
+    A study is a TOML file with a table [[job]] for each: its command and that command's
+    options, written with dashes or underscores; grids are numbers, lists or "START:STOP:COUNT".
+    Options in a table [common] hold for every job that has them. Paths start at the folder of
+    the study.
+
+    Example: jaxrock run study.toml
+    """
+
+    study: Annotated[Path, tyro.conf.Positional]
+    """The study file."""
+
+    def check(self) -> None:
+        """Every job: its keys, their values, its files."""
+        self.jobs()
+
+    def run(self) -> Answer:
+        """Run the jobs in their order."""
+        from ..progress import with_progress
+
+        texts, answers, code = [], [], 0
+        jobs = self.jobs()
+        with contextlib.chdir(self.study.parent):
+            for job in with_progress(jobs, "jobs"):
+                try:
+                    answer = job.command.run()
+                except ValueError as error:
+                    raise ValueError(f"{self.study}: {job.name}: {error}") from error
+                texts.append(f"{job.name}\n{answer.text}")
+                answers.append({"job": job.name, "code": answer.code, **answer.data})
+                code = max(code, answer.code)
+        return Answer("\n\n".join(texts), {"jobs": answers}, code)
+
+    def jobs(self) -> list[Job]:
+        """The jobs, checked; a `ValueError` says all that is wrong."""
+        study = _read(self.study)
+        jobs, faults = _parsed(study)
+        taken: dict[Path, str] = {}
+        with contextlib.chdir(self.study.parent):
+            for job in jobs:
+                try:
+                    job.command.check()
+                except ValueError as error:
+                    faults.append(f"{job.name}: {error}")
+                if isinstance(job.command, Writing):
+                    for file in map(Path, job.command.files):
+                        if file.resolve() in taken:
+                            faults.append(
+                                f"{job.name}: out: {str(file)!r} is written by"
+                                f" {taken[file.resolve()]} as well"
+                            )
+                        taken[file.resolve()] = job.name
+        if faults:
+            raise ValueError("\n  ".join([f"{self.study} cannot be run:", *faults]))
+        return jobs
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise ValueError(f"study: {str(path)!r} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"study: {str(path)!r} is not TOML: {error}") from error
+
+
+def _parsed(study: dict[str, Any]) -> tuple[list[Job], list[str]]:
+    """The jobs that can be made, and what is wrong with the others."""
+    faults = [f"{key} is unknown; allowed are common, job" for key in study.keys() - _TABLES]
+    common, tables = study.get("common", {}), study.get("job", [])
+    if not isinstance(common, dict):
+        faults.append("common must be a table [common]")
+        common = {}
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        faults.append("job must be tables [[job]]")
+        tables = []
+    elif not tables:
+        faults.append("job is missing: there must be at least one table [[job]]")
+    used: set[str] = set()
+    jobs = []
+    for number, table in enumerate(tables, 1):
+        job, wrong = _job(f"job {number}", table, common, used)
+        faults += wrong
+        if job is not None:
+            jobs.append(job)
+    faults += [f"common: {key} is an option of no job" for key in common if key not in used]
+    return jobs, faults
+
+
+_TABLES = {"common", "job"}
+
+
+def _job(
+    name: str, table: dict[str, Any], common: dict[str, Any], used: set[str]
+) -> tuple[Job | None, list[str]]:
+    from . import COMMANDS
+
+    kind = table.get("command")
+    if not isinstance(kind, str) or kind not in COMMANDS:
+        given = (
+            f"got {kind!r}" if "command" in table else f"got only {', '.join(table) or 'nothing'}"
+        )
+        return None, [f"{name}: command must be one of {', '.join(COMMANDS)}, {given}"]
+    name = f"{name} ({kind})"
+    command = COMMANDS[kind]
+    types_of = get_type_hints(command)
+    allowed = [field.name for field in fields(command) if field.name not in _REFUSED]
+    own = {key: value for key, value in table.items() if key != "command"}
+    options, faults = {}, []
+    for where, part in (("common: ", common), ("", own)):
+        for key, value in part.items():
+            option = key.replace("-", "_")
+            if option not in allowed:
+                if not where:
+                    faults.append(f"{name}: {key} is unknown; allowed are {', '.join(allowed)}")
+                continue
+            used.update({key} if where else ())
+            try:
+                options[option] = _converted(value, types_of[option])
+            except ValueError as error:
+                faults.append(f"{name}: {where}{key} must be {error}, got {value!r}")
+    return (None, faults) if faults else (Job(name, command(**options)), faults)
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """A value of a study as the type of an option; a `ValueError` says what is allowed."""
+    if get_origin(kind) in (Union, types.UnionType):
+        (kind,) = (part for part in get_args(kind) if part is not type(None))
+    if get_origin(kind) is Literal:
+        if value not in get_args(kind):
+            raise ValueError(f"one of {', '.join(get_args(kind))}")
+        return value
+    if get_origin(kind) is tuple:
+        parts = value if isinstance(value, list) else [value]
+        inner = get_args(kind)[0]
+        if inner is float:
+            return tuple(_converted(part, float) for part in parts)
+        if not all(isinstance(part, str) or _is_number(part) for part in parts):
+            raise ValueError('numbers or "START:STOP:COUNT"')
+        return tuple(part if isinstance(part, str) else repr(part) for part in parts)
+    if kind is float and _is_number(value):
+        return float(value)
+    if kind is Path and isinstance(value, str):
+        return Path(value)
+    if kind in (int, bool, str) and type(value) is kind:
+        return value
+    words = {
+        float: "a number",
+        int: "a whole number",
+        bool: "true or false",
+        str: "text",
+        Path: "text",
+    }
+    raise ValueError(words[kind])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

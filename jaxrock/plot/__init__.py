@@ -1,0 +1,33 @@
+"""Figures. Each takes ``ax=None`` and returns the axes it drew on.
+
+But for those that make a file or a whole figure: `animate`, `plot_spectrum` and
+`plot_rocking_spectrum`, of which `plot_curves` and `plot_rocking_curves` draw one panel.
+"""
+
+from .block import animate, plot_block
+from .design import plot_convergence, plot_overturning_map
+from .motion import plot_phase, plot_response
+from .pulses import plot_resonance, plot_train
+from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado
+from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
+from .tradeoff import plot_tradeoff
+
+__all__ = [
+    "animate",
+    "plot_block",
+    "plot_convergence",
+    "plot_curves",
+    "plot_distribution",
+    "plot_overturning_map",
+    "plot_phase",
+    "plot_resonance",
+    "plot_response",
+    "plot_rocking_curves",
+    "plot_rocking_spectrum",
+    "plot_sensitivity_map",
+    "plot_shares",
+    "plot_spectrum",
+    "plot_tornado",
+    "plot_tradeoff",
+    "plot_train",
+]

@@ -1,0 +1,47 @@
+"""What `print` shows of arguments and answers: every number with its unit, arrays as ranges."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.core
+import numpy as np
+
+
+def shown(value: Any, unit: str = "") -> str:
+    """A number and its unit; of an array the range, of what is traced the type."""
+    if isinstance(value, jax.core.Tracer):
+        return f"traced {jax.typeof(value)}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {shown(part)}" for name, part in value.items())
+    if not isinstance(value, jax.Array | np.ndarray | np.generic | float | int):
+        return str(value)
+    values = np.asarray(value)
+    if values.dtype == bool:
+        return f"{values.sum()} of {values.size}" if values.ndim else "yes" if values else "no"
+    unit = f" {unit}" if unit else ""
+    if not values.ndim:
+        return f"{values:.6g}{unit}"
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return f"none of {values.size}"
+    ends = dict.fromkeys(f"{end:.6g}" for end in (known.min(), known.max()))
+    missing = values.size - known.size
+    return " to ".join(ends) + unit + (f", NaN in {missing} of {values.size}" if missing else "")
+
+
+def table(first: str, names: Sequence[str], **columns: Any) -> str:
+    """A line, and below it one for each name, with a column of numbers for each label."""
+    labels = (label.replace("_", " ") for label in columns)
+    lines = [first, f"{'':20}" + "".join(f"{label:>14}" for label in labels)]
+    for name, *row in zip(names, *columns.values(), strict=True):
+        lines.append(f"{name:20}" + "".join(f"{value:14.6g}" for value in row))
+    return "\n".join(lines)
+
+
+def listed(answer: Any, **units: str) -> str:
+    """The fields of an answer that are named, with their units, one a line."""
+    return "\n".join(
+        f"{name.replace('_', ' '):20}{shown(getattr(answer, name), unit)}"
+        for name, unit in units.items()
+    )

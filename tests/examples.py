@@ -1,0 +1,45 @@
+"""Run the example of every command as a newcomer would: ``python tests/examples.py FOLDER``.
+
+In a new folder, each in a process of its own, with the study of the README for `jaxrock run`.
+Ends with 1 if one of them fails, warns or says anything on standard error.
+"""
+
+import re
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from jaxrock.commands import COMMANDS, Run
+
+README = Path(__file__).parent.parent / "README.md"
+
+
+def main():
+    """Run them all."""
+    folder = Path(sys.argv[1])
+    folder.mkdir()
+    study = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[1]
+    (folder / "study.toml").write_text(study, encoding="utf-8")
+    failed = []
+    for name, command in {**COMMANDS, "run": Run}.items():
+        example = re.search(r"Example: jaxrock (.*)", command.__doc__)[1]
+        start = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-m", "jaxrock", *shlex.split(example)],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        passed = done.returncode == 0 and done.stdout and not done.stderr
+        print(f"{time.perf_counter() - start:6.1f} s  jaxrock {example}")
+        if not passed:
+            failed.append(name)
+            print(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
+    sys.exit(bool(failed))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,230 @@
+"""The conformance table: well formed, right, and checked by a program that would notice."""
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock import conformance
+
+pytestmark = pytest.mark.float64
+SCRIPT = Path(__file__).parent / "conformance_with_scipy.py"
+
+
+def written(folder):
+    assert conformance.write(folder) == len(cases_in(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory):
+    """All cases; what takes long is the compilation of the driven ones."""
+    return written(tmp_path_factory.mktemp("everything"))
+
+
+def piece(motions):
+    record = motions["piece.csv"]
+    wanted = {"peak_rotation": "Largest rotation under the record."}
+    return conformance._driven(
+        "piece",
+        "record",
+        wanted,
+        jr.Block(0.2, 5.0),
+        0.6,
+        "file",
+        record,
+        float(record.end),
+        file="piece.csv",
+    )
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    """The closed forms, and one case that is driven."""
+    parts = [
+        getattr(conformance, f"_{name}")
+        for name in (
+            "geometry",
+            "free_rocking",
+            "half_cycles",
+            "published_tables",
+            "closed_derivatives",
+        )
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(conformance, "_PARTS", (*parts, piece))
+        return written(tmp_path_factory.mktemp("closed"))
+
+
+@pytest.fixture(params=["closed", pytest.param("everything", marks=pytest.mark.thorough)])
+def folder(request):
+    return request.getfixturevalue(request.param)
+
+
+def whole(folder):
+    return json.loads((folder / "cases.json").read_text(encoding="utf-8"))
+
+
+def cases_in(folder):
+    return whole(folder)["cases"]
+
+
+def tolerance(case):
+    return case["absolute"] + case["relative"] * abs(case["value"])
+
+
+def checked(folder, *arguments):
+    command = [sys.executable, str(SCRIPT), str(folder), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
+
+
+def test_well_formed(folder):
+    assert sorted(path.name for path in folder.iterdir()) == sorted(conformance.FILES)
+    table, cases = whole(folder), cases_in(folder)
+    ids = [case["id"] for case in cases]
+    assert len(set(ids)) == len(ids)
+    kinds = {case["kind"] for case in cases}
+    quantities = {case["quantity"] for case in cases}
+    inputs = {case["input"] for case in cases}
+    named = {case["file"] for case in cases} - {None}
+    assert quantities <= set(table["quantities"])
+    assert inputs <= set(table["inputs"])
+    assert named <= set(conformance.RECORDS)
+    for case in cases:
+        check(case, table["fields"])
+    if folder.name.startswith("closed"):
+        return
+    assert kinds == {
+        "geometry",
+        "free rocking",
+        "threshold",
+        "survival window",
+        "half-cycle map",
+        "pulse",
+        "record",
+        "derivative",
+    }
+    assert {case["from"] for case in cases} == {"closed form", "converged", "published"}
+    assert quantities == set(table["quantities"])
+    assert inputs == set(table["inputs"])
+    assert named == set(conformance.RECORDS)
+
+
+def check(case, fields):
+    assert list(case) == list(fields), case["id"]
+    assert math.isfinite(case["value"]), case["id"]
+    assert case["value"] != 0 or case["quantity"] == "overturned", case["id"]
+    assert (case["from"] == "converged") <= (case["spread"] is not None), case["id"]
+    if case["spread"] is not None:
+        assert case["spread"] <= 0.1 * tolerance(case), case["id"]
+    if case["low"] is not None and case["variable"] is None:
+        assert case["low"] < case["value"] < case["high"], case["id"]
+    assert case["variable"] is None or case[case["variable"]] is not None, case["id"]
+
+
+def test_csv_agrees_with_json(folder):
+    with open(folder / "cases.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row, case in zip(rows, cases_in(folder), strict=True):
+        for field, value in case.items():
+            given = row[field]
+            if isinstance(value, float | int):
+                assert float(given) == value, (case["id"], field)
+            else:
+                assert given == (value or ""), (case["id"], field)
+
+
+@pytest.mark.parametrize("name", conformance.RECORDS)
+def test_files_are_the_motions(closed, name):
+    motion = conformance.records()[name]
+    vertical = "vertical_m_per_s2" if motion.vertical is not None else None
+    read = jr.read_record(
+        closed / name, unit="m/s2", column="acceleration_m_per_s2", vertical=vertical
+    )
+    np.testing.assert_array_equal(read.acceleration, motion.acceleration)
+    assert float(read.time_step) == pytest.approx(0.01, rel=1e-12)
+    if vertical:
+        np.testing.assert_array_equal(read.vertical, motion.vertical)
+
+
+def test_published_cases(folder):
+    """What is computed here is within the tolerance of what is printed."""
+    cases = {case["id"]: case for case in cases_in(folder)}
+    published = [case for case in cases.values() if case["from"] == "published"]
+    assert len(published) == (3 if folder.name.startswith("closed") else 5)
+    model = jr.Linearized()
+    for case in published:
+        block = jr.Block(case["half_width"], case["slenderness"])
+        if case["quantity"] == "critical_amplitude":
+            sibling = {"half-sine-published": "half-sine-linearized"}.get(
+                case["id"], "sine-housner"
+            )
+            own = cases[sibling]["value"]
+        elif case["quantity"] == "amplification":
+            scene = jr.Scene(block, case["restitution"], case["intensity"])
+            own = jr.amplification(scene, model)
+        else:
+            name = case["quantity"].replace("half_cycle_peak", "peak")
+            own = getattr(model, name)(block, block.pulse_velocity(case["intensity"]))
+        assert float(own) == pytest.approx(case["value"], rel=0, abs=tolerance(case)), case["id"]
+    for name in ("double-impulse", "double-impulse-housner"):
+        case = cases[name]
+        angle, radius = (
+            math.atan(1 / case["slenderness"]),
+            case["half_width"] * math.hypot(1, case["slenderness"]),
+        )
+        root = math.sqrt(4 * case["gravity"] * radius / 3)
+        expected = 2 * math.sin(angle / 2) * root / (math.cos(angle) * (1 + case["restitution"]))
+        assert case["value"] == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.thorough
+def test_scipy_agrees_on_every_case(everything):
+    result = checked(everything)
+    assert result.returncode == 0, result.stdout + result.stderr
+    count = len(cases_in(everything))
+    assert f"{count} of {count} agree" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["free-peak-linearized-slender-half", "piece-peak_rotation"])
+def test_a_wrong_value_is_noticed(closed, tmp_path, name):
+    table = whole(closed)
+    (case,) = (case for case in table["cases"] if case["id"] == name)
+    for file in conformance.RECORDS:
+        (tmp_path / file).write_bytes((closed / file).read_bytes())
+    for factor, code in ((0.5, 0), (2.0, 1)):
+        wrong = case | {"value": case["value"] + factor * tolerance(case)}
+        text = json.dumps(table | {"cases": [wrong]})
+        (tmp_path / "cases.json").write_text(text, encoding="utf-8")
+        result = checked(tmp_path, "--only", name)
+        assert result.returncode == code, result.stdout + result.stderr
+        assert (f"off: {name}" in result.stdout) == bool(code)
+
+
+def test_what_cannot_be_computed_is_off(closed, tmp_path):
+    """Neither a missing file nor an unknown quantity passes."""
+    table = whole(closed)
+    cases = [
+        next(case for case in table["cases"] if case["id"] == "piece-peak_rotation"),
+        table["cases"][0] | {"quantity": "colour"},
+    ]
+    (tmp_path / "cases.json").write_text(json.dumps(table | {"cases": cases}), encoding="utf-8")
+    result = checked(tmp_path)
+    assert result.returncode == 1
+    assert result.stdout.count("could not be computed") == 2
+
+
+def test_the_script_does_not_import_jaxrock():
+    code = f"import runpy, sys; runpy.run_path({str(SCRIPT)!r}); assert 'jax' not in sys.modules"
+    environment = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {str(SCRIPT.parent)!r}); {code}",
+    ]
+    assert subprocess.run(environment, check=False).returncode == 0

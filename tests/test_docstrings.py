@@ -1,0 +1,82 @@
+"""Docstrings of all public names say what is taken, what comes back and what is refused."""
+
+import ast
+import dataclasses
+import functools
+import inspect
+import re
+import textwrap
+
+import pytest
+
+import jaxrock as jr
+from jaxrock.arguments import Checked
+
+
+def described(section, docstring):
+    """The names that a section of a docstring describes; None where it is missing."""
+    text = inspect.cleandoc(docstring or "") + "\n\n"
+    found = re.search(rf"^{section}\n-+\n(.*?)\n(?=\n[A-Z]|\n*\Z)", text, re.DOTALL | re.MULTILINE)
+    if not found:
+        return None
+    heads = [line.split(" : ")[0] for line in found[1].split("\n") if re.match(r"\S", line)]
+    return {name.strip() for head in heads for name in head.split(",")}
+
+
+@functools.cache
+def refuses(function):
+    """Whether a function raises an error, by itself or in a private function that it calls."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    called = {call.func.id: call for call in calls if isinstance(call.func, ast.Name)}
+    if "check" in called or any(isinstance(node, ast.Raise) for node in ast.walk(tree)):
+        return True
+    if "elementwise" in called and called["elementwise"].keywords:
+        return True
+    inner = (function.__globals__.get(name) for name in called if name.startswith("_"))
+    return any(refuses(helper) for helper in inner if inspect.isfunction(helper))
+
+
+def public():
+    """Every public callable with all docstrings that apply to it, by name."""
+    for name in jr.__all__:
+        found = getattr(jr, name)
+        if not inspect.isclass(found):
+            yield name, found, found.__doc__
+            continue
+        yield name, found, "\n\n".join(c.__doc__ or "" for c in found.__mro__ if is_ours(c))
+        for method in (m for m in dir(found) if not m.startswith("_")):
+            owners = [c.__dict__[method] for c in found.__mro__ if method in vars(c) and is_ours(c)]
+            if owners and isinstance(owners[0], property | functools.cached_property):
+                yield f"{name}.{method}", owners[0], owners[0].__doc__
+            elif owners and inspect.isroutine(getattr(found, method)):
+                docstrings = (owner.__doc__ or "" for owner in owners)
+                yield f"{name}.{method}", getattr(found, method), "\n\n".join(docstrings)
+
+
+def is_ours(thing):
+    return thing.__module__.startswith("jaxrock")
+
+
+@pytest.mark.parametrize(
+    ("name", "thing", "docstring"), [pytest.param(*each, id=each[0]) for each in public()]
+)
+def test_docstring_says_what_there_is(name, thing, docstring):
+    assert docstring, f"{name} has no docstring"
+    if isinstance(thing, property):
+        return
+    said = {s: described(s, docstring) for s in ("Parameters", "Attributes", "Returns", "Raises")}
+    if inspect.isclass(thing):
+        fields = dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ()
+        taken = {field.name for field in fields} | set(getattr(thing, "_fields", ()))
+        raises = issubclass(thing, Checked) and not inspect.isabstract(thing)
+    else:
+        taken = set(inspect.signature(thing).parameters) - {"self"}
+        silent = inspect.signature(thing).return_annotation in (None, "None")
+        assert silent or said["Returns"], f"{name} has no section Returns"
+        wrong = (said["Parameters"] or set()) - taken
+        assert not wrong, f"{name} does not take {sorted(wrong)}"
+        raises = refuses(inspect.unwrap(thing))
+    assert said["Raises"] or not raises, f"{name} raises errors, but has no section Raises"
+    missing = taken - (said["Parameters"] or set()) - (said["Attributes"] or set())
+    assert not missing, f"{name} does not describe {sorted(missing)}"

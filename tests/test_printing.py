@@ -1,0 +1,81 @@
+"""What is printed of arguments and answers: alone, many, and traced."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock.printing import shown
+
+BLOCK = jr.Block(0.1, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.25, "0.25 m"),
+        (np.array([2.0, 1.0, np.nan]), "1 to 2 m, NaN in 1 of 3"),
+        (np.array([1.0, 1.0]), "1 m"),
+        (np.full(2, np.nan), "none of 2"),
+        (np.array([True, False]), "1 of 2"),
+        (np.array(True), "yes"),
+        ({"a": 1.0, "b": 2.0}, "a 1, b 2"),
+        (None, "None"),
+    ],
+)
+def test_a_value_and_its_unit(value, text):
+    assert shown(value, "m") == text
+
+
+@pytest.mark.parametrize(
+    ("thing", "text"),
+    [
+        (lambda c: jr.Scene(BLOCK, c, 0.1), "restitution 0.7, pulses of 0.1 m/s"),
+        (lambda c: jr.DrivenScene(BLOCK, c, jr.Sine(3.0, 0.5)), "one-sine pulse of 3 m/s2"),
+        (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), "record of 2 samples, step 0.1 s"),
+        (lambda c: jr.Oscillator(6.0, c), "damping ratio 0.7"),
+        (lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)), "linearizing             rotation"),
+        (lambda c: jr.respond_batch(BLOCK, c, jr.Sine(3.0, 0.5)), "overturned          no"),
+        (lambda c: jr.respond_to_train(BLOCK, c, [0.0], [0.1]), "overturned          no"),
+    ],
+)
+def test_arguments_and_answers_print_themselves(thing, text):
+    c = jnp.asarray(0.7)
+    assert text in str(thing(c))
+    traced = []
+    jax.eval_shape(lambda c: traced.append(str(thing(c))), c)
+    assert "traced" in traced[0]
+
+
+@pytest.mark.parametrize(
+    ("answer", "text"),
+    [
+        (jr.SurvivalWindows(2.0, np.array([[3.0, np.inf]])), "stands again from 3 to inf"),
+        (jr.SurvivalWindows(np.inf, np.empty((0, 2))), "stands everywhere in the range"),
+        (
+            jr.PulsedVerge(*jnp.array([2.0, 0.1, 0.5]), jnp.array(True)),
+            "amplitude           2 m",
+        ),
+        (jr.PulsedPhase(*jnp.arange(5.0), jnp.array(True)), "period              2 s"),
+        (
+            jr.Scatter(1.0, 0.1, 1.1, 0.2, {"intensity": 1.0}, True),
+            "      intensity 1",
+        ),
+        (jr.Probability(0.1, 0.2, 1.0, {"intensity": 1.0}, 0.0, True), "probability         0.1"),
+        (jr.GlobalSensitivities(("C",), *np.ones((3, 1)), 0.5, 0.1, 0.0), "0.5 +- 0.1"),
+    ],
+)
+def test_results_that_are_never_traced(answer, text):
+    assert text in str(answer)
+
+
+def test_many_at_once():
+    restitution = jnp.array([0.7, 0.9])
+    response = jr.respond_batch(BLOCK, restitution, jr.Sine(3.5, 0.5))
+    assert "overturned          1 of 2" in str(response)
+    assert "kept                2 of 2" in str(
+        jr.respond_within(BLOCK, restitution, jr.Sine(3.5, 0.5), 1e-3)
+    )
+    found = jr.critical_amplitude(BLOCK, restitution, jr.Sine, 0.5)
+    assert "complete            2 of 2" in str(found)
