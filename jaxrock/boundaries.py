@@ -185,7 +185,7 @@ def overturning_boundaries(
     >>> print(jr.overturning_boundaries(block, 0.9, pulse, "slenderness", np.linspace(2, 9, 8)))
     overturns beyond 5.80354 (overturning without an impact)
     """
-    case, places = _checked(block, restitution, motion, along, tried)
+    case, places = checked(block, restitution, motion, along, tried)
     if most < 1:
         raise ValueError(f"most must be at least 1, got {most}")
     if not 0 <= halvings <= 20:
@@ -195,9 +195,10 @@ def overturning_boundaries(
     )
 
 
-def _checked(
+def checked(
     block: Block, restitution: Number, motion: Motion, along: str, tried: Numbers
 ) -> tuple[_Case, Any]:
+    """What `overturning_boundaries` is asked for; a `ValueError` if that is not allowed."""
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
     allowed = [name for name, quantity in _ALONG.items() if isinstance(motion, quantity.kind)]

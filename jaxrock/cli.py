@@ -28,5 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"jaxrock: error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     print(dumps(answer.data) if command.as_json else answer.text)
+    for error in answer.errors:
+        print(f"jaxrock: error: {error}", file=sys.stderr)
     if answer.code:
         raise SystemExit(answer.code)

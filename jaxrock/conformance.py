@@ -38,7 +38,7 @@ from .block import Block, housner_restitution
 from .boundaries import overturning_boundaries
 from .critical_driven import critical_amplitude
 from .free import FreeRocking, Linearized, Nonlinear
-from .motion import Cosine, HalfSine, Motion, Pulse, Record, Rectangular, Ricker, Sine
+from .motion import PULSES, HalfSine, Motion, Pulse, Record, Ricker, Sine
 from .paper import printed_tables
 from .progress import with_progress
 from .records import example_record
@@ -175,13 +175,6 @@ _UNITS = {
 }
 _FIELD_UNITS = {"half_width": "m", "amplitude": "m/s2", "duration": "s", "intensity": "m/s"}
 
-_SHAPES: dict[str, type[Pulse]] = {
-    "rectangular": Rectangular,
-    "half-sine": HalfSine,
-    "sine": Sine,
-    "cosine": Cosine,
-    "ricker": Ricker,
-}
 _MODELS: dict[str, FreeRocking] = {"linearized": Linearized(), "nonlinear": Nonlinear()}
 
 # What a good program in double precision should reach.
@@ -454,7 +447,9 @@ def _thresholds(_: Motions) -> Iterator[Row]:
             (block, c, "rectangular", p_duration / p, "linearized", (1.01, 4.0)),
         )
         source = f"{HOUSNER}, Eq. 9: a_p / (g alpha_c) = 1 / (1 - exp(-p T))"
-        yield row | {"from": "closed form", "source": source, "relative": 1e-8}
+        value = 9.81 * float(block.critical_angle) / -math.expm1(-p_duration)
+        exact = {"from": "closed form", "source": source, "relative": 1e-8}
+        yield row | exact | {"value": value, "spread": None}
     block, c = Block(0.2, 3.0), float(housner_restitution(Block(0.2, 3.0)))
     growing = (
         f"{MAKRIS}, Eq. 27: (w/p) sin(psi) - cos(psi) = exp(-(p/w) (pi - psi)), a_p = g alpha_c "
@@ -467,7 +462,7 @@ def _thresholds(_: Motions) -> Iterator[Row]:
         what,
         (block, c, "half-sine", 0.5, "linearized", (1.0, 4.0)),
     )
-    yield row | {"from": "closed form", "source": growing, "relative": 1e-7}
+    yield row | {"source": f"{_BOUNDARY}; in closed form {growing}", "relative": 1e-7}
     printed = {
         "id": "half-sine-published",
         "value": 0.5545 * 9.81,
@@ -506,7 +501,7 @@ def _windows(_: Motions) -> Iterator[Row]:
     )
     yield first
     yield back
-    yield last | {"from": "closed form", "source": source, "relative": 1e-7}
+    yield last | {"source": f"{_BOUNDARY}; in closed form {source}", "relative": 1e-7}
     slim = Block(*_SLIM)
     yield from _amplitudes(
         "sine-nonlinear", kind, edges, (slim, 0.9, "sine", 0.5, "nonlinear", (1.0, 10.0))
@@ -565,7 +560,7 @@ def _amplitudes(
     block, c, shape, duration, equation, ratios = case
     linearized = equation == "linearized"
     found = critical_amplitude(
-        block, c, _SHAPES[shape], duration, ratios, resolution=0.02, linearized=linearized
+        block, c, PULSES[shape], duration, ratios, resolution=0.02, linearized=linearized
     )
     tangent = float(block.critical_angle) if linearized else 1 / float(block.slenderness)
     unit = float(block.gravity) * tangent
@@ -576,7 +571,7 @@ def _amplitudes(
     rows = []
     for k, sentence in enumerate(what):
         near = values[k] * _AROUND
-        pulses = _SHAPES[shape](near, duration)
+        pulses = PULSES[shape](near, duration)
         margins = respond_batch(block, c, pulses, linearized=linearized, order=10).margin
 
         rows.append(

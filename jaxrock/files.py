@@ -18,11 +18,17 @@ class CannotWrite(ValueError):
 
 def check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bool) -> None:
     """Raise `ValueError` if a file is in the way, naming the `argument` that said where."""
-    for path in (folder / name for name in names):
-        if path.is_dir():
-            raise ValueError(f"{argument}: {str(path)!r} is a folder, a file was expected")
-        if path.exists() and not overwrite:
-            raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
+    try:
+        for path in (folder / name for name in names):
+            if path.is_dir():
+                raise ValueError(f"{argument}: {str(path)!r} is a folder, a file was expected")
+            if path.exists() and not overwrite:
+                raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
+        for parent in (folder, *folder.parents):
+            if parent.exists() and not parent.is_dir():
+                raise NotADirectoryError(f"{str(parent)!r} is a file")
+    except OSError as error:
+        raise CannotWrite(argument, folder, error.strerror or error) from error
 
 
 @contextlib.contextmanager
@@ -41,13 +47,14 @@ def written_whole(
     """
     check_free(argument, folder, names, overwrite)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
-    scratch = None
+    scratch, moved = None, []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
         yield scratch
         for name in names:
             os.replace(scratch / name, folder / name)
+            moved.append(folder / name)
         made = []
     except OSError as error:
         raise CannotWrite(argument, folder, error.strerror or error) from error
@@ -56,6 +63,8 @@ def written_whole(
     finally:
         if scratch is not None:
             shutil.rmtree(scratch)
+        for path in moved if made else []:  # in a folder that was not there before
+            path.unlink()
         for path in made:
             if path.exists():
                 path.rmdir()

@@ -396,6 +396,15 @@ class Ricker(Pulse):
         return (1 - 2 * square) * jnp.exp(-square)
 
 
+PULSES: dict[str, type[Pulse]] = {
+    "rectangular": Rectangular,
+    "half-sine": HalfSine,
+    "sine": Sine,
+    "cosine": Cosine,
+    "ricker": Ricker,
+}
+
+
 class Record(Motion):
     """A recorded ground motion, linear between samples.
 

@@ -145,7 +145,7 @@ def driven_slope():
 
 
 def orders():
-    """Peaks of the default order against order 12 on the record, of blocks that stay regular."""
+    """Peaks of the default order against order 10 on the record, of blocks that stay regular."""
     block = jr.Block(jnp.linspace(0.2, 1.0, 40), 5.0)
     within = jr.respond_within(block, 0.9, jr.example_record().scaled(1.3), 1e-6)
     regular = np.asarray(within.kept)
@@ -204,7 +204,7 @@ ROWS = (
     Row("peak and margin through impacts against SciPy, relative", RESPONSE, scipy),
     Row("slope of a peak to C through impacts, relative", RESPONSE, driven_slope),
     Row("Housner's critical rectangular pulses, relative", "tests/test_boundaries.py", thresholds),
-    Row("order 8 against order 10 on a record", "tests/test_batch.py", orders),
+    Row("order 8 against order 10 on a record", "tests/test_fidelity.py", orders),
     Row("a million rotation ratios, linearized", SPEED, lambda: million(jr.Linearized())),
     Row("a million rotation ratios, nonlinear", SPEED, lambda: million(jr.Nonlinear())),
     Row("the same with their four slopes", SPEED, lambda: million(jr.Nonlinear(), True)),

@@ -199,6 +199,7 @@ def test_mode_beside_a_narrow_window():
     assert found.impacts[0] == falls.impacts > 200
 
 
+@pytest.mark.thorough
 def test_under_transformations():
     def edges(slenderness):
         block = jr.Block(0.1, slenderness)

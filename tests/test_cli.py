@@ -37,6 +37,7 @@ def test_assess(capsys):
     assert answers["models"]["nonlinear"]["stabilized"]["period"] is None
 
 
+SINE = ("--pulse", "sine", "--pulse-duration", 0.5)
 SMALL = ("--slenderness", "3:10:8", "--width", 0.4, 1.2, "--restitution", 0.6, 0.8)
 
 
@@ -74,7 +75,7 @@ def test_spectrum(capsys, tmp_path):
         (("assess", "--height", 1, "--slenderness", 2), "exclude each other"),
         (("assess", "--slenderness", 0.5), "restitution must be given for a block this stocky"),
         (("assess", "--width", "broad"), "broad"),
-        (("spectrum", "--width"), "width must be a number"),
+        (("spectrum", "--width"), "width must be at least one number"),
         (("spectrum", "--slenderness", "3:10"), "slenderness must be numbers or START:STOP:COUNT"),
         (("spectrum", "--slenderness", "3:10:0"), "got '3:10:0'"),
         (("spectrum", "--slenderness", "3:inf:5"), "got '3:inf:5'"),
@@ -119,7 +120,30 @@ def test_a_folder_that_cannot_be_written(capsys, tmp_path):
         code, _, err = run(capsys, *command, "--out", tmp_path / "file" / "inside")
         assert code == 2
         assert "cannot be written to" in err
+    long = "x" * 300
+    code, _, err = run(capsys, "spectrum", *SMALL, "--out", tmp_path / long)
+    assert code == 2
+    assert "cannot be written to: File name too long" in err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_move_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    from jaxrock import files
+
+    def replace(source, target, replace=files.os.replace):
+        if target.name == "second":
+            raise OSError("no more room")
+        replace(source, target)
+
+    def write():
+        with files.written_whole("out", tmp_path / "new", ["first", "second"], False) as scratch:
+            for name in ("first", "second"):
+                (scratch / name).write_text("x")
+
+    monkeypatch.setattr(files.os, "replace", replace)
+    with pytest.raises(ValueError, match="no more room"):
+        write()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
@@ -255,6 +279,16 @@ def test_sensitivity(capsys, tmp_path):
 
 
 @pytest.mark.thorough
+def test_sensitivity_of_a_block_that_falls(capsys, tmp_path):
+    """Its peak is where it lies, which depends on nothing."""
+    falls = ("sensitivity", *SINE, "--amplitude", 9, "--width", 0.2, "--restitution", 0.9)
+    code, _, err = run(capsys, *falls, "--out", tmp_path / "out")
+    assert code == 2
+    assert "answer rotation-ratio does not exist here: the block overturns" in err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.thorough
 def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     pulse = ("--pulse", "half-sine", "--amplitude", 3.5, "--pulse-duration", 0.1)
     code, text, _ = run(
@@ -262,13 +296,32 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     )
     assert code == 0
     assert text.startswith("margin 0.")
+    assert "by the nonlinear equation" in text
     assert "pulse_duration" in text
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("critical", "--along", "factor"), "go with a pulse or a record"),
+        (("critical", "--along", "factor"), "along goes with a pulse or a record only"),
+        (("critical", "--half-cycles"), "half_cycles must be at least one number, got none"),
+        (("critical", "--record", "example", "--tried"), "tried must be at least one number"),
+        (("critical", *SINE, "--amplitude", 1), "amplitude is sought: it must not be given"),
+        (("critical", *SINE, "--scale", 2), "scale goes with amplitudes that are not sought"),
+        (("critical", *SINE, "--intensity", 1), "intensity goes with instantaneous pulses only"),
+        (
+            ("critical", "--record", "example", "--along", "amplitude"),
+            "amplitude goes with a pulse",
+        ),
+        (("sensitivity", "--swing", 1), "swing must be less than 1, got 1"),
+        (("sensitivity", "--amplitude", 3), "amplitude goes with a pulse or a record only"),
+        (("sensitivity", *SINE, "--amplitude", 9, "--intensity", 1), "intensity goes with"),
+        (("tradeoff", "--scale", 2), "scale goes with a pulse or a record only"),
+        (("spectrum", "--tolerance", 0.1), "tolerance goes with the model auto only"),
+        (("respond", "--record", "example", "--amplitude", 3), "amplitude goes with a pulse only"),
+        (("respond", *SINE, "--amplitude", 3, "--unit", "g"), "unit goes with a record only"),
+        (("respond", "--record", "example", "--time-step", 0), "has its unit and time step"),
+        (("assess", "--width", 0.8, "--out", "x"), "--out"),
         (("critical", "--record", "example", "--along", "restitution"), "tried must be given"),
         (("sensitivity", "--intensity", 5), "does not exist here: the block overturns"),
         (("sensitivity", "--swing", 0), "swing must be finite and greater than 0"),
@@ -276,7 +329,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     ],
 )
 def test_bad_questions_of_design(capsys, tmp_path, arguments, words):
-    target = ("--out", tmp_path / "out") if arguments[0] == "sensitivity" else ()
+    target = ("--out", tmp_path / "out") if arguments[0] in ("sensitivity", "respond") else ()
     code, _, err = run(capsys, *arguments, *target)
     assert code == 2
     assert words in err

@@ -13,7 +13,7 @@ import pytest
 import jaxrock as jr
 from jaxrock import conformance
 
-pytestmark = pytest.mark.float64
+pytestmark = [pytest.mark.float64, pytest.mark.thorough]
 SCRIPT = Path(__file__).parent / "conformance_with_scipy.py"
 
 
@@ -62,7 +62,7 @@ def closed(tmp_path_factory):
         return written(tmp_path_factory.mktemp("closed"))
 
 
-@pytest.fixture(params=["closed", pytest.param("everything", marks=pytest.mark.thorough)])
+@pytest.fixture(params=["closed", "everything"])
 def folder(request):
     return request.getfixturevalue(request.param)
 
@@ -184,12 +184,13 @@ def test_published_cases(folder):
         assert case["value"] == pytest.approx(expected, rel=1e-13)
 
 
-@pytest.mark.thorough
 def test_scipy_agrees_on_every_case(everything):
     result = checked(everything)
     assert result.returncode == 0, result.stdout + result.stderr
     count = len(cases_in(everything))
     assert f"{count} of {count} agree" in result.stdout
+    readme = (SCRIPT.parent.parent / "README.md").read_text(encoding="utf-8")
+    assert f"{count} cases that another program" in readme
 
 
 @pytest.mark.parametrize("name", ["free-peak-linearized-slender-half", "piece-peak_rotation"])

@@ -503,10 +503,10 @@ def test_tornado(swing):
     answers = np.append(swing.at_low, swing.at_high)
     np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=swing.value), rtol=1e-6)
     texts = {text.get_text(): text for text in ax.texts}
-    assert set(texts) == {"0.1", "0.4: overturns", "4", "6"}
+    assert set(texts) == {"0.1", "0.4: no answer", "4", "6"}
     # The bar to the low end points to the left, what has none stands to the right.
     assert texts["0.1"].get_ha() == "right"
-    assert texts["0.4: overturns"].get_ha() == "left"
+    assert texts["0.4: no answer"].get_ha() == "left"
 
 
 def test_sensitivity_map():
@@ -524,6 +524,10 @@ def test_sensitivity_map():
     assert [other.get_ylabel() for other in ax.figure.axes[1:]] == ["elasticity [-]"]
     with pytest.raises(ValueError, match="two dimensions"):
         plot_sensitivity_map(SLOPES[0])
+    row = SLOPES[:1].rename("slope of the peak").drop_attrs()  # no contours in one dimension
+    figure = plot_sensitivity_map(row, limit=2.0).figure
+    assert figure.axes[0].collections[0].get_clim() == (-2, 2)
+    assert figure.axes[1].get_ylabel() == "slope of the peak"
     nothing = plot_sensitivity_map(SLOPES * np.nan)
     assert len(nothing.collections) == 1
 
@@ -569,6 +573,9 @@ def test_convergence():
     np.testing.assert_allclose(second, [1.0, 0.25, 1e-16], atol=1e-15)
     assert ax.get_yscale() == "log"
     assert ax.get_title() == "smallest largest: 2 starts"
+    none = train([0.0], [0.4], [0], [0.0])
+    none = none._replace(objectives=np.full_like(none.objectives, np.nan))
+    assert plot_convergence(none).get_title() == "smallest largest: 2 starts"
 
 
 @pytest.mark.float64

@@ -70,6 +70,7 @@ def test_results_that_are_never_traced(answer, text):
     assert text in str(answer)
 
 
+@pytest.mark.thorough
 def test_many_at_once():
     restitution = jnp.array([0.7, 0.9])
     response = jr.respond_batch(BLOCK, restitution, jr.Sine(3.5, 0.5))

@@ -70,7 +70,7 @@ def test_the_study_passes_its_check(tmp_path):
     assert [type(job.command.motion) for job in jobs] == [jr.Record, jr.HalfSine]
 
 
-def test_architecture_lists_every_file_and_imports_run_downwards():
+def test_architecture_lists_every_file_and_imports_run_upwards_in_it():
     package = README.parent / "jaxrock"
     text = (README.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
     rooms = text.partition("jaxrock/\n")[2].partition("notebooks/ ")[0]

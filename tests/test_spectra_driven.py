@@ -72,6 +72,7 @@ def test_bad_input(make, words):
 
 
 @pytest.mark.float64
+@pytest.mark.thorough
 def test_each_block_at_its_order():
     """What "auto" says of a block is true of it, and the tolerance is kept where it says so."""
     record = jr.example_record().scaled(1.5)

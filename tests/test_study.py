@@ -110,11 +110,30 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
     [
         ("[[job]", "is not TOML"),
         ("", "job is missing"),
+        ("\ufeff[[job]]\ncommand = 'x'", "job 1: command must be one of"),
+        (
+            "[[job]]\ncommand = 'assess'\nwidth = 1" + "0" * 400,
+            "width must be a number that is not",
+        ),
+        (
+            "[[job]]\ncommand = 'critical'\nhalf_cycles = 1\nhalf-cycles = 2",
+            "half-cycles and half_cycles are the same",
+        ),
+        (
+            "[[job]]\ncommand = 'critical'\npulse = 'sine'\nalong = 'duration'\ntried = [-1, 2]\n"
+            "amplitude = 3",
+            "job 1 (critical): tried must be finite and",
+        ),
+        (
+            "[[job]]\ncommand = 'critical'\nout = 'd'\n"
+            "[[job]]\ncommand = 'spectrum'\nout = 'd/critical.csv'",
+            "job 2 (spectrum): out:",
+        ),
         ("job = 3", "job must be tables [[job]]"),
         ("common = 3\n[[job]]\ncommand = 'assess'", "common must be a table"),
         (
             "[[job]]\ncommand = 'spectrum'\n[[job]]\ncommand = 'spectrum'",
-            "job 2 (spectrum): out: 'spectrum/spectrum.nc' is written by job 1 (spectrum) as well",
+            "/spectrum/spectrum.nc' is in the way of job 1 (spectrum)",
         ),
     ],
 )
@@ -132,14 +151,24 @@ def test_a_study_that_is_missing(tmp_path, capsys):
     assert "none.toml' cannot be read: No such file" in capsys.readouterr().err
 
 
-def test_a_job_that_fails_is_named(tmp_path, capsys):
+def test_a_job_that_fails_is_named_and_the_others_are_not_lost(tmp_path, capsys):
     text = """
     [[job]]
     command = "sensitivity"
     intensity = 5
+    [[job]]
+    command = "critical"
+    out = "found"
     """
     with pytest.raises(SystemExit) as end:
-        main(["run", study(tmp_path, text)])
+        main(["run", study(tmp_path, text), "--json"])
     assert end.value.code == 2
-    error = capsys.readouterr().err
-    assert "job 1 (sensitivity): answer rotation-ratio does not exist here" in error
+    written = capsys.readouterr()
+    words = "answer rotation-ratio does not exist here"
+    assert f"job 1 (sensitivity): {words}" in written.err
+    first, second = json.loads(written.out)["jobs"]
+    assert first["error"].startswith(words)
+    assert (first["code"], second["code"]) == (2, 0)
+    assert second["files"] == [str(tmp_path / "found" / "critical.csv")]
+    assert (tmp_path / "found" / "critical.csv").exists()
+    assert not (tmp_path / "sensitivity").exists()

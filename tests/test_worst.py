@@ -112,6 +112,7 @@ def test_the_papers_input_comes_out(model, count):
 
 
 @BOTH
+@pytest.mark.thorough
 def test_the_least_in_total_is_a_single_pulse(model):
     block, c = jr.Block(0.4, 4.0), 0.7
     worst = jr.worst_train(block, c, 4, "smallest total", model=model)

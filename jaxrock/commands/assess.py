@@ -36,7 +36,7 @@ class Assess(BlockOptions, Command):
         """The scene, and the tolerance."""
         from ..arguments import POSITIVE, check
 
-        assert self.scene
+        _ = self.scene
         if self.tolerance is not None:
             check("tolerance", self.tolerance, POSITIVE)
 

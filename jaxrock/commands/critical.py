@@ -37,8 +37,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
     """In how many half-cycles instantaneous pulses are to overturn the block."""
     out: Path | None = None
     """Folder for critical.csv; none is written if not given."""
-    amplitude: float | None = 1.0
-    """Largest acceleration of the pulse [m/s2], if not sought."""
+    amplitude: float | None = None
+    """Largest acceleration of the pulse [m/s2]. Not needed if sought."""
     pulse_duration: float | None = None
     """Duration of the pulse [s]. Not needed if sought."""
     along: (
@@ -64,29 +64,28 @@ class Critical(MotionOptions, BlockOptions, Writing):
 
     @property
     def motion(self) -> Any:
-        """The pulse or the record; a duration that is sought may be any."""
-        if self.sought == "duration" and self.pulse_duration is None:
-            return replace(self, pulse_duration=1.0).motion
-        return super().motion
+        """The pulse or the record; what is sought may be any."""
+        name = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(self.sought)
+        if self.pulse is None or name is None or getattr(self, name) is not None:
+            return super().motion
+        return replace(self, **{name: 1.0}).motion
 
     def check(self) -> None:
         """The block, the question and the files."""
         from ..arguments import COUNT, NON_NEGATIVE, check
 
-        assert self.block
-        assert self.coefficient >= 0
+        _ = self.block
+        _ = self.coefficient
         check("intensity", self.intensity, NON_NEGATIVE)
         for number in self.half_cycles:
             check("half_cycles", number, COUNT)
+        if not self.half_cycles:
+            raise ValueError("half_cycles must be at least one number, got none")
         if not self.shaken:
-            if self.along is not None or self.tried is not None or self.linearized:
-                raise ValueError("along, tried and linearized go with a pulse or a record")
+            self.refuse_motion()
+            self.refuse("along", "tried", "linearized", only_with="a pulse or a record")
         else:
-            assert self.motion
-            if self.tried is not None:
-                values("tried", self.tried)
-            elif self.sought not in ("amplitude", "factor"):
-                raise ValueError(f"tried must be given along {self.sought}")
+            self._check_search()
         super().check()
 
     def run(self) -> Answer:
@@ -104,23 +103,45 @@ class Critical(MotionOptions, BlockOptions, Writing):
                 write_rows(rows, scratch / "critical.csv", names)
         return self.finished(text, {"rows": rows})
 
-    def _boundaries(self) -> "Boundaries":
+    def _check_search(self) -> None:
+        from ..boundaries import checked
+
+        self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")
+        if self.pulse is not None:
+            own = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(self.sought)
+            if own is not None and getattr(self, own) is not None:
+                raise ValueError(f"{own} is sought: it must not be given")
+            if self.sought == "amplitude":
+                self.refuse("scale", only_with="amplitudes that are not sought")
+        motion = self.motion
+        if self._tried is not None:
+            checked(self.block, self.coefficient, motion, self.sought, self._tried)
+        elif self.sought != "amplitude":
+            raise ValueError(f"tried must be given along {self.sought}")
+        elif self.pulse is None:
+            raise ValueError("along amplitude goes with a pulse; a record has a factor")
+
+    @property
+    def _tried(self) -> Any:
         import numpy as np
 
+        if self.tried is not None:
+            return np.asarray(values("tried", self.tried))
+        return np.linspace(0.05, 5, 397) if self.sought == "factor" else None
+
+    def _boundaries(self) -> "Boundaries":
         from ..boundaries import overturning_boundaries
         from ..critical_driven import critical_amplitude
-        from ..motion import Pulse
 
         motion: Any = self.motion
         block, c = self.block, self.coefficient
-        if self.sought == "amplitude" and self.tried is None and isinstance(motion, Pulse):
+        if self._tried is None:
             found = critical_amplitude(
                 block, c, type(motion), motion.duration, linearized=self.linearized
             )
         else:
-            tried = np.asarray(values("tried", self.tried or ("0.05:5:397",)))
             found = overturning_boundaries(
-                block, c, motion, self.sought, tried, linearized=self.linearized
+                block, c, motion, self.sought, self._tried, linearized=self.linearized
             )
         if not bool(found.complete):
             raise ValueError("motion could not be followed to its end for every value tried")

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
@@ -22,11 +22,12 @@ PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 
 
 class Answer(NamedTuple):
-    """What a command has to say: as text, as data for JSON, and the exit code."""
+    """What a command has to say: as text, as data for JSON, the exit code, what went wrong."""
 
     text: str
     data: Mapping[str, Any]
     code: int = 0
+    errors: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,13 @@ class Command(abc.ABC):
     @abc.abstractmethod
     def run(self) -> Answer:
         """Do it."""
+
+    def refuse(self, *names: str, only_with: str) -> None:
+        """Raise `ValueError` if one of these options is given, since it would be ignored."""
+        default = {field.name: field.default for field in fields(self)}
+        for name in names:
+            if getattr(self, name) != default[name]:
+                raise ValueError(f"{name} goes with {only_with} only")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +139,7 @@ class BlockOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordOptions:
+class RecordOptions(Command):
     """Options that describe a record."""
 
     record: str | None = None
@@ -155,7 +163,8 @@ class RecordOptions:
         if self.record is None:
             raise ValueError("record must be given")
         if self.record == "example":
-            if self.unit or self.time_step or self.vertical not in (None, "up"):
+            given = (self.unit, self.time_step)
+            if given != (None, None) or self.vertical not in (None, "up"):
                 raise ValueError(
                     'the record "example" has its unit and time step; its column may be "north"'
                     ' or "east", and vertical "up"'
@@ -188,25 +197,25 @@ class MotionOptions(RecordOptions):
         """Whether a pulse or a record is given."""
         return self.pulse is not None or self.record is not None
 
+    def refuse_motion(self) -> None:
+        """Raise `ValueError` if an option is given that says more about a pulse or a record."""
+        names = [field.name for field in fields(MotionOptions) if field.name != "as_json"]
+        self.refuse(*names, only_with="a pulse or a record")
+
     @property
     def motion(self) -> "Motion":
         """The pulse or the record, scaled."""
-        from .. import motion as shapes
+        from ..motion import PULSES
 
         if (self.pulse is None) == (self.record is None):
             raise ValueError("pulse or record must be given, one of the two")
         if self.pulse is None:
+            self.refuse("amplitude", "pulse_duration", only_with="a pulse")
             return super().motion
+        self.refuse("unit", "column", "vertical", "time_step", only_with="a record")
         if self.amplitude is None or self.pulse_duration is None:
             raise ValueError("amplitude and pulse_duration must be given with a pulse")
-        of = {
-            "rectangular": shapes.Rectangular,
-            "half-sine": shapes.HalfSine,
-            "sine": shapes.Sine,
-            "cosine": shapes.Cosine,
-            "ricker": shapes.Ricker,
-        }
-        return of[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
+        return PULSES[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
 
 
 def values(name: str, given: Grid) -> list[float]:
@@ -228,6 +237,8 @@ def values(name: str, given: Grid) -> list[float]:
                 raise ValueError
         except ValueError:
             raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {word!r}") from None
+    if not found:
+        raise ValueError(f"{name} must be at least one number, got none")
     return found
 
 

@@ -40,9 +40,9 @@ class Respond(MotionOptions, BlockOptions, Writing):
         """The block, the motion, the duration and the files."""
         from ..arguments import POSITIVE, check
 
-        assert self.block
-        assert self.coefficient >= 0
-        assert self.motion
+        _ = self.block
+        _ = self.coefficient
+        _ = self.motion
         if self.duration is not None:
             check("duration", self.duration, POSITIVE)
         super().check()
@@ -52,11 +52,13 @@ class Respond(MotionOptions, BlockOptions, Writing):
         import numpy as np
 
         from ..plot import animate
-        from ..response import respond
+        from ..response import Status, respond
 
         motion = self.motion
         length = float(motion.end) + 10 if self.duration is None else self.duration
         response = respond(self.block, self.coefficient, motion, length, linearized=self.linearized)
+        if response.status > Status.LIST_FULL:
+            raise ValueError(f"motion could not be followed to its end: {response}")
         history = _history(response, np.linspace(0, length, 4001))
         with self.written() as scratch:
             history.to_dataframe().to_csv(scratch / "response.csv")

@@ -34,7 +34,7 @@ class RockingSpectrum(RecordOptions, Writing):
         from ..spectra import axis
         from ..spectra_driven import AXES
 
-        assert self.motion
+        _ = self.motion
         for name, given in self._grid.items():
             axis(name, given, AXES[name][2])
         super().check()

@@ -1,25 +1,31 @@
 """``jaxrock run study.toml``: what one would otherwise script."""
 
-import contextlib
 import tomllib
 import types
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import tyro
 
 from .options import Answer, Command, Writing
 
-_REFUSED = ("as_json",)  # which the whole study has
+_TABLES = ("common", "job")
+_OF_THE_STUDY = "as_json"  # rather than of a job
+_WORDS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text",
+    Path: "text",
+}
 
 
-class Job:
+class Job(NamedTuple):
     """One command of a study, with the name that errors and answers give it."""
 
-    def __init__(self, name: str, command: Command):
-        self.name = name
-        self.command = command
+    name: str
+    command: Command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +35,7 @@ class Run(Command):
     A study is a TOML file with a table [[job]] for each: its command and that command's
     options, written with dashes or underscores; grids are numbers, lists or "START:STOP:COUNT".
     Options in a table [common] hold for every job that has them. Paths start at the folder of
-    the study.
+    the study. A job that fails does not keep the others from running.
 
     Example: jaxrock run study.toml
     """
@@ -45,56 +51,52 @@ class Run(Command):
         """Run the jobs in their order."""
         from ..progress import with_progress
 
-        texts, answers, code = [], [], 0
-        jobs = self.jobs()
-        with contextlib.chdir(self.study.parent):
-            for job in with_progress(jobs, "jobs"):
-                try:
-                    answer = job.command.run()
-                except ValueError as error:
-                    raise ValueError(f"{self.study}: {job.name}: {error}") from error
-                texts.append(f"{job.name}\n{answer.text}")
-                answers.append({"job": job.name, "code": answer.code, **answer.data})
-                code = max(code, answer.code)
-        return Answer("\n\n".join(texts), {"jobs": answers}, code)
+        texts, answers, errors, code = [], [], [], 0
+        for job in with_progress(self.jobs(), "jobs"):
+            try:
+                answer = job.command.run()
+            except ValueError as error:
+                answer = Answer(f"error: {error}", {"error": str(error)}, 2)
+                errors.append(f"{self.study}: {job.name}: {error}")
+            texts.append(f"{job.name}\n{answer.text}")
+            answers.append({"job": job.name, "code": answer.code, **answer.data})
+            code = max(code, answer.code)
+        return Answer("\n\n".join(texts), {"jobs": answers}, code, errors)
 
     def jobs(self) -> list[Job]:
         """The jobs, checked; a `ValueError` says all that is wrong."""
-        study = _read(self.study)
-        jobs, faults = _parsed(study)
-        taken: dict[Path, str] = {}
-        with contextlib.chdir(self.study.parent):
-            for job in jobs:
-                try:
-                    job.command.check()
-                except ValueError as error:
-                    faults.append(f"{job.name}: {error}")
-                if isinstance(job.command, Writing):
-                    for file in map(Path, job.command.files):
-                        if file.resolve() in taken:
-                            faults.append(
-                                f"{job.name}: out: {str(file)!r} is written by"
-                                f" {taken[file.resolve()]} as well"
-                            )
-                        taken[file.resolve()] = job.name
+        jobs, faults = _parsed(_read(self.study), self.study.parent)
+        writer_of: dict[Path, str] = {}
+        for job in jobs:
+            try:
+                job.command.check()
+            except ValueError as error:
+                faults.append(f"{job.name}: {error}")
+            files = job.command.files if isinstance(job.command, Writing) else []
+            for file in (Path(file).resolve() for file in files):
+                for other, writer in writer_of.items():
+                    if file == other or file in other.parents or other in file.parents:
+                        faults.append(f"{job.name}: out: {str(file)!r} is in the way of {writer}")
+                writer_of[file] = job.name
         if faults:
-            raise ValueError("\n  ".join([f"{self.study} cannot be run:", *faults]))
+            raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
         return jobs
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ValueError(f"study: {str(path)!r} cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"study: {str(path)!r} is not TOML: {error}") from error
 
 
-def _parsed(study: dict[str, Any]) -> tuple[list[Job], list[str]]:
+def _parsed(study: dict[str, Any], folder: Path) -> tuple[list[Job], list[str]]:
     """The jobs that can be made, and what is wrong with the others."""
-    faults = [f"{key} is unknown; allowed are common, job" for key in study.keys() - _TABLES]
+    faults = [
+        f"{key} is unknown; allowed are {', '.join(_TABLES)}" for key in study if key not in _TABLES
+    ]
     common, tables = study.get("common", {}), study.get("job", [])
     if not isinstance(common, dict):
         faults.append("common must be a table [common]")
@@ -107,7 +109,7 @@ def _parsed(study: dict[str, Any]) -> tuple[list[Job], list[str]]:
     used: set[str] = set()
     jobs = []
     for number, table in enumerate(tables, 1):
-        job, wrong = _job(f"job {number}", table, common, used)
+        job, wrong = _job(f"job {number}", table, common, used, folder)
         faults += wrong
         if job is not None:
             jobs.append(job)
@@ -115,11 +117,8 @@ def _parsed(study: dict[str, Any]) -> tuple[list[Job], list[str]]:
     return jobs, faults
 
 
-_TABLES = {"common", "job"}
-
-
 def _job(
-    name: str, table: dict[str, Any], common: dict[str, Any], used: set[str]
+    name: str, table: dict[str, Any], common: dict[str, Any], used: set[str], folder: Path
 ) -> tuple[Job | None, list[str]]:
     from . import COMMANDS
 
@@ -132,22 +131,42 @@ def _job(
     name = f"{name} ({kind})"
     command = COMMANDS[kind]
     types_of = get_type_hints(command)
-    allowed = [field.name for field in fields(command) if field.name not in _REFUSED]
+    allowed = [field.name for field in fields(command) if field.name != _OF_THE_STUDY]
     own = {key: value for key, value in table.items() if key != "command"}
-    options, faults = {}, []
+    options: dict[str, Any] = {}
+    faults = []
     for where, part in (("common: ", common), ("", own)):
+        written: dict[str, str] = {}
         for key, value in part.items():
             option = key.replace("-", "_")
             if option not in allowed:
                 if not where:
                     faults.append(f"{name}: {key} is unknown; allowed are {', '.join(allowed)}")
                 continue
+            if option in written:
+                faults.append(f"{name}: {where}{key} and {written[option]} are the same")
+            written[option] = key
             used.update({key} if where else ())
             try:
                 options[option] = _converted(value, types_of[option])
             except ValueError as error:
-                faults.append(f"{name}: {where}{key} must be {error}, got {value!r}")
-    return (None, faults) if faults else (Job(name, command(**options)), faults)
+                faults.append(f"{name}: {where}{key} must be {error}, got {value!r:.60}")
+    return (
+        (None, faults) if faults else (Job(name, command(**_placed(options, command, folder))), [])
+    )
+
+
+def _placed(options: dict[str, Any], command: type[Command], folder: Path) -> dict[str, Any]:
+    """The options with the paths that start at the folder of the study."""
+    placed = dict(options)
+    out = options.get("out", getattr(command, "out", None))
+    if out is not None:
+        placed["out"] = folder / out
+    if options.get("record") not in (None, "example"):
+        placed["record"] = str(folder / options["record"])
+    if str(options.get("vertical")).lower().endswith(".at2"):  # a file, no column
+        placed["vertical"] = str(folder / options["vertical"])
+    return placed
 
 
 def _converted(value: Any, kind: Any) -> Any:
@@ -167,19 +186,15 @@ def _converted(value: Any, kind: Any) -> Any:
             raise ValueError('numbers or "START:STOP:COUNT"')
         return tuple(part if isinstance(part, str) else repr(part) for part in parts)
     if kind is float and _is_number(value):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("a number that is not too large") from None
     if kind is Path and isinstance(value, str):
         return Path(value)
     if kind in (int, bool, str) and type(value) is kind:
         return value
-    words = {
-        float: "a number",
-        int: "a whole number",
-        bool: "true or false",
-        str: "text",
-        Path: "text",
-    }
-    raise ValueError(words[kind])
+    raise ValueError(_WORDS[kind])
 
 
 def _is_number(value: Any) -> bool:

@@ -41,10 +41,11 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     ] = "rotation-ratio"
     """What is asked for."""
     restitution: float | None = 0.7
+    """Velocity after an impact over velocity before it [-], 0 to 1."""
     intensity: float = 0.15
     """Change of ground velocity in each instantaneous pulse [m/s]."""
-    model: Equation = "linearized"
-    """Equation of motion."""
+    model: Equation | None = None
+    """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
     swing: float = 0.1
     """Part of itself by which each number is lowered and raised in the tornado."""
     variation: float = 0.05
@@ -60,18 +61,23 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         """The block, the question, the ranges and the files."""
         from ..arguments import NON_NEGATIVE, POSITIVE, check
 
-        assert self.block
-        assert self.coefficient >= 0
+        _ = self.block
+        _ = self.coefficient
         check("intensity", self.intensity, NON_NEGATIVE)
         check("swing", self.swing, POSITIVE)
+        if self.swing >= 1:
+            raise ValueError(f"swing must be less than 1, got {self.swing:g}")
         check("variation", self.variation, POSITIVE)
-        if self.shaken:
+        if not self.shaken:
+            self.refuse_motion()
+        else:
+            self.refuse("intensity", only_with="instantaneous pulses")
             if self.answer not in _DRIVEN:
                 raise ValueError(
                     f"answer must be {', '.join(_DRIVEN[:-1])} or {_DRIVEN[-1]} under a pulse or"
                     f" a record, got {self.answer}"
                 )
-            assert self.motion
+            _ = self.motion
         super().check()
 
     def run(self) -> Answer:
@@ -91,6 +97,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         self._write(rows, swings, asked, at)
         data = {
             "answer": self.answer,
+            "equation": self.equation,
             "value": slopes.value,
             "mean": scatter.mean,
             "standard_deviation": scatter.deviation,
@@ -99,12 +106,18 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         }
         text = (
             f"{self.answer} {slopes}\n"
+            f"by the {self.equation} equation; "
             f"with {100 * self.variation:g} % of scatter in each: {scatter.mean:.6g}"
             f" +- {scatter.deviation:.3g}"
         )
         if not scatter.holds:
             text += ", NOT to be trusted: the answer bends too much"
         return self.finished(text, data)
+
+    @property
+    def equation(self) -> str:
+        """The equation of motion."""
+        return self.model or ("nonlinear" if self.shaken else "linearized")
 
     def _question(self) -> tuple[dict[str, float], Callable[[Any], Any]]:
         """The numbers that the answer depends on, and the answer as a function of them."""
@@ -129,7 +142,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         from ..block import Block
         from ..free import Linearized, Nonlinear
 
-        rung = Nonlinear() if self.model == "nonlinear" else Linearized()
+        rung = Nonlinear() if self.equation == "nonlinear" else Linearized()
         block = Block(at["half_width"], at["slenderness"], self.gravity)
         if self.answer == "critical-intensity":
             return critical.critical_intensity(block, at["restitution"], math.inf, rung)
@@ -144,16 +157,18 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return of_scene[self.answer](scene, rung)
 
     def _driven(self, at: Any, motion: Any) -> Any:
+        import jax.numpy as jnp
+
         from ..block import Block
         from ..response import respond
 
         block = Block(at["half_width"], at["slenderness"], self.gravity)
         duration = motion.end + (0.0 if self.answer == "margin" else 10.0)
-        linearized = self.model == "linearized"
+        linearized = self.equation == "linearized"
         response = respond(block, at["restitution"], motion, duration, linearized=linearized)
         if self.answer == "margin":
             return response.margin
-        peak = response.peak_rotation
+        peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
         return peak / block.critical_angle if self.answer == "rotation-ratio" else peak
 
     def _write(self, rows: list[dict[str, Any]], swings: "Swing", asked: Any, at: Any) -> None:

@@ -48,6 +48,8 @@ class Spectrum(Writing):
             axis(name, values(name, getattr(self, name)), AXES[name].domain)
         check("gravity", self.gravity, POSITIVE)
         check("tolerance", self.tolerance, POSITIVE)
+        if self.model != "auto":
+            self.refuse("tolerance", only_with="the model auto")
         super().check()
 
     def run(self) -> Answer:

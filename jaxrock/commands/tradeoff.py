@@ -18,6 +18,7 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
     """
 
     restitution: float | None = 0.7
+    """Velocity after an impact over velocity before it [-], 0 to 1."""
     intensity: float | None = None
     """Change of ground velocity in each instantaneous pulse [m/s]."""
     repeats: int = 15
@@ -39,13 +40,16 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
         if self.intensity is not None:
             if self.shaken:
                 raise ValueError("intensity excludes a pulse or a record")
+            self.refuse_motion()
             return Scene(self.block, self.coefficient, self.intensity)
+        if not self.shaken:
+            self.refuse_motion()
         motion = self.motion if self.shaken else default_scene().motion
         return DrivenScene(self.block, self.coefficient, motion)
 
     def check(self) -> None:
         """The scene, the repeats and the files."""
-        assert self.scene
+        _ = self.scene
         if self.repeats < 1:
             raise ValueError(f"repeats must be at least 1, got {self.repeats}")
         super().check()

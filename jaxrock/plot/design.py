@@ -100,8 +100,8 @@ def plot_convergence(
         From `jaxrock.worst_train`.
     """
     ax = axes_or_new(ax)
-    most = train.goal == "most rotation"
-    best = np.nanmax(train.objectives) if most else np.nanmin(train.objectives)
+    known = train.objectives[np.isfinite(train.objectives)]
+    best = {"most rotation": np.max}.get(train.goal, np.min)(known) if known.size else np.nan
     away = np.abs(train.history / best - 1)
     for path in away:
         ax.semilogy(np.maximum(path, 1e-16), color=INK, alpha=0.5, linewidth=0.9)

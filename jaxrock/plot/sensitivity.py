@@ -37,11 +37,11 @@ def plot_tornado(
         others = swing.at_high if ends is swing.at_low else swing.at_low
         for row, limit, end, other in zip(rows, limits, ends, others, strict=True):
             # Where there is no answer, on the side that the other end leaves free.
-            overturns = not np.isfinite(end)
-            outward = other < swing.value if overturns else end >= swing.value
+            missing = not np.isfinite(end)
+            outward = other < swing.value if missing else end >= swing.value
             ax.annotate(
-                f"{limit:.4g}: overturns" if overturns else f"{limit:.4g}",
-                (swing.value if overturns else end, row),
+                f"{limit:.4g}: no answer" if missing else f"{limit:.4g}",
+                (swing.value if missing else end, row),
                 xytext=(3 if outward else -3, 0),
                 textcoords="offset points",
                 ha="left" if outward else "right",
@@ -96,7 +96,7 @@ def plot_sensitivity_map(
     mesh = ax.pcolormesh(*place, values, cmap="PuOr", vmin=-limit, vmax=limit, shading="nearest")
     levels = MaxNLocator(9, symmetric=True).tick_values(-limit, limit)
     drawn = [level for level in levels if (known < level).any() and (known > level).any()]
-    if drawn:
+    if drawn and min(values.shape) > 1:
         lines = ax.contour(
             *place,
             values,
@@ -105,8 +105,9 @@ def plot_sensitivity_map(
             linewidths=[2.0 if level == 0 else 0.7 for level in drawn],
         )
         ax.clabel(lines, fontsize="x-small")
+    named = slopes.rename(None) if "long_name" in slopes.attrs else slopes
     extend = "both" if (abs(known) > limit).any() else "neither"
-    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=label_of(slopes.rename(None)))
+    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=label_of(named))
     labelled(ax, label_of(horizontal), label_of(vertical)).grid(visible=False)
     return ax
 
