@@ -208,8 +208,8 @@ def write(folder: Path) -> int:
 
     Raises
     ------
-    RuntimeError
-        In float32: turn on ``jax_enable_x64``.
+    ValueError
+        In float32.
     OSError
         If a file cannot be written.
     """
@@ -248,7 +248,7 @@ def records() -> Motions:
 def cases(motions: Motions) -> Iterator[Row]:
     """All cases, with their values, as rows of `FIELDS`; see `write`."""
     if jnp.result_type(float) != np.float64:
-        raise RuntimeError("the cases need float64: jax.config.update('jax_enable_x64', True)")
+        raise ValueError("JAX must be set to 64 bits for the conformance table")
     return itertools.chain.from_iterable(part(motions) for part in _PARTS)
 
 

@@ -65,10 +65,16 @@ class Critical(MotionOptions, BlockOptions, Writing):
     @property
     def motion(self) -> Any:
         """The pulse or the record; what is sought may be any."""
-        name = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(self.sought)
-        if self.pulse is None or name is None or getattr(self, name) is not None:
+        name = self._sought_of_pulse
+        if name is None or getattr(self, name) is not None:
             return super().motion
         return replace(self, **{name: 1.0}).motion
+
+    @property
+    def _sought_of_pulse(self) -> str | None:
+        """The option of the pulse that is sought, if it is one."""
+        of_pulse = {"amplitude": "amplitude", "duration": "pulse_duration"}
+        return None if self.pulse is None else of_pulse.get(self.sought)
 
     def check(self) -> None:
         """The block, the question and the files."""
@@ -107,12 +113,11 @@ class Critical(MotionOptions, BlockOptions, Writing):
         from ..boundaries import checked
 
         self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")
-        if self.pulse is not None:
-            own = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(self.sought)
-            if own is not None and getattr(self, own) is not None:
-                raise ValueError(f"{own} is sought: it must not be given")
-            if self.sought == "amplitude":
-                self.refuse("scale", only_with="amplitudes that are not sought")
+        own = self._sought_of_pulse
+        if own is not None and getattr(self, own) is not None:
+            raise ValueError(f"{own} is sought: it must not be given")
+        if own == "amplitude":
+            self.refuse("scale", only_with="amplitudes that are not sought")
         motion = self.motion
         if self._tried is not None:
             checked(self.block, self.coefficient, motion, self.sought, self._tried)
