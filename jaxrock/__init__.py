@@ -4,8 +4,13 @@ All functions are elementwise: arguments are numbers or arrays that broadcast ag
 other, answers have the shape that results, ``(...)`` in the docstrings, everything is in SI
 units and radians. An argument outside of what is allowed raises `ValueError` where it is
 concrete, and gives NaN with derivative zero where it is traced.
+
+JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
+Processes beside each other are started with "spawn" or "forkserver", as in
+``multiprocessing.get_context("spawn").Pool()``.
 """
 
+from . import signals as signals
 from .assessment import assess
 from .batch import BatchResponse, respond_batch
 from .block import Block, housner_restitution
@@ -22,6 +27,7 @@ from .critical_driven import (
     critical_duration,
     survival_windows,
 )
+from .critical_pulsed import PulsedVerge, critical_pulsed_amplitude
 from .fate import fate_margin
 from .fidelity import Choice, DrivenScene, choose
 from .free import Linearized, Nonlinear
@@ -33,13 +39,7 @@ from .oscillator import (
     equivalent_damping,
     equivalent_damping_as_printed,
 )
-from .pulsed import (
-    PulsedPhase,
-    PulsedVerge,
-    critical_pulsed_amplitude,
-    pulsed_next_velocity,
-    pulsed_phase,
-)
+from .pulsed import PulsedPhase, pulsed_next_velocity, pulsed_phase
 from .records import example_record, from_obspy, read_record
 from .resonance import (
     Scene,

@@ -1,6 +1,5 @@
 """Everything about one scene, in both rungs, as numbers and as text."""
 
-import concurrent.futures
 import functools
 import math
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from .block import housner_restitution
 from .critical import critical_intensity
 from .fidelity import choose
 from .free import FreeRocking, Linearized, Nonlinear
+from .parallel import mapped
 from .resonance import (
     Scene,
     amplification,
@@ -93,8 +93,7 @@ def _programs(form: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], A
     parts = [_given, *(functools.partial(_answers, model=m) for m in (Linearized(), Nonlinear()))]
     lowered = [jax.jit(part).lower(scene) for part in parts]
     options: Any = {"xla_backend_optimization_level": 0}
-    with concurrent.futures.ThreadPoolExecutor() as pool:
-        return list(pool.map(lambda part: part.compile(compiler_options=options), lowered))
+    return mapped(lambda part: part.compile(compiler_options=options), lowered, len(lowered))
 
 
 def _given(scene: Scene) -> dict[str, Any]:

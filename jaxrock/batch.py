@@ -4,7 +4,6 @@ A fixed number of lanes work off a queue of blocks: one that has finished takes 
 that nobody waits for a block with many impacts.
 """
 
-import concurrent.futures
 import functools
 import math
 import os
@@ -24,6 +23,7 @@ from .fate import margins_of
 from .grid import Grid, factor_and_length, grid_of
 from .lanes import Arguments, Case, Lanes, most_turns, turn
 from .motion import Motion, Pulse, Record
+from .parallel import mapped
 from .printing import listed
 
 _LANES = 64  # on a processor
@@ -277,7 +277,12 @@ def respond_batch(
         result = _march(grid, rows, size, form, linearized, _LANES, order)
         return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
-    devices = jax.local_devices()
+    default = jax.config.jax_default_device
+    if default is None:
+        devices = jax.local_devices()
+    else:  # which may be the name of a platform
+        named = isinstance(default, str)
+        devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
     workers = (os.cpu_count() or 1) if on_processor else len(devices)
     share = max(-(-size // workers), 1)
@@ -297,7 +302,6 @@ def respond_batch(
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     pieces = max(1, -(-size // share))
-    with concurrent.futures.ThreadPoolExecutor(min(workers, pieces)) as pool:
-        separate = list(pool.map(on_device, range(pieces)))
+    separate = mapped(on_device, range(pieces), min(workers, pieces))
     whole = jax.tree.map(lambda *parts: np.concatenate(parts).reshape(shape), *separate)
     return jax.device_put(whole)

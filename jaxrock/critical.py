@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from .arguments import COUNT, UNIT_INTERVAL, Number, Reals, elementwise
 from .block import Block
-from .elementary import quotient_or_infinite, share_of_one
+from .elementary import quotient, quotient_or_infinite, share_of_one
 from .free import FreeRocking, Linearized
 from .resonance import Scene
 
@@ -105,8 +105,9 @@ def critical_slenderness(
     Returns
     -------
     slenderness : Array, shape (...)
-        lambda [-]: stockier blocks stand, more slender ones overturn. inf without pulses; 0
-        for C = 1 without limit on the half-cycles.
+        lambda [-]: stockier blocks stand, more slender ones overturn. inf without pulses, or
+        where it is beyond the range of floating-point numbers; 0 for C = 1 without limit on
+        the half-cycles.
 
     Raises
     ------
@@ -114,18 +115,28 @@ def critical_slenderness(
         If a concrete `half_cycles` is out of range; traced, it gives NaN.
     """
     together = _together(scene, half_cycles)
-    some = (together > 0) & (together < jnp.inf)
+    # As a pure number, on which alone it depends.
+    half_width, gravity = scene.block.half_width, scene.block.gravity
+    weight = quotient(together, jnp.sqrt(half_width) * jnp.sqrt(gravity / 0.75))
+    kind = jnp.finfo(weight.dtype)
+    large = weight > 1
+    some = (weight > float(kind.max) ** -0.5) & (weight < jnp.inf)
+    weight = jnp.where(some, weight, 1)
 
     def excess(logarithm: Reals, given: Any) -> Reals:
-        half_width, gravity, intensity = given
-        return jnp.log(_single(Block(half_width, jnp.exp(logarithm), gravity), model) / intensity)
+        base, weight = given
+        block = Block(0.75 * jnp.ones_like(base), base * jnp.exp(logarithm), jnp.ones_like(base))
+        return jnp.log(_single(block, model) / weight)
 
-    # From what it tends to for slender blocks.
-    half_width, gravity = scene.block.half_width, scene.block.gravity
-    together_or_one = jnp.where(some, together, 1)
-    slender = jnp.log(gravity * half_width / 0.75) - 2 * jnp.log(together_or_one)
-    logarithm = _root(excess, slender, None, half_width, gravity, together_or_one)
-    return jnp.where(some, jnp.exp(logarithm), jnp.where(together > 0, 0, jnp.inf))
+    # What slender blocks tend to, and but for a factor up to pi / 2 stocky ones: the factor
+    # is sought, and no longer changes where the range ends.
+    eps = float(kind.eps)
+    within = jnp.clip(weight, 0.1 * eps**0.25, 10 / eps)
+    base, base_within = (jnp.where(w < 1, (1 / w) ** 2, 1 / w) for w in (weight, within))
+    logarithm = _root(excess, jnp.zeros_like(base), base_within, within)
+    # There it has no slope either, and what overflows must not meet it.
+    factor = jnp.exp(jnp.where(weight == within, logarithm, jax.lax.stop_gradient(logarithm)))
+    return jnp.where(some, base * factor, jnp.where(large, 0, jnp.inf))
 
 
 @elementwise(half_cycles=COUNT)
@@ -146,31 +157,36 @@ def critical_restitution(
     Returns
     -------
     restitution : Array, shape (...)
-        C [-]: the block stands with less, overturns with more. NaN where there is none: if
-        the first pulse overturns the block, and if it stands even with C = 1.
+        C [-]: the block stands with less, overturns with more; 0 where the first pulse just
+        overturns it. NaN where there is none: if the first pulse is more than that, and if
+        the block stands even with C = 1.
 
     Raises
     ------
     ValueError
         If a concrete `half_cycles` is out of range; traced, it gives NaN.
     """
-    share = scene.intensity / _single(scene.block, model)
+    single = _single(scene.block, model)
+    share = scene.intensity / single
     half_cycles = jnp.asarray(half_cycles, share.dtype)
-    exists = (share < 1) & (half_cycles * share > 1)
+    slack = 4 * float(jnp.finfo(share.dtype).eps)
+    exists = (share <= 1 + slack) & (half_cycles * share >= 1 - slack)
     several = exists & (half_cycles < jnp.inf)
+    gap = jnp.where(share <= 1, (single - scene.intensity) / single, 0)
 
-    def excess(restitution: Reals, given: Any) -> Reals:
-        count, share = given
-        return share_of_one(restitution, count) - share
+    def excess(factor: Reals, given: Any) -> Reals:
+        count, gap = given
+        ratio = factor * gap
+        return factor * share_of_one(ratio, count) / share_of_one(ratio, count - 1) - 1
 
-    restitution = _root(
-        excess,
-        jnp.full_like(share, 0.5),
-        (0.0, 1.0),
-        jnp.where(several, half_cycles, 2),
-        jnp.where(several, share, 0.75),
-    )
-    return jnp.where(exists, jnp.where(several, restitution, 1 - share), jnp.nan)
+    # C (1 - C^(n-1)) / (1 - C^n) is the gap: bent downwards, so that Newton's method comes
+    # from below to C, which is between the gap and twice of it.
+    count, gap_or_less = jnp.where(several, half_cycles, 2), jnp.where(several, gap, 0.25)
+    factor = _root(excess, jnp.ones_like(share), count, gap_or_less)
+    restitution = jnp.where(several, factor, 1) * gap
+    # Rounding, which has no slope.
+    restitution = restitution - jax.lax.stop_gradient(jnp.maximum(restitution - 1, 0))
+    return jnp.where(exists, restitution, jnp.nan)
 
 
 def _single(block: Block, model: FreeRocking) -> Reals:
@@ -183,31 +199,13 @@ def _together(scene: Scene, half_cycles: Number) -> Reals:
     return quotient_or_infinite(scene.intensity, share_of_one(scene.restitution, half_cycles))
 
 
-def _root(
-    function: Callable[[Reals, Any], Reals],
-    start: Reals,
-    between: tuple[float, float] | None,
-    *given: Reals,
-) -> Reals:
-    """Root of a falling function, elementwise, with the derivatives of an implicit function.
-
-    By Newton's method, after bisection `between` two numbers where these are given.
-    """
+def _root(function: Callable[[Reals, Any], Reals], start: Reals, *given: Reals) -> Reals:
+    """Root by Newton's method, elementwise, with the derivatives of an implicit function."""
     import optimistix
 
-    dtype = jnp.result_type(*given)
-    eps = float(jnp.finfo(dtype).eps)
+    eps = float(jnp.finfo(jnp.result_type(*given)).eps)
 
     def one(guess: Reals, *given: Reals) -> Reals:
-        if between is not None:
-            guess = optimistix.root_find(
-                function,
-                optimistix.Bisection(rtol=0.0, atol=eps, flip=True),
-                guess,
-                jax.lax.stop_gradient(given),
-                options=dict(zip(("lower", "upper"), between, strict=True)),
-                throw=False,
-            ).value
         return optimistix.root_find(
             function, optimistix.Newton(rtol=4 * eps, atol=4 * eps), guess, given, throw=False
         ).value

@@ -185,7 +185,7 @@ def decaying_share_of_one(decay: Number, count: Number) -> Reals:
 @jax.custom_jvp
 def _share_of_one(ratio: Array, count: Array) -> Array:
     limit = 1 - ratio
-    several = (count > 1) & (count < jnp.inf) & (ratio > 0) & (ratio < 1)
+    several = (count > 1) & (count < jnp.inf) & (ratio > 0) & (ratio != 1)
     safe = jnp.where(several, ratio, 0.5)
     share = limit / -jnp.expm1(jnp.where(several, count, 2) * jnp.log(safe))
     share = jnp.where(several, share, jnp.where(count == 1, 1, limit))

@@ -12,11 +12,12 @@ from jaxtyping import Array, Bool, Int
 
 from .arguments import POSITIVE, UNIT_INTERVAL, Checked, Number, Reals, as_real, check, quantity
 from .block import Block
+from .critical_pulsed import critical_pulsed_amplitude
 from .free import Linearized, Nonlinear
 from .model_error import Answers, ModelError, answers_of, model_error
 from .motion import Motion, Pulse, Record
 from .printing import listed, shown
-from .pulsed import critical_pulsed_amplitude, pulsed_phase
+from .pulsed import pulsed_phase
 from .resonance import Scene
 from .within import ORDERS, respond_within
 
@@ -185,8 +186,10 @@ def choose(
         return _choose_order(scene, tolerance)
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene or a DrivenScene, got {scene!r:.60}")
-    predicted = model_error(scene, shape, duration)
     wide = jnp.result_type(float) == jnp.float64
+    # Where 64 bits are on offer, costs are found in them, whatever the scene comes in.
+    given: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
+    predicted = model_error(given, shape, duration)
     settings = tuple(setting for setting in CLOSED if wide or setting.bits == 32)
     errors = [_largest(predicted.total(setting.rung, setting.bits)) for setting in settings]
     if shape is not None:

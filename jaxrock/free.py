@@ -50,10 +50,10 @@ class FreeRocking(eqx.Module):
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals: ...
 
     @abc.abstractmethod
-    def _time_to_peak(self, block: Block, rotation: Reals, q: Reals) -> Reals:
-        """From a state below the critical angle, q = velocity / critical velocity.
+    def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
+        """From the launch to a state on the way up, q = velocity / critical velocity there.
 
-        Negative on the way back.
+        By symmetry also from a state on the way down to the impact, where x may exceed 1.
         """
 
     @elementwise()
@@ -224,10 +224,10 @@ class Linearized(FreeRocking):
         product = jnp.sinh(half) * (x * jnp.cosh(half) - jnp.sinh(half))
         return jnp.where(representable, 2 * block.critical_angle * product, jnp.nan)
 
-    def _time_to_peak(self, block: Block, rotation: Reals, q: Reals) -> Reals:
-        # alpha_c - alpha = alpha_c k cosh(p t), velocity = v_c k sinh(p t)
-        ratio = q / (1 - rotation / block.critical_angle)
-        return jnp.arctanh(ratio) / block.frequency_parameter
+    def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
+        # 1 - alpha / alpha_c + velocity / v_c decays as exp(-p t), from 1 + x on.
+        ratio = rotation / block.critical_angle
+        return jnp.log1p((x - q + ratio) / (1 - ratio + q)) / block.frequency_parameter
 
 
 class Nonlinear(FreeRocking):
@@ -286,14 +286,24 @@ class Nonlinear(FreeRocking):
         beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_after)
         return jnp.where(before, rotation, beyond)
 
-    def _time_to_peak(self, block: Block, rotation: Reals, q: Reals) -> Reals:
-        # With y = sin((alpha_c - alpha) / 2)^2, which is m at the peak, the time is that of
-        # dy / (2 p sqrt(y (1 - y) (y - m))), and velocity = 2 p sqrt(y - m).
+    def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
+        # With y = sin((alpha_c - alpha) / 2)^2 it is the integral of
+        # dy / (2 p sqrt(y (1 - y) (y - m))), m = sin(alpha_c / 2)^2 (1 - x^2), up to the ground
+        # (DLMF 19.29.4); velocity = 2 p sqrt(y - m). Both roots of y - m are taken over x.
+        moves = x > 0
+        scale = jnp.where(moves, x, 1)
         sine = _sine_of_half(block)
-        y = jnp.sin(0.5 * (block.critical_angle - rotation)) ** 2
-        m = jnp.maximum(y - (sine * q) ** 2, 0)
-        integral = carlson_rf(m * (1 - m), y * (1 - m), m * (1 - y))
-        return q * sine / block.frequency_parameter * integral
+        cosine = jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
+        to_barrier = 0.5 * (block.critical_angle - rotation)
+        sine_there, cosine_there = jnp.sin(to_barrier), jnp.cos(to_barrier)
+        root, root_there = sine, sine * jnp.where(moves, q / scale, 1)
+        fall = jnp.sin(block.critical_angle - 0.5 * rotation) * jnp.sin(0.5 * rotation)
+        integral = carlson_rf(
+            (sine * cosine * root_there + sine_there * cosine_there * root) ** 2,
+            (sine * root * cosine_there + sine_there * root_there * cosine) ** 2,
+            (cosine * root * sine_there + cosine_there * root_there * sine) ** 2,
+        )
+        return fall / scale * integral / block.frequency_parameter
 
 
 def _barrier(x: Reals) -> Reals:

@@ -5,6 +5,7 @@ block lands before, to the impact, which is a root of that polynomial. A block a
 to the next cell that might lift it. What a lane does depends on no other.
 """
 
+import math
 from operator import sub
 from typing import Any, NamedTuple
 
@@ -18,6 +19,9 @@ from .grid import Grid
 from .series import Coefficients, derivative, evaluate, kept, lean_series
 
 _LONGEST = 0.15  # step times p
+# Below this part of the critical angle, polynomials of less than order 6 may be off by more:
+# right after uplift the third power is all there is, whatever the step.
+_COARSE = 1e-3
 
 
 class Arguments(NamedTuple):
@@ -152,6 +156,28 @@ def _lift(
     return lifted, jnp.where(at_once, 0, wait), side
 
 
+def _accurate(equation: Equation, path: Coefficients, step: Any) -> Any:
+    """The step, or as much of it as the polynomial is good for.
+
+    Its last term has to be as small beside the others as that of a free motion is in the
+    longest step; the one before counts too, since every other term may vanish.
+    """
+    order = len(path) - 1
+    allowed = _LONGEST**order / math.factorial(order)
+    path, length, rate = jax.lax.stop_gradient((path, step, jnp.sqrt(equation.square)))
+    sizes = tuple(map(jnp.abs, path))
+    moved = evaluate(sizes, length)
+    if order < 6:
+        moved = moved + _COARSE * jax.lax.stop_gradient(equation.critical_angle)
+    last = (sizes[-1] + sizes[-2] * rate) * length**order
+    excess = last / (allowed * jnp.where(moved > 0, moved, 1))
+    # The length of a step may have any value: a power in float32 is cheaper. The motion grows
+    # with the third power of the time at most.
+    excess = jnp.maximum(excess, 1).astype(jnp.float32)
+    shorter = length * jnp.exp2(jnp.log2(excess) * (-1 / max(order - 3, 1))).astype(length.dtype)
+    return jnp.where(excess > 1, shorter, step)
+
+
 def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
     """When a lean is lowest and highest within a step: where its slope rises, falls through 0.
 
@@ -229,6 +255,7 @@ def turn(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     lifted, wait, lifted_side = kept((lifted, wait, lifted_side))
 
     path = lean_series(equation, lanes.lean, lanes.speed, push, lift, order)
+    step = kept(jnp.where(lanes.moves, _accurate(equation, path, step), step))
     slope = derivative(path)
     dip, top = kept(_turnings(slope, step))
     end, lowest, highest = kept(tuple(evaluate(path, time) for time in (step, dip, top)))
@@ -262,6 +289,8 @@ def turn(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     low = equation.square * leaving * leaving <= little * down
     nothing = leaving <= _tiny(dtype) * equation.critical_velocity
     level = -down <= 2 * _tiny(dtype) * equation.square * case.foot[0]
+    # The bounce that follows is not computed: it must not be the highest.
+    low = low & (leaving * leaving <= down * lanes.peak)
     settles = (little > 0) & (rest <= step) & steady & low
     settles = kept(lands & (settles | (nothing & level)))
 

@@ -13,7 +13,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from .arguments import NON_NEGATIVE, Booleans, Number, Reals, as_real, elementwise
+from .arguments import NON_NEGATIVE, Booleans, Number, Reals, as_real, elementwise, of_one_precision
 from .critical import critical_intensity
 from .free import FreeRocking, Linearized, Nonlinear
 from .motion import Pulse
@@ -21,10 +21,10 @@ from .printing import shown
 from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
 
 # What just lifts the block over the mean strength of the pulse, up to which the cost of its
-# duration is known; and the bounds on what is left, of which the largest found are 0.28,
-# 0.16 and 0.17.
-_LONGEST = 0.8
-_VELOCITY, _TIME, _CRITICAL = 0.4, 0.25, 0.25
+# duration is known, and the slenderness from which on; and the bounds on what is left, of
+# which the largest found by a search are 0.239, 0.267 and 0.159.
+_LONGEST, _STOCKIEST = 0.8, 0.5
+_VELOCITY, _TIME, _CRITICAL = 0.3, 0.35, 0.2
 # Under a half-sine a block launched with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity
 # comes back at once; that velocity may be half of what is estimated.
 _FALLS = 0.2
@@ -60,10 +60,12 @@ class ModelError(eqx.Module):
     duration : Answers
         Instantaneous pulses over pulses that last, less 1: to first order in the duration.
     duration_bound : Answers
-        What the estimate of `duration` may be off by; inf where nothing is known.
+        What the estimate of `duration` may be off by, with rounding; inf where nothing is
+        known.
     rounding : dict
         For the rungs "linearized" and "nonlinear" and 32 and 64 bits: bound on what rounding
-        costs, of the arguments (if they are given in a higher precision) and on the way.
+        costs, of the arguments (if they are given in a higher precision) and on the way. Of
+        a scene given in float32, whose arguments need no rounding, also for 64 bits.
     """
 
     linearization: Answers
@@ -86,6 +88,9 @@ class ModelError(eqx.Module):
     def total(self, rung: str, bits: int) -> Answers:
         """Bound on the error of a rung in a precision.
 
+        With the rounding of what the costs were found from, so that it is no better than
+        the precision the scene was given in.
+
         Parameters
         ----------
         rung : str
@@ -98,16 +103,21 @@ class ModelError(eqx.Module):
         Answers
             Relative; inf where nothing is known.
         """
+        given = int(jnp.finfo(self.linearization.period.dtype).bits)
+        roundings = [self.rounding[rung][bits]]
+        if rung == "linearized":  # which was compared with the other in the precision given
+            roundings += [by_bits[given] for by_bits in self.rounding.values()]
 
-        def added(model: Reals, duration: Reals, unsure: Reals, rounding: Reals) -> Reals:
+        def added(model: Reals, duration: Reals, unsure: Reals, *roundings: Reals) -> Reals:
             model = model if rung == "linearized" else jnp.zeros_like(model)
             both = jnp.abs(model + duration + model * duration)
-            return jnp.where(
-                jnp.isfinite(model + duration), both + (unsure + rounding) * (1 + model), jnp.inf
-            )
+            unsure = unsure + functools.reduce(jnp.add, roundings)
+            known = jnp.isfinite(model + duration)
+            return jnp.where(known, both + unsure * (1 + model), jnp.inf)
 
-        rounding = self.rounding[rung][bits]
-        return jax.tree.map(added, self.linearization, self.duration, self.duration_bound, rounding)
+        return jax.tree.map(
+            added, self.linearization, self.duration, self.duration_bound, *roundings
+        )
 
 
 def model_error(
@@ -128,7 +138,7 @@ def model_error(
     ModelError
         Of the stabilized rotation ratio and period and of the critical intensity. Where a
         simplification lets a block stand that overturns, or the other way round, its cost
-        is inf; where both overturn, 0.
+        is inf; where it overturns for sure with and without, 0.
 
     Raises
     ------
@@ -142,9 +152,9 @@ def model_error(
     tan(alpha_c) / I`` (what just lifts the block over the mean acceleration of the pulse), m
     the centroid of the pulse in durations and ``w = C m + (1 - C) n``, n the integral of the
     pulse times the second integral of itself. The remainder, bounded by
-    ``0.4 e^2 (1 - C)``, is from comparisons with the equation of motion for slenderness 1 to
-    30, C up to 0.98 and e up to 0.8; beyond, and where a half-sine starts too weakly to hold
-    a slow block up, the bound is inf.
+    ``0.3 e^2 (1 - C + v* I / g)``, is from a search for the largest one by comparisons with
+    the equation of motion, for slenderness from 0.5 and e up to 0.8: 0.24 instead of 0.3.
+    Beyond, and where a half-sine starts too weakly to hold a slow block up, the bound is inf.
 
     Examples
     --------
@@ -158,23 +168,26 @@ def model_error(
     duration = as_real("duration", duration)
     if shape is None and not isinstance(duration, jax.core.Tracer) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
-    return _model_error(scene, duration, centroid, work, slack)
+    # Broadcast here, so that what is compiled depends on the shape of the result alone.
+    return _model_error(*_together(scene, duration), centroid, work, slack)
 
 
 @elementwise(duration=NON_NEGATIVE)
 def _model_error(
     scene: Scene, duration: Number, centroid: Number, work: Number, slack: Number
 ) -> ModelError:
-    scene, duration = _together(scene, jnp.asarray(duration))
+    duration = jnp.asarray(duration)
     pulse = (duration, centroid, work, slack)
     shift, unsure, known = _shift(scene, stabilized_velocity(scene), *pulse)
-    precisions = {32: jnp.finfo(jnp.float32), 64: jnp.finfo(duration.dtype)}
+    given = jnp.finfo(duration.dtype)
+    slip = _VELOCITY * unsure + _ROUNDINGS * float(given.eps)
     variants = {
         "given": scene,
         "lasting": _scaled(scene, 1 + shift),
-        "weaker": _scaled(scene, 1 + shift - _VELOCITY * unsure),
-        "stronger": _scaled(scene, 1 + shift + _VELOCITY * unsure),
+        "weaker": _scaled(scene, 1 + shift - slip),
+        "stronger": _scaled(scene, 1 + shift + slip),
     }
+    precisions = {32: jnp.finfo(jnp.float32), int(given.bits): given}
     for bits, kind in precisions.items():
         rounded = jax.tree.map(
             lambda leaf, kind=kind: jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant), scene
@@ -198,6 +211,9 @@ def _model_error(
     nonlinear, linearized = answered(Nonlinear()), answered(Linearized())
 
     def rounding(found: dict[str, Answers], bits: int) -> Answers:
+        if bits not in precisions:  # which grows at least as fast as the slip
+            finer = float(jnp.finfo(jnp.float64).eps) / float(given.eps)
+            return jax.tree.map(lambda bound: finer * bound, rounding(found, int(given.bits)))
         eps = float(precisions[bits].eps)
 
         def bound(exact: Reals, rounded: Reals, less: Reals, more: Reals) -> Reals:
@@ -207,40 +223,56 @@ def _model_error(
         names = ("given", f"{bits}", f"{bits}-", f"{bits}+")
         return jax.tree.map(bound, *(found[name] for name in names))
 
+    linearized_rounding, nonlinear_rounding = (
+        {bits: rounding(found, bits) for bits in (32, 64)} for found in (linearized, nonlinear)
+    )
+    estimate, bound = _duration_costs(
+        scene, pulse, nonlinear, unsure, known, nonlinear_rounding[int(given.bits)]
+    )
+    return ModelError(
+        linearization=jax.tree.map(_apart, linearized["given"], nonlinear["given"]),
+        duration=estimate,
+        duration_bound=bound,
+        rounding={"linearized": linearized_rounding, "nonlinear": nonlinear_rounding},
+    )
+
+
+def _duration_costs(
+    scene: Scene,
+    pulse: tuple[Reals, Number, Number, Number],
+    nonlinear: dict[str, Answers],
+    unsure: Reals,
+    known: Booleans,
+    rounding: Answers,
+) -> tuple[Answers, Answers]:
+    """What instantaneous pulses cost and what that may be off by, from the variants."""
+    duration, centroid, *_ = pulse
     later = 2 * duration * (1 - scene.restitution) * centroid
     now, then, less, more = (nonlinear[n] for n in ("given", "lasting", "weaker", "stronger"))
     critical = now.critical_intensity
     at_verge = Nonlinear().critical_velocity(scene.block)
     by, unsure_there, known_there = _shift(_with_intensity(scene, critical), at_verge, *pulse)
-    lasting = {
-        "rotation_ratio": (then.rotation_ratio, less.rotation_ratio, more.rotation_ratio),
-        "period": (
-            then.period + later,
-            less.period * (1 - _TIME * unsure) + later,
-            more.period * (1 + _TIME * unsure) + later,
-        ),
-        "critical_intensity": tuple(
-            critical * (1 - by + sign * _CRITICAL * unsure_there) for sign in (0.0, -1.0, 1.0)
-        ),
-    }
-    costs = {
-        name: _cost(
-            getattr(now, name),
-            others,
-            known_there if name == "critical_intensity" else known,
-            duration > 0,
-        )
-        for name, others in lasting.items()
-    }
-    return ModelError(
-        linearization=jax.tree.map(_apart, linearized["given"], now),
-        duration=Answers(**{name: estimate for name, (estimate, _) in costs.items()}),
-        duration_bound=Answers(**{name: unsure for name, (_, unsure) in costs.items()}),
-        rounding={
-            "linearized": {bits: rounding(linearized, bits) for bits in precisions},
-            "nonlinear": {bits: rounding(nonlinear, bits) for bits in precisions},
-        },
+    periods = (
+        then.period + later,
+        less.period * (1 - _TIME * unsure) + later,
+        more.period * (1 + _TIME * unsure) + later,
     )
+    intensities = tuple(
+        critical * (1 - by + sign * _CRITICAL * unsure_there) for sign in (0.0, -1.0, 1.0)
+    )
+    costs = (
+        _cost(
+            now.rotation_ratio,
+            (then.rotation_ratio, less.rotation_ratio, more.rotation_ratio),
+            known,
+            duration > 0,
+            rounding.rotation_ratio,
+        ),
+        _cost(now.period, periods, known, duration > 0, rounding.period),
+        _cost(critical, intensities, known_there, duration > 0, rounding.critical_intensity),
+    )
+    estimates, bounds = zip(*costs, strict=True)
+    return Answers(*estimates), Answers(*bounds)
 
 
 @jax.jit
@@ -295,7 +327,7 @@ def _scaled(scene: Scene, factor: Any) -> Scene:
 
 
 def _together(scene: Scene, duration: Reals) -> tuple[Scene, Reals]:
-    leaves, form = jax.tree.flatten((scene, duration))
+    leaves, form = jax.tree.flatten(of_one_precision((scene, duration)))
     leaves = jnp.broadcast_arrays(*leaves)
     return jax.tree.unflatten(form, leaves)
 
@@ -317,14 +349,15 @@ def _shift(
     e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
     # One that starts weak lets a slow block fall back to the ground before it pushes.
     known = lasts & (e <= _LONGEST) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
+    known = known & (block.slenderness >= _STOCKIEST)
     e = jnp.where(known, e, 0)
     pushed = jnp.where(known, velocity, 0) * intensity / block.gravity
     shift = e * ((c * centroid + (1 - c) * work) * pushed - (1 - c) * centroid)
-    return shift, e**2 * (1 - c), known
+    return shift, e**2 * (1 - c + pushed), known
 
 
 def _cost(
-    now: Reals, lasting: tuple[Reals, ...], known: Booleans, lasts: Booleans
+    now: Reals, lasting: tuple[Reals, ...], known: Booleans, lasts: Booleans, rounding: Reals
 ) -> tuple[Reals, Reals]:
     """What `now` is off by if the first that is `lasting` is right, or else one of the others."""
     then, less, more = lasting
@@ -333,11 +366,11 @@ def _cost(
         jnp.where(jnp.isfinite(estimate), jnp.abs(_apart(now, other) - estimate), 0)
         for other in (less, more)
     ]
-    # Where nothing is left to lose the block overturns in any case.
+    # Where nothing is left to lose: the block overturns in any case.
     some = jnp.isfinite(now) | jnp.isfinite(then) | jnp.isfinite(less) | jnp.isfinite(more)
-    unsure = jnp.where(known, jnp.maximum(*spread), jnp.inf)
-    keeps = lasts & some
-    return jnp.where(keeps & known, estimate, 0), jnp.where(keeps, unsure, 0)
+    unsure = jnp.where(some, jnp.maximum(*spread) + rounding, 0)
+    unsure = jnp.where(known, unsure, jnp.inf)
+    return jnp.where(lasts & known, estimate, 0), jnp.where(lasts, unsure, 0)
 
 
 @functools.cache

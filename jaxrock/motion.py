@@ -425,8 +425,8 @@ class Record(Motion):
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed, or if the numbers of samples
-        differ or are less than two.
+        If a concrete value is outside of what is allowed, if the numbers of samples differ or
+        are less than two, or if an array is empty.
 
     Examples
     --------
@@ -462,6 +462,10 @@ class Record(Motion):
                 "acceleration must have at least two samples, got an array of shape"
                 f" {self.acceleration.shape}"
             )
+        for name in ("acceleration", "time_step", "vertical", "scale", "start"):
+            value = getattr(self, name)
+            if value is not None and value.size == 0:
+                raise ValueError(f"{name} must not be empty, got an array of shape {value.shape}")
         if self.vertical is not None:
             check("vertical", self.vertical, FINITE)
             if self.vertical.ndim == 0 or self.vertical.shape[-1] != self.samples:
@@ -495,9 +499,13 @@ class Record(Motion):
         return self.scale * total * self.time_step
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground; see `Motion.value`."""
+        """Acceleration of the ground; see `Motion.value`.
+
+        At a sample, with the derivative of the time before it: integrators end steps there.
+        """
         position = (time - self.start) / self.time_step
-        index = jnp.clip(jnp.floor(position), 0, self.samples - 2)
+        index = jnp.ceil(position - self._rounding(position)) - 1
+        index = jnp.clip(index, 0, self.samples - 2)
         along = position - index
         index = jax.lax.stop_gradient(index).astype(int)
         horizontal = self.scale * _between(self.acceleration, index, along)
@@ -512,10 +520,12 @@ class Record(Motion):
     def next_kink(self, time: Reals) -> Reals:
         """The time of the next sample [s], inf beyond the last one; see `Motion.next_kink`."""
         position = (time - self.start) / self.time_step
-        near = 4 * self.samples * jnp.finfo(position.dtype).eps
-        index = jnp.maximum(jnp.floor(position + near) + 1, 0)
+        index = jnp.maximum(jnp.floor(position + self._rounding(position)) + 1, 0)
         kink = self.start + index * self.time_step
         return jnp.where(index < self.samples, kink, jnp.inf)
+
+    def _rounding(self, position: Reals) -> float:
+        return 4 * self.samples * float(jnp.finfo(position.dtype).eps)
 
     def scaled(self, factor: Number) -> "Record":
         """The same record, both components stronger; see `Motion.scaled`."""
@@ -531,4 +541,4 @@ def _between(samples: Reals, index: Array, along: Reals) -> Reals:
     index = jnp.broadcast_to(index, shape)[..., None]
     left = jnp.take_along_axis(samples, index, axis=-1)[..., 0]
     right = jnp.take_along_axis(samples, index + 1, axis=-1)[..., 0]
-    return left + along * (right - left)
+    return (1 - along) * left + along * right  # exact at both ends

@@ -1,10 +1,16 @@
 """Rocking resonance under pulses that last: the half-cycle map through the driven equation.
 
 The input is that of the paper, except that a pulse, starting right after each impact, takes
-its time. One that still acts at the next impact ends there.
+its time. One that still acts at the next impact ends there, and a new one begins, so that
+small bounces under a pulse that rises from 0 see nothing but its beginning: P, the map of
+landing velocities, is P(v) = C v + O(v^2) for small v > 0, while P(0) is that of the first
+landing after the whole pulse has acted on a block at rest. It is discontinuous at 0 wherever
+such a pulse lifts the block, and may lead from there back to 0: bounces then die out in
+finite time, each with a pulse of its own. What comes after that is not in this model: no
+impact follows, no pulse begins, and the block stays at rest.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,14 +27,14 @@ from .arguments import (
     of_one_precision,
 )
 from .block import Block
+from .fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, Solved, solved, stable_fixed_point
 from .free import Linearized, Nonlinear
-from .motion import Pulse, pulse_class
+from .motion import Pulse
 from .printing import listed
 from .progress import with_clock
 from .response import Driven, Response, Status, follow
 
 _LONGEST = 200.0  # time to wait for an impact, times p
-_ITERATIONS = 30
 
 
 class PulsedPhase(NamedTuple):
@@ -41,11 +47,21 @@ class PulsedPhase(NamedTuple):
     rate : Array
         Slope of the map there: what is left of a deviation after each half-cycle.
     period : Array
-        T*, two half-cycles [s].
+        T*, two half-cycles [s]; NaN where the motion settles.
     peak_rotation, rotation_ratio : Array
         alpha*_max [rad], and over the critical angle.
     stands : Array of bool
-        Whether there is a stabilized phase.
+        Whether there is a stabilized phase, be it that the block settles.
+    from_rest : Array of bool
+        Whether it is what the pulses lead to from rest. If not, the motion from rest dies
+        out, or the first pulse does not lift the block: it has to be in motion to be kept in
+        motion.
+    settles : Array of bool
+        Whether the motion dies out and nothing else was found that lasts: velocity and
+        rotations are 0, and the rate is C.
+    overturns : Array of bool
+        Whether the pulses overturn the block from rest. Where it neither overturns nor
+        stands, its half-cycles go on without becoming equal, or the integration failed.
     """
 
     velocity: Reals
@@ -54,6 +70,9 @@ class PulsedPhase(NamedTuple):
     peak_rotation: Reals
     rotation_ratio: Reals
     stands: Booleans
+    from_rest: Booleans
+    settles: Booleans
+    overturns: Booleans
 
     def __str__(self) -> str:
         units = {"velocity": "rad/s", "period": "s", "peak_rotation": "rad"}
@@ -90,14 +109,15 @@ def pulsed_next_velocity(
     -------
     Array
         Angular velocity just before the next impact [rad/s]; 0 where the block stays at
-        rest, NaN where it overturns.
+        rest, NaN where it overturns. From velocity 0 it is at rest until the pulse lifts it,
+        to whichever side.
 
     Raises
     ------
     ValueError
         If an argument is not scalar, or a concrete one is out of range.
     """
-    block, restitution, pulse, velocity = _checked(block, restitution, pulse, velocity, rtol)
+    block, restitution, pulse, velocity = checked(block, restitution, pulse, velocity, rtol)
     return _next(block, restitution, pulse, velocity, linearized, rtol)
 
 
@@ -112,8 +132,11 @@ def pulsed_phase(
 ) -> PulsedPhase:
     """The stabilized phase under pulses that last: the fixed point of `pulsed_next_velocity`.
 
-    Reached from rest. As the duration of the pulse goes to 0 at the same intensity it
-    becomes that of `Nonlinear` in proportion to the duration.
+    The one reached from rest: by the first pulse, on a block at rest, and by the next ones.
+    Where that dies out or never begins, the largest stable one with which a block already in
+    motion is kept in motion; where there is none either, rest. As the duration of the pulse
+    goes to 0 at the same intensity it becomes that of `Nonlinear` in proportion to the
+    duration.
 
     Parameters
     ----------
@@ -128,149 +151,30 @@ def pulsed_phase(
     ------
     ValueError
         As there.
+
+    Notes
+    -----
+    From rest the map is followed for at most 300 evaluations, in longer steps where it is as
+    good as linear. Larger fixed points are sought at 64 velocities, in constant ratio, and
+    between two of them where the map and its slopes show that one may hide.
+
+    Examples
+    --------
+    Bounces that die out from rest, and the orbit of a block that moves already:
+
+    >>> import jaxrock as jr
+    >>> phase = jr.pulsed_phase(jr.Block(0.434, 8.61), 0.9115, jr.HalfSine(1.301, 0.0606))
+    >>> print(f"{phase.rotation_ratio:.3f}", bool(phase.from_rest), bool(phase.settles))
+    0.241 False False
     """
-    block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0, rtol)
-    return _phase(block, restitution, pulse, linearized, rtol)
+    block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
+    return phase_of(block, restitution, pulse, linearized, rtol)
 
 
-class PulsedVerge(NamedTuple):
-    """Where the stabilized phase under pulses that last ends; NaN where that is not so.
-
-    Attributes
-    ----------
-    amplitude, intensity : Array
-        Of the pulses [m/s2], [m/s].
-    rate : Array
-        Slope of the half-cycle map there.
-    lifts : Array of bool
-        Whether pulses of that amplitude lift the block from rest. If not, it has to be in
-        motion to be kept in motion.
-    """
-
-    amplitude: Reals
-    intensity: Reals
-    rate: Reals
-    lifts: Booleans
-
-    def __str__(self) -> str:
-        return listed(self, amplitude="m/s2", intensity="m/s", rate="", lifts="")
-
-
-@with_clock("critical amplitude of pulses")
-def critical_pulsed_amplitude(
-    block: Block,
-    restitution: Number,
-    shape: type[Pulse],
-    duration: Number,
-    *,
-    linearized: bool = False,
-    rtol: float = 1e-10,
-) -> PulsedVerge:
-    """Amplitude at which the fixed point of `pulsed_next_velocity` disappears.
-
-    There a block that lands with the critical velocity is brought to the verge again by the
-    next pulse. For short pulses its intensity is that of `critical_intensity`.
-
-    Parameters
-    ----------
-    block, restitution, linearized, rtol
-        As in `pulsed_next_velocity`.
-    shape : type
-        `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
-    duration : float
-        Duration of the pulses [s], greater than 0.
-
-    Returns
-    -------
-    PulsedVerge
-        NaN for pulses so long that the fixed point is unstable there (its rate above 1):
-        then it disappears before, by meeting another one.
-
-    Raises
-    ------
-    ValueError
-        If `shape` is no class of pulses, or a concrete argument is out of range.
-    """
-    pulse = pulse_class(shape)(1.0, duration)
-    block, restitution, pulse, _ = _checked(block, restitution, pulse, 0.0, rtol)
-    return _verge(block, restitution, pulse, linearized, rtol)
-
-
-@eqx.filter_jit
-def _verge(
-    block: Block, restitution: Reals, pulse: Pulse, linearized: bool, rtol: float
-) -> PulsedVerge:
-    import optimistix
-
-    eps = float(jnp.finfo(restitution.dtype).eps)
-    tolerance = max(rtol, 20 * eps)
-    model = Linearized() if linearized else Nonlinear()
-
-    def left(logarithm: Reals, parts: tuple[Block, Reals, Pulse]) -> Reals:
-        block, restitution, pulse = parts
-        critical = model.critical_velocity(block)
-        pulse = pulse.scaled(jnp.exp(logarithm))
-        driven = Driven(
-            block=block,
-            restitution=restitution,
-            motion=pulse,
-            duration=pulse.end,
-            rotation=jnp.zeros_like(critical),
-            velocity=restitution * critical,
-        )
-        return follow(
-            driven, rtol=tolerance, atol=0.0, linearized=linearized, listed=1, once=True
-        ).margin
-
-    parts = (block, restitution, pulse)
-    fixed = jax.lax.stop_gradient(parts)
-    tangent = block.critical_angle if linearized else 1 / block.slenderness
-    lifting = block.gravity * tangent
-    # Up from next to nothing until it overturns.
-    first = jax.lax.stop_gradient(jnp.log(lifting) + 4 * jnp.log(eps) / 10)
-    high = jax.lax.while_loop(
-        lambda high: (left(high, fixed) > 0) & (high < first + 60),
-        lambda high: high + 0.2,
-        first,
-    )
-    exists = jnp.isfinite(high) & (high < first + 60)
-    high = jnp.where(exists, high, 0)
-    near = optimistix.root_find(
-        lambda a, p: jnp.where(exists, left(a, p), -a),
-        optimistix.Bisection(rtol=0.0, atol=1e-6, flip=True),
-        high - 0.1,
-        fixed,
-        options={"lower": high - 0.2, "upper": high},
-        throw=False,
-    ).value
-    logarithm = optimistix.root_find(
-        lambda a, p: jnp.where(exists, left(a, p), -a),
-        optimistix.Newton(rtol=tolerance, atol=tolerance),
-        jax.lax.stop_gradient(jnp.where(exists, near, 0)),
-        parts,
-        throw=False,
-    ).value
-    amplitude = jnp.exp(logarithm)
-    # The slope a little below, where the block still comes back.
-    critical = model.critical_velocity(block)
-    weaker = pulse.scaled(jax.lax.stop_gradient(amplitude) * (1 - 1e-4))
-    _, rate = jax.jvp(
-        lambda v: _next(block, restitution, weaker, v, linearized, rtol),
-        (critical * (1 - 1e-4),),
-        (jnp.ones_like(critical),),
-    )
-    known = exists & (rate <= 1)
-    return PulsedVerge(
-        jnp.where(known, amplitude, jnp.nan),
-        jnp.where(known, pulse.scaled(amplitude).intensity, jnp.nan),
-        jnp.where(exists, rate, jnp.nan),
-        known & (amplitude > lifting),
-    )
-
-
-def _checked(
+def checked(
     block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
 ) -> tuple[Block, Reals, Pulse, Reals]:
+    """The arguments in one precision; a `ValueError` if they are not allowed."""
     if not isinstance(pulse, Pulse):
         raise ValueError(f"pulse must be a Pulse, got a {type(pulse).__name__}")
     if not 0 < rtol <= 1e-3:
@@ -287,74 +191,114 @@ def _checked(
     return of_one_precision(parts)
 
 
-def _half_cycle(
-    block: Block, restitution: Reals, pulse: Pulse, velocity: Reals, linearized: bool, rtol: float
+Parts = tuple[Block, Reals, Pulse]
+
+
+def half_cycle(
+    parts: Parts, velocity: Reals, wait: float, linearized: bool, rtol: float
 ) -> Response:
+    """From just before an impact to the next one, or so many 1 / p after the pulse."""
+    block, restitution, pulse = parts
     pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
-    duration = pulse.end + _LONGEST / block.frequency_parameter
     driven = Driven(
         block=block,
         restitution=restitution,
         motion=pulse,
-        duration=duration,
+        duration=pulse.end + wait / block.frequency_parameter if wait else pulse.end,
         rotation=jnp.zeros_like(velocity),
         velocity=restitution * velocity,
     )
-    rtol = max(rtol, 20 * float(jnp.finfo(velocity.dtype).eps))
+    rtol = tolerance_of(velocity, rtol)
     return follow(driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True)
+
+
+def tolerance_of(like: Reals, rtol: float) -> float:
+    """A tolerance that the precision of an array can deliver."""
+    return max(rtol, 20 * float(jnp.finfo(like.dtype).eps))
+
+
+def _landing(
+    parts: Parts, velocity: Reals, linearized: bool, rtol: float
+) -> tuple[Reals, tuple[Any, Reals, Reals]]:
+    """The next landing velocity; outcome, time of the impact and peak rotation."""
+    response = half_cycle(parts, velocity, _LONGEST, linearized, rtol)
+    landed = response.impacts > 0
+    landing = jnp.where(landed, jnp.abs(jnp.where(landed, response.impact_velocities[0], 1)), 0)
+    time = jnp.where(landed, response.impact_times[0], 0)
+    over = jnp.where(response.status <= Status.LIST_FULL, OVERTURNS, FAILS)
+    outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
+    return landing, (outcome, time, response.peak_rotation)
 
 
 @eqx.filter_jit
 def _next(
     block: Block, restitution: Reals, pulse: Pulse, velocity: Reals, linearized: bool, rtol: float
 ) -> Reals:
-    response = _half_cycle(block, restitution, pulse, velocity, linearized, rtol)
-    landed = response.impacts > 0
-    landing = jnp.abs(jnp.where(landed, response.impact_velocities[0], 1))
-    still = (response.status <= Status.LIST_FULL) & response.at_rest
-    return jnp.where(landed, landing, jnp.where(still, 0, jnp.nan))
+    parts = (block, restitution, pulse)
+    landing, (outcome, *_) = _landing(parts, velocity, linearized, rtol)
+    return jnp.where(outcome <= RESTS, landing, jnp.nan)
+
+
+def _landed(
+    parts: Parts, velocity: Reals, linearized: bool, rtol: float
+) -> tuple[Reals, tuple[Reals, ...], Landing]:
+    """What is 0 at a fixed point, what is answered there, and all of it."""
+    landing, rate, (outcome, time, peak) = jax.jvp(
+        lambda v: _landing(parts, v, linearized, rtol),
+        (velocity,),
+        (jnp.ones_like(velocity),),
+        has_aux=True,
+    )
+    return landing - velocity, (rate, time, peak), Landing(velocity, landing, rate, outcome)
+
+
+def _search_orbit(parts: Parts, linearized: bool, rtol: float) -> Solved:
+    block, _, pulse = parts
+    critical = (Linearized() if linearized else Nonlinear()).critical_velocity(block)
+    # No block lands faster than with all that gravity and the pulse can give.
+    rate = block.frequency_parameter
+    push = rate**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
+    bottom = 0.02 * jnp.minimum(rate * (pulse.end - pulse.start), 1) * critical
+
+    def at(velocity: Reals) -> tuple[Landing, tuple[Reals, ...]]:
+        _, answers, landing = _landed(parts, velocity, linearized, rtol)
+        return landing, answers
+
+    found = stable_fixed_point(
+        at,
+        bottom,
+        critical + push,
+        tolerance_of(critical, rtol),
+    )
+    root, *answers = (jnp.where(found.found, x, 0) for x in (found.velocity, *found.answers))
+    flags = (found.from_rest, found.dies_out, found.overturns)
+    return Solved(root, tuple(answers), found.found, flags)
+
+
+_orbit = solved(_search_orbit, _landed)
 
 
 @eqx.filter_jit
-def _phase(
+def phase_of(
     block: Block, restitution: Reals, pulse: Pulse, linearized: bool, rtol: float
 ) -> PulsedPhase:
-    import optimistix
-
-    def after(velocity: Reals, parts: tuple[Block, Reals, Pulse]) -> Reals:
-        return _next(*parts, velocity, linearized, rtol)
-
-    parts = (block, restitution, pulse)
-    fixed = jax.lax.stop_gradient(parts)
-    nothing = jnp.zeros_like(restitution)
-    before, near = jax.lax.fori_loop(
-        0, _ITERATIONS, lambda _, last: (last[1], after(last[1], fixed)), (nothing, nothing)
+    """`pulsed_phase`, compiled."""
+    solved = _orbit((block, restitution, pulse), linearized=linearized, rtol=rtol)
+    from_rest, settles, overturns = solved.flags
+    stands = solved.there | settles
+    rate, time, peak = solved.answers
+    rate = jnp.where(settles, restitution, rate)
+    # As factors: what does not exist has no slope either.
+    exists = jnp.where(stands, 1.0, jnp.nan)
+    repeats = jnp.where(solved.there, 2.0, jnp.nan)
+    return PulsedPhase(
+        velocity=exists * solved.root,
+        rate=exists * rate,
+        period=repeats * time,
+        peak_rotation=exists * peak,
+        rotation_ratio=exists * peak / block.critical_angle,
+        stands=stands,
+        from_rest=from_rest | settles,
+        settles=settles,
+        overturns=overturns,
     )
-    critical = (Linearized() if linearized else Nonlinear()).critical_velocity(block)
-    # With a restitution close to 1 it is still far away: on as if the map were linear.
-    gain = near - before
-    limit = jnp.minimum(before + gain / jnp.maximum(1 - restitution, 1e-6), 0.98 * critical)
-    near = jax.lax.stop_gradient(jnp.where(gain > 1e-3 * near, limit, near))
-    tolerance = max(rtol, 20 * float(jnp.finfo(near.dtype).eps))
-    reached = jnp.isfinite(near)
-    solution = optimistix.root_find(
-        lambda v, p: jnp.where(reached, after(v, p) - v, v),
-        optimistix.Newton(rtol=tolerance, atol=tolerance * 1e-3),
-        jnp.where(reached, near, 0),
-        parts,
-        throw=False,
-        max_steps=50,
-    )
-    velocity = solution.value
-    landing, rate = jax.jvp(lambda v: after(v, parts), (velocity,), (jnp.ones_like(velocity),))
-    close = jnp.abs(landing - velocity) <= 1e3 * tolerance * critical
-    stands = reached & close & (jnp.abs(rate) <= 1)
-    response = _half_cycle(*parts, velocity, linearized, rtol)
-    moves = response.impacts > 0
-    period = 2 * jnp.where(moves, response.impact_times[0], 0)
-    answers = (velocity, rate, period, response.peak_rotation)
-    ratio = response.peak_rotation / block.critical_angle
-    velocity, rate, period, peak, ratio = (
-        jnp.where(stands, answer, jnp.nan) for answer in (*answers, ratio)
-    )
-    return PulsedPhase(velocity, rate, period, peak, ratio, stands)

@@ -6,7 +6,10 @@ monotone, and one `diffrax.diffeqsolve` with an event goes from cut to cut, in a
 own, so that the smallest bounce keeps all its digits.
 """
 
+import contextlib
 import enum
+import functools
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -78,8 +81,12 @@ class Response(eqx.Module):
         Whether it rests on the ground at the end of the duration.
     friction_demand, normal_force : Array
         Largest ratio of horizontal to normal force at the base, and smallest normal force
-        over weight [-], at rest and in every step of the motion. A negative normal force means
-        that the block would have left the ground: the model is broken there.
+        over weight [-], over all of the motion, from the accelerations of the centre of mass:
+        at rest, in motion, just before and after every impact, and of a block that overturns
+        up to the moment in which abs(alpha) reaches pi / 2. The impulses of impacts do not
+        count. A normal force of 0 or less means that the block would have left the ground: the
+        friction demand is inf then, and from there on the model is broken. 0 and inf for a
+        block that lies on its side from the beginning.
     status : Array of int
         A `Status`; other than 0 or 1, the answers are NaN.
     cuts, scene, linearized
@@ -194,6 +201,7 @@ class _Carry(NamedTuple):
     lean: Any
     speed: Any
     phase: Any
+    acts: Any  # whether the input has acted up to now
     count: Any  # cuts
     impacts: Any
     peak: Any
@@ -213,9 +221,13 @@ def _pacing() -> Any:
     import diffrax
 
     class Pace(diffrax.AbstractStepSizeController):
-        """Diffrax's controller, stepping to every kink and over at most one turn."""
+        """Diffrax's controller, stepping to every kink and to the end, and over at most one turn.
+
+        It also keeps the extremes of the forces: no other part of diffrax sees every step.
+        """
 
         controller: diffrax.PIDController
+        until: Any  # end of the span
 
         def wrap(self, direction: Any) -> Any:
             return self
@@ -232,9 +244,9 @@ def _pacing() -> Any:
             error_order: Any,
         ) -> Any:
             end, inner = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
-            demand, normal = args.forces(t0, y0)
-            state = (inner, end - t0, (t0, y0), demand, normal)
-            return self._limit(t0, end, y0, args), state
+            extremes = jnp.zeros_like(t0), jnp.full_like(t0, jnp.inf)
+            state = (inner, end - t0, (t0, y0), extremes)
+            return self._limit(t0, end, y0, args.field(t0, y0)[1], args), state
 
         def adapt_step_size(
             self,
@@ -247,33 +259,53 @@ def _pacing() -> Any:
             error_order: Any,
             controller_state: Any,
         ) -> Any:
-            inner, wish, begin, demand, normal = controller_state
+            inner, wish, begin, extremes = controller_state
             keep, start, end, jump, inner, result = self.controller.adapt_step_size(
                 t0, t1, y0, y1_candidate, args, y_error, error_order, inner
             )
             # A step cut short says nothing against the length wished for before.
             step = jnp.where(keep, jnp.maximum(end - start, wish), end - start)
             y = jnp.where(keep, y1_candidate, y0)
-            now, force = args.forces(start, y)
-            inside = keep & (y[0] >= 0)
-            demand = jnp.where(inside, jnp.maximum(demand, now), demand)
-            normal = jnp.where(inside, jnp.minimum(normal, force), normal)
-            end = self._limit(start, start + step, y, args)
+            times, states = jnp.stack([t0, t1]), jnp.stack([y0, y1_candidate], axis=1)
+            accelerations = args.field(times, states)[1]
+            demand, normal = args.extremes(times, states, accelerations)
+            extremes = larger(extremes[0], demand, keep), smaller(extremes[1], normal, keep)
+            acceleration = jnp.where(keep, accelerations[1], accelerations[0])
+            end = self._limit(start, start + step, y, acceleration, args)
             wish = jnp.where(keep, step, 0)
             begin = jax.tree.map(lambda new, old: jnp.where(keep, new, old), (t0, y0), begin)
-            return keep, start, end, jump, (inner, wish, begin, demand, normal), result
+            # Nothing is left: diffrax stops by itself only at an end that it clips steps to.
+            start = jnp.where(keep & (t1 >= self.until), 2 * start, start)
+            return keep, start, end, jump, (inner, wish, begin, extremes), result
 
-        def _limit(self, start: Any, end: Any, y: Any, args: Any) -> Any:
-            acceleration = args.field(start, y)[1]
+        def _limit(self, start: Any, end: Any, y: Any, acceleration: Any, args: Any) -> Any:
             slowing = y[1] * acceleration < 0
             brake = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
             end = jnp.where(slowing, jnp.minimum(end, start + brake), end)
             kink = args.motion.next_kink(args.origin + start) - args.origin
+            last = self.until - _close_to(args.motion, args.origin + self.until)
+            stop = jnp.where((kink > start) & (kink < last), kink, self.until)
             # A step that ends at a kink goes with it: the slope of the input on this side of
             # the kink and on that must not both count there.
-            return jnp.where((kink > start) & (kink <= end), kink, jax.lax.stop_gradient(end))
+            return jnp.where(stop <= end, stop, jax.lax.stop_gradient(end))
 
     return Pace
+
+
+def larger(kept: Reals, new: Reals, counts: Any = True) -> Reals:
+    """The larger one; of two that are equal the first, with the whole of its derivative."""
+    return jnp.where(counts & (new > kept), new, kept)
+
+
+def smaller(kept: Reals, new: Reals, counts: Any = True) -> Reals:
+    """The smaller one, as in `larger`."""
+    return jnp.where(counts & (new < kept), new, kept)
+
+
+def friction(horizontal: Reals, normal: Reals) -> Reals:
+    """Friction demand: horizontal over normal force, inf where nothing presses."""
+    presses = normal > 0
+    return jnp.where(presses, jnp.abs(horizontal) / jnp.where(presses, normal, 1), jnp.inf)
 
 
 class _Span(eqx.Module):
@@ -297,7 +329,7 @@ class _Span(eqx.Module):
         return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
 
     def forces(self, time: Reals, y: Reals) -> tuple[Reals, Reals]:
-        """Friction demand and normal force over weight, from the acceleration of the centre."""
+        """Horizontal and normal force over weight, from the acceleration of the centre."""
         push, lift = self.ground(time)
         equation = self.equation
         rate = equation.acceleration(y[0], push, lift)
@@ -305,10 +337,55 @@ class _Span(eqx.Module):
         radius_over_g = 0.75 / equation.square
         horizontal = radius_over_g * (cosine * rate + sine * y[1] ** 2) - push
         normal = 1 + lift + radius_over_g * (sine * rate - cosine * y[1] ** 2)
-        demand = jnp.where(
-            normal > 0, jnp.abs(horizontal) / jnp.where(normal > 0, normal, 1), jnp.inf
+        return horizontal, normal
+
+    def extremes(self, times: Reals, states: Reals, accelerations: Reals) -> tuple[Reals, Reals]:
+        """Largest friction demand and smallest normal force in a step, before the span ends.
+
+        From the state at both ends of the step, on the polynomial that has their leans, speeds
+        and accelerations: at nine times, and at the extreme value of the parabola through each
+        three of them that follow one another.
+        """
+        begin, step = times[0], times[1] - times[0]
+        lean, drift, bend = states[0], step * states[1], 0.5 * step**2 * accelerations
+        excess = lean[1] - lean[0] - drift[0] - bend[0]
+        steepening, bending = drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]
+        powers = (
+            lean[0],
+            drift[0],
+            bend[0],
+            10 * excess - 4 * steepening + bending,
+            -15 * excess + 7 * steepening - 2 * bending,
+            6 * excess - 3 * steepening + bending,
         )
-        return demand, normal
+        slopes = tuple(k * power for k, power in enumerate(powers))[1:]
+
+        def at(share: Reals) -> tuple[Reals, Reals, Booleans]:
+            time = begin + share * step
+            lean, drift = (
+                functools.reduce(lambda value, c: value * share + c, reversed(each))
+                for each in (powers, slopes)
+            )
+            y = jnp.stack([lean, drift / step])
+            before = (time <= self.grace) | (self.ends(y).min(axis=0) >= 0)
+            return (*self.forces(time, y), before)
+
+        nodes = jnp.linspace(0, 1, 9, dtype=lean.dtype)
+        horizontal, normal, before = at(nodes)
+        # The angle of the force is smooth where the normal force vanishes.
+        curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
+        rise = 0.5 * (curves[:, 2:] - curves[:, :-2])
+        bent = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
+        moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1)
+        between = (jnp.stack([nodes[1:-1]] * 2) + 0.125 * moved).reshape(-1)
+        found = zip((horizontal, normal, before), at(between), strict=True)
+        horizontal, normal, before = map(jnp.concatenate, found)
+        # In the shortest steps, which change nothing, the speed in between is lost to rounding.
+        eps = float(jnp.finfo(lean.dtype).eps)
+        long = eps**0.5 * jnp.abs(lean[0]) <= step * jnp.sqrt(self.equation.square)
+        before = before & (long | (jnp.arange(before.size) == 0))
+        demand = jnp.where(before, friction(horizontal, normal), 0).max()
+        return demand, jnp.where(before, normal, jnp.inf).min()
 
     def ends(self, y: Reals) -> Reals:
         """What is positive until the span ends, for each way it can end."""
@@ -317,6 +394,11 @@ class _Span(eqx.Module):
         top = jnp.where(self.rising, 0.5 * jnp.pi / angle - lean, lean)
         crossing = jnp.where(self.rising & ~self.crossed, 1 - lean, jnp.inf)
         return jnp.stack([jnp.where(self.rising, speed, -speed), top, crossing])
+
+
+def _close_to(motion: Motion, time: Reals) -> Reals:
+    """Up to which a time coincides with a corner of the motion, rounded as the corner is."""
+    return 16 * float(jnp.finfo(time.dtype).eps) * (time + motion.end)
 
 
 def _field(t: Any, y: Any, args: Any) -> Any:
@@ -370,12 +452,12 @@ def _solve(
         term,
         solver,
         jnp.zeros_like(length),
-        length,
+        2 * length,  # never reached: see `Pace`
         _first_step(span, length, y),
         y,
         span,
         saveat=diffrax.SaveAt(t1=True, controller_state=True),
-        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol)),
+        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol), length),
         event=diffrax.Event(_until_cut, finder, direction=False),
         adjoint=diffrax.ForwardMode(),
         max_steps=_MAX_STEPS,
@@ -383,11 +465,11 @@ def _solve(
     )
     assert solution.ts is not None
     assert solution.ys is not None
-    time, y = solution.ts[0], solution.ys[0]
+    time, y = smaller(length, solution.ts[0]), solution.ys[0]
     happened = jnp.asarray(solution.event_mask)
     end = jnp.argmin(span.ends(y))
     assert solution.controller_state is not None
-    _, _, begin, demand, normal = solution.controller_state
+    _, _, begin, (demand, normal) = solution.controller_state
     fine = diffrax.is_successful(solution.result) | diffrax.is_event(solution.result)
     if method.locate == "step":
 
@@ -401,12 +483,14 @@ def _solve(
             rate = span.field(until, there)
             value, slope = jax.jvp(lambda y: span.ends(y)[end], (there,), (rate,))
             move = value / jnp.where(slope < 0, slope, -1)
-            near = (slope < 0) & (jnp.abs(move) <= 1e3 * _CLOSE * until)
-            return jnp.where(near, until - move, until)
+            near = jnp.abs(move) <= 1e3 * _CLOSE * until
+            # Its derivative is always that of the time, also where the span ends as it begins.
+            move = jnp.where(near, move, move - jax.lax.stop_gradient(move))
+            return jnp.where(slope < 0, until - move, until)
 
         # Twice, which gives the time two derivatives.
         closer = jax.lax.fori_loop(0, 2, lambda _, t: better(t), jax.lax.stop_gradient(time))
-        time = jnp.where(happened, closer, time)
+        time = jnp.where(happened, closer, length)
         y = jnp.where(happened, stepped(closer), y)
     return time, y, jnp.where(happened, end, 3), demand, normal, fine
 
@@ -447,6 +531,9 @@ def follow(
     rate = jnp.sqrt(equation.square)
     input_end = jnp.minimum(motion.end, duration)
     knots = motion.knots()
+    # Of a block just lifted: little beside its own time and that in which the input changes.
+    grace = 1e-6 * jnp.minimum(1 / rate, (motion.end - motion.start) / knots.size)
+    grace = jax.lax.stop_gradient(grace)
 
     def span_at(c: _Carry) -> _Span:
         return _Span(
@@ -458,12 +545,39 @@ def follow(
             c.phase == RISING,
             c.lean >= equation.critical_angle,
             # A block that is just being lifted has an acceleration of 0, up to rounding.
-            jnp.where((c.lean == 0) & (c.speed == 0), 1e-6 / rate, 0),
+            jnp.where((c.lean == 0) & (c.speed == 0), grace, 0),
         )
 
     def stop_after(time: Any) -> Any:
-        edges = jnp.stack([motion.start, motion.end, duration])
-        return jnp.where(edges > time, edges, jnp.inf).min()
+        """The next edge of the input, or the end; of those that coincide, the end."""
+        latest = duration - _close_to(motion, duration)
+        stop = duration
+        for edge in (motion.end, motion.start):
+            stop = jnp.where((edge > time) & (edge < latest), edge, stop)
+        return stop
+
+    def with_corner(c: _Carry) -> _Carry:
+        """Go with the corner of the input that the state coincides with, not a time after it.
+
+        That changes derivatives only: before the corner the block has moved for no time, but
+        one that has a derivative, under the input as it is before the corner.
+        """
+        near = _close_to(motion, c.time)
+        kink = motion.next_kink(c.time - near)
+        corner = jnp.where(kink <= c.time + near, kink, c.time)
+        corner = jnp.where(~c.acts & (c.time == motion.start), motion.start, corner)
+        corner = jnp.where(c.acts & (c.time == motion.end), motion.end, corner)
+        move = corner - c.time
+        move = move - jax.lax.stop_gradient(move)
+        span = eqx.tree_at(lambda s: s.acts, span_at(c), c.acts)
+        acceleration = span.field(jnp.zeros_like(move), jnp.stack([c.lean, c.speed]))[1]
+        move_by = jnp.where(c.phase == REST, 0, move)
+        return c._replace(
+            time=c.time + move,
+            lean=c.lean + move_by * c.speed,
+            speed=c.speed + move_by * acceleration,
+            acts=motion.acts(c.time),
+        )
 
     def at_rest(c: _Carry) -> _Carry:
         """Wait for the input to lift the block, or for the next edge of the input."""
@@ -471,25 +585,17 @@ def follow(
         found, time, side = _uplift(equation, motion, knots, c.time, stop)
         found = found & motion.acts(c.time)
         until = jnp.where(found, time, stop)
-        waiting = jnp.clip(knots, c.time, until)
-        demand, normal = jax.vmap(
-            lambda t: span_at(c._replace(time=t)).forces(jnp.zeros_like(t), jnp.zeros(2, dtype))
-        )(waiting)
+        waiting = jnp.where(knots < c.time, c.time, jnp.where(knots > until, until, knots))
         # A block at rest is held by the ground: only what the ground gives counts.
-        horizontal, vertical = jax.vmap(motion.value)(waiting)
-        normal = jnp.where(motion.acts(c.time), 1 + vertical / equation.gravity, 1)
-        demand = jnp.where(
-            motion.acts(c.time),
-            jnp.abs(horizontal) / equation.gravity / jnp.where(normal > 0, normal, 1),
-            0,
-        )
-        demand = jnp.where(normal > 0, demand, jnp.where(motion.acts(c.time), jnp.inf, 0))
+        accelerations = motion.value(waiting)
+        acts = motion.acts(c.time)
+        push, lift = (jnp.where(acts, a / equation.gravity, 0) for a in accelerations)
         return c._replace(
             time=until,
             side=jnp.where(found, side, c.side),
             phase=jnp.where(found, RISING, REST),
-            demand=jnp.maximum(c.demand, demand.max()),
-            normal=jnp.minimum(c.normal, normal.min()),
+            demand=larger(c.demand, friction(push, 1 + lift).max()),
+            normal=smaller(c.normal, (1 + lift).min()),
         )
 
     def moving(c: _Carry) -> _Carry:
@@ -500,6 +606,8 @@ def follow(
         tau, y, which, demand, normal, fine = _solve(
             span, length, jnp.stack([c.lean, c.speed]), rtol, atol, method
         )
+        # The forces just before an impact or at a turn are those of no step.
+        last_horizontal, last_normal = span.forces(tau, y)
         rising = c.phase == RISING
         ended = which == 3
         time = jnp.where(ended, stop, c.time + tau)
@@ -525,9 +633,6 @@ def follow(
         lost = (1 - driven.restitution) * jnp.where(held, -onward, 1)
         bounces = 2 * leaving * rate  # time that all further bounces take, times p and `lost`
         rests = landed & held & (bounces <= 1e-3 * rtol * lost)
-        after_demand, after_normal = here.forces(
-            jnp.zeros_like(time), jnp.stack([jnp.zeros_like(time), leaving])
-        )
         index = jnp.where(landed, c.impacts, listed)
         return c._replace(
             time=time,
@@ -539,12 +644,8 @@ def follow(
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),
-            demand=jnp.maximum(
-                jnp.maximum(c.demand, demand), jnp.where(landed & ~rests, after_demand, 0)
-            ),
-            normal=jnp.minimum(
-                jnp.minimum(c.normal, normal), jnp.where(landed & ~rests, after_normal, jnp.inf)
-            ),
+            demand=larger(larger(c.demand, demand), friction(last_horizontal, last_normal)),
+            normal=smaller(smaller(c.normal, normal), last_normal),
             failed=c.failed | ~fine,
             impact_times=c.impact_times.at[index].set(time, mode="drop"),
             impact_velocities=c.impact_velocities.at[index].set(-c.side * arriving, mode="drop"),
@@ -564,11 +665,11 @@ def follow(
         return jax.lax.cond(c.phase == REST, lambda c: c, moving, c)
 
     def step(c: _Carry) -> _Carry:
-        before = c
+        before = c = with_corner(c)
         c = jax.lax.cond(c.phase == REST, at_rest, lambda c: moving_or_at_rest(turn_first(c)), c)
         # The fate is read where the input ends.
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
-        margin = jnp.minimum(*margins_of(equation, driven.restitution, c.lean, c.speed))
+        margin = smaller(*margins_of(equation, driven.restitution, c.lean, c.speed))
         fresh = _cuts_at(c)
         cuts = jax.tree.map(
             lambda kept, new: kept.at[c.count].set(new, mode="drop"), before.cuts, fresh
@@ -593,12 +694,13 @@ def follow(
         lean=lean,
         speed=speed,
         phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
+        acts=jnp.zeros((), bool),
         count=jnp.zeros((), int),
         impacts=jnp.zeros((), int),
         peak=lean,
         peak_time=zero,
         crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
-        margin=jnp.minimum(*margins_of(equation, driven.restitution, lean, speed)),
+        margin=smaller(*margins_of(equation, driven.restitution, lean, speed)),
         demand=zero,
         normal=zero + jnp.inf,
         failed=~valid,
@@ -662,7 +764,7 @@ def _uplift(
     index = jnp.argmax(lifted)
     side = jnp.where(at_knots[0, index] >= at_knots[1, index], 1, -1).astype(knots.dtype)
     upper = knots[index]
-    lower = jnp.maximum(time, knots[jnp.maximum(index - 1, 0)])
+    lower = larger(time, knots[jnp.maximum(index - 1, 0)])
     now = jnp.stack([excess(time, s) for s in sides])
     at_once = (now > 0).any()
     bracketed = found & (excess(lower, side) < 0) & ~at_once
@@ -760,6 +862,18 @@ def compiled(
     return follow(driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed, method=method)
 
 
+@contextlib.contextmanager
+def _unchecked() -> Iterator[None]:
+    """Without JAX's checks of a NaN, which here stands for none, and of equinox's caches."""
+    with contextlib.ExitStack() as stack:
+        # Only where they are on: a setting of its own compiles anew.
+        if jax.config.jax_debug_nans:
+            stack.enter_context(jax.debug_nans(False))
+        if jax.config.jax_check_tracer_leaks:
+            stack.enter_context(jax.check_tracer_leaks(False))
+        yield
+
+
 def respond(
     block: Block,
     restitution: Number,
@@ -817,7 +931,16 @@ def respond(
     Notes
     -----
     Eq. 1, by diffrax; each impact is reached by a step of its own, which ends there.
-    Derivatives, in both modes, cost one forward derivative a perturbed number.
+    Derivatives, in both modes, cost one forward derivative a perturbed number. Where two of
+    the end of the input, its start, a sample, an impact and the duration coincide, answers
+    may have another slope on either side. Given is that for a duration not longer, and an end
+    of the input not earlier, than the other; for a start not earlier than 0; for a sample the
+    same on both sides; and for an impact at an end that of the order in which they came.
+    Extremes have the derivative of the moment in which they are taken, the first of equal ones.
+
+    NaN stands for none, and diffrax keeps what it traced: a call outside of transformations
+    switches off `jax.debug_nans` and `jax.checking_leaks` for its time. Inside of `jit` they
+    report both, and have to be off.
 
     Examples
     --------
@@ -865,12 +988,13 @@ def respond(
         raise ValueError(f"listed must be at least 1, got {listed}")
     tolerances = jnp.asarray(rtol, dtype), jnp.asarray(atol, dtype)
     method = Method(solver)
-    response = compiled(driven, *tolerances, linearized, listed, method)
-    if isinstance(response.status, jax.core.Tracer):
-        return response
-    while response.status == Status.LIST_FULL:
-        listed *= 8
+    with _unchecked():
         response = compiled(driven, *tolerances, linearized, listed, method)
+        if isinstance(response.status, jax.core.Tracer):
+            return response
+        while response.status == Status.LIST_FULL:
+            listed *= 8
+            response = compiled(driven, *tolerances, linearized, listed, method)
     count = int(response.impacts)
     return eqx.tree_at(
         lambda r: (r.impact_times, r.impact_velocities),

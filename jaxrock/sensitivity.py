@@ -13,11 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from .distributions import Distributions
 from .printing import listed, table
 
 Answer = Callable[[Any], Any]
 
 _TOGETHER = 2**14  # samples computed at once
+_ALLOWED = 0.1  # errors of mean and standard deviation, over the standard deviation
 
 
 class Sensitivities(NamedTuple):
@@ -90,9 +92,14 @@ class Scatter(NamedTuple):
     shares : dict
         Of the variance to first order, by number.
     holds : bool
-        Whether second order is a correction to the first, and right along the steepest way,
-        where there must be an answer up to two deviations away: not so where it bends too
-        much within the scatter, is chaotic, or ceases to exist because the block overturns.
+        Whether `mean` is right to a tenth of the deviation and `deviation` to 10 %, as far as
+        samples show, and all of them have an answer: not so where it bends too much within
+        the scatter, is chaotic, or ceases to exist because the block overturns.
+    mean_error, deviation_error : float
+        What the samples say that `mean` and `deviation` are off by, with twice the noise of
+        that, over the deviation; inf where a sample has no answer.
+    left_out : float
+        Share of samples without an answer.
     """
 
     mean_first: float
@@ -101,6 +108,9 @@ class Scatter(NamedTuple):
     deviation: float
     shares: dict[str, float]
     holds: bool
+    mean_error: float
+    deviation_error: float
+    left_out: float
 
     def __str__(self) -> str:
         return listed(self, **dict.fromkeys(self._fields, ""))
@@ -318,8 +328,17 @@ def tornado(answer: Answer, at: Any, ranges: Mapping[str, tuple[float, float]]) 
     return Swing(names, low, high, at_low, at_high, float(values[0]))
 
 
-def propagate(answer: Answer, at: Any, variation: Mapping[str, float]) -> Scatter:
+def propagate(
+    answer: Answer,
+    at: Any,
+    variation: Mapping[str, float],
+    samples: int = 1000,
+    seed: int = 0,
+) -> Scatter:
     """Mean and standard deviation of an answer under scatter, to first and second order.
+
+    Samples then show whether the answer is like that. Only what it differs by from its
+    second order is sampled, so that a thousand are enough.
 
     Parameters
     ----------
@@ -328,18 +347,24 @@ def propagate(answer: Answer, at: Any, variation: Mapping[str, float]) -> Scatte
     at : pytree
         Medians.
     variation : dict
-        Coefficient of variation by name; what is not named does not scatter. Numbers
-        scatter independently: positive ones lognormally, a ``restitution`` so that its
-        logit is normal, all others normally.
+        Coefficient of variation (standard deviation over mean) by name; what is not named
+        does not scatter. Numbers scatter independently: positive ones lognormally, a
+        ``restitution`` or ``damping_ratio`` so that its logit is normal, all others normally.
+    samples : int
+        How many answers to compare with.
+    seed : int
+        Of the random numbers.
 
     Returns
     -------
     Scatter
+        `holds` is False where the orders are not to be trusted.
 
     Raises
     ------
     ValueError
-        If a name is not one of `at`, or a coefficient is negative.
+        If a name is not one of `at`, or a coefficient is negative, or a restitution cannot
+        scatter so much: at 1, or so that it would have two peaks, near 0 and near 1.
 
     Examples
     --------
@@ -355,38 +380,61 @@ def propagate(answer: Answer, at: Any, variation: Mapping[str, float]) -> Scatte
     def standard(z: Any) -> Any:
         return function(physical(z))
 
-    z = jnp.zeros(len(variation))
     slope_of = jax.jacfwd(standard)
     expanded = jax.jit(lambda z: (standard(z), slope_of(z), jax.jacfwd(slope_of)(z)))
-    value, slope, curvature = expanded(z)
+    drawn = np.random.default_rng(seed).standard_normal((samples, len(variation)))
+    value, slope, curvature = map(np.asarray, expanded(jnp.zeros(len(variation))))
+    found = _sampled(standard, drawn)
+    return _compared(tuple(variation), value, slope, curvature, drawn, found)
+
+
+def _compared(
+    names: tuple[str, ...],
+    value: Any,
+    slope: np.ndarray,
+    curvature: np.ndarray,
+    drawn: np.ndarray,
+    found: np.ndarray,
+) -> Scatter:
+    """Moments of a quadratic in standard normal numbers, and how samples differ from them."""
     variance = float((slope**2).sum())
     second = variance + 0.5 * float((curvature**2).sum())
-    shares = np.asarray(slope**2) / (variance if variance else 1.0)
-    mean = float(value + 0.5 * jnp.trace(curvature))
+    mean, deviation = float(value + 0.5 * np.trace(curvature)), second**0.5
+    known = np.isfinite(found)
+    errors = (np.inf, np.inf)
+    if known.all() and np.isfinite(mean + second):
+        bent = 0.5 * np.einsum("ni,ij,nj->n", drawn, curvature, drawn)
+        expected = value + drawn @ slope + bent
+        errors = _moment_errors(expected, found - expected, mean, deviation)
+    shares = slope**2 / (variance if variance else 1.0)
     return Scatter(
         float(value),
         variance**0.5,
         mean,
-        second**0.5,
-        dict(zip(variation, shares.tolist(), strict=True)),
-        second <= 1.5 * variance
-        and abs(mean - float(value)) <= 0.5 * variance**0.5
-        and _is_quadratic(lambda z: expanded(z)[0], value, slope, curvature),
+        deviation,
+        dict(zip(names, shares.tolist(), strict=True)),
+        max(errors) <= _ALLOWED,
+        *errors,
+        float(1 - known.mean()),
     )
 
 
-def _is_quadratic(function: Any, value: Any, slope: Any, curvature: Any) -> bool:
-    """Whether the expansion is right a deviation away, and there is an answer two away."""
-    deviation = jnp.sqrt((slope**2).sum())
-    steepest = slope / jnp.where(deviation > 0, deviation, 1.0)
-    bend = steepest @ curvature @ steepest
-    for way in (-1.0, 1.0):
-        expected = value + way * deviation + 0.5 * bend
-        if not abs(function(way * steepest) - expected) <= 0.5 * deviation:
-            return False
-        if not jnp.isfinite(function(2 * way * steepest)):
-            return False
-    return True
+def _moment_errors(
+    expected: np.ndarray, rest: np.ndarray, mean: float, deviation: float
+) -> tuple[float, float]:
+    """What mean and deviation are off by because of the rest, with twice the noise of that."""
+    noise = 2 / len(rest) ** 0.5
+    rounding = 64 * float(np.finfo(rest.dtype).eps) * abs(mean)
+    # The variance of the answer is that of what is expected and the mean of this.
+    added = (2 * (expected - mean) + rest) * rest - rest.mean() ** 2
+    spread = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
+    of_mean = float(abs(rest.mean()) + noise * rest.std())
+    of_deviation = abs(spread - deviation)
+    of_deviation += float(noise * added.std() / (spread + deviation or 1.0))
+    if deviation == 0:
+        least = 0.0 if max(of_mean, of_deviation) <= rounding else np.inf
+        return least, least
+    return of_mean / deviation, of_deviation / deviation
 
 
 def monte_carlo(
@@ -592,19 +640,10 @@ def _scattering(
     spread = np.asarray(list(variation.values()), float)
     if not ((spread >= 0) & (spread < np.inf)).all():
         raise ValueError("variation must be at least 0 for every number")
-    medians = np.asarray(numbers.values)[places]
-    logistic = np.asarray([name.endswith("restitution") for name in variation], bool)
-    logistic &= (medians > 0) & (medians < 1)
-    lognormal = (medians > 0) & ~logistic
+    drawn = Distributions.of(tuple(variation), np.asarray(numbers.values)[places], spread)
 
     def physical(z: Any) -> Any:
-        grown = medians * jnp.exp(np.sqrt(np.log1p(spread**2)) * z)
-        odds = np.where(logistic, medians / np.where(logistic, 1 - medians, 1), 1.0)
-        scale = spread / np.where(logistic, 1 - medians, 1)
-        bounded = jax.nn.sigmoid(np.log(odds) + scale * z)
-        shifted = medians + spread * abs(medians) * z
-        chosen = jnp.where(logistic, bounded, jnp.where(lognormal, grown, shifted))
-        return numbers.values.at[places].set(chosen)
+        return numbers.values.at[places].set(drawn.at(z))
 
     return numbers, spread, physical
 

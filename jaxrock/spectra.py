@@ -4,7 +4,6 @@ import collections
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -17,6 +16,7 @@ from jaxtyping import Array
 from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
 from .block import Block
 from .critical import critical_intensity
+from .datasets import labelled
 from .files import written_whole
 from .free import FreeRocking, Linearized, Nonlinear
 from .model_error import linearized_is_enough
@@ -243,8 +243,6 @@ def _template(
     gravity: float,
 ) -> "xarray.Dataset":
     """The dataset without values: coordinates, attributes, and variables that take no memory."""
-    import xarray
-
     dims = tuple(axes) if with_intensity else tuple(axes)[:3]
     dtype = jnp.result_type(float)
     variables = {}
@@ -269,15 +267,13 @@ def _template(
         for name, values in axes.items()
     }
     attributes = {
-        "title": "Resonance spectra of rigid rocking blocks",
-        "source": f"jaxrock {version('jaxrock')}",
         "model": model if isinstance(model, str) else type(model).__name__,
         "gravity": gravity,
         "gravity_units": "m s-2",
     }
     if model == "auto":
         attributes["tolerance"] = tolerance
-    return xarray.Dataset(variables, coordinates, attributes)
+    return labelled("Resonance spectra of rigid rocking blocks", variables, coordinates, attributes)
 
 
 @eqx.filter_jit
@@ -372,18 +368,14 @@ def _store(
     """Make a NetCDF file like `template` and let `fill` put the values into its variables."""
     import netCDF4
 
-    try:
-        template.drop_vars(list(template)).to_netcdf(path)
-        with netCDF4.Dataset(path, "a") as file:
-            for name, variable in template.items():
-                dims = [str(dim) for dim in variable.dims]
-                missing = math.nan if variable.dtype.kind == "f" else None
-                target = file.createVariable(str(name), variable.dtype, dims, fill_value=missing)
-                target.setncatts(variable.attrs)
-                if "intensity" not in variable.dims:
-                    target.coordinates = "intensity"
-            fill(file.variables)
-    except RuntimeError as error:
-        if str(error).startswith("NetCDF:"):  # how it reports a full disk, among others
-            raise OSError(str(error)) from error
-        raise
+    template.drop_vars(list(template)).reset_coords().to_netcdf(path)
+    with netCDF4.Dataset(path, "a") as file:
+        for name, variable in template.items():
+            dims = [str(dim) for dim in variable.dims]
+            missing = math.nan if variable.dtype.kind == "f" else None
+            target = file.createVariable(str(name), variable.dtype, dims, fill_value=missing)
+            target.setncatts(variable.attrs)
+            scalars = [str(other) for other in variable.coords if other not in variable.dims]
+            if scalars:
+                target.coordinates = " ".join(scalars)
+        fill(file.variables)

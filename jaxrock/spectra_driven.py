@@ -3,7 +3,6 @@
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from .arguments import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, as_real, c
 from .batch import BatchResponse, respond_batch
 from .block import Block, housner_restitution
 from .critical_driven import critical_amplitude
+from .datasets import labelled
 from .motion import Motion, Pulse, pulse_class
 from .progress import with_progress
 from .spectra import Values, axis, chunks_of
@@ -224,8 +224,6 @@ def overturning_map(
     ValueError
         If an argument is outside of what is allowed.
     """
-    import xarray
-
     ratios = _axis("frequency_ratio", frequency_ratio)
     block, c, just_lifts = _normal_block(slenderness, restitution, linearized)
     title, parts = "Overturning map", []
@@ -278,8 +276,6 @@ def overturning_map(
     }
     long_name, units, _ = AXES["frequency_ratio"]
     attributes = {
-        "title": title,
-        "source": f"jaxrock {version('jaxrock')}",
         "equation": "linearized" if linearized else "nonlinear",
         "motion": shape.name,
         "slenderness": slenderness,
@@ -291,7 +287,7 @@ def overturning_map(
     coordinates = {
         "frequency_ratio": ("frequency_ratio", ratios, {"long_name": long_name, "units": units})
     }
-    return xarray.Dataset(variables, coordinates, attributes)
+    return labelled(title, variables, coordinates, attributes)
 
 
 def _normal_block(
@@ -335,8 +331,6 @@ def _dataset(
     linearized: bool,
     motion: str,
 ) -> "xarray.Dataset":
-    import xarray
-
     sizes = [values.size for values in axes.values()]
     kinds = {"overturned": np.int8, "impacts": int, "order": np.int8, "kept": np.int8}
     extra: dict[str, np.ndarray] = {}
@@ -366,11 +360,9 @@ def _dataset(
         for name, values in axes.items()
     }
     attributes = {
-        "title": title,
-        "source": f"jaxrock {version('jaxrock')}",
         "equation": "linearized" if linearized else "nonlinear",
         "motion": motion,
         "gravity": gravity,
         "gravity_units": "m s-2",
     }
-    return xarray.Dataset(variables, coordinates, attributes)
+    return labelled(title, variables, coordinates, attributes)

@@ -10,7 +10,6 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -21,6 +20,7 @@ from jaxtyping import Array
 
 from .batch import respond_batch
 from .block import Block
+from .datasets import labelled
 from .fidelity import CLOSED, DrivenScene
 from .free import Linearized, Nonlinear
 from .model_error import model_error
@@ -478,8 +478,6 @@ def _for_driven(scene: DrivenScene, sizes: list[int]) -> Iterator[_Contender]:
 
 
 def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Dataset":
-    import xarray
-
     error = np.array([row["error"] for row in rows])
     seconds = np.array([row["seconds"] for row in rows])
     batch = np.array([row["batch"] for row in rows])
@@ -521,14 +519,12 @@ def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Da
         {"long_name": "1 on the front of its batch and rung"},
     )
     attributes = {
-        "title": "Speed against accuracy",
-        "source": f"jaxrock {version('jaxrock')}",
         "scene": type(scene).__name__,
         "reference_error": floor,
         "device": jax.devices()[0].device_kind,
         "jax": jax.__version__,
     }
-    return xarray.Dataset(variables, attrs=attributes)
+    return labelled("Speed against accuracy", variables, {}, attributes)
 
 
 def _duration(seconds: float) -> str:

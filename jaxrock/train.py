@@ -81,29 +81,67 @@ class Rocker(NamedTuple):
         x = jnp.minimum(x, _whole(x))
         return self.model._half_cycle_duration(self.block, x, x * self.unit)
 
-    def on_flight(self, x: Any, since: Any) -> Flight:
-        """Where it is, some time after it was launched [s]."""
-        x = jnp.minimum(x, _whole(x))
+    def on_flight(self, x: Any, since: Any, whole: Any) -> Flight:
+        """Where it is, some time after it was launched [s], on a flight of duration `whole`.
+
+        See `since_launch`.
+        """
+        left = whole - since
+        falls = left < since
+        # The way down is the way up reversed.
         velocity = jax.jvp(
             lambda time: self.model._rotation(self.block, x, time),
-            (since,),
+            (jnp.where(falls, left, since),),
             (jnp.ones_like(since),),
         )[1]
-        q = jnp.clip(velocity / self.model._critical_velocity(self.block), -x, x)
-        return Flight(jnp.sqrt((x - q) * (x + q)), q)
+        q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
+        return Flight(jnp.sqrt((x - q) * (x + q)), jnp.where(falls, -q, q))
+
+    def velocity_at(self, x: Any, since: Any, whole: Any) -> Any:
+        """What `on_flight` says of the velocity, where that is to be differentiated often.
+
+        In the full equation by Newton's method, since the derivatives of Jacobi's functions
+        take a minute to compile: over asinh(q / k) the time is all but linear. The last
+        step carries the derivatives. Strictly within the flight only, of duration `whole`.
+        """
+        if isinstance(self.model, Linearized):
+            return self.on_flight(x, since, whole).q
+        falls = whole - since < since
+        goal = jnp.where(falls, whole - since, since)
+        k = jnp.sqrt(jnp.maximum((1 - x) * (1 + x), jnp.finfo(x.dtype).eps ** 0.6))
+        rate = self.block.frequency_parameter
+        unit = self.model._critical_velocity(self.block) / rate**2
+
+        def closer(_: Any, s: Any) -> Any:
+            s = jax.lax.stop_gradient(s)
+            q = jnp.clip(k * jnp.sinh(s), 0, x * (1 - jnp.finfo(x.dtype).eps))
+            lean = self.lean(Flight(jnp.sqrt((x - q) * (x + q)), q))
+            time = self.model._time_from_ground(self.block, lean, x, q)
+            slope = unit * k * jnp.cosh(s) / jnp.sin(self.block.critical_angle - lean)
+            return s + (time - goal) / slope
+
+        s = jax.lax.fori_loop(0, 7, closer, jnp.arcsinh(x / k) * (1 - 2 * goal / whole))
+        q = jnp.clip(k * jnp.sinh(s), 0, x)
+        return jnp.where(falls, -q, q)
 
     def lean(self, flight: Flight) -> Any:
         """Rotation on its side [rad]: a launch with the velocity lost leads just as high."""
         drop = jnp.minimum(flight.drop, _whole(flight.drop))
         return self.model._peak_rotation(self.block, drop, drop * self.unit)
 
-    def since_launch(self, flight: Flight) -> Any:
-        """Time since it left the ground [s]."""
-        whole = _whole(flight.x)
-        part = jnp.minimum(whole / jnp.maximum(flight.x, whole), 1)
-        flight = Flight(part * flight.drop, part * flight.q)
-        to_peak = self.model._time_to_peak(self.block, self.lean(flight), flight.q)
-        return 0.5 * self.duration(flight.x) - to_peak
+    def since_launch(self, flight: Flight, whole: Any) -> Any:
+        """Time since it left the ground [s], on a flight of duration `whole`.
+
+        A block that falls towards the ground faster than critical was never launched from
+        it: what counts is the time left.
+        """
+        time = self.ground_time(flight)
+        return jnp.where(flight.q < 0, whole - time, time)
+
+    def ground_time(self, flight: Flight) -> Any:
+        """Time since it left the ground or, on the way down, until it lands [s]."""
+        lean = self.lean(flight)
+        return self.model._time_from_ground(self.block, lean, flight.x, abs(flight.q))
 
     def struck(self, flight: Flight, impulse: Any) -> Flight:
         """The flight after an outward pulse, its intensity over `unit`."""
@@ -217,6 +255,7 @@ def respond_to_train(
 
 class _Moving(NamedTuple):
     x: Any  # of the flight
+    whole: Any  # its duration
     since: Any  # its launch
     side: Any
     peak: Any
@@ -236,16 +275,16 @@ def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
         def lands(carry: Any) -> Any:
             state, left = carry
             again = (state.x > nothing) & (state.bounces < _BOUNCES) & ~state.over
-            return again & (state.since + left >= rocker.duration(state.x))
+            return again & (state.since + left >= state.whole)
 
         def land(carry: Any) -> Any:
             state, left = carry
-            left = left - (rocker.duration(state.x) - state.since)
+            left = left - (state.whole - state.since)
             x = rocker.restitution * state.x
-            rises = state.since <= 0.5 * rocker.duration(state.x)
+            rises = state.since <= 0.5 * state.whole
             peak = jnp.where(rises, jnp.maximum(state.peak, summit(state.x)), state.peak)
             return (
-                _Moving(x, zero, -state.side, peak, x >= 1, state.bounces + 1),
+                _Moving(x, rocker.duration(x), zero, -state.side, peak, x >= 1, state.bounces + 1),
                 jnp.maximum(left, 0),
             )
 
@@ -264,9 +303,9 @@ def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
         length, intensity = each
         before = state
         state = wait(state, length)
-        flight = rocker.on_flight(state.x, state.since)
+        flight = rocker.on_flight(state.x, state.since, state.whole)
         # The last peak was passed if it lies between the pulses.
-        half = 0.5 * rocker.duration(state.x)
+        half = 0.5 * state.whole
         began = jnp.where(state.bounces == before.bounces, before.since, 0)
         reached = jnp.where((began <= half) & (state.since > half), summit(state.x), 0)
         reached = jnp.maximum(reached, rocker.lean(flight))
@@ -274,9 +313,11 @@ def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
         flight = rocker.struck(flight, side * intensity / rocker.unit)
         x = flight.x
         over = state.over | ((x >= 1) & (flight.q >= 0))
+        whole = rocker.duration(x)
         struck = _Moving(
             x=jnp.where(state.over, state.x, x),
-            since=rocker.since_launch(flight),
+            whole=whole,
+            since=rocker.since_launch(flight, whole),
             side=side.astype(x.dtype),
             peak=jnp.maximum(state.peak, jnp.where(state.over, 0, reached)),
             over=over,
@@ -284,11 +325,11 @@ def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
         )
         return struck, (x, state.side)
 
-    rest = _Moving(zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
+    rest = _Moving(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
     lengths = jnp.diff(times, prepend=times[:1])
     last, (ratios, sides) = jax.lax.scan(pulse, rest, (lengths, intensities))
     # A block that falls after the last pulse may leave the impact faster than it ever was.
-    rises = last.since <= 0.5 * rocker.duration(last.x)
+    rises = last.since <= 0.5 * last.whole
     x = jnp.where(rises, last.x, rocker.restitution * last.x)
     over, peak = last.over | (x >= 1), jnp.maximum(last.peak, summit(x))
     complete = last.bounces < _BOUNCES

@@ -1,14 +1,22 @@
 """Strict settings for all tests.
 
-Float64 unless ``--precision 32``; promotions of rank and dtype raise; two host devices;
-types of all arguments and results of the package are checked; 70 digits in mpmath.
+Float64 unless ``--precision 32``; promotions of rank and dtype raise; types of all arguments
+and results of the package are checked; 70 digits in mpmath. What one process has compiled,
+the others take from a folder: that of ``JAX_COMPILATION_CACHE_DIR`` if set, else one that
+lasts as long as the run.
 """
 
+import atexit
+import gc
 import os
+import shutil
+import tempfile
 
-os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + (
-    " --xla_force_host_platform_device_count=2"
-)
+# Before JAX is imported; workers and the commands that tests start inherit it.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="compiled-")
+    atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 import hypothesis
 import jax
@@ -19,19 +27,25 @@ from jaxtyping import install_import_hook
 
 install_import_hook("jaxrock", "beartype.beartype")
 matplotlib.use("agg")
+gc.set_threshold(100_000, 20, 50)  # tracing makes many objects, of which few are garbage
 mpmath.mp.dps = 70
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 hypothesis.settings.register_profile("jaxrock", deadline=None, max_examples=50, derandomize=True)
 hypothesis.settings.load_profile("jaxrock")
 
+collect_ignore = ["writing.py"]  # a script, whose import is for a process of its own
+
 
 def pytest_addoption(parser):
     parser.addoption("--precision", choices=("32", "64"), default="64", help="bits of a number")
+    parser.addoption("--devices", type=int, default=1, help="that the processor is made of")
 
 
 def pytest_configure(config):
     jax.config.update("jax_enable_x64", config.getoption("--precision") == "64")
+    if config.getoption("--devices") > 1:
+        jax.config.update("jax_num_cpu_devices", config.getoption("--devices"))
 
 
 @pytest.hookimpl(tryfirst=True)

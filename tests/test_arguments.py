@@ -54,10 +54,14 @@ def test_concrete_values_are_refused(call, message):
         call()
 
 
-@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()], ids=repr)
-@pytest.mark.parametrize("position", range(5))
-def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position):
-    numbers = np.full((5, 3), [[0.4], [5.0], [9.81], [0.6], [0.1]])
+def total_and_answers(shared, numbers, model):
+    """Spoiled is one of the numbers; all elements share a factor of another."""
+    b, slenderness, gravity, restitution, intensity = numbers
+    scene = jr.Scene(
+        jr.Block(b * shared["b"], slenderness * shared["slenderness"], gravity),
+        restitution,
+        intensity,
+    )
     functions = (
         jr.rotation_ratio,
         jr.stabilized_period,
@@ -66,24 +70,28 @@ def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, positi
         jr.overturning_margin,
         jr.overturning_half_cycle,
     )
+    answers = [function(scene, model) for function in functions]
+    return sum(jnp.nansum(jnp.where(jnp.isinf(a), 0, a)) for a in answers), answers
 
-    def all_of_them(b, lam, g, c, i, shared):
-        # Spoiled is one parameter, shared by all elements another.
-        b, lam = (b * shared, lam) if position == 1 else (b, lam * shared)
-        one = jr.Scene(jr.Block(b, lam, g), c, i)
-        answers = [function(one, model) for function in functions]
-        return sum(jnp.nansum(jnp.where(jnp.isinf(a), 0, a)) for a in answers), answers
 
-    answer = jax.jit(jax.value_and_grad(all_of_them, 5, has_aux=True))
-    (_, good), whole = answer(*numbers, 1.0)
+with_slopes = jax.jit(jax.value_and_grad(total_and_answers, has_aux=True))
+
+
+@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()], ids=repr)
+@pytest.mark.parametrize("position", range(5))
+def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position):
+    numbers = np.full((5, 3), [[0.4], [5.0], [9.81], [0.6], [0.1]])
+    shared = {"b": 1.0, "slenderness": 1.0}
+    (_, good), whole = with_slopes(shared, numbers, model)
     for wrong in (-1.0, np.nan, np.inf):
         spoiled = numbers.copy()
         spoiled[position, 1] = wrong
-        (_, bad), slope = answer(*spoiled, 1.0)
+        (_, bad), slopes = with_slopes(shared, spoiled, model)
         for expected, found in zip(good, bad, strict=True):
             assert jnp.isnan(found[1])
             assert (expected[::2] == found[::2]).all()
-        np.testing.assert_allclose(slope, whole * 2 / 3, rtol=1e-5)
+        other = "b" if position == 1 else "slenderness"
+        np.testing.assert_allclose(slopes[other], whole[other] * 2 / 3, rtol=1e-5)
 
 
 def test_derivative_of_an_element_that_is_not_allowed_is_zero():

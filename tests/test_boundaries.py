@@ -39,7 +39,7 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
 def test_against_scipy():
     """Thirty boundaries of blocks at random: the fate changes there, and the mode is theirs."""
     rng = np.random.default_rng(5)
-    checked = 0
+    checked, cases = 0, {}
     while checked < 30:
         half_width, slenderness = 10 ** rng.uniform(-1.3, 0.2), rng.uniform(2, 9)
         c, duration = rng.uniform(0.6, 0.95), rng.uniform(0.2, 1.2)
@@ -48,17 +48,21 @@ def test_against_scipy():
         block = jr.Block(half_width, slenderness)
         found = jr.critical_amplitude(block, c, shape, duration, linearized=linearized)
         assert bool(found.complete)
-        rocker = stepping.Rocker(half_width, slenderness, c, linearized)
         for k in range(int(found.count)):
             edge, beyond = float(found.value[k]), bool(found.overturns_beyond[k])
             for factor, expected in ((1 - 1e-6, not beyond), (1 + 1e-6, beyond)):
-                pieces = stepping.pulse(shape.__name__, edge * factor, duration)
-                settle = 25 / rocker.p if expected else 0.0
-                theirs = stepping.with_events(rocker, pieces, settle, rtol=1e-11)
-                assert theirs.overturned == expected, (block, shape, duration, edge)
-                if expected:
-                    assert len(theirs.impacts) == int(found.impacts[k])
+                numbers = (half_width, slenderness, c, edge * factor, duration)
+                outcome = (expected, int(found.impacts[k]))
+                cases.setdefault((shape.__name__, linearized), []).append((*numbers, *outcome))
             checked += 1
+    for (shape, linearized), some in cases.items():
+        half_width, slenderness, c, amplitude, duration, expected, impacts = np.array(some).T
+        rocker = stepping.Rocker(half_width, slenderness, c, linearized)
+        settle = np.where(expected == 1, 25 / rocker.p, 0.0)
+        ground = stepping.pulse(shape, amplitude, duration)
+        theirs = stepping.follow(rocker, ground, settle, rtol=1e-11)
+        np.testing.assert_array_equal(theirs.overturned, expected)
+        np.testing.assert_array_equal(theirs.impacts[expected == 1], impacts[expected == 1])
 
 
 def test_no_window_of_a_percent_is_missed():
@@ -124,16 +128,50 @@ def test_derivatives(name):
 
 
 @pytest.mark.thorough
-def test_second_derivative():
-    def edge(slenderness):
-        block = jr.Block(0.1, slenderness)
-        return jr.critical_amplitude(block, 0.9, jr.HalfSine, 0.5, (1.0, 9.0)).value[0]
+@pytest.mark.parametrize("name", ["no impact", "on a record"])
+def test_second_derivatives(name):
+    """All of them, against differences of first ones, which are tested above."""
+    record = jr.Record(0.6 * np.array([0, 3, -4, 6, -5, 3, 1, -2, 0.0]), 0.15)
 
-    h = 1e-3
-    slopes = [jax.jacfwd(edge)(5.0 + s * h) for s in (-1.0, 1.0)]
-    assert float(jax.jacfwd(jax.jacfwd(edge))(5.0)) == pytest.approx(
-        float(slopes[1] - slopes[0]) / (2 * h), rel=1e-5
-    )
+    def edge(at):
+        if name == "on a record":
+            block, factors = jr.Block(at[0], at[1]), np.linspace(0.5, 6, 40)
+            return jr.overturning_boundaries(block, at[2], record, "factor", factors).value[0]
+        block = jr.Block(at[0], at[1], at[4])
+        options = {"ratios": (1.0, 9.0), "resolution": 0.05}
+        return jr.critical_amplitude(block, at[2], jr.HalfSine, at[3], **options).value[0]
+
+    at = np.array([0.2, 5.0, 0.8] if name == "on a record" else [0.1, 5.0, 0.9, 0.5, 9.81])
+    second, slopes = jax.jacfwd(jax.jacfwd(edge))(at), jax.jacfwd(edge)
+
+    def difference(step):
+        moved = step * np.diag(at)
+        return np.stack([(slopes(at + m) - slopes(at - m)) / (2 * m.sum()) for m in moved])
+
+    extrapolated = (4 * difference(1e-4) - difference(2e-4)) / 3
+    scale = np.abs(extrapolated) + 1e-2 * abs(edge(at)) / np.outer(at, at)
+    np.testing.assert_array_less(np.abs(second - extrapolated), 1e-6 * scale)
+    np.testing.assert_allclose(second, second.T, rtol=1e-10, atol=1e-10 * np.max(scale))
+
+
+@pytest.mark.thorough
+def test_second_derivatives_of_the_margin_on_a_record():
+    """Of the response itself, adaptively."""
+    record = jr.Record(0.6 * np.array([0, 3, -4, 6, -5, 3, 1, -2, 0.0]), 0.15)
+
+    def margin(at):
+        return jr.respond(jr.Block(at[0], at[1]), at[2], record.scaled(at[3])).margin
+
+    at = np.array([0.2, 5.0, 0.8, 1.0])
+    second, slopes = jax.jacfwd(jax.jacfwd(margin))(at), jax.jit(jax.jacfwd(margin))
+
+    def difference(step):
+        moved = step * np.diag(at)
+        return np.stack([(slopes(at + m) - slopes(at - m)) / (2 * m.sum()) for m in moved])
+
+    extrapolated = (4 * difference(1e-4) - difference(2e-4)) / 3
+    scale = np.abs(extrapolated) + 1e-2 * abs(margin(at)) / np.outer(at, at)
+    np.testing.assert_array_less(np.abs(second - extrapolated), 1e-6 * scale)
 
 
 def test_other_quantities_lead_to_the_same_boundary():
@@ -187,7 +225,6 @@ def test_record():
         assert bool(response.overturned) == expected
 
 
-@pytest.mark.thorough
 @pytest.mark.thorough
 def test_mode_beside_a_narrow_window():
     """Not that of what lies beyond the window, which stands."""

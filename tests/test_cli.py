@@ -1,16 +1,21 @@
 """The commands as a user calls them, in this process; one of them in its own."""
 
 import json
+import os
 import re
 import subprocess
 import sys
+import warnings
+from pathlib import Path
 
 import pytest
 import xarray
+from cf import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.cli import main
 from jaxrock.commands import COMMANDS
+from jaxrock.commands.options import Answer
 
 pytestmark = pytest.mark.float64
 
@@ -157,6 +162,70 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_ctrl_c_is_one_line(capsys, tmp_path, monkeypatch):
+    """Also where Python raises it, and in a study: no job after it runs, those before it stay."""
+    ran = []
+
+    def fake(command):
+        ran.append(command.out)
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        return command.finished("", {})
+
+    monkeypatch.setattr(COMMANDS["critical"], "run", fake)
+    study = tmp_path / "study.toml"
+    study.write_text("".join(f"[[job]]\ncommand = 'critical'\nout = '{k}'\n" for k in range(3)))
+    assert run(capsys, "run", study) == (130, "", "jaxrock: interrupted\n")
+    assert ran == [tmp_path / "0", tmp_path / "1"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("arguments", [["--help"], ["critical"], ["critical", "--json"]])
+def test_standard_output_that_cannot_be_written(capsys, monkeypatch, arguments):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr("sys.stdout", full)
+        code, _, err = run(capsys, *arguments)
+        assert code == 2
+        said = "standard output cannot be written to: No space left on device"
+        assert err == f"jaxrock: error: {said}\n"
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as pipe:
+        monkeypatch.setattr("sys.stdout", pipe)
+        code, _, err = run(capsys, *arguments)
+        assert (code, err) == (141, "")
+
+
+def test_the_current_folder_may_be_gone(capsys, tmp_path, monkeypatch):
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    here.rmdir()
+    code, _, err = run(capsys, "critical", "--out", "relative")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "out: relative starts at the current folder, which is gone" in err
+    code, _, _ = run(capsys, "critical", "--out", tmp_path / "absolute")
+    assert code == 0
+    assert os.getcwd()  # which JAX asks for
+    assert [path.name for path in tmp_path.iterdir()] == ["absolute"]
+
+
+def test_surroundings(capsys, monkeypatch):
+    """No backend is needed that may not exist; a warning is one line."""
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+
+    def fake(command):
+        warnings.warn("something was left", stacklevel=1)
+        return Answer(os.environ["MPLBACKEND"], {})
+
+    monkeypatch.setattr(COMMANDS["critical"], "run", fake)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        answer = run(capsys, "critical")
+    assert answer == (0, "agg\n", "jaxrock: warning: something was left\n")
+    assert os.environ["MPLBACKEND"] == "nonsense"
+
+
 @pytest.mark.thorough
 def test_paper(capsys, tmp_path):
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper", "--json")
@@ -208,6 +277,7 @@ def test_respond(tmp_path, capsys):
     assert answer["peak_rotation"] == pytest.approx(float(expected.peak_rotation), rel=1e-9)
     assert answer["impacts"] == expected.impacts
     assert answer["status"] == "complete"
+    assert_follows_cf(out / "response.nc")
     names = {"response.csv", "impacts.csv", "response.nc", "response.png", "response.gif"}
     assert {path.name for path in out.iterdir()} == names
     rows = (out / "impacts.csv").read_text(encoding="utf-8").splitlines()
@@ -219,6 +289,7 @@ def test_rocking_spectrum(tmp_path, capsys):
     main(["rocking-spectrum", "--period", "2", "4", "--out", str(out)])
     assert "6 blocks" in capsys.readouterr().out
     assert len(list(out.iterdir())) == 3
+    assert_follows_cf(out / "rocking_spectrum.nc")
 
 
 @pytest.mark.parametrize(
@@ -369,5 +440,6 @@ def test_tradeoff(capsys, tmp_path):
     code, out, _ = run(capsys, "tradeoff", "--repeats", 1, "--out", tmp_path / "t")
     assert code == 0
     assert "for 1e-04 use" in out
+    assert_follows_cf(tmp_path / "t" / "tradeoff.nc")
     names = ["tradeoff.csv", "tradeoff.nc", "tradeoff.png"]
     assert sorted(path.name for path in (tmp_path / "t").iterdir()) == names

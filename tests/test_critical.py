@@ -1,6 +1,9 @@
+import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
+import reference
 
 import jaxrock as jr
 
@@ -39,3 +42,61 @@ def test_without_loss_any_pulse_overturns_in_the_end():
     assert jr.critical_intensity(block, 1.0) == 0
     single, hundred = jr.critical_intensity(block, 1.0, jnp.asarray([1.0, 100.0]))
     np.testing.assert_allclose(single, 100 * hundred, rtol=1e-6)
+
+
+@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@mp.workdps(700)  # as many as 1 - cos(alpha_c) loses
+def test_slenderness_at_all_intensities_there_are(model):
+    """Value and slope, from the smallest to the largest floating-point numbers."""
+    dtype = jnp.result_type(float)
+    kind = np.finfo(dtype)
+    decades = np.log10(float(kind.max)) - 1
+    intensity = jnp.asarray(10 ** np.linspace(-decades, decades, 31), dtype)
+
+    def slenderness(intensity):
+        return jr.critical_slenderness(jr.Scene(jr.Block(0.4, 1.0), 0.7, intensity), model=model)
+
+    found, slope = jax.vmap(jax.value_and_grad(slenderness))(intensity)
+    theirs = getattr(reference, type(model).__name__)
+    exact = [mp.mpf(float(c)) for c in np.asarray([0.4, 9.81, 0.7], dtype)]
+
+    def logarithm_of_intensity(logarithm):
+        b, g, c = exact
+        return mp.log(reference.critical_intensity(theirs, b, mp.exp(logarithm), g, c, mp.inf))
+
+    beyond = 0
+    for given, value, steepness in zip(intensity, found, slope, strict=True):
+        given = mp.mpf(float(given))
+        if value == np.inf:  # lambda = g b / (0.75 (I / (1 - C))^2)
+            assert exact[0] * exact[1] / 0.75 * ((1 - exact[2]) / given) ** 2 > 0.9 * kind.max
+            assert steepness == 0
+            beyond += 1
+            continue
+        place = mp.log(mp.mpf(float(value)))
+        assert abs(logarithm_of_intensity(place) - mp.log(given)) < 16 * kind.eps, given
+        expected = mp.mpf(float(value)) / given / mp.diff(logarithm_of_intensity, place)
+        if 100 * kind.tiny < -expected < kind.max:
+            assert abs(mp.mpf(float(steepness)) / expected - 1) < 100 * kind.eps, given
+        else:
+            assert steepness in (0, -np.inf), given
+    assert 5 < beyond < 13
+
+
+@pytest.mark.parametrize("half_cycles", [2.0, 7.0, 1e6, np.inf])
+def test_any_restitution_comes_back(half_cycles):
+    """Down to where it is lost in the rounding of the intensity, and up to 1."""
+    eps = float(jnp.finfo(jnp.result_type(float)).eps)
+    restitution = jnp.asarray(
+        np.append(10 ** np.linspace(-20, 0, 201), [0.0, 1 - eps, 1 - 9 * eps])
+    )
+    restitution = restitution[(restitution < 1) | (half_cycles < np.inf)]
+    block = jr.Block(0.4, 5.0)
+    intensity = jr.critical_intensity(block, restitution, half_cycles)
+    found = jr.critical_restitution(jr.Scene(block, 0.5, intensity), half_cycles)
+    np.testing.assert_allclose(found, restitution, rtol=16 * eps, atol=16 * eps)
+    assert (found >= 0).all()
+    assert (found <= 1).all()
+    beyond = jr.critical_intensity(block, jnp.asarray([0.0, 1.0]), half_cycles) * jnp.asarray(
+        [1 + 32 * eps, 1 - 32 * eps]
+    )
+    assert jnp.isnan(jr.critical_restitution(jr.Scene(block, 0.5, beyond), half_cycles)).all()

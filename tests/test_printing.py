@@ -54,12 +54,15 @@ def test_arguments_and_answers_print_themselves(thing, text):
         (jr.SurvivalWindows(2.0, np.array([[3.0, np.inf]])), "stands again from 3 to inf"),
         (jr.SurvivalWindows(np.inf, np.empty((0, 2))), "stands everywhere in the range"),
         (
-            jr.PulsedVerge(*jnp.array([2.0, 0.1, 0.5]), jnp.array(True)),
+            jr.PulsedVerge(*jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])),
             "amplitude           2 m",
         ),
-        (jr.PulsedPhase(*jnp.arange(5.0), jnp.array(True)), "period              2 s"),
         (
-            jr.Scatter(1.0, 0.1, 1.1, 0.2, {"intensity": 1.0}, True),
+            jr.PulsedPhase(*jnp.arange(5.0), *jnp.array([True, True, False, False])),
+            "period              2 s",
+        ),
+        (
+            jr.Scatter(1.0, 0.1, 1.1, 0.2, {"intensity": 1.0}, True, 0.01, 0.02, 0.0),
             "      intensity 1",
         ),
         (jr.Probability(0.1, 0.2, 1.0, {"intensity": 1.0}, 0.0, True), "probability         0.1"),

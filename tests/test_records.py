@@ -1,13 +1,16 @@
 """Ground motions from files and traces: what is read, exactly, and what is refused."""
 
+import os
 import re
 import subprocess
 import sys
+import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from jaxrock import record_text
 from jaxrock.records import example_record, from_obspy, read_record
 
 G = 9.80665
@@ -168,8 +171,8 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
         (
             "a.AT2",
             PAIR.replace(" G", " CM/S/S"),
-            {},
-            ", line 3: acceleration in units of g was exp",
+            {"unit": "g"},
+            ", line 3: unit is 'g', but the header states CM/S/S",
         ),
         (
             "a.AT2",
@@ -292,6 +295,217 @@ def test_what_is_wrong_is_said(write, tmp_path, monkeypatch, name, content, opti
     assert "\n" not in str(error.value)
 
 
+OF_UNIT = {
+    "m/s2": 1,
+    "cm/s2": 0.01,
+    "mm/s2": 1e-3,
+    "gal": 0.01,
+    "g": G,
+    "%g": G / 100,
+    "mg": G / 1e3,
+}
+SAID = {  # the unit, and how headers, comments and names of columns say it
+    "m/s2": (
+        ["UNITS: M/S^2", "ACCELERATION (M/SEC**2)", "acc. in m s^-2", "Accel [m/s\u00b2]"],
+        ["acc_m_s2", "acc (m/s\u00b2)", "a_ms-2", "acc_mps2", "acc [m/s/s]"],
+    ),
+    "cm/s2": (
+        ["ACCELERATION (CM/S2)", "TIME SERIES IN UNITS OF CM/SEC/SEC", "CM/S/S", "acc [gal]"],
+        ["acc_cm_s2", "acc_cm_s_2", "a (cm/sec^2)", "acc_gal", "ns / (cm/s2)", "acc_cmss"],
+    ),
+    "mm/s2": (["UNITS=MM/S2", "acceleration in mm/s/s, filtered"], ["x [mm/s2]", "up_mm_s2"]),
+    "g": (
+        [IN_G.strip(), "ACCELERATION IN G", "Acceleration, g", "ACC (G)", "units are g's", "(g)"],
+        ["acc_g", "north [g]", "090_g", "G", "acc_g_north", "up (g)"],
+    ),
+    "%g": (["UNITS OF %G", "ACCELERATION (% G)"], ["acc_%g", "a [percent of g]", "acc_pct_g"]),
+    "mg": (["ACCELERATION IN MG"], ["acc_mg", "acc [milli-g]"]),
+}
+
+
+@pytest.mark.parametrize("unit", SAID)
+def test_a_unit_that_is_stated_is_used_and_not_contradicted(write, holds, unit):
+    lines, names = SAID[unit]
+    contents = [("a.AT2", f"PEER\n{line}\nNPTS= 2, DT= .5\n3 -7") for line in lines]
+    contents += [("a.csv", f"# {line}\nt,a\n0,3\n.5,-7") for line in lines]
+    contents += [("a.csv", f"t,{name}\n0,3\n.5,-7") for name in names]
+    for name, content in contents:
+        path = write(name, content)
+        for given in (None, *OF_UNIT):
+            if given is None or OF_UNIT[given] == OF_UNIT[unit]:
+                holds(read_record(path, unit=given), 0.5, [3 * OF_UNIT[unit], -7 * OF_UNIT[unit]])
+                continue
+            with pytest.raises(ValueError, match=r"line [123]: unit is .*, but .* states") as error:
+                read_record(path, unit=given)
+            assert repr(given) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "SAN FERNANDO, PACOIMA DAM, UNIT 1, 164",
+        "ACCELERATION; VELOCITY OF SHEAR WAVES 300 M/S",
+        "Uncorrected: divided by the sensitivity (213180 counts per m/s2)",
+        "PEAK ACCELERATION = -34.2 CM/S2 AT 3.2 S, PGA (MG): 35",
+        "start-up spike of 0.086 g; a weaker burst below 0.09 g left out",
+        "UNCORRECTED ACCELEROGRAM, G. SMITH, ACCELERATION IN THE NORTH DIRECTION",
+        "UNITS OF TIME: SEC, times rounded to 0.001 s, interpolated onto 0.004 s",
+        "Cut: 45.00 s cut from 65.00 s, 4 Hz low-pass, samples 200 to 400",
+    ],
+)
+def test_what_says_nothing_of_unit_and_step(write, holds, line):
+    holds(read_record(write("a.AT2", f"{line}\n2 .5 NPTS, DT\n3 -7"), unit="m/s2"), 0.5, [3, -7])
+    holds(read_record(write("a.csv", f"# {line}\nt,a\n0,3\n.5,-7"), unit="m/s2"), 0.5, [3, -7])
+
+
+STEPS = {  # of 0.01 s, in headers of .AT2 files; in comments; as names of columns of times
+    "header": [
+        "NPTS= 2, DT= 10 MSEC",
+        "NPTS= 2, DT=10MS",
+        "NPTS= 2, DT= 1.-02 SEC",
+        "NPTS= 2, DT= 1.0D-2 (SEC), 0 POLE",
+        "NPTS=2,DT=.01",
+        "DT= .01 SEC, NPTS= 2",
+        "2 10 NPTS, DT (MSEC)",
+        "2 10MSEC NPTS, DT",
+        "2 .01 NPTS, DT SEC",
+    ],
+    "comment": [
+        "time step 0.01 s",
+        "dt_ms = 10",
+        "dt [ms]: 10",
+        "DT= .01 NPTS= 2",
+        "100 samples per second",
+        "sampling rate: 100 Hz",
+        "Sampling frequency (Hz): 100",
+        "sampling interval of 10 msec.",
+        "DELTA= 1.0E-02",
+    ],
+    "times": ["t|0|.01", "time_ms|0|10", "Time [msec]|5|15", "time(\u00b5s)|0|1e4", "t/s|1|1.01"],
+}
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, kind):
+    for text in STEPS[kind]:
+        if kind == "header":
+            path = write("a.AT2", f"UNITS OF G\n{text}\n3 -7")
+        elif kind == "comment":
+            path = write("a.csv", f"# {text}\na_g2,acc_g\n1,3\n2,-7")
+        else:
+            name, first, second = text.split("|")
+            path = write("a.csv", f"{name},acc_g\n{first},3\n{second},-7")
+        column = None if kind == "header" else "acc_g"
+        for given in (None, 0.01):
+            record = read_record(path, column=column, time_step=given)
+            assert float(record.time_step) == pytest.approx(0.01, rel=1e-6)
+        for given in (10.0, 0.1, 0.02):
+            with pytest.raises(ValueError, match=f"time_step is {given} s, but the file has 0.01"):
+                read_record(path, column=column, time_step=given)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.AT2", "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2", "line 1: .* states COUNTS, which is not"),
+        ("a.AT2", "ACC (FT/S2)\n2 .01 NPTS, DT\n1 2", "line 1: .* states FT/S2, which is not"),
+        ("a.AT2", "ACC (G)\nUNITS: GAL\n2 1 NPTS, DT\n1 2", "2: line 1 states G, but .* GAL"),
+        ("a.AT2", "(G)\nNPTS= 2, DT= 10 FOO\n1 2", "line 2: DT must be .*, got '10 FOO'"),
+        ("a.AT2", "(G)\nNPTS= 2, DT= 200 HZ\n1 2", "line 2: DT must be .*, got '200 HZ'"),
+        ("a.AT2", "(G)\nNPTS= 2, DT= 1,5 MSEC\n1 2", "line 2: DT must be .*, got '1,5 MSEC'"),
+        (
+            "a.AT2",
+            "(G)\nDT= 10 MS\n2 .1 NPTS, DT\n1 2",
+            "2: the time step is 0.01 s here, but 0.1 s",
+        ),
+        ("a.csv", "t,acc [counts]\n0,1\n1,2", "line 1: column .* states counts, which is not"),
+        ("a.csv", "t,acc [cm/s]\n0,1\n1,2", "line 1: column .* states cm/s, which is not"),
+        ("a.csv", "t,vel_m_s,a_g2 [g]\n0,1,1\n1,2,2", "column must be given"),
+        ("a.csv", "# in G\nt,velocity\n0,1\n1,2", "acceleration was expected, not column 'vel"),
+        ("a.csv", "# (gal)\nt,acc_g\n0,1\n1,2", "line 1: line 2 states g, but a comment .* gal"),
+        ("a.csv", "time [ticks],acc_g\n0,1\n1,2", "the unit of the times is not understood"),
+        ("a.csv", "# time step 0,01 s\nacc_g\n1\n2", "line 1: the time step is not understood"),
+        ("a.csv", "# sampling rate 0.01\nacc_g\n1\n2", "line 1: the time step is not understood"),
+        ("a.csv", "# dt = 2 s\nt,acc_g\n0,1\n1,2", "the time step is 2 s here, but 1 s elsewhere"),
+        ("a.csv", "t,a_g\n0,1\n1,2", "unit must be given"),  # ground acceleration as well
+    ],
+)
+def test_what_a_file_says_and_is_not_understood_or_contradicts_itself(
+    write, name, content, message
+):
+    with pytest.raises(ValueError, match=message):
+        read_record(write(name, content))
+
+
+@pytest.mark.parametrize(
+    ("word", "numbers"),
+    [
+        (".1-02", [1e-3]),
+        ("-.1-02-.2+02", [-1e-3, -20]),
+        (".5-12.5", [0.5, -12.5]),
+        ("-1.0-1.0-12.50", [-1, -1, -12.5]),
+        (".1E-02-.2d-02", [1e-3, -2e-3]),
+        (".1-02.3-02", None),  # two numbers either way
+        (".1-02.3", None),
+        (".5-101-12.5", None),
+        (".1-2", None),
+        ("1-02", None),
+        (".1E-024.5", None),
+    ],
+)
+def test_numbers_that_run_together(write, holds, word, numbers):
+    content = "UNITS: M/S2\n{} .5 NPTS, DT\n7.0 " + word
+    if numbers is not None:
+        path = write("a.AT2", content.format(1 + len(numbers)))
+        holds(read_record(path), 0.5, [7, *numbers])
+        return
+    for points in (2, 3):  # whether or not it fits
+        with pytest.raises(ValueError, match="line 3: .* got '" + re.escape(word)):
+            read_record(write("a.AT2", content.format(points)))
+
+
+def test_large_files_are_read_in_blocks(write, holds, monkeypatch):
+    values = np.arange(1, 200) / 8
+    at2 = "\r\n".join(f"{a:.3f}-{a:.3f}" if a % 1 else f"{a} -{a:.6e}" for a in values)
+    at2 = write("a.AT2", f"UNITS: M/S2\r\n398 .5 NPTS, DT\r\n{at2}\r\n\r\n")
+    rows = "\n".join(
+        f'{i / 2},"{a}",{2 * a}' if i % 50 == 9 else f"{i / 2},{a},{2 * a}"
+        for i, a in enumerate(values)
+    )
+    table = write("a.csv", f"t,a,b\n{rows}\n")
+    broken = write("b.csv", f"t,a,b\n{rows}\n199,x,2\n")
+    shown = []
+    monkeypatch.setattr(
+        record_text,
+        "with_progress",
+        lambda items, label: shown.append((len(items), label)) or items,
+    )
+    for block in (1 << 20, 100):
+        monkeypatch.setattr(record_text, "_BLOCK", block)
+        holds(read_record(at2), 0.5, np.stack([values, -values], 1).ravel())
+        read = read_record(table, unit="m/s2", column="a", vertical="b")
+        holds(read, 0.5, values, 2 * values)
+        with pytest.raises(ValueError, match=r"b\.csv', line 201: column 'a' must be a number"):
+            read_record(broken, unit="g", column="a")
+    assert [count > 10 for count, _ in shown] == 3 * [False] + 3 * [True]
+    assert shown[-2][1] == "reading a.csv [MB]"
+
+
+def test_only_regular_files_are_read(tmp_path):
+    """A pipe or a device may never end, and a pipe can be read only once."""
+    pipe, device = tmp_path / "pipe.csv", tmp_path / "device.csv"
+    os.mkfifo(pipe)
+    device.symlink_to(os.devnull)
+    writer = threading.Thread(target=pipe.write_text, args=("acc_g\n1\n2\n",), daemon=True)
+    writer.start()
+    for path in (pipe, device):
+        with pytest.raises(ValueError, match="a regular file was expected, not a pipe or a dev"):
+            read_record(path, time_step=1)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # lets the writer go
+    writer.join(10)
+    os.close(reader)
+
+
 def test_a_folder_is_not_read(tmp_path):
     (tmp_path / "a.csv").mkdir()
     with pytest.raises(ValueError, match=r"a\.csv': the file cannot be read"):
@@ -325,6 +539,8 @@ def test_obspy(holds):
     holds(
         from_obspy(big_endian, unit="g", vertical=counts), 0.01, [1.5 * G, -2 * G], [3 * G, 4 * G]
     )
+    of_gmprocess = trace(np.array([3, 4]), standard={"units": "cm/s^2"})
+    holds(from_obspy(of_gmprocess, unit="gal"), 0.01, [0.03, 0.04])
     holds(from_obspy(counts, unit="m/s2", vertical=trace(np.ones(2))), 0.01, [3, 4], [1, 1])
 
 
@@ -355,6 +571,28 @@ PLAIN = trace(np.ones(3), starttime=0)
     ],
 )
 def test_traces_that_are_refused(horizontal, vertical, message):
+    with pytest.raises(ValueError, match=message):
+        from_obspy(horizontal, unit="m/s2", vertical=vertical)
+
+
+class Stream(list):
+    """As obspy has it: a list of traces."""
+
+
+@pytest.mark.parametrize(
+    ("horizontal", "vertical", "message"),
+    [
+        (Stream([PLAIN, PLAIN]), None, "trace must be one trace, .* got a Stream of 2: take one"),
+        (PLAIN, Stream([PLAIN]), "vertical must be one trace, .* got a Stream of 1: take one"),
+        (np.ones(3), None, "trace must be one trace, .* got a ndarray"),
+        (None, None, "trace must be one trace, .* got a NoneType"),
+        (SimpleNamespace(data=np.ones(3)), None, "trace must be one trace, .* SimpleNamespace"),
+        (trace(np.ones(3), "a"), None, "stats.delta of trace must be a real number"),
+        (trace(np.ones(3), standard={"units": "cm/s^2"}), None, "unit is 'm/s2', but trace states"),
+        (PLAIN, trace(np.ones(3), standard={"units": "counts"}), "but vertical states 'counts'"),
+    ],
+)
+def test_what_is_no_trace_or_in_another_unit(horizontal, vertical, message):
     with pytest.raises(ValueError, match=message):
         from_obspy(horizontal, unit="m/s2", vertical=vertical)
 

@@ -1,9 +1,9 @@
 import csv
 
-import jax
 import numpy as np
 import pytest
 import xarray
+from cf import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock import spectra
@@ -60,6 +60,27 @@ def test_labels():
     assert spectrum.intensity.attrs["units"] == "m s-1"
 
 
+@pytest.mark.parametrize("intensity", [0.15, [0.1, 0.15]])
+@pytest.mark.parametrize("options", [{}, {"model": "auto"}])
+def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options):
+    """Whatever the numbers are."""
+
+    def fill(targets, *_):
+        for name in spectra._VARIABLES:
+            targets[name][...] = 0
+
+    monkeypatch.setattr(spectra, "_fill", fill)
+    grid = GRID | {"intensity": intensity} | options
+    with jr.resonance_spectrum(**grid, store=tmp_path / "stored.nc") as stored:
+        jr.resonance_spectrum(**grid).to_netcdf(tmp_path / "memory.nc")
+        assert stored.Conventions == "CF-1.9"
+    for name in ("stored.nc", "memory.nc"):
+        assert_follows_cf(tmp_path / name)
+    up_and_down = GRID | {"width": [0.4, 1.2, 0.8]}  # which they do not allow
+    assert "Conventions" not in jr.resonance_spectrum(**up_and_down).attrs
+    assert "Conventions" in jr.resonance_spectrum(**GRID | {"width": [1.2, 0.8, 0.4]}).attrs
+
+
 def test_an_array_of_intensities_adds_a_dimension():
     spectrum = jr.resonance_spectrum(**(GRID | {"intensity": [0.1, 0.15]}))
     assert spectrum.period.dims == ("slenderness", "width", "restitution", "intensity")
@@ -89,20 +110,6 @@ def test_chunks_and_files_change_nothing(tmp_path, monkeypatch, chunk):
         assert stored.attrs == whole.attrs
         assert stored.period.attrs == whole.period.attrs
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
-
-
-def test_devices_change_nothing(tmp_path):
-    """Not the last bit of a number: there are two devices in the tests."""
-    devices = jax.local_devices()
-    assert len(devices) >= 2
-    grid = GRID | {"slenderness": np.linspace(3, 10, 37), "model": jr.Nonlinear(), "chunk": 60}
-    single = jr.resonance_spectrum(**grid, devices=devices[:1])
-    shared = jr.resonance_spectrum(**grid)
-    with jr.resonance_spectrum(**grid, store=tmp_path / "spectrum.nc") as stored:
-        for name in single:
-            values = single[name].values.tobytes()
-            assert shared[name].values.tobytes() == values, name
-            assert stored[name].values.tobytes() == values, name
 
 
 def test_table(tmp_path):

@@ -1,11 +1,23 @@
 """Study files: several commands in one file, checked before the first one runs."""
 
+import gc
 import json
+import os
+import sys
+import threading
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import xarray
 
+from jaxrock import progress, record_text
 from jaxrock.cli import main
+from jaxrock.commands import Run
+from jaxrock.commands.critical import Critical
+from jaxrock.commands.options import Answer
+from jaxrock.commands.rocking_spectrum import RockingSpectrum
 
 pytestmark = pytest.mark.float64
 
@@ -105,9 +117,111 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
 
 
+def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypatch):
+    (tmp_path / "a.csv").write_text("t,acc_g\n0,0.1\n0.5,-0.2\n1,0.1\n")
+    job = "[[job]]\ncommand = 'rocking-spectrum'\nrecord = 'a.csv'\nout = '{}'\n"
+    text = "".join(job.format(i) for i in range(4)) + "unit = 'g'\n"  # the last one asks otherwise
+    text += "[[job]]\ncommand = 'critical'\nrecord = 'a.csv'\n"
+    counted = Counter()
+
+    def count(owner, name, of):
+        original = getattr(owner, name)
+
+        def counting(*arguments, **options):
+            counted[of(*arguments)] += 1
+            return original(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, counting)
+
+    count(record_text, "read_regular", lambda path: path.name)
+    count(RockingSpectrum, "check", lambda job: f"check {job.out.name}")
+    count(progress, "with_progress", lambda items, label: label)
+    for command in (RockingSpectrum, Critical):  # their answers are for other tests
+        answer = lambda job: Answer(f"{job.motion.samples}", {"scaled": float(job.motion.scale)})  # noqa: E731
+        monkeypatch.setattr(command, "run", answer)
+    main(["run", study(tmp_path, text)])
+    assert capsys.readouterr().out.count("3\n") == 5
+    checks = {f"check {i}": 1 for i in range(4)}
+    assert counted == {"a.csv": 2, "checking jobs": 1, "jobs": 1, **checks}
+    alone = RockingSpectrum(record=str(tmp_path / "a.csv"))
+    alone.check()
+    assert replace(alone, scale=2.0).motion.scale == 2 * alone.motion.scale
+    assert counted["a.csv"] == 3
+    del alone  # with the last command that has it, a record is forgotten
+    gc.collect()
+    (tmp_path / "a.csv").write_text("t,acc_g\n0,0.1\n0.5,-0.2\n")
+    assert RockingSpectrum(record=str(tmp_path / "a.csv")).motion.samples == 2
+
+
+def test_a_record_that_is_faulty_is_read_once(tmp_path, monkeypatch):
+    (tmp_path / "a.csv").write_text("t,acc_g\n0,x\n")
+    read = []
+    monkeypatch.setattr(
+        record_text, "read_regular", lambda path: read.append(path) or path.read_bytes()
+    )
+    text = "".join(f"[[job]]\ncommand = 'rocking-spectrum'\nout = '{i}'\n" for i in range(3))
+    with pytest.raises(ValueError, match=r"(?s)(job \d .*column 'acc_g' must be a num.*){3}"):
+        Run(study=Path(study(tmp_path, "[common]\nrecord = 'a.csv'\n" + text))).check()
+    assert len(read) == 1
+
+
+def test_checking_takes_a_time_in_proportion_to_the_jobs(tmp_path):
+    """Calls of functions are counted: their number is the same in every run."""
+
+    def calls(jobs):
+        text = "".join(f"[[job]]\ncommand = 'spectrum'\nout = 'd/{i}'\n" for i in range(jobs))
+        run = Run(study=Path(study(tmp_path, text)))
+        count = 0
+
+        def counting(_frame, event, _argument):
+            nonlocal count
+            count += event in ("call", "c_call")
+
+        sys.setprofile(counting)
+        try:
+            run.check()
+        finally:
+            sys.setprofile(None)
+        return count
+
+    calls(1)  # what is done once only
+    few, some, many = calls(20), calls(40), calls(60)
+    assert many - some == pytest.approx(some - few, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "value", ["[" * 500 + "]" * 500, "{a=" * 500 + "1" + "}" * 500], ids=["lists", "tables"]
+)
+def test_a_study_that_is_nested_too_deeply(tmp_path, capsys, value):
+    for text in (f"common = {value}", f"[[job]]\ncommand = {value}"):
+        with pytest.raises(SystemExit):
+            main(["run", study(tmp_path, text)])
+        error = capsys.readouterr().err
+        assert "study.toml' is nested too deeply" in error
+        assert error.count("\n") == 1
+
+
+def test_a_study_is_a_regular_file(tmp_path, capsys):
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_text, args=("a = 1",), daemon=True)
+    writer.start()
+    with pytest.raises(SystemExit):
+        main(["run", str(pipe)])
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # lets the writer go
+    writer.join(10)
+    os.close(reader)
+    assert "pipe.toml' cannot be read: a regular file was expected" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (
+            "[[job]]\ncommand = 'spectrum'\nout = 'd/critical.csv/e'\n"
+            "[[job]]\ncommand = 'critical'\nout = 'd'",
+            "/d/critical.csv' is in the way of job 1 (spectrum)",
+        ),
         ("[[job]", "is not TOML"),
         ("", "job is missing"),
         ("\ufeff[[job]]\ncommand = 'x'", "job 1: command must be one of"),

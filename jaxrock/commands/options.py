@@ -2,8 +2,10 @@
 
 import abc
 import csv
+import functools
 import json
 import math
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
@@ -14,7 +16,7 @@ import tyro
 
 if TYPE_CHECKING:
     from ..block import Block
-    from ..motion import Motion
+    from ..motion import Motion, Record
 
 Grid = tuple[str, ...]
 Equation = Literal["linearized", "nonlinear"]
@@ -106,7 +108,7 @@ class BlockOptions:
     gravity: float = 9.81
     """Acceleration of gravity [m/s2]."""
 
-    @property
+    @functools.cached_property
     def block(self) -> "Block":
         """The block."""
         from ..arguments import POSITIVE, check
@@ -120,7 +122,7 @@ class BlockOptions:
         slenderness = 5.0 if self.slenderness is None else self.slenderness
         return Block(self.width / 2, slenderness, self.gravity)
 
-    @property
+    @functools.cached_property
     def coefficient(self) -> float:
         """The coefficient of restitution."""
         from ..arguments import UNIT_INTERVAL, check
@@ -158,27 +160,55 @@ class RecordOptions(Command):
     @property
     def motion(self) -> "Motion":
         """The record, scaled."""
+        found = self._reading.found
+        if isinstance(found, str):
+            raise ValueError(found)
+        return found.scaled(self.scale)
+
+    @functools.cached_property
+    def _reading(self) -> "_Reading":
+        """What reading the record gives, as another command has it that asks for the same."""
+        asked = (self.record, self.unit, self.column, self.vertical, self.time_step)
+        reading = _readings.get(asked)
+        if reading is None:
+            try:
+                reading = _Reading(self._read())
+            except ValueError as error:
+                reading = _Reading(str(error))
+            _readings[asked] = reading
+        return reading
+
+    def _read(self) -> "Record":
         from ..records import example_record, read_record
 
         if self.record is None:
             raise ValueError("record must be given")
-        if self.record == "example":
-            given = (self.unit, self.time_step)
-            if given != (None, None) or self.vertical not in (None, "up"):
-                raise ValueError(
-                    'the record "example" has its unit and time step; its column may be "north"'
-                    ' or "east", and vertical "up"'
-                )
-            found = example_record(self.column or "north", vertical=self.vertical is not None)
-        else:
-            found = read_record(
+        if self.record != "example":
+            return read_record(
                 self.record,
                 unit=self.unit,
                 column=self.column,
                 vertical=self.vertical,
                 time_step=self.time_step,
             )
-        return found.scaled(self.scale)
+        given = (self.unit, self.time_step)
+        if given != (None, None) or self.vertical not in (None, "up"):
+            raise ValueError(
+                'the record "example" has its unit and time step; its column may be "north"'
+                ' or "east", and vertical "up"'
+            )
+        return example_record(self.column or "north", vertical=self.vertical is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """A record that was read, or what is wrong with it."""
+
+    found: "Record | str"
+
+
+# Kept for as long as a command holds on to it: the file is read once, checked and then used.
+_readings: weakref.WeakValueDictionary[tuple[Any, ...], _Reading] = weakref.WeakValueDictionary()
 
 
 @dataclass(frozen=True, kw_only=True)

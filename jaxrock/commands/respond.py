@@ -69,16 +69,12 @@ class Respond(MotionOptions, BlockOptions, Writing):
             _draw(response, scratch / "response.png")
             if self.animate:
                 animate(response, scratch / "response.gif")
-        return self.finished(str(response), history.attrs)
+        return self.finished(str(response), _scalars(response))
 
 
-def _history(response: "Response", times: Any) -> "xarray.Dataset":
-    import xarray
-
+def _scalars(response: "Response") -> dict[str, Any]:
     from ..response import Status
 
-    rotation, velocity = response.history(times)
-    ratio = rotation / response.scene.block.critical_angle
     scalars = {
         "status": Status(int(response.status)).name.lower(),
         "overturned": int(response.overturned),
@@ -96,18 +92,27 @@ def _history(response: "Response", times: Any) -> "xarray.Dataset":
         "normal_force",
     ):
         scalars[name] = float(getattr(response, name))
+    return scalars
+
+
+def _history(response: "Response", times: Any) -> "xarray.Dataset":
+    from ..datasets import labelled
+
+    rotation, velocity = response.history(times)
+    ratio = rotation / response.scene.block.critical_angle
     described = {
         "rotation": (rotation, "rotation", "rad"),
         "velocity": (velocity, "angular velocity", "rad s-1"),
         "rotation_ratio": (ratio, "rotation over critical angle", "1"),
     }
-    return xarray.Dataset(
+    return labelled(
+        "Response of a rocking block",
         {
             name: ("time", data, {"long_name": label, "units": unit})
             for name, (data, label, unit) in described.items()
         },
         {"time": ("time", times, {"long_name": "time", "units": "s"})},
-        scalars,
+        _scalars(response),
     )
 
 

@@ -1,13 +1,16 @@
 """``jaxrock run study.toml``: what one would otherwise script."""
 
+import functools
 import tomllib
 import types
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import tyro
 
+from ..files import read_regular
 from .options import Answer, Command, Writing
 
 _TABLES = ("common", "job")
@@ -55,7 +58,7 @@ class Run(Command):
         for job in with_progress(self.jobs(), "jobs"):
             try:
                 answer = job.command.run()
-            except ValueError as error:
+            except (ValueError, OSError, MemoryError) as error:
                 answer = Answer(f"error: {error}", {"error": str(error)}, 2)
                 errors.append(f"{self.study}: {job.name}: {error}")
             texts.append(f"{job.name}\n{answer.text}")
@@ -64,28 +67,59 @@ class Run(Command):
         return Answer("\n\n".join(texts), {"jobs": answers}, code, errors)
 
     def jobs(self) -> list[Job]:
+        """The jobs, checked once."""
+        return self._jobs
+
+    @functools.cached_property
+    def _jobs(self) -> list[Job]:
         """The jobs, checked; a `ValueError` says all that is wrong."""
-        jobs, faults = _parsed(_read(self.study), self.study.parent)
-        writer_of: dict[Path, str] = {}
-        for job in jobs:
+        from ..progress import with_progress
+
+        try:
+            jobs, faults = _parsed(_read(self.study), self.study.parent)
+        except RecursionError:
+            raise ValueError(f"study: {str(self.study)!r} is nested too deeply") from None
+        claimed = _Claimed()
+        for job in with_progress(jobs, "checking jobs"):
             try:
                 job.command.check()
             except ValueError as error:
                 faults.append(f"{job.name}: {error}")
-            files = job.command.files if isinstance(job.command, Writing) else []
-            for file in (Path(file).resolve() for file in files):
-                for other, writer in writer_of.items():
-                    if file == other or file in other.parents or other in file.parents:
-                        faults.append(f"{job.name}: out: {str(file)!r} is in the way of {writer}")
-                writer_of[file] = job.name
+            if isinstance(job.command, Writing) and job.command.out is not None:
+                faults += claimed.in_the_way(job.name, job.command.out, job.command.names)
         if faults:
             raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
         return jobs
 
 
+class _Claimed:
+    """The files that jobs are going to write, found by their paths and by their folders."""
+
+    def __init__(self) -> None:
+        self.files: dict[Path, str] = {}
+        self.folders: dict[Path, str] = {}
+
+    def in_the_way(self, job: str, folder: Path, names: Sequence[str]) -> list[str]:
+        """Claim the files `names` of a job; what is said of each that is in another's way."""
+        folder = folder.resolve()
+        above = (folder, *folder.parents)
+        faults = []
+        # A file is in the way of itself and of a folder of its name, either way round.
+        blocked = [self.files[path] for path in above if path in self.files]
+        for file in (folder / name for name in names):
+            others = [known[file] for known in (self.files, self.folders) if file in known]
+            faults += [
+                f"{job}: out: {str(file)!r} is in the way of {other}"
+                for other in dict.fromkeys(others + blocked)
+            ]
+        self.files.update((folder / name, job) for name in names)
+        self.folders.update((path, job) for path in above)
+        return faults
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_regular(path).decode("utf-8-sig"))
     except OSError as error:
         raise ValueError(f"study: {str(path)!r} cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -125,12 +159,14 @@ def _job(
     kind = table.get("command")
     if not isinstance(kind, str) or kind not in COMMANDS:
         given = (
-            f"got {kind!r}" if "command" in table else f"got only {', '.join(table) or 'nothing'}"
+            f"got {kind!r:.60}"
+            if "command" in table
+            else f"got only {', '.join(table) or 'nothing'}"
         )
         return None, [f"{name}: command must be one of {', '.join(COMMANDS)}, {given}"]
     name = f"{name} ({kind})"
     command = COMMANDS[kind]
-    types_of = get_type_hints(command)
+    types_of = _type_hints(command)
     allowed = [field.name for field in fields(command) if field.name != _OF_THE_STUDY]
     own = {key: value for key, value in table.items() if key != "command"}
     options: dict[str, Any] = {}
@@ -154,6 +190,9 @@ def _job(
     return (
         (None, faults) if faults else (Job(name, command(**_placed(options, command, folder))), [])
     )
+
+
+_type_hints = functools.cache(get_type_hints)
 
 
 def _placed(options: dict[str, Any], command: type[Command], folder: Path) -> dict[str, Any]:

@@ -92,7 +92,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         ranges = {name: (value * low, value * high) for name, value in at.items()}
         ranges["restitution"] = (ranges["restitution"][0], min(ranges["restitution"][1], 1.0))
         swings = tornado(asked, at, ranges)
-        scatter = propagate(asked, at, dict.fromkeys(at, self.variation))
+        samples = 200 if self.shaken else 1000  # each an integration
+        scatter = propagate(asked, at, dict.fromkeys(at, self.variation), samples)
         rows = _rows(slopes, swings, scatter)
         self._write(rows, swings, asked, at)
         data = {
@@ -111,7 +112,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             f" +- {scatter.deviation:.3g}"
         )
         if not scatter.holds:
-            text += ", NOT to be trusted: the answer bends too much"
+            text += ", NOT to be trusted: samples differ"
         return self.finished(text, data)
 
     @property

@@ -114,9 +114,10 @@ def plot_train(
 @jax.jit
 def _struck(rocker: Rocker, x: Any, delay: Any, impulse: Any) -> tuple[Any, Any, Any]:
     """When a pulse comes after the launch, the flight after it, and time since its launch."""
-    after = delay * rocker.duration(x)
-    flight = rocker.struck(rocker.on_flight(x, after), impulse)
-    return after, flight.x, rocker.since_launch(flight)
+    whole = rocker.duration(x)
+    after = delay * whole
+    flight = rocker.struck(rocker.on_flight(x, after, whole), impulse)
+    return after, flight.x, rocker.since_launch(flight, rocker.duration(flight.x))
 
 
 class _Path:

@@ -51,6 +51,8 @@ def closed_form_by_brentq(b, slenderness, c, count, linearized):
 
 def driven_by_brentq(b, slenderness, c, duration, bracket, watched):
     """Watching for impacts or not: none comes before a half-sine pulse overturns a block."""
+    angle = math.atan(1 / slenderness)
+    square = 0.75 * GRAVITY / (b * math.hypot(1, slenderness))
     rocker = stepping.Rocker(b, slenderness, c)
 
     def margin(amplitude):
@@ -59,8 +61,8 @@ def driven_by_brentq(b, slenderness, c, duration, bracket, watched):
         while True:
 
             def field(t, y, side=side):
-                ground = amplitude * math.sin(math.pi * t / duration)
-                return [y[1], rocker.acceleration(y[0], side, (ground, 0.0))]
+                push, q = amplitude * math.sin(math.pi * t / duration), angle * side - y[0]
+                return [y[1], square * (push / GRAVITY * math.cos(q) - math.sin(q))]
 
             def landing(t, y, side=side):
                 return side * y[0] + 1e-15

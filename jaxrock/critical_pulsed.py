@@ -1,0 +1,241 @@
+"""The pulses of finite duration that just overturn in resonance."""
+
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .arguments import Booleans, Number, Reals
+from .block import Block
+from .equation import Equation
+from .fixed_point import Solved, solved
+from .motion import Pulse, pulse_class
+from .printing import listed
+from .progress import with_clock
+from .pulsed import Parts, checked, half_cycle, phase_of, tolerance_of
+
+_STEP = 0.2  # of the amplitude's logarithm, on the way up
+_HIGHEST = 60.0  # how far up
+_NARROWING = 100  # evaluations
+_BELOW = 1e-6  # the verge, where it is asked what pulses do from rest
+_NEAR = 1e-3  # how close to the critical velocity the block lands there
+
+
+class PulsedVerge(NamedTuple):
+    """Where the stabilized phase under pulses that last ends; NaN where that is not so.
+
+    Attributes
+    ----------
+    amplitude, intensity : Array
+        Of the pulses [m/s2], [m/s].
+    rate : Array
+        Slope of the half-cycle map there.
+    lifts : Array of bool
+        Whether pulses of that amplitude lift the block from rest. If not, it has to be in
+        motion to be kept in motion.
+    from_rest : Array of bool
+        Whether pulses a little weaker (by 1e-6) lead to that fixed point from rest. If not,
+        they do not lift the block, or its motion dies out; or they overturn it, and so do
+        weaker ones: a one-sine pulse can overturn a block at rest and keep one in motion
+        that it meets at the right speed.
+    """
+
+    amplitude: Reals
+    intensity: Reals
+    rate: Reals
+    lifts: Booleans
+    from_rest: Booleans
+
+    def __str__(self) -> str:
+        units = {"amplitude": "m/s2", "intensity": "m/s"}
+        return listed(self, **dict.fromkeys(self._fields, "") | units)
+
+
+@with_clock("critical amplitude of pulses")
+def critical_pulsed_amplitude(
+    block: Block,
+    restitution: Number,
+    shape: type[Pulse],
+    duration: Number,
+    *,
+    linearized: bool = False,
+    rtol: float = 1e-10,
+) -> PulsedVerge:
+    """Amplitude at which the fixed point of `pulsed_next_velocity` disappears.
+
+    There a block that lands with the critical velocity is brought to the verge again by the
+    next pulse. For short pulses its intensity is that of `critical_intensity`.
+
+    Parameters
+    ----------
+    block, restitution, linearized, rtol
+        As in `pulsed_next_velocity`.
+    shape : type
+        `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
+    duration : float
+        Duration of the pulses [s], greater than 0.
+
+    Returns
+    -------
+    PulsedVerge
+        NaN where the fixed point is unstable there. With a rate above 1, under long pulses,
+        it disappears before, by meeting another one; with one below -1 half-cycles alternate
+        before. NaN also where no amplitude brings the block to the verge: one that loses most
+        of its velocity at impacts is caught by long pulses or not, and overturns at once.
+
+    Raises
+    ------
+    ValueError
+        If `shape` is no class of pulses, or a concrete argument is out of range.
+    """
+    pulse = pulse_class(shape)(1.0, duration)
+    block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
+    return _verge(block, restitution, pulse, linearized, rtol)
+
+
+class _Try(NamedTuple):
+    """A block that lands with the critical velocity, under the next pulse."""
+
+    logarithm: Reals  # of the amplitude
+    margin: Reals  # what is left to the verge when the pulse ends, in critical velocities
+    slope: Reals  # of that, with respect to the logarithm
+    rate: Reals  # of the half-cycle map, if this is the verge
+    lands: Booleans  # while the pulse acts: there is no such margin
+
+    @property
+    def falls(self) -> Booleans:
+        return ~self.lands & ~(self.margin >= 0)
+
+    @property
+    def move(self) -> Reals:
+        """Newton's step to the verge."""
+        known = ~self.lands & (self.slope != 0)
+        return jnp.where(known, -self.margin / jnp.where(known, self.slope, 1), jnp.inf)
+
+
+class _Search(NamedTuple):
+    count: Any  # of evaluations, and then of those since there is a bracket
+    trial: Reals
+    low: Reals
+    high: Reals
+    last: _Try
+    bracketed: Booleans
+    goes_on: Booleans
+    found: Booleans
+
+
+def _tried(
+    parts: Parts, logarithm: Reals, linearized: bool, rtol: float
+) -> tuple[Reals, tuple[Reals, ...], _Try]:
+    """What is 0 on the verge, what is answered there, and all of it."""
+    block, restitution, pulse = parts
+    equation = Equation.of(block, linearized)
+
+    def left(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
+        stronger = pulse.scaled(jnp.exp(logarithm))
+        response = half_cycle((block, restitution, stronger), velocity, 0.0, linearized, rtol)
+        side = jnp.where(response.final_rotation < 0, -1, 1)
+        speed = side * response.final_velocity
+        back = equation.returning_speed(side * response.final_rotation)
+        return (back - speed) / equation.critical_velocity, (speed, response.impacts > 0)
+
+    at = (logarithm, equation.critical_velocity)
+    one, zero = jnp.ones_like(logarithm), jnp.zeros_like(logarithm)
+    margin, slopes, (speed, lands) = jax.vmap(
+        lambda direction: jax.jvp(left, at, direction, has_aux=True), out_axes=(None, 0, None)
+    )((jnp.stack([one, zero]), jnp.stack([zero, one])))
+    # It lands with sqrt(v_c^2 + v^2 - D^2), and on the verge its velocity v is D.
+    rate = -speed * slopes[1]
+    return margin, (rate,), _Try(logarithm, margin, slopes[0], rate, lands)
+
+
+def _search_verge(parts: Parts, linearized: bool, rtol: float) -> Solved:
+    """Up from next to nothing until it overturns, and back to the verge."""
+    block, _, pulse = parts
+    eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
+    tolerance = tolerance_of(pulse.amplitude, rtol)
+    first = jnp.log(_lifting(block, linearized)) + 0.4 * math.log(eps)
+
+    def step(c: _Search) -> _Search:
+        new = _tried(parts, c.trial, linearized, rtol)[2]
+        bracketed = c.bracketed | new.falls
+        low = jnp.where(new.falls, c.low, c.trial)
+        high = jnp.where(new.falls, c.trial, c.high)
+        newton = c.trial + new.move
+        inside = (newton > low) & (newton < high) & (c.count % 3 != 2)
+        inner = jnp.where(inside, newton, 0.5 * (low + high))
+        stuck = (jnp.abs(new.move) <= 1e3 * tolerance) & (
+            jnp.abs(new.move) >= 0.5 * jnp.abs(c.last.move)
+        )
+        found = bracketed & ((jnp.abs(new.move) <= tolerance) | stuck)
+        # Where the block begins to be caught before it lands, it may overturn at once: there
+        # is no verge in between.
+        narrow = high - low <= 4 * eps * jnp.abs(high)
+        nowhere = jnp.where(
+            bracketed,
+            narrow | (c.count >= _NARROWING) | ~jnp.isfinite(low),
+            c.trial > first + _HIGHEST,
+        )
+        return _Search(
+            count=jnp.where(c.bracketed, c.count + 1, 0),
+            trial=jnp.where(found, c.trial, jnp.where(bracketed, inner, c.trial + _STEP)),
+            low=low,
+            high=high,
+            last=new,
+            bracketed=bracketed,
+            goes_on=~found & ~nowhere,
+            found=found,
+        )
+
+    no, yes = jnp.zeros((), bool), jnp.ones((), bool)
+    zero = jnp.zeros_like(first)
+    begin = _Search(
+        count=jnp.zeros((), int),
+        trial=first,
+        low=zero - jnp.inf,
+        high=zero + jnp.inf,
+        last=_Try(zero, zero, zero, zero, yes),
+        bracketed=no,
+        goes_on=yes,
+        found=no,
+    )
+    last = jax.lax.while_loop(lambda c: c.goes_on, step, begin)
+    found = last.found
+    root, rate = (jnp.where(found, x, 0) for x in (last.last.logarithm, last.last.rate))
+    return Solved(root, (rate,), found, ())
+
+
+_verge_of = solved(_search_verge, _tried)
+
+
+@eqx.filter_jit
+def _verge(
+    block: Block, restitution: Reals, pulse: Pulse, linearized: bool, rtol: float
+) -> PulsedVerge:
+    found = _verge_of((block, restitution, pulse), linearized=linearized, rtol=rtol)
+    (rate,) = found.answers
+    amplitude = jnp.exp(found.root)
+    known = found.there & (jnp.abs(rate) <= 1)
+    # As factors: what does not exist has no slope either.
+    exists, there = (jnp.where(flag, 1.0, jnp.nan) for flag in (known, found.there))
+    intensity = pulse.scaled(amplitude).intensity
+    answers = (exists * amplitude, exists * intensity, there * rate)
+    # Only asked whether, so that no derivative of the orbit is computed.
+    fixed = jax.lax.stop_gradient((block, restitution, pulse, amplitude))
+    block, restitution, pulse, amplitude = fixed
+    below = pulse.scaled(jnp.where(known, amplitude, 1) * (1 - _BELOW))
+    phase = phase_of(block, restitution, below, linearized, max(rtol, 1e-9))
+    critical = Equation.of(block, linearized).critical_velocity
+    near = jnp.abs(phase.velocity - critical) <= _NEAR * critical
+    return PulsedVerge(
+        *answers,
+        lifts=known & (amplitude > _lifting(block, linearized)),
+        from_rest=known & phase.stands & phase.from_rest & near,
+    )
+
+
+def _lifting(block: Block, linearized: bool) -> Reals:
+    """Acceleration that just lifts a block from rest [m/s2]."""
+    return block.gravity * (block.critical_angle if linearized else 1 / block.slenderness)

@@ -1,0 +1,49 @@
+"""Not the last bit of a number depends on how many devices share the work.
+
+Run by ``test_devices.py``, or as ``pytest --devices 2 tests/on_two_devices.py``.
+"""
+
+import jax
+import numpy as np
+import pytest
+from test_spectra import GRID
+
+import jaxrock as jr
+
+
+@pytest.fixture
+def devices():
+    both = jax.local_devices()
+    assert len(both) == 2
+    return both
+
+
+def test_spectrum(tmp_path, devices):
+    grid = GRID | {"slenderness": np.linspace(3, 10, 37), "chunk": 60}
+    single = jr.resonance_spectrum(**grid, devices=devices[:1])
+    shared = jr.resonance_spectrum(**grid)
+    with jr.resonance_spectrum(**grid, store=tmp_path / "spectrum.nc") as stored:
+        for name in single:
+            values = single[name].values.tobytes()
+            assert shared[name].values.tobytes() == values, name
+            assert stored[name].values.tobytes() == values, name
+
+
+def test_batch(monkeypatch, devices):
+    """In four parts, which the devices take in turns."""
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    placed = []
+
+    def put(tree, device=None, put=jax.device_put):
+        placed.append(device)
+        return put(tree, device)
+
+    monkeypatch.setattr(jax, "device_put", put)
+    pulses = jr.Sine(np.linspace(1.5, 6.0, 30), 0.6)
+    shared = jr.respond_batch(jr.Block(0.4, 5.0), 0.9, pulses, 4.0)
+    assert set(devices) <= set(placed)
+    monkeypatch.setattr(jax, "local_devices", lambda: devices[:1])
+    single = jr.respond_batch(jr.Block(0.4, 5.0), 0.9, pulses, 4.0)
+    assert np.ptp(single.peak_rotation) > 0
+    for ours, theirs in zip(jax.tree.leaves(shared), jax.tree.leaves(single), strict=True):
+        assert np.asarray(ours).tobytes() == np.asarray(theirs).tobytes()

@@ -1,0 +1,295 @@
+"""Friction demand and normal force, against dense trajectories by SciPy and closed forms."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import stepping
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+STILL = jr.Rectangular(0.0, 1e-3)
+SAMPLES = 14
+
+
+class Piece(NamedTuple):
+    """A stretch of the input without corners."""
+
+    begin: float
+    end: float
+    ground: Callable  # time -> horizontal, vertical acceleration
+
+
+def pieces_of(motion):
+    """The pieces of a single motion of `stepping`."""
+
+    def piece(k, begin, end):
+        def ground(t):
+            values = motion.value(np.array([0]), np.array([k]), np.array([t - begin]))
+            return tuple(float(part[0]) for part in values)
+
+        return Piece(begin, end, ground)
+
+    edges = motion.edges[0].tolist()
+    return [piece(k, *edges[k : k + 2]) for k in range(len(edges) - 1)]
+
+
+class Trajectory:
+    """Driven rocking by DOP853 from corner to corner, and the forces over all of it.
+
+    The centre of mass, seen from the corner on which the block turns, is the complex number
+    ``i R exp(i q)``, with the tilt q of the diagonal; what holds the block up follows from its
+    acceleration, differentiated by hand, and that of the ground.
+    """
+
+    def __init__(self, rocker, pieces, settle, rtol=1e-12):
+        self.rocker, self.rtol = rocker, rtol
+        self.grid = 2 if len(pieces) > 5 else 2001  # a record is linear in between
+        self.radius = 0.75 * rocker.gravity / rocker.p**2
+        self.demand, self.normal = 0.0, math.inf
+        self.alpha = self.velocity = 0.0
+        self.side, self.resting, self.over = 1, True, False
+        last = pieces[-1].end
+        for piece in [*pieces, Piece(last, last + settle, lambda t: (0.0, 0.0))]:
+            self.follow(piece)
+            if self.over:
+                break
+
+    def forces(self, y, ground):
+        """Horizontal and normal force over weight."""
+        q = self.side * self.rocker.angle - y[0]
+        second = -self.rocker.acceleration(y[0], self.side, ground)
+        centre = 1j * self.radius * (1j * second - y[1] ** 2) * np.exp(1j * q)
+        gravity = self.rocker.gravity
+        force = centre - ground[0] + 1j * (ground[1] + gravity)
+        return force.real / gravity, force.imag / gravity
+
+    def lifted(self, ground):
+        return max(self.rocker.excess(side, ground) for side in (1, -1)) > 0
+
+    def note(self, force):
+        """How steep a force is [rad]; keep the extremes."""
+        horizontal, normal = force
+        self.normal = min(self.normal, normal)
+        demand = abs(horizontal) / normal if normal > 0 else math.inf
+        self.demand = max(self.demand, demand)
+        return math.atan2(abs(horizontal), normal)
+
+    def over_the_segment(self, times, forces_at):
+        """Extremes on a grid, and between its points by a search."""
+        forces = [forces_at(t) for t in times]
+        if times[-1] < 1e-6:  # one of the last bounces
+            for force in forces:
+                self.note(force)
+            return
+        for which in (lambda f: -self.note(f), lambda f: f[1]):
+            values = np.array([which(f) for f in forces])
+            best = int(np.argmin(values))
+            around = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
+            found = minimize_scalar(
+                lambda t, which=which: which(forces_at(t)),
+                bounds=around,
+                method="bounded",
+                options={"xatol": 1e-9 * (times[-1] - times[0])},
+            )
+            self.note(forces_at(found.x))
+
+    def rest(self, begin, piece):
+        """Wait for uplift; the end of the wait."""
+        steady, times = 1 + 1e-13, np.linspace(begin, piece.end, self.grid)
+        lifted = [self.lifted(np.divide(piece.ground(t), steady)) for t in times]
+        if True in lifted:
+            first = lifted.index(True)
+            low, high = times[max(first - 1, 0)], times[first]
+            for _ in range(60):
+                middle = 0.5 * (low + high)
+                up = self.lifted(np.divide(piece.ground(middle), steady))
+                low, high = (low, middle) if up else (middle, high)
+            until, self.resting = high, False
+            self.side = 1 if piece.ground(until)[0] > 0 else -1
+        else:
+            until = piece.end
+        for t in [*times[times <= until], until]:
+            horizontal, vertical = np.divide(piece.ground(t), self.rocker.gravity)
+            self.note((-horizontal, 1 + vertical))
+        return until
+
+    def follow(self, piece):
+        t = piece.begin
+        while t < piece.end - 1e-13 and not self.over:
+            if self.resting:
+                t = self.rest(t, piece)
+                continue
+            path, times, landed = self.segment(t, piece)
+            self.over_the_segment(
+                times,
+                lambda tau, t=t, path=path: self.forces(path(tau), piece.ground(t + tau)),
+            )
+            self.alpha, self.velocity = path(times[-1])
+            t = piece.end if not (landed or self.over) else t + times[-1]
+            if landed:
+                self.alpha, self.side = 0.0, -self.side
+                self.velocity *= self.rocker.c
+                onward = self.side * self.rocker.acceleration(0.0, self.side, piece.ground(t))
+                # Further bounces take this much time.
+                if 2 * abs(self.velocity) <= -1e-9 * onward * (1 - self.rocker.c):
+                    self.resting, self.velocity = True, 0.0
+
+    def segment(self, t, piece):
+        """The path to the end of the piece or the impact, times along it, and whether it landed."""
+        side = self.side
+        # From an impact, the first step is a part of the arc; uplift has no acceleration.
+        slowing = abs(self.rocker.acceleration(self.alpha, side, piece.ground(t)))
+        arc = abs(self.velocity) / max(slowing, 1e-9) if self.alpha == 0 else math.inf
+        grace = 1e-9 if arc == 0 else 0.0
+
+        def field(tau, y):
+            return y[1], self.rocker.acceleration(y[0], side, piece.ground(t + tau))
+
+        def ground(tau, y):
+            return side * y[0] if tau > grace else 1.0
+
+        def fallen(tau, y):
+            return math.pi / 2 - abs(y[0])
+
+        def dip(tau, y):
+            return side * y[1]
+
+        ground.terminal = fallen.terminal = True
+        ground.direction, dip.direction = -1, 1
+        solution = solve_ivp(
+            field,
+            (0, piece.end - t),
+            (self.alpha, self.velocity),
+            "DOP853",
+            rtol=self.rtol,
+            atol=1e-3 * self.rtol,
+            events=(ground, fallen, dip),
+            dense_output=True,
+            first_step=min(0.2 * arc, 0.5 * (piece.end - t)) if 0 < arc < math.inf else None,
+            max_step=0.2 / self.rocker.p,
+        )
+        path = solution.sol
+        steps = zip(solution.t, solution.t[1:], strict=False)
+        times = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in steps]))
+        landed = bool(solution.t_events[0].size)
+        self.over = bool(solution.t_events[1].size)
+        # A step may go into the ground and out again.
+        for tau, y in zip(solution.t_events[2], solution.y_events[2], strict=True):
+            if side * y[0] < 0 and tau > grace:
+                before = [s for s in times if s < tau and side * path(s)[0] > 0]
+                tau = brentq(lambda s: side * path(s)[0], before[-1], tau, xtol=1e-15)
+                return path, np.append(times[times < tau], tau), True
+        return path, times, landed
+
+
+def scene(rng, kind, bouncing, vertical):
+    """Block, C, motion, and the motion in pieces."""
+    slenderness, c = rng.uniform(1.3, 8), rng.uniform(0.1, bouncing)
+    half_width = 10 ** rng.uniform(-1, 0.3)
+    block = jr.Block(half_width, slenderness)
+    strength = 9.81 / slenderness * rng.uniform(1.02, 5) * rng.choice([-1, 1])
+    if kind == "Record":
+        step = rng.uniform(0.03, 0.12)
+        samples = rng.normal(0, 1, SAMPLES)
+        samples *= 2 * strength / abs(samples).max()
+        up = rng.normal(0, vertical, SAMPLES) * (rng.integers(2) or vertical > 5)
+        motion = jr.Record(samples, step, up)
+        return block, c, motion, stepping.record(samples, up, step)
+    duration = rng.uniform(0.5, 4) / float(block.frequency_parameter)
+    duration /= 3 if kind == "Ricker" else 1
+    return block, c, getattr(jr, kind)(strength, duration), stepping.pulse(kind, strength, duration)
+
+
+def compare(kind, count, seed, bouncing=0.4, vertical=2.5):
+    rng = np.random.default_rng(seed)
+    worst, overturned, left = 0.0, 0, 0
+    for _ in range(count):
+        block, c, motion, ground = scene(rng, kind, bouncing, vertical)
+        settle = 3 / float(block.frequency_parameter)
+        rocker = stepping.Rocker(float(block.half_width), float(block.slenderness), c)
+        r = jr.respond(block, c, motion, float(motion.end) + settle, rtol=1e-10)
+        expected = Trajectory(rocker, pieces_of(ground), settle)
+        off = max(
+            abs(float(r.normal_force) - expected.normal),
+            # Of an angle, since the demand is infinite where nothing presses.
+            abs(math.atan(float(r.friction_demand)) - math.atan(expected.demand)),
+        )
+        assert off < 1e-6, f"{block}, C {c}, {motion}: {r}\n{vars(expected)}"
+        assert (abs(float(r.final_rotation)) >= math.pi / 2) == expected.over
+        assert expected.over or abs(float(r.final_rotation) - expected.alpha) < 1e-7
+        worst, overturned = max(worst, off), overturned + expected.over
+        left += expected.normal <= 0
+    return worst, overturned, left
+
+
+@pytest.mark.parametrize("kind", ["Sine", "Record"])
+def test_extremes_of_the_forces(kind):
+    _, overturned, _ = compare(kind, 8, 3)
+    assert 0 < overturned < 8
+
+
+def test_blocks_that_would_leave_the_ground():
+    """The motion is that of the equation, and the forces say that it is none."""
+    _, overturned, left = compare("Record", 8, 5, vertical=8.0)
+    assert 0 < overturned < 8
+    assert left > 4
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", [*stepping.SHAPES, "Record"])
+def test_extremes_of_the_forces_of_many(kind):
+    _, overturned, _ = compare(kind, 50, 4, 0.8)
+    assert 5 < overturned < 45
+
+
+def closed(slenderness, x):
+    """Extremes of a block launched at x critical velocities up to its side: from energy."""
+    angle = math.atan(1 / slenderness)
+    q = np.linspace(angle, angle - math.pi / 2, 400001)
+    square = 4 * ((x * math.sin(angle / 2)) ** 2 - np.sin(angle / 2) ** 2 + np.sin(q / 2) ** 2)
+    horizontal = 0.75 * (square - np.cos(q)) * np.sin(q)
+    normal = 1 - 0.75 * (np.sin(q) ** 2 + square * np.cos(q))
+    demand = np.where(normal > 0, abs(horizontal) / np.where(normal > 0, normal, 1), np.inf)
+    return demand.max(), normal.min()
+
+
+def test_launched_blocks_that_overturn():
+    """What was found depended on the length of the last step, which goes beyond 90 degrees."""
+    for slenderness, x, known in ((1.5, 1.2, 6.19), (3.0, 1.01, math.inf)):
+        block = jr.Block(0.4, slenderness)
+        launch = x * jr.Nonlinear().critical_velocity(block)
+        expected = closed(slenderness, x)
+        assert expected[0] == pytest.approx(known, rel=1e-3)
+        for rtol, within in ((1e-4, 1e-3), (1e-10, 1e-8)):
+            r = jr.respond(block, 0.8, STILL, 9.0, velocity=launch, rtol=rtol)
+            assert r.overturned
+            found = float(r.friction_demand), float(r.normal_force)
+            np.testing.assert_allclose(found, expected, rtol=within, atol=within)
+
+
+def test_states_of_no_step():
+    """Just before an impact, at a turn and at rest the forces are largest in turn."""
+    block, model = jr.Block(0.3, 4.0), jr.Nonlinear()
+    launch = 0.5 * model.critical_velocity(block)
+    end = 0.9 * model.half_cycle_duration(block, launch)
+    q, square = np.arctan(0.25), float((launch / block.frequency_parameter) ** 2)
+    # Free rocking presses least at an impact, where it is fastest.
+    least = 1 - 0.75 * (np.sin(q) ** 2 + square * np.cos(q))
+    for seconds in (end, 1.2 * end):
+        r = jr.respond(block, 0.7, STILL, seconds, velocity=launch)
+        assert float(r.normal_force) == pytest.approx(least, abs=1e-12)
+    r = jr.respond(block, 0.7, STILL, 1.2 * end, rotation=-model.peak_rotation(block, launch))
+    assert float(r.normal_force) == pytest.approx(least, abs=1e-9)
+    ups = np.zeros((2, SAMPLES))
+    ups[:, 1:3] = [[1.0, -1.5], [1.0, -2.0]]
+    with_vertical = jr.Record(ups[0], 0.1, ups[1])
+    r = jr.respond(block, 0.7, with_vertical)
+    assert r.at_rest
+    assert float(r.normal_force) == pytest.approx(1 - 2 / 9.81, rel=1e-14)
+    assert float(r.friction_demand) == pytest.approx(1.5 / 7.81, rel=1e-14)
