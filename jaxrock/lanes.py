@@ -159,11 +159,12 @@ def _lift(
 def _accurate(equation: Equation, path: Coefficients, step: Any) -> Any:
     """The step, or as much of it as the polynomial is good for.
 
-    Its last term has to be as small beside the others as that of a free motion is in the
-    longest step; the one before counts too, since every other term may vanish.
+    Its last term has to be a tenth as small beside the others as that of a free motion is in
+    the longest step, since a rough input comes with many such steps; the one before counts
+    too, since every other term may vanish.
     """
     order = len(path) - 1
-    allowed = _LONGEST**order / math.factorial(order)
+    allowed = 0.1 * _LONGEST**order / math.factorial(order)
     path, length, rate = jax.lax.stop_gradient((path, step, jnp.sqrt(equation.square)))
     sizes = tuple(map(jnp.abs, path))
     moved = evaluate(sizes, length)

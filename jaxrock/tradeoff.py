@@ -491,7 +491,7 @@ def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Da
     def front(groups: np.ndarray) -> np.ndarray:
         return ((behind(groups) == 1) & np.isfinite(error)).astype(np.int8)
 
-    units = {"seconds": "s", "compilation": "s", "error": "1", "tolerance": "1", "spread": "1"}
+    units = {"seconds": "s", "compilation": "s"}
     meaning = {
         "seconds": "time an answer, median",
         "compilation": "time of the first call, with compilation",
@@ -504,7 +504,7 @@ def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Da
         if values.dtype == bool:
             values = values.astype(np.int8)
         attributes = {"long_name": meaning.get(name, name)}
-        attributes |= {"units": units[name]} if name in units else {}
+        attributes |= {} if values.dtype.kind == "U" else {"units": units.get(name, "1")}
         variables[name] = ("setting", values, attributes)
     both = np.array([f"{r} {b}" for r, b in zip(rung, batch, strict=True)])
     variables["behind"] = (
@@ -512,11 +512,15 @@ def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Da
         behind(batch),
         {"long_name": "time over that of the fastest that is no less accurate", "units": "1"},
     )
-    variables["front"] = ("setting", front(batch), {"long_name": "1 on the front of its batch"})
+    variables["front"] = (
+        "setting",
+        front(batch),
+        {"long_name": "1 on the front of its batch", "units": "1"},
+    )
     variables["front_of_rung"] = (
         "setting",
         front(both),
-        {"long_name": "1 on the front of its batch and rung"},
+        {"long_name": "1 on the front of its batch and rung", "units": "1"},
     )
     attributes = {
         "scene": type(scene).__name__,
