@@ -32,7 +32,8 @@ from .free import Linearized, Nonlinear
 from .motion import Pulse
 from .printing import listed
 from .progress import with_clock
-from .response import Driven, Response, Status, follow
+from .follow import Driven, Status
+from .response import Response, response_to
 
 _LONGEST = 200.0  # time to wait for an impact, times p
 
@@ -209,7 +210,7 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return follow(driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True)
+    return response_to(driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True)
 
 
 def tolerance_of(like: Reals, rtol: float) -> float:

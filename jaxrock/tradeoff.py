@@ -27,7 +27,9 @@ from .model_error import model_error
 from .motion import HalfSine, Pulse, Rectangular
 from .progress import with_progress
 from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
-from .response import SOLVERS, Driven, Method, Response, compiled, follow
+from .follow import Driven
+from .response import SOLVERS, Response, compiled, response_to
+from .span import Method
 
 if TYPE_CHECKING:
     import xarray
@@ -302,7 +304,7 @@ def _for_scene(scene: Scene, sizes: list[int]) -> Iterator[_Contender]:
             rotation=still,
             velocity=stabilized_velocity(scene),
         )
-        response = follow(
+        response = response_to(
             driven,
             rtol=rtol,
             atol=1e-9 * rtol,

@@ -1,0 +1,143 @@
+"""One side, one direction: the motion between two cuts, and steps through it.
+
+A *span* goes from a cut to the next. Its time is counted from where it begins, so that the
+smallest bounce keeps all its digits.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .arguments import Booleans, Reals
+from .equation import Equation
+from .motion import Motion
+
+TURNS, TOPS, CROSSES, LASTS = range(4)  # how a span ends; the last: with its time
+
+
+class Method(NamedTuple):
+    """How the equation is integrated: what `measure_tradeoff` compares with the default."""
+
+    solver: str = "Tsit5"  # of diffrax
+    # Where a span ends: "step", by a last step of its own; "interpolant", on that of the
+    # solver; "end", at the end of the step in which it does.
+    locate: str = "step"
+
+
+DEFAULT = Method()
+
+
+class Span(eqx.Module):
+    """The equation of motion on one side, in a time counted from `origin`."""
+
+    equation: Equation
+    motion: Motion
+    origin: Reals
+    side: Reals
+    acts: Booleans  # whether the input does
+    rising: Booleans
+    crossed: Booleans  # starts beyond the critical angle
+    grace: Reals  # time in which nothing ends the span
+
+    def ground(self, time: Reals) -> tuple[Reals, Reals]:
+        """Acceleration over g, towards the side of the block and upward."""
+        horizontal, vertical = self.motion.value(self.origin + time)
+        over_g = jnp.where(self.acts, 1 / self.equation.gravity, 0)
+        return self.side * horizontal * over_g, vertical * over_g
+
+    def field(self, time: Reals, y: Reals) -> Reals:
+        """Rates of lean and speed."""
+        return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
+
+    def ends(self, y: Reals) -> Reals:
+        """What is positive until the span ends, for each way it can end."""
+        angle = self.equation.critical_angle
+        lean, speed = y[0] / angle, y[1] / (jnp.sqrt(self.equation.square) * angle)
+        top = jnp.where(self.rising, 0.5 * jnp.pi / angle - lean, lean)
+        crossing = jnp.where(self.rising & ~self.crossed, 1 - lean, jnp.inf)
+        return jnp.stack([jnp.where(self.rising, speed, -speed), top, crossing])
+
+    def ended(self, time: Reals, y: Reals) -> Booleans:
+        """Whether it does: not at the start, by decree, whatever rounding says there."""
+        return (time > self.grace) & (self.ends(y).min() <= 0)
+
+
+class Step(NamedTuple):
+    """A step that was tried, and what follows from it."""
+
+    there: Reals  # the state at its end
+    good: Booleans  # whether it is exact enough
+    following: Reals  # length of the next one, or of this one again
+    between: Any  # what the solver knows of the states between
+    memory: Any  # of the solver, for the next step
+
+
+class Stepper:
+    """Diffrax's solver and step-size control, one step at a time."""
+
+    def __init__(self, method: Method, rtol: Any, atol: Any):
+        import diffrax  # which loads slowly
+
+        # Of the ways to run over the stages, the one that has a forward derivative.
+        self.solver = getattr(diffrax, method.solver)(scan_kind="lax")
+        self.term = diffrax.ODETerm(lambda t, y, span: span.field(t, y))
+        self.controller = diffrax.PIDController(rtol=rtol, atol=atol)
+        self.order = self.solver.error_order(self.term)
+
+    def memory(self, span: Span, y: Reals) -> Any:
+        """Of the solver, before the first step of a span."""
+        zero = jnp.zeros_like(y[0])
+        return self.solver.init(self.term, zero, zero + 1, y, span)
+
+    def step(self, span: Span, begin: Reals, until: Reals, y: Reals, memory: Any) -> Step:
+        """From one time to another."""
+        there, error, between, memory, _ = self.solver.step(
+            self.term, begin, until, y, span, memory, made_jump=False
+        )
+        one = jnp.ones_like(begin)
+        good, start, end, *_ = self.controller.adapt_step_size(
+            begin, until, y, there, None, error, self.order, (one, one, jnp.array(False))
+        )
+        return Step(there, good, end - start, between, memory)
+
+    def between(self, begin: Reals, until: Reals, step: Step, time: Reals) -> Reals:
+        """The state at a time within a step."""
+        interpolation = self.solver.interpolation_cls(t0=begin, t1=until, **step.between)
+        return interpolation.evaluate(time)
+
+
+def close_to(motion: Motion, time: Reals) -> Reals:
+    """Up to which a time coincides with a corner of the motion, rounded as the corner is."""
+    return 16 * float(jnp.finfo(time.dtype).eps) * (time + motion.end)
+
+
+def limited(span: Span, length: Reals, start: Reals, end: Reals, y: Reals, rate: Reals) -> Reals:
+    """The end of a step: at every kink and at the end of the span, and over at most one turn."""
+    slowing = y[1] * rate < 0
+    brake = 2 * jnp.abs(y[1] / jnp.where(slowing, rate, 1))
+    end = jnp.where(slowing, jnp.minimum(end, start + brake), end)
+    kink = span.motion.next_kink(span.origin + start) - span.origin
+    last = length - close_to(span.motion, span.origin + length)
+    stop = jnp.where((kink > start) & (kink < last), kink, length)
+    # A step that ends at a kink goes with it: the slope of the input on this side of the kink
+    # and on that must not both count there.
+    return jnp.where(stop <= end, stop, jax.lax.stop_gradient(end))
+
+
+def first_step(span: Span, length: Reals, y: Reals) -> Reals:
+    """The end of the first step: a quarter of the arc, or what leaves the acceleration its sign."""
+    zero = jnp.zeros_like(length)
+    step = jnp.minimum(length, 0.05 / jnp.sqrt(span.equation.square))
+    kink = span.motion.next_kink(span.origin) - span.origin
+    step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
+    times, states = jnp.stack([zero, step]), jnp.stack([y, y], axis=1)
+    here, there = span.field(times, states)[1]
+    flips = (here * there < 0) & (span.grace == 0)
+    share = here / jnp.where(flips, here - there, 1)
+    step = jnp.where(flips, 0.5 * share * step, step)
+    strongest = jnp.maximum(jnp.abs(here), jnp.abs(there))
+    quarter = 0.5 * jnp.abs(y[1]) / jnp.where(strongest > 0, strongest, 1)
+    step = jnp.where((strongest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
+    return limited(span, length, zero, jax.lax.stop_gradient(step), y, here)

@@ -1,0 +1,90 @@
+"""When the ground lifts a block that rests on it."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .arguments import Reals
+from .equation import Equation
+from .forces import friction, larger, smaller
+from .motion import Motion
+
+
+class Uplifts(eqx.Module):
+    """What is known of a motion at its knots, once for all times at which a block rests."""
+
+    equation: Equation
+    motion: Motion
+    knots: Reals
+    lifted: Any  # whether it would be there
+    sides: Reals  # on which
+    demand: Reals  # of friction, by a block at rest
+    normal: Reals
+
+    @classmethod
+    def of(cls, equation: Equation, motion: Motion) -> "Uplifts":
+        """The table of a motion."""
+        knots = motion.knots()
+        push, lift = (a / equation.gravity for a in motion.value(knots))
+        first, second = (equation.lifting(side * push, lift) for side in (1.0, -1.0))
+        lifted = (first > 0) | (second > 0)
+        sides = jnp.where(first >= second, 1, -1).astype(knots.dtype)
+        return cls(
+            equation, motion, knots, lifted, sides, friction(push, 1 + lift), 1 + lift
+        )
+
+    def excess(self, time: Reals, side: Any) -> Reals:
+        """What the ground gives to one side over what lifts the block."""
+        push, lift = (a / self.equation.gravity for a in self.motion.value(time))
+        return self.equation.lifting(side * push, lift)
+
+    def following(self, time: Reals, stop: Reals) -> tuple[Any, Reals, Reals]:
+        """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""
+        later = self.lifted & (self.knots > time) & (self.knots <= self.motion.end)
+        index = jnp.argmax(later)
+        found, side = later.any(), self.sides[index]
+        upper = self.knots[index]
+        lower = larger(time, self.knots[jnp.maximum(index - 1, 0)])
+        sides = jnp.asarray([1.0, -1.0], self.knots.dtype)
+        now = self.excess(time, sides)
+        at_once = (now > 0).any()
+        bracketed = found & (self.excess(lower, side) < 0) & ~at_once
+
+        def beyond(share: Any) -> Any:
+            return self.excess(lower + share * (upper - lower), side)
+
+        def halve(_: Any, bracket: Any) -> Any:
+            middle = 0.5 * (bracket[0] + bracket[1])
+            below = beyond(middle) < 0
+            return jnp.where(below, middle, bracket[0]), jnp.where(below, bracket[1], middle)
+
+        def polish(_: Any, share: Any) -> Any:
+            value, slope = jax.jvp(beyond, (share,), (jnp.ones_like(share),))
+            move = jnp.where(slope > 0, value / jnp.where(slope > 0, slope, 1), 0)
+            # Its derivative counts, also where the input is all but flat.
+            near = jnp.abs(move) <= 1e-3
+            return share - jnp.where(near, move, move - jax.lax.stop_gradient(move))
+
+        # Halved down to rounding, and twice Newton's method, for two derivatives.
+        bits = jnp.finfo(self.knots.dtype).nmant
+        zero = jnp.zeros_like(lower)
+        bracket = jax.lax.fori_loop(0, bits, halve, (zero, zero + 1))
+        share = jax.lax.fori_loop(0, 2, polish, jax.lax.stop_gradient(bracket[1]))
+        when = jnp.where(bracketed, lower + share * (upper - lower), lower)
+        when = jnp.where(at_once, time, when)
+        side = jnp.where(at_once, jnp.where(now[0] >= now[1], sides[0], sides[1]), side)
+        return (found | at_once) & (when < stop), when, side
+
+    def at_rest(self, time: Reals, until: Reals, acts: Any) -> tuple[Reals, Reals]:
+        """Largest friction demand and smallest normal force of a block at rest in between.
+
+        The ground holds it: only what the ground gives counts.
+        """
+        ends = jnp.stack([time, until])
+        push, lift = (jnp.where(acts, a / self.equation.gravity, 0) for a in self.motion.value(ends))
+        between = acts & (self.knots >= time) & (self.knots <= until)
+        demand = jnp.where(between, self.demand, 0).max()
+        normal = jnp.where(between, self.normal, jnp.inf).min()
+        return larger(demand, friction(push, 1 + lift).max()), smaller(normal, (1 + lift).min())
