@@ -17,7 +17,7 @@ from .arguments import FINITE, POSITIVE, UNIT_INTERVAL, Reals
 from .block import Block
 from .equation import Equation
 from .fate import margins_of
-from .forces import extremes, forces, friction, larger, smaller
+from .forces import beyond, forces, friction, larger, may_exceed, smaller
 from .forward import through_jacobian
 from .motion import Motion
 from .span import (
@@ -40,7 +40,6 @@ REST, RISING, FALLING, OVER = range(4)
 _MOST_STEPS = 2**20  # between two cuts
 _MOST_CUTS = 2**22
 _CLOSE = 1e-6  # to which the end of a span is sought before it is stepped to
-_REFINED = 2  # steps that end a span: each but the last improves the time of the next
 
 
 class Status(enum.IntEnum):
@@ -70,6 +69,7 @@ class Cuts(eqx.Module):
     side: Reals
     lean: Reals
     speed: Reals
+    struck: Reals  # velocity just before, where it is an impact
 
 
 class Followed(NamedTuple):
@@ -101,10 +101,9 @@ class _Carry(NamedTuple):
     lean: Any
     speed: Any
     phase: Any
-    acts: Any  # whether the input has acted up to now
     count: Any  # cuts
     impacts: Any
-    struck: Any  # velocity just before the last impact
+    struck: Any  # velocity just before the impact at this cut; NaN if it is none
     peak: Any
     peak_time: Any
     crossing: Any
@@ -130,12 +129,6 @@ class _Point(NamedTuple):
     memory: Any  # of the solver
 
 
-class _Logs(NamedTuple):
-    times: Any
-    velocities: Any
-    cuts: Cuts
-
-
 @through_jacobian
 def follow(
     driven: Driven,
@@ -151,33 +144,24 @@ def follow(
     driven, valid = _valid(driven)
     equation = Equation.of(driven.block, linearized)
     one = _Loop(driven, equation, Stepper(method, rtol, atol), method, rtol)
-    first = one.first(valid)
+    first = one.with_corner(one.first(valid), jnp.zeros((), bool))
 
-    def goes_on(state: tuple[_Carry, _Logs]) -> Any:
+    def goes_on(state: tuple[_Carry, Reals]) -> Any:
         c, _ = state
         wanted = (c.impacts == 0) | (not once)
         going = (c.time < driven.duration) & (c.phase != OVER) & wanted
         return going & ~c.failed & (c.count < _MOST_CUTS)
 
-    def turn(state: tuple[_Carry, _Logs]) -> tuple[_Carry, _Logs]:
-        before, logs = state
+    def turn(state: tuple[_Carry, Reals]) -> tuple[_Carry, Reals]:
+        before, log = state
         c = one.turn(before)
-        # Not inside of what is chosen: there the lists would be copied.
-        struck = jnp.where(c.impacts > before.impacts, before.impacts, listed)
-        return c, _Logs(
-            logs.times.at[struck].set(c.time, mode="drop"),
-            logs.velocities.at[struck].set(c.struck, mode="drop"),
-            jax.tree.map(
-                lambda kept, new: kept.at[before.count].set(new, mode="drop"),
-                logs.cuts,
-                _cut_at(c),
-            ),
-        )
+        # Not inside of what is chosen: there the list would be copied.
+        return c, log.at[before.count].set(_row(c), mode="drop")
 
-    unknown = jnp.full(listed, jnp.nan, driven.duration.dtype)
-    cuts = (jnp.full(4 * listed, jnp.nan, driven.duration.dtype),) * 4
-    cuts = jax.tree.map(lambda kept, new: kept.at[0].set(new), Cuts(*cuts), _cut_at(first))
-    last, logs = jax.lax.while_loop(goes_on, turn, (first, _Logs(unknown, unknown, cuts)))
+    log = jnp.full((4 * listed, 5), jnp.nan, driven.duration.dtype).at[0].set(_row(first))
+    last, log = jax.lax.while_loop(goes_on, turn, (first, log))
+    cuts = Cuts(*log.T)
+    (struck,) = jnp.nonzero(~jnp.isnan(cuts.struck), size=listed, fill_value=4 * listed)
 
     broken = (last.failed & valid) | (last.count >= _MOST_CUTS)
     full = (last.impacts > listed) | (last.count > 4 * listed)
@@ -198,13 +182,13 @@ def follow(
         crossing=jnp.where(overturned, last.crossing, jnp.nan),
         margin=known(last.margin),
         impacts=last.impacts,
-        impact_times=logs.times,
-        impact_velocities=logs.velocities,
+        impact_times=cuts.time.at[struck].get(mode="fill"),
+        impact_velocities=cuts.struck.at[struck].get(mode="fill"),
         at_rest=good & (last.phase == REST),
         demand=known(last.demand),
         normal=known(last.normal),
         status=status,
-        cuts=logs.cuts,
+        cuts=cuts,
         driven=driven,
     )
 
@@ -218,6 +202,8 @@ class _Loop:
         motion = driven.motion
         self.driven, self.equation, self.motion = driven, equation, motion
         self.stepper, self.method, self.rtol = stepper, method, rtol
+        # To the end of a span: each but the last improves the time of the next.
+        self.tries = 2 if method.locate == "step" else 1
         self.rate = jnp.sqrt(equation.square)
         self.uplifts = Uplifts.of(equation, motion)
         # Of a block just lifted: little beside its own time and that in which the input changes.
@@ -240,10 +226,9 @@ class _Loop:
             lean=lean,
             speed=speed,
             phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
-            acts=jnp.zeros((), bool),
             count=none + 1,
             impacts=none,
-            struck=zero,
+            struck=zero + jnp.nan,
             peak=lean,
             peak_time=zero,
             crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
@@ -255,13 +240,13 @@ class _Loop:
 
     def turn(self, c: _Carry) -> _Carry:
         """From a cut to the next."""
-        before = c = self.with_corner(c)
-        stop = self.stop_after(c.time)
+        before, stop = c, self.stop_after(c.time)
         c = jax.lax.cond(
             c.phase == REST,
             lambda: self.wait(c, stop),
             lambda: self.move(self.turned_first(c), stop),
         )
+        c = self.with_corner(c, self.motion.acts(before.time))
         # Where the input ends, the fate is read.
         input_end = smaller(self.motion.end, self.driven.duration)
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
@@ -275,7 +260,7 @@ class _Loop:
             self.motion,
             c.time,
             c.side,
-            c.acts,
+            self.motion.acts(c.time),
             c.phase == RISING,
             c.lean >= self.equation.critical_angle,
             # A block that is just being lifted has an acceleration of 0, up to rounding.
@@ -290,34 +275,38 @@ class _Loop:
             stop = jnp.where((edge > time) & (edge < latest), edge, stop)
         return stop
 
-    def with_corner(self, c: _Carry) -> _Carry:
-        """Go with the corner of the input that the state coincides with, not a time after it.
+    def with_corner(self, c: _Carry, acted: Any) -> _Carry:
+        """Go with the corner that the state coincides with, not a time before or after it.
 
-        That changes derivatives only: before the corner the block has moved for no time, but
-        one that has a derivative, under the input as it is before the corner.
+        That changes derivatives only: up to the corner the block moves for no time, but one
+        that has a derivative, under the input as it is before the corner.
         """
-        motion = self.motion
+        motion, duration = self.motion, self.driven.duration
         near = close_to(motion, c.time)
         kink = motion.next_kink(c.time - near)
         corner = jnp.where(kink <= c.time + near, kink, c.time)
-        corner = jnp.where(~c.acts & (c.time == motion.start), motion.start, corner)
-        corner = jnp.where(c.acts & (c.time == motion.end), motion.end, corner)
+        corner = jnp.where(~acted & (c.time == motion.start), motion.start, corner)
+        corner = jnp.where(acted & (c.time == motion.end), motion.end, corner)
+        corner = jnp.where(c.time >= duration, duration, corner)
         move = corner - c.time
         move = move - jax.lax.stop_gradient(move)
+        span = eqx.tree_at(lambda s: s.acts, self.span(c), acted)
         y = jnp.stack([c.lean, c.speed])
-        rate = self.span(c).field(jnp.zeros_like(move), y)
-        lean, speed = y + jnp.where(c.phase == REST, 0, move) * rate
-        acts = motion.acts(c.time)
-        return c._replace(time=c.time + move, lean=lean, speed=speed, acts=acts)
+        stays = (c.phase == REST) | (c.phase == OVER)
+        rate = span.field(jnp.zeros_like(move), y)
+        lean, speed = y + jnp.where(stays, 0, move) * rate
+        return c._replace(time=c.time + move, lean=lean, speed=speed)
 
     def wait(self, c: _Carry, stop: Any) -> _Carry:
         """For the input to lift the block, or for the next edge of the input."""
         found, time, side = self.uplifts.following(c.time, stop)
-        found = found & c.acts
+        acts = self.motion.acts(c.time)
+        found = found & acts
         until = jnp.where(found, time, stop)
-        demand, normal = self.uplifts.at_rest(c.time, until, c.acts)
+        demand, normal = self.uplifts.at_rest(c.time, until, acts)
         return c._replace(
             time=until,
+            struck=jnp.full_like(until, jnp.nan),
             side=jnp.where(found, side, c.side),
             phase=jnp.where(found, RISING, REST),
             demand=larger(c.demand, demand),
@@ -358,7 +347,9 @@ class _Loop:
             start,
         )
         return jax.lax.cond(
-            c.phase == REST, lambda: c, lambda: self.finish(span, stop, c, last)
+            c.phase == REST,
+            lambda: c._replace(struck=jnp.nan * zero),
+            lambda: self.finish(span, stop, c, last),
         )
 
     def advance(self, span: Span, length: Any, p: _Point) -> _Point:
@@ -366,27 +357,34 @@ class _Loop:
         step = self.stepper.step(span, p.along, p.until, p.y, p.memory)
         refines = p.refined > 0
         good = step.good & ~refines
-        ends = good & span.ended(p.until, step.there)
+        values = span.ends(step.there)
+        ends = good & (p.until > span.grace) & (values.min() <= 0)
+        refined = p.refined + (refines | ends)
+        which = jnp.where(ends | (p.refined == 1), jnp.argmin(values), p.which)
         goes = good & ~ends
-        done = (goes & (p.until >= length)) | (p.refined == _REFINED)
+        done = (goes & (p.until >= length)) | (refined > self.tries)
 
         # The forces of what is done for good.
         times, states = jnp.stack([p.along, p.until]), jnp.stack([p.y, step.there], axis=1)
         rates = span.field(times, states)[1]
-        demand, normal = jax.lax.cond(
-            goes | done,
-            lambda: extremes(span, times, states, rates),
-            lambda: (jnp.zeros_like(p.demand), jnp.full_like(p.normal, jnp.inf)),
-        )
         counts = goes | done
+        # Most steps come nowhere near the extremes so far, and a look is much cheaper.
+        demand, normal = jax.lax.cond(
+            counts & may_exceed(span, times, states, rates, (p.demand, p.normal)),
+            lambda: beyond(span, times, states, rates, (p.demand, p.normal)),
+            lambda: (p.demand, p.normal),
+        )
         along, y = jnp.where(counts, p.until, p.along), jnp.where(counts, step.there, p.y)
         wish = jnp.where(goes, jnp.maximum(step.following, p.wish), step.following)
         until = limited(span, length, along, along + wish, y, jnp.where(goes, rates[1], rates[0]))
-        # The end of the span is near once it is sought between the states that the solver knows.
-        until, which, refined = jax.lax.cond(
+        until = jax.lax.cond(
             refines | ends,
-            lambda: self.nearer(span, p, step, ends),
-            lambda: (until, p.which, p.refined),
+            lambda: jax.lax.cond(
+                ends,
+                lambda: self.sought(span, p, step),
+                lambda: self.refine(span, p.until, step.there, which),
+            ),
+            lambda: until,
         )
         stuck = ~done & ~refines & ~ends & ~(until > along)
         return _Point(
@@ -397,63 +395,46 @@ class _Loop:
             refined=refined,
             which=which,
             done=done | stuck,
-            demand=larger(p.demand, demand),
-            normal=smaller(p.normal, normal),
+            demand=demand,
+            normal=normal,
             steps=p.steps + 1,
             memory=jax.tree.map(lambda a, b: jnp.where(goes, a, b), step.memory, p.memory),
         )
 
-    def nearer(self, span: Span, p: _Point, step: Step, ends: Any) -> tuple[Any, Any, Any]:
-        """Time and way in which the span ends, first as found between two states, then refined."""
-        once = 1 if self.method.locate == "step" else _REFINED
-        time, which = jax.lax.cond(
-            ends,
-            lambda: self.sought(span, p, step),
-            lambda: (self.refine(span, p, step.there), p.which),
-        )
-        return time, which, jnp.where(ends, once, p.refined + 1)
-
-    def sought(self, span: Span, p: _Point, step: Step) -> tuple[Any, Any]:
-        """Where the span ends within a step, nearly, and how."""
+    def sought(self, span: Span, p: _Point, step: Step) -> Reals:
+        """Where the span ends within a step, nearly."""
         if self.method.locate == "end":
-            return p.until, jnp.argmin(span.ends(step.there))
+            return p.until
         span, p, step = jax.lax.stop_gradient((span, p, step))
         eps = float(jnp.finfo(p.along.dtype).eps)
         tiny = float(jnp.finfo(p.along.dtype).tiny)
         close = max(_CLOSE, 2 * eps) if self.method.locate == "step" else 2 * eps
-
-        def between(time: Any) -> Any:
-            return self.stepper.between(p.along, p.until, step, time)
 
         def wide(bracket: Any) -> Any:
             return bracket[1] - bracket[0] > close * jnp.maximum(bracket[1], tiny / eps)
 
         def halve(bracket: Any) -> Any:
             middle = 0.5 * (bracket[0] + bracket[1])
-            ended = span.ended(middle, between(middle))
+            ended = span.ends(self.stepper.between(p.along, p.until, step, middle)).min() <= 0
+            ended = ended & (middle > span.grace)
             return jnp.where(ended, bracket[0], middle), jnp.where(ended, middle, bracket[1])
 
-        _, time = jax.lax.while_loop(wide, halve, (p.along, p.until))
-        return time, jnp.argmin(span.ends(between(time)))
+        return jax.lax.while_loop(wide, halve, (p.along, p.until))[1]
 
-    def refine(self, span: Span, p: _Point, there: Reals) -> Reals:
+    def refine(self, span: Span, time: Reals, there: Reals, which: Any) -> Reals:
         """By Halley's method, if that goes no further than the search was good for."""
-        one = jnp.ones_like(p.until)
-
-        def rate(time: Any, y: Any) -> Any:
-            return span.field(time, y)
-
-        first, second = jax.jvp(rate, (p.until, there), (one, rate(p.until, there)))
-        ends, rates = jax.jvp(span.ends, (there,), (first,))
-        _, bends = jax.jvp(span.ends, (there,), (second,))
-        value, slope, bend = ends[p.which], rates[p.which], bends[p.which]
-        off = value / jnp.where(slope < 0, slope, -1)
+        rate = span.field(time, there)
+        _, change = jax.jvp(span.field, (time, there), (jnp.ones_like(time), rate))
+        value, slope = jax.jvp(lambda y: span.ends(y)[which], (there,), (rate,))
+        _, bend = jax.jvp(lambda y: span.ends(y)[which], (there,), (change,))
+        below = jnp.where(slope < 0, slope, -1)
+        off = value / below
         # The square is little more than its second derivative.
-        move = off + 0.5 * off * off * bend / jnp.where(slope < 0, slope, -1)
-        near = jnp.abs(move) <= 1e3 * _CLOSE * p.until
+        move = off + 0.5 * off * off * bend / below
+        near = jnp.abs(move) <= 1e3 * _CLOSE * time
         # Its derivative is always that of the time, also where the span ends as it begins.
         move = jnp.where(near, move, move - jax.lax.stop_gradient(move))
-        return jnp.where(slope < 0, p.until - move, p.until)
+        return jnp.where(slope < 0, time - move, time)
 
     def finish(self, span: Span, stop: Any, c: _Carry, p: _Point) -> _Carry:
         """From the end of a span to what follows it."""
@@ -479,7 +460,7 @@ class _Loop:
         restitution = self.driven.restitution
         leaving = jnp.where(landed, restitution * arriving, 0)
         zero = jnp.zeros_like(time)
-        there = c._replace(time=time, side=-c.side, acts=self.motion.acts(time))
+        there = c._replace(time=time, side=-c.side)
         onward = self.span(there).field(zero, jnp.stack([zero, leaving]))[1]
         held = onward < 0
         lost = (1 - restitution) * jnp.where(held, -onward, 1)
@@ -492,7 +473,7 @@ class _Loop:
             speed=jnp.where(rests, 0, jnp.where(landed, leaving, speed)),
             phase=jnp.where(landed, jnp.where(rests, REST, RISING), phase),
             impacts=jnp.where(landed, c.impacts + 1, c.impacts),
-            struck=-c.side * arriving,
+            struck=jnp.where(landed, -c.side * arriving, jnp.nan),
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),
@@ -502,8 +483,8 @@ class _Loop:
         )
 
 
-def _cut_at(c: _Carry) -> Cuts:
-    return Cuts(c.time, c.side, c.lean, c.speed)
+def _row(c: _Carry) -> Reals:
+    return jnp.stack([c.time, c.side, c.lean, c.speed, c.struck])
 
 
 def _valid(driven: Any) -> tuple[Driven, Any]:
@@ -534,7 +515,7 @@ def resumed(
         inside = (asked >= 0) & (asked <= driven.duration)
         time = jnp.where(inside, asked, 0)
         index = jnp.maximum(jnp.searchsorted(known, time, side="right") - 1, 0)
-        origin, side, lean, speed = (part[index] for part in jax.tree.leaves(cuts))
+        origin, side, lean, speed, _ = (part[index] for part in jax.tree.leaves(cuts))
         acts, yes = driven.motion.acts(origin), jnp.array(True)
         moves = (lean != 0) | (speed != 0)
         # What has just been lifted is on the ground as well: it moves if the next cut is a turn.

@@ -19,6 +19,11 @@ def smaller(kept: Reals, new: Reals, counts: Any = True) -> Reals:
     return jnp.where(counts & (new < kept), new, kept)
 
 
+def largest(values: Reals) -> Reals:
+    """The largest of a row, as in `larger`: `max` of equal ones takes the mean derivative."""
+    return values[jnp.argmax(values)]
+
+
 def friction(horizontal: Reals, normal: Reals) -> Reals:
     """Friction demand: horizontal over normal force, inf where nothing presses."""
     presses = normal > 0
@@ -35,6 +40,36 @@ def forces(span: Span, time: Reals, y: Reals) -> tuple[Reals, Reals]:
     horizontal = radius_over_g * (cosine * rate + sine * y[1] ** 2) - push
     normal = 1 + lift + radius_over_g * (sine * rate - cosine * y[1] ** 2)
     return horizontal, normal
+
+
+def may_exceed(
+    span: Span, times: Reals, states: Reals, rates: Reals, kept: tuple[Reals, Reals]
+) -> Booleans:
+    """Whether the forces in a step come near the extremes that are kept.
+
+    From both ends and the middle: twice their spread beyond them, nothing is looked for.
+    """
+    step, change = times[1] - times[0], states[:, 1] - states[:, 0]
+    lean, speed = 0.5 * states.sum(axis=1)
+    lean = lean - step * (5 / 32) * change[1] + step**2 / 64 * rates.sum()
+    speed = 15 / 8 * change[0] / step - 7 / 8 * speed + step / 32 * (rates[1] - rates[0])
+    middle = jnp.stack([lean, speed])
+    share = jnp.array([0.0, 0.5, 1.0], step.dtype)
+    at = jnp.stack([states[:, 0], middle, states[:, 1]], axis=1)
+    horizontal, normal = forces(span, times[0] + share * step, at)
+    demand, least = kept
+    finite = demand < jnp.inf
+    slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
+    steeper = finite & (3 * slides.max() - 2 * slides.min() >= 0)
+    return steeper | (3 * normal.min() - 2 * normal.max() <= least)
+
+
+def beyond(
+    span: Span, times: Reals, states: Reals, rates: Reals, kept: tuple[Reals, Reals]
+) -> tuple[Reals, Reals]:
+    """The extremes that are kept, or those of a step where they are beyond them."""
+    demand, normal = extremes(span, times, states, rates)
+    return larger(kept[0], demand), smaller(kept[1], normal)
 
 
 def extremes(span: Span, times: Reals, states: Reals, rates: Reals) -> tuple[Reals, Reals]:

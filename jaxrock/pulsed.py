@@ -210,7 +210,9 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return response_to(driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True)
+    return response_to(
+        driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True
+    )
 
 
 def tolerance_of(like: Reals, rtol: float) -> float:

@@ -59,10 +59,6 @@ class Span(eqx.Module):
         crossing = jnp.where(self.rising & ~self.crossed, 1 - lean, jnp.inf)
         return jnp.stack([jnp.where(self.rising, speed, -speed), top, crossing])
 
-    def ended(self, time: Reals, y: Reals) -> Booleans:
-        """Whether it does: not at the start, by decree, whatever rounding says there."""
-        return (time > self.grace) & (self.ends(y).min() <= 0)
-
 
 class Step(NamedTuple):
     """A step that was tried, and what follows from it."""

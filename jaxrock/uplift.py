@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from .arguments import Reals
 from .equation import Equation
-from .forces import friction, larger, smaller
+from .forces import friction, larger, largest
 from .motion import Motion
 
 
@@ -31,9 +31,7 @@ class Uplifts(eqx.Module):
         first, second = (equation.lifting(side * push, lift) for side in (1.0, -1.0))
         lifted = (first > 0) | (second > 0)
         sides = jnp.where(first >= second, 1, -1).astype(knots.dtype)
-        return cls(
-            equation, motion, knots, lifted, sides, friction(push, 1 + lift), 1 + lift
-        )
+        return cls(equation, motion, knots, lifted, sides, friction(push, 1 + lift), 1 + lift)
 
     def excess(self, time: Reals, side: Any) -> Reals:
         """What the ground gives to one side over what lifts the block."""
@@ -83,8 +81,11 @@ class Uplifts(eqx.Module):
         The ground holds it: only what the ground gives counts.
         """
         ends = jnp.stack([time, until])
-        push, lift = (jnp.where(acts, a / self.equation.gravity, 0) for a in self.motion.value(ends))
+        push, lift = (
+            jnp.where(acts, a / self.equation.gravity, 0) for a in self.motion.value(ends)
+        )
         between = acts & (self.knots >= time) & (self.knots <= until)
-        demand = jnp.where(between, self.demand, 0).max()
-        normal = jnp.where(between, self.normal, jnp.inf).min()
-        return larger(demand, friction(push, 1 + lift).max()), smaller(normal, (1 + lift).min())
+        demand = jnp.where(between, self.demand, 0)
+        normal = jnp.where(between, self.normal, jnp.inf)
+        demands = jnp.concatenate([friction(push, 1 + lift), demand])
+        return largest(demands), -largest(-jnp.concatenate([1 + lift, normal]))
