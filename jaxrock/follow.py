@@ -359,7 +359,7 @@ class _Loop:
         good = step.good & ~refines
         values = span.ends(step.there)
         ends = good & (p.until > span.grace) & (values.min() <= 0)
-        refined = p.refined + (refines | ends)
+        refined = jnp.where(refines | ends, p.refined + 1, 0)
         which = jnp.where(ends | (p.refined == 1), jnp.argmin(values), p.which)
         goes = good & ~ends
         done = (goes & (p.until >= length)) | (refined > self.tries)

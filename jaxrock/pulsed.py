@@ -28,11 +28,11 @@ from .arguments import (
 )
 from .block import Block
 from .fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, Solved, solved, stable_fixed_point
+from .follow import Driven, Status
 from .free import Linearized, Nonlinear
 from .motion import Pulse
 from .printing import listed
 from .progress import with_clock
-from .follow import Driven, Status
 from .response import Response, response_to
 
 _LONGEST = 200.0  # time to wait for an impact, times p

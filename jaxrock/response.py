@@ -153,6 +153,10 @@ class Response(eqx.Module):
         return "\n".join(lines)
 
 
+def _padded(values: Reals, size: int, fill: float) -> np.ndarray:
+    return np.pad(np.asarray(values), (0, size - values.size), constant_values=fill)
+
+
 @eqx.filter_jit
 def _history(scene: Driven, cuts: Cuts, linearized: bool, times: Reals) -> tuple[Reals, Reals]:
     eps = float(jnp.finfo(times.dtype).eps)

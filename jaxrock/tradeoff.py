@@ -22,12 +22,12 @@ from .batch import respond_batch
 from .block import Block
 from .datasets import labelled
 from .fidelity import CLOSED, DrivenScene
+from .follow import Driven
 from .free import Linearized, Nonlinear
 from .model_error import model_error
 from .motion import HalfSine, Pulse, Rectangular
 from .progress import with_progress
 from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
-from .follow import Driven
 from .response import SOLVERS, Response, compiled, response_to
 from .span import Method
 

@@ -130,16 +130,16 @@ def test_two_impulses():
 
 
 def test_record_against_independent_integration():
-    """On the shipped record, wherever two step sizes of a plain loop agree."""
+    """On the shipped record, wherever rounding of the input changes next to nothing."""
     rows = cases(1)
     assert len(rows) >= 40
     for row in rows[::4]:
         block = jr.Block(row["half_width"], row["slenderness"])
-        r = jr.respond(block, row["restitution"], motion_of(row), 60.0)
+        r = jr.respond(block, row["restitution"], motion_of(row), 60.0, rtol=1e-11)
         assert r.status == 0
         assert bool(r.overturned) == row["overturned"], row
         if not row["overturned"]:
-            assert float(r.peak_rotation) == pytest.approx(row["peak_rotation"], rel=1e-4), row
+            assert float(r.peak_rotation) == pytest.approx(row["peak_rotation"], rel=1e-8), row
 
 
 def forced(parameters, linearized=False):
