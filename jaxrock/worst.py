@@ -608,8 +608,6 @@ def worst_train(
     limited = spacing > 0 or latest < math.inf
     # A constraint that is not there must not be infinite.
     far = min(latest, 1e6 * count / float(block.frequency_parameter))
-    # Impacts come later in a train that is raised to try it.
-    far = max(far * (1 - 4 * _trial(dtype)), (count - 1) * spacing)
     limits = _Limits(jnp.asarray(spacing, dtype), jnp.asarray(far, dtype)) if limited else None
     if largest is not None:
         check("largest", as_real("largest", largest), POSITIVE)
@@ -637,6 +635,8 @@ def worst_train(
     )
     question = _Question(rocker, limits, goal, most)
     searches, history = _searched(searches, question, impacts_between)
+    if latest < math.inf:
+        searches, question = _with_time_to_try(searches, question, spacing, latest)
     return _result(searches, question, history, spacing, latest)
 
 
@@ -706,6 +706,33 @@ def _searched(searches: _Search, question: _Question, fewest: int) -> tuple[_Sea
     return searches, np.concatenate(history, axis=1)
 
 
+def _with_time_to_try(
+    searches: _Search, question: _Question, spacing: float, latest: float
+) -> tuple[_Search, _Question]:
+    """The same searches, ended so early that the best train may be raised to try it.
+
+    The impacts of a train that is raised come later: by how much depends on the train, and
+    any time more than that would make the pulses larger than need be.
+    """
+    rate, trial = float(question.rocker.block.frequency_parameter), _trial(searches.angles.dtype)
+    # As exactly as the multipliers keep the limit; the hairs of `_proved` come on top.
+    inexact = _tolerance(searches) / (_PRESSURE * rate)
+    for _ in range(3):
+        best = _best(searches, question)
+        ends = [
+            np.asarray(_outcomes(searches._replace(strength=strength), question).times)[best, -1]
+            for strength in (searches.strength, searches.strength + 1.01 * trial)
+        ]
+        if ends[1] <= latest:
+            break
+        far = max(latest - (ends[1] - ends[0]) - inexact, (searches.angles.shape[1] - 1) * spacing)
+        limits = question.limits._replace(latest=jnp.asarray(far, searches.angles.dtype))
+        question = question._replace(limits=limits)
+        found = _solve(searches, question, *(jnp.asarray(n) for n in (_ROUNDS, _STEPS)))
+        searches = jax.device_get(found[0])
+    return searches, question
+
+
 def _where(condition: np.ndarray, ones: _Search, others: _Search) -> _Search:
     """Start by start."""
 
@@ -720,28 +747,42 @@ def _tolerance(searches: _Search) -> float:
     return 10 * float(np.finfo(searches.angles.dtype).eps) ** 0.5
 
 
+def _reached(
+    searches: _Search, question: _Question
+) -> tuple[_Outcome, np.ndarray, np.ndarray, np.ndarray]:
+    """What trains do, their pulses, what they come to, and whether they keep the constraints."""
+    outcome = jax.device_get(_outcomes(searches, question))
+    kept = outcome.lacking.max(axis=1) * float(question.rocker.block.frequency_parameter)
+    kept = kept < _tolerance(searches)
+    if question.limits is not None:
+        kept &= outcome.times[:, -1] < float(question.limits.latest) + _tolerance(searches)
+    weights = np.asarray(jax.vmap(lambda search: _train_of(search, question.goal).weight)(searches))
+    magnitudes = np.exp(searches.strength)[:, None] * weights * float(question.rocker.unit)
+    magnitudes[:, 0] = abs(magnitudes[:, 0])
+    counted = np.arange(weights.shape[1]) < searches.length[:, None]
+    if question.goal == "smallest largest":
+        objectives = np.where(counted, abs(magnitudes), 0).max(axis=1)
+    elif question.goal == "smallest total":
+        objectives = np.where(counted, abs(magnitudes), 0).sum(axis=1)
+    else:
+        objectives = outcome.x
+    return outcome, magnitudes, objectives, kept
+
+
+def _best(searches: _Search, question: _Question) -> int:
+    """Which start came to the best train."""
+    _, _, objectives, kept = _reached(searches, question)
+    sign = -1 if question.goal == "most rotation" else 1
+    return int(np.argmin(np.where(kept, sign * objectives, np.inf)))
+
+
 def _result(
     searches: _Search, question: _Question, history: np.ndarray, spacing: float, latest: float
 ) -> WorstTrain:
     rocker, goal = question.rocker, question.goal
     seeks = goal != "most rotation"
-    unit = float(rocker.unit)
-    outcome = jax.device_get(_outcomes(searches, question))
-    kept = outcome.lacking.max(axis=1) * float(rocker.block.frequency_parameter)
-    kept = kept < _tolerance(searches)
-    if question.limits is not None:
-        kept &= outcome.times[:, -1] < float(question.limits.latest) + _tolerance(searches)
-    weights = np.asarray(jax.vmap(lambda search: _train_of(search, goal).weight)(searches))
-    magnitudes = np.exp(searches.strength)[:, None] * weights * unit
-    magnitudes[:, 0] = abs(magnitudes[:, 0])
-    counted = np.arange(weights.shape[1]) < searches.length[:, None]
-    if goal == "smallest largest":
-        objectives = np.where(counted, abs(magnitudes), 0).max(axis=1)
-    elif goal == "smallest total":
-        objectives = np.where(counted, abs(magnitudes), 0).sum(axis=1)
-    else:
-        objectives = outcome.x
-    best = int(np.argmin(np.where(kept, objectives if seeks else -objectives, np.inf)))
+    outcome, magnitudes, objectives, kept = _reached(searches, question)
+    best = _best(searches, question)
     length = int(searches.length[best])
     intensities = (outcome.sides * magnitudes)[best, :length]
     overturns = seeks or bool(outcome.x[best] >= 1)
