@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import stepping
+import train_search
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
@@ -109,6 +110,71 @@ def test_the_papers_input_comes_out(model, count):
     # Alternating as the ground moves.
     assert (np.sign(worst.intensities) == (-1.0) ** np.arange(count)).all()
     assert worst.history.shape[0] == 10
+
+
+def worst_of(case, starts):
+    """The worst train with the limits of a case, and what it is to be best in."""
+    limits = {"latest": case.latest, "largest": case.largest}
+    worst = jr.worst_train(
+        jr.Block(case.half_width, case.slenderness), case.restitution, case.count, case.goal,
+        impacts_between=case.impacts_between, spacing=case.spacing, starts=starts,
+        model=getattr(jr, case.model)(),
+        **{name: limit for name, limit in limits.items() if limit is not None},
+    )  # fmt: skip
+    return worst, worst.total if "total" in case.goal else worst.largest
+
+
+def no_worse_than_scipy(case, starts):
+    """Nor does it break a limit, and it does what it is to if followed without JAX."""
+    theirs = train_search.found()[case]
+    worst, ours = worst_of(case, starts)
+    assert worst.converged, case
+    gaps = np.diff(worst.times)
+    assert (gaps >= case.spacing - 1e-9).all(), case
+    assert case.latest is None or worst.times[-1] <= case.latest, case
+    block = jr.Block(case.half_width, case.slenderness)
+    rocker = stepping.Rocker(
+        case.half_width, case.slenderness, case.restitution, case.model == "Linearized"
+    )
+    if case.goal == "most rotation":
+        assert worst.objectives.max() >= theirs.reached * (1 - 1e-6), case
+        peak, _ = scipy_train(rocker, block, worst.times, worst.intensities)
+        assert peak == pytest.approx(worst.peak_rotation, rel=1e-4), case
+        return
+    assert ours <= theirs.reached * (1 + 1e-6), case
+    # What nobody finds without the other is not there: trains that overturn, say others.
+    for by, falls in ((1e-6, True), (-1e-5, False)):
+        _, over = scipy_train(rocker, block, worst.times, worst.intensities * (1 + by))
+        assert over == falls, (case, by)
+
+
+@pytest.mark.parametrize("case", train_search.TELLING[: train_search.DEFAULT])
+def test_no_train_is_worse(case):
+    """SciPy's search over all times, signs and sizes finds none, with limits."""
+    no_worse_than_scipy(case, starts=3)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("case", train_search.CASES)
+def test_no_train_is_worse_of_a_bigger_sample(case):
+    no_worse_than_scipy(case, starts=10)
+
+
+def test_what_scipy_found_overturns():
+    """Followed by another integrator than the search used."""
+    for case, theirs in list(train_search.found().items())[: train_search.DEFAULT]:
+        rocker = stepping.Rocker(
+            case.half_width, case.slenderness, case.restitution, case.model == "Linearized"
+        )
+        block = jr.Block(case.half_width, case.slenderness)
+        assert scipy_train(rocker, block, theirs.times, theirs.intensities)[1], case
+
+
+@pytest.mark.thorough
+def test_the_frozen_trains_are_what_scipy_finds_today():
+    for case in train_search.TELLING[:3]:
+        now = train_search.best_of(case).reached
+        assert now == pytest.approx(train_search.found()[case].reached, rel=1e-7), case
 
 
 @BOTH
