@@ -104,6 +104,8 @@ def _needed(rocker: Rocker, train: Train, late: float | None) -> float:
         if late is not None:
             train = train._replace(phase=jnp.arccos(1 - 2 * jnp.minimum(lost, 0.5)) / jnp.pi)
         x, found = _one(rocker, train, strength)
+        if not x > 0:
+            return 1.0  # impacts leave nothing: only a pulse alone overturns
         strength = strength / x
         change = abs(float(x) - 1)
         if late is not None:
@@ -116,14 +118,23 @@ def _needed(rocker: Rocker, train: Train, late: float | None) -> float:
 
 
 def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
-    """The smallest strength of alternating pulses that overturns at some equal spacing."""
+    """The smallest strength of alternating pulses that overturns at some equal spacing.
+
+    NaN if that is not where it was looked for.
+    """
+    if math.isnan(least):
+        return math.nan
     rate = float(rocker.block.frequency_parameter)
     simple = rocker._replace(model=Linearized())
     spacing, strength = _lowest(simple, count, (0.05 / rate, 4 / rate), (least, 1.0))
     if rocker.model != simple.model and spacing > 0:
         # What is alike in both is only looked for in the cheap one.
         around = (0.95 * spacing, 1.05 * spacing)
-        _, strength = _lowest(rocker, count, around, (0.95 * strength, 1.1 * strength))
+        least, most = max(least, 0.95 * strength), min(1.1 * strength, 1.0)
+        spacing, strength = _lowest(rocker, count, around, (least, most))
+        # At an end of the range it is not known whether it is the best, or that there is none.
+        if (spacing == 0 and most < 1) or spacing in around or strength <= least * (1 + 1e-9):
+            return math.nan
     return strength
 
 

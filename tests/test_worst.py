@@ -2,6 +2,7 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import stepping
@@ -9,6 +10,7 @@ import train_search
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
+from jaxrock import timing
 
 pytestmark = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -229,6 +231,55 @@ def test_what_timing_costs():
     before = single / (c**2 + c + c**2)
     assert costs["right before the impacts"] == pytest.approx(before, rel=1e-9)
     assert all(closed < cost <= single for cost in costs.values())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("slenderness", "c", "count"), [(4.0, 0.7, 3), (2.0, 0.9, 4), (1.2, 0.5, 3)]
+)
+@pytest.mark.parametrize("model", ["Linearized", "Nonlinear"])
+def test_what_timing_costs_without_jax(model, slenderness, c, count):
+    costs = jr.timing_costs(jr.Block(0.4, slenderness), c, count, getattr(jr, model)())
+    for when, theirs in timed_without_jax(model, slenderness, c, count).items():
+        assert costs[when] == pytest.approx(theirs, rel=1e-9), when
+
+
+@BOTH
+def test_one_timing_without_jax(model):
+    """Pulses that come late, for which there is no closed form."""
+    block, restitution, count = jr.Block(0.4, 2.0), jnp.asarray(0.9), 3
+    rocker = timing.Rocker(block, restitution, model)
+    train = timing.Train(jnp.zeros(count), jnp.ones(count), jnp.ones(count, int))
+    ours = timing._needed(rocker, train, 0.2) * float(rocker.unit)
+    theirs = timed_without_jax(type(model).__name__, 2.0, 0.9, count)
+    assert ours == pytest.approx(theirs["0.2 half-cycles after the impacts"], rel=1e-9)
+
+
+def timed_without_jax(model, slenderness, c, count):
+    """The same intensities from exponentials and Jacobi's functions in NumPy, by bisection."""
+    case = train_search.Case(0.4, slenderness, c, count, model)
+
+    def needed(case, later, part, weight):
+        plan = train_search.Plan(*(np.array([row]) for row in (later, part, weight)))
+        return float(train_search.needed(case, plan, 60)[0][0]) * case.unit
+
+    ones, first = np.ones(count), np.arange(count) == 0
+    parts = {f"{late:g} half-cycles after the impacts": late for late in (0.05, 0.1, 0.2)}
+    answers = {
+        when: needed(case, 0 * ones.astype(int), late * ones, ones)
+        for when, late in ({"right after the impacts": 0.0} | parts).items()
+    }
+    later = np.where(np.arange(count) > 1, 1, 0)
+    before = needed(case._replace(impacts_between=0), later, ones, np.where(first, 1.0, -1.0))
+    return answers | {"right before the impacts": min(before, case.unit)}
+
+
+def test_timing_that_did_not_converge_is_nan(monkeypatch):
+    block = jr.Block(0.4, 4.0)
+    nothing_left = timing.timing_costs(block, 0.0, 3)["right before the impacts"]
+    assert nothing_left == pytest.approx(float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12)
+    monkeypatch.setattr(timing, "_ROUNDS", 1)
+    assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
 
 
 @pytest.mark.parametrize(
