@@ -265,7 +265,7 @@ def _claims() -> Iterator[Finding]:
     # Each quantity at once for all that is said of it: a shape of its own is compiled anew. What
     # is computed is looked at with NumPy, for the same reason.
     restitution = np.append(np.linspace(0.5, 0.7, 41), [0.8, 0.85])
-    every = _scene(slenderness[..., None], np.asarray(WIDTHS)[:, None], restitution)
+    every = _scene(*np.meshgrid(slenderness, WIDTHS, restitution, indexing="ij", sparse=True))
     periods, zetas, margins, ratios = (
         np.asarray(quantity(every))
         for quantity in (stabilized_period, amplification, overturning_margin, rotation_ratio)
