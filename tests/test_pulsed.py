@@ -310,6 +310,18 @@ def test_random_verges(shape):
 
 
 @pytest.mark.thorough
+def test_from_rest_to_a_verge_that_is_far():
+    """Of a short cosine the amplitude says little: 1e-6 less of it is 0.2 % of the velocity."""
+    block, c, duration = jr.Block(0.99183, 4.4053), 0.6078, 0.0072566
+    verge = jr.critical_pulsed_amplitude(block, c, jr.Cosine, duration)
+    weaker = one_case(block, c, jr.Cosine(verge.amplitude * (1 - 1e-6), duration))
+    assert repeated(weaker, np.zeros(1), 1e-9)[1] / critical(block) == pytest.approx(
+        0.9981, abs=1e-4
+    )
+    assert verge.from_rest
+
+
+@pytest.mark.thorough
 def test_verge():
     """A phase just below it, none just above; slopes against differences; closed form."""
 
