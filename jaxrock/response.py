@@ -201,7 +201,6 @@ class _Carry(NamedTuple):
     lean: Any
     speed: Any
     phase: Any
-    acts: Any  # whether the input has acted up to now
     count: Any  # cuts
     impacts: Any
     peak: Any
@@ -556,27 +555,27 @@ def follow(
             stop = jnp.where((edge > time) & (edge < latest), edge, stop)
         return stop
 
-    def with_corner(c: _Carry) -> _Carry:
-        """Go with the corner of the input that the state coincides with, not a time after it.
+    def with_corner(c: _Carry, acted: Any) -> _Carry:
+        """Go with the corner that the state coincides with, not a time before or after it.
 
-        That changes derivatives only: before the corner the block has moved for no time, but
-        one that has a derivative, under the input as it is before the corner.
+        That changes derivatives only: up to the corner the block moves for no time, but one
+        that has a derivative, under the input as it is before the corner.
         """
         near = _close_to(motion, c.time)
         kink = motion.next_kink(c.time - near)
         corner = jnp.where(kink <= c.time + near, kink, c.time)
-        corner = jnp.where(~c.acts & (c.time == motion.start), motion.start, corner)
-        corner = jnp.where(c.acts & (c.time == motion.end), motion.end, corner)
+        corner = jnp.where(~acted & (c.time == motion.start), motion.start, corner)
+        corner = jnp.where(acted & (c.time == motion.end), motion.end, corner)
+        corner = jnp.where(c.time >= duration, duration, corner)
         move = corner - c.time
         move = move - jax.lax.stop_gradient(move)
-        span = eqx.tree_at(lambda s: s.acts, span_at(c), c.acts)
+        span = eqx.tree_at(lambda s: s.acts, span_at(c), acted)
         acceleration = span.field(jnp.zeros_like(move), jnp.stack([c.lean, c.speed]))[1]
-        move_by = jnp.where(c.phase == REST, 0, move)
+        move_by = jnp.where((c.phase == REST) | (c.phase == OVER), 0, move)
         return c._replace(
             time=c.time + move,
             lean=c.lean + move_by * c.speed,
             speed=c.speed + move_by * acceleration,
-            acts=motion.acts(c.time),
         )
 
     def at_rest(c: _Carry) -> _Carry:
@@ -665,8 +664,9 @@ def follow(
         return jax.lax.cond(c.phase == REST, lambda c: c, moving, c)
 
     def step(c: _Carry) -> _Carry:
-        before = c = with_corner(c)
+        before = c
         c = jax.lax.cond(c.phase == REST, at_rest, lambda c: moving_or_at_rest(turn_first(c)), c)
+        c = with_corner(c, motion.acts(before.time))
         # The fate is read where the input ends.
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
         margin = smaller(*margins_of(equation, driven.restitution, c.lean, c.speed))
@@ -694,7 +694,6 @@ def follow(
         lean=lean,
         speed=speed,
         phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
-        acts=jnp.zeros((), bool),
         count=jnp.zeros((), int),
         impacts=jnp.zeros((), int),
         peak=lean,
@@ -708,6 +707,7 @@ def follow(
         impact_velocities=jnp.full(listed, jnp.nan, dtype),
         cuts=Cuts(*(jnp.full(4 * listed, jnp.nan, dtype),) * 4),
     )
+    first = with_corner(first, jnp.zeros((), bool))
     cuts = jax.tree.map(lambda kept, new: kept.at[0].set(new), first.cuts, _cuts_at(first))
     last = jax.lax.while_loop(goes_on, step, first._replace(cuts=cuts, count=jnp.ones((), int)))
 

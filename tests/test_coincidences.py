@@ -18,8 +18,6 @@ NUMBERS = ["half_width", "slenderness", "restitution", "duration", "rotation", "
 DURATION, ROTATION, START, LENGTH = 3, 4, 5, 6  # the last one: of a pulse, or a step of a record
 SAMPLES = [4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0]
 LAST = len(SAMPLES) - 1
-# Of the last few numbers, what the end of the input is counted in.
-SPANS = {"Record": LAST, "Cosine": 1}
 FINAL, VELOCITY, IMPACT = slice(0, 4), 1, 4
 ROWS = 6
 
@@ -76,8 +74,8 @@ def theirs(kind, x):
     return np.stack([r.rotation, r.velocity, r.peak, r.margin, first], axis=1)
 
 
-def one_sided(kind, x, side, part=4e-5):
-    """Slopes to one side, of second order and without what is there: scenes, answers, numbers."""
+def one_sided(kind, x, side, part=1.5e-5):
+    """Slopes to one side of each number, without what is there: scenes, answers, numbers."""
     steps = side * part * np.maximum(abs(x), 0.1)
     moves = steps[:, :, None, None] * np.eye(x.shape[1])[:, None] * np.arange(1, 4)[:, None]
     points = x[:, None, None] + moves
@@ -89,15 +87,6 @@ def one_sided(kind, x, side, part=4e-5):
 
 def close(found, expected):
     return np.isclose(found[FINAL], expected[FINAL], rtol=3e-6, atol=3e-6)
-
-
-def turning(samples):
-    """A scene whose block turns where its input ends, by the first one of these samples."""
-    x = scene(0.1 + LAST * 0.15, strength=samples)
-    for _ in range(6):
-        found, values = slopes("Record", x[None])
-        x[LENGTH + 1] -= values[0, VELOCITY] / found[0, VELOCITY, LENGTH + 1]
-    return x
 
 
 TILTED = {"rotation": 0.05}
@@ -133,3 +122,69 @@ def test_ends_starts_and_samples(kind):
             found, _ = slopes(kind, x[part])
             for name, *pair in zip(list(PLAIN[kind])[part], found, expected[part], strict=True):
                 assert close(*pair).all(), (name, pair)
+
+
+def turning():
+    """A block that turns where its input ends."""
+    x = scene(0.1 + LAST * 0.15)
+    for _ in range(8):
+        found, values = slopes("Record", x[None])
+        x[-2] -= values[0, VELOCITY] / found[0, VELOCITY, -2]
+    assert abs(values[0, VELOCITY]) < 1e-14
+    x[DURATION] += 0.2
+    return x
+
+
+def with_impact(kind, x, toward, number):
+    """The scene whose first impact is at the time `toward` the numbers, by one of them."""
+    for _ in range(8):
+        longer = x + (2 - x[DURATION]) * np.eye(x.size)[DURATION]
+        found, values = slopes(kind, longer[None])
+        slope = found[0, IMPACT] - toward
+        gap = values[0, IMPACT] - toward @ x
+        x = x - gap / slope[number] * np.eye(x.size)[number]
+    assert abs(gap) < 1e-14
+    return x, slope
+
+
+def coincidences(kind):
+    """Scenes with an impact at a corner, and how the time between the two changes."""
+    if kind == "Record":
+        length, start, end, level = 0.15, 0.1, LAST, [1.5] * len(SAMPLES)
+        x = scene(1.2)
+        on_a_sample = 3 * np.eye(x.size)[LENGTH] + np.eye(x.size)[START]
+        yield "a sample", *with_impact(kind, x, on_a_sample, LENGTH + 2)
+        yield "the duration", *with_impact(kind, x, np.eye(x.size)[DURATION], DURATION)
+        short = 0.03
+    else:
+        length, start, end, level, short = 0.4, 0.1, 1, 5.0, 0.2
+    x = scene(0.9, length, **TILTED, strength=level)
+    yield "the start", *with_impact(kind, x, np.eye(x.size)[START], START)
+    x = scene(0.9, short, **TILTED, strength=level)
+    at_the_end = np.eye(x.size)[START] + end * np.eye(x.size)[LENGTH]
+    yield "the end", *with_impact(kind, x, at_the_end, START)
+
+
+@pytest.mark.parametrize("kind", PLAIN)
+def test_impacts_at_corners(kind):
+    """The slopes are those of either order of the two, for all numbers the same one."""
+    names, x, gaps = (list(part) for part in zip(*coincidences(kind), strict=True))
+    x, gaps = np.stack(x), np.stack(gaps)
+    # What the order does not depend on changes it no more than rounding does: a little apart.
+    apart = 1e-9 * np.sign(gaps) * (np.arange(x.shape[1]) == START)
+    both = [one_sided(kind, x + s * apart, np.where(s * gaps < 0, -1, 1)) for s in (1, -1)]
+    for k, name in enumerate(names):
+        orders = [order[k] for order in both]
+        assert close(*orders).all() == (name == "a sample")
+        # By rounding, the impact comes before it, after it or at the same time.
+        near = np.stack([x[k]] * 5)
+        near[:, START] *= 1 + 2.0**-52 * np.arange(-2, 3)
+        for slope in slopes(kind, near)[0]:
+            assert any(close(slope, order).all() for order in orders), (name, slope, orders)
+
+
+def test_a_turn_at_the_end():
+    x = turning()
+    expected = one_sided("Record", x[None], 1)[0]
+    for slope in slopes("Record", np.stack([x, x * (1 + 1e-15)]))[0]:
+        assert close(slope, expected).all()
