@@ -301,6 +301,11 @@ def smaller(kept: Reals, new: Reals, counts: Any = True) -> Reals:
     return jnp.where(counts & (new < kept), new, kept)
 
 
+def largest(values: Reals) -> Reals:
+    """The largest of a row, as in `larger`: `max` of equal ones takes the mean derivative."""
+    return values[jnp.argmax(values)]
+
+
 def friction(horizontal: Reals, normal: Reals) -> Reals:
     """Friction demand: horizontal over normal force, inf where nothing presses."""
     presses = normal > 0
@@ -593,8 +598,8 @@ def follow(
             time=until,
             side=jnp.where(found, side, c.side),
             phase=jnp.where(found, RISING, REST),
-            demand=larger(c.demand, friction(push, 1 + lift).max()),
-            normal=smaller(c.normal, (1 + lift).min()),
+            demand=larger(c.demand, largest(friction(push, 1 + lift))),
+            normal=smaller(c.normal, -largest(-1 - lift)),
         )
 
     def moving(c: _Carry) -> _Carry:

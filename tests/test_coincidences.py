@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import stepping
+from test_forces import Trajectory, pieces_of
 
 import jaxrock as jr
 
@@ -18,7 +19,7 @@ NUMBERS = ["half_width", "slenderness", "restitution", "duration", "rotation", "
 DURATION, ROTATION, START, LENGTH = 3, 4, 5, 6  # the last one: of a pulse, or a step of a record
 SAMPLES = [4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0]
 LAST = len(SAMPLES) - 1
-FINAL, VELOCITY, IMPACT = slice(0, 4), 1, 4
+FINAL, VELOCITY, IMPACT, FORCES = slice(0, 4), 1, 4, slice(5, 7)
 ROWS = 6
 
 
@@ -35,7 +36,7 @@ def answers(kind, x):
     block = jr.Block(x[0], x[1])
     r = jr.respond(block, x[2], motion, x[DURATION], rotation=x[ROTATION], rtol=1e-12, listed=32)
     final = (r.final_rotation, r.final_velocity, r.peak_rotation, r.margin)
-    found = jnp.stack([*final, r.impact_times[0]])
+    found = jnp.stack([*final, r.impact_times[0], r.friction_demand, r.normal_force])
     return found, found
 
 
@@ -56,7 +57,15 @@ def slopes(kind, x):
 
 def theirs(kind, x):
     """The same answers, integrated in another way: scenes, answers."""
-    half_width, slenderness, c, duration, rotation, start, length, *strength = x.T
+    rocker, ground, settle = parts(kind, x)
+    r = stepping.follow(rocker, ground, settle, start=(x[:, ROTATION], 0.0))
+    first = [times[0] if times.size else np.nan for times in r.impact_times]
+    return np.stack([r.rotation, r.velocity, r.peak, r.margin, first], axis=1)
+
+
+def parts(kind, x):
+    """Of scenes: blocks, ground, and how long they are followed after its end."""
+    half_width, slenderness, c, duration, _, start, length, *strength = x.T
     if kind == "Record":
         samples = np.stack(strength, axis=1)
 
@@ -67,11 +76,8 @@ def theirs(kind, x):
         ground = stepping.Ground(length[:, None] * np.arange(samples.shape[1]), value)
     else:
         ground = stepping.pulse(kind, strength[0], length)
-    ground, settle = stepping.within(ground, start, duration)
     rocker = stepping.Rocker(half_width, slenderness, c)
-    r = stepping.follow(rocker, ground, settle, start=(rotation, 0.0))
-    first = [times[0] if times.size else np.nan for times in r.impact_times]
-    return np.stack([r.rotation, r.velocity, r.peak, r.margin, first], axis=1)
+    return rocker, *stepping.within(ground, start, duration)
 
 
 def one_sided(kind, x, side, part=1.5e-5):
@@ -150,14 +156,14 @@ def with_impact(kind, x, toward, number):
 def coincidences(kind):
     """Scenes with an impact at a corner, and how the time between the two changes."""
     if kind == "Record":
-        length, start, end, level = 0.15, 0.1, LAST, [1.5] * len(SAMPLES)
+        length, end, level = 0.15, LAST, [1.5] * len(SAMPLES)
         x = scene(1.2)
         on_a_sample = 3 * np.eye(x.size)[LENGTH] + np.eye(x.size)[START]
         yield "a sample", *with_impact(kind, x, on_a_sample, LENGTH + 2)
         yield "the duration", *with_impact(kind, x, np.eye(x.size)[DURATION], DURATION)
         short = 0.03
     else:
-        length, start, end, level, short = 0.4, 0.1, 1, 5.0, 0.2
+        length, end, level, short = 0.4, 1, 5.0, 0.2
     x = scene(0.9, length, **TILTED, strength=level)
     yield "the start", *with_impact(kind, x, np.eye(x.size)[START], START)
     x = scene(0.9, short, **TILTED, strength=level)
@@ -188,3 +194,24 @@ def test_a_turn_at_the_end():
     expected = one_sided("Record", x[None], 1)[0]
     for slope in slopes("Record", np.stack([x, x * (1 + 1e-15)]))[0]:
         assert close(slope, expected).all()
+
+
+def test_forces():
+    """In a motion that ends with its input, and of equal ones at rest the first."""
+    still = np.array([1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    x = np.stack([scene(0.1 + LAST * 0.15), scene(0.9, 0.125, 0.0, strength=still)])
+    found, values = slopes("Record", x)
+    expected = np.append(np.zeros(LENGTH + 1), (np.arange(still.size) == 0) / 9.81)
+    np.testing.assert_allclose(found[1, FORCES], [expected, 0 * expected], rtol=1e-14)
+
+    def theirs(x):
+        rocker, ground, settle = parts("Record", x[None])
+        rocker = rocker.of(0, 1)
+        path = Trajectory(rocker, pieces_of(ground), float(settle[0]))
+        return np.array([path.demand, path.normal])
+
+    np.testing.assert_allclose(values[0, FORCES], theirs(x[0]), rtol=1e-8)
+    for number in (0, LENGTH, LENGTH + 3, LENGTH + 5):
+        step = 1e-4 * x[0, number] * (np.arange(x.shape[1]) == number)
+        slope = (theirs(x[0] + step) - theirs(x[0] - step)) / (2 * step[number])
+        np.testing.assert_allclose(found[0, FORCES, number], slope, rtol=1e-5, atol=1e-6)

@@ -222,6 +222,7 @@ def compare(kind, count, seed, bouncing=0.4, vertical=2.5):
             # Of an angle, since the demand is infinite where nothing presses.
             abs(math.atan(float(r.friction_demand)) - math.atan(expected.demand)),
         )
+        assert np.isinf(r.friction_demand) == (r.normal_force <= 0)
         assert off < 1e-6, f"{block}, C {c}, {motion}: {r}\n{vars(expected)}"
         assert (abs(float(r.final_rotation)) >= math.pi / 2) == expected.over
         assert expected.over or abs(float(r.final_rotation) - expected.alpha) < 1e-7
