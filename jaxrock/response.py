@@ -227,6 +227,7 @@ def _pacing() -> Any:
 
         controller: diffrax.PIDController
         until: Any  # end of the span
+        extremes: Any  # up to its begin: friction demand, normal force
 
         def wrap(self, direction: Any) -> Any:
             return self
@@ -243,8 +244,7 @@ def _pacing() -> Any:
             error_order: Any,
         ) -> Any:
             end, inner = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
-            extremes = jnp.zeros_like(t0), jnp.full_like(t0, jnp.inf)
-            state = (inner, end - t0, (t0, y0), extremes)
+            state = (inner, end - t0, (t0, y0), self.extremes)
             return self._limit(t0, end, y0, args.field(t0, y0)[1], args), state
 
         def adapt_step_size(
@@ -267,8 +267,12 @@ def _pacing() -> Any:
             y = jnp.where(keep, y1_candidate, y0)
             times, states = jnp.stack([t0, t1]), jnp.stack([y0, y1_candidate], axis=1)
             accelerations = args.field(times, states)[1]
-            demand, normal = args.extremes(times, states, accelerations)
-            extremes = larger(extremes[0], demand, keep), smaller(extremes[1], normal, keep)
+            # Most steps come nowhere near the extremes so far, and a look is much cheaper.
+            extremes = jax.lax.cond(
+                keep & args.may_exceed(times, states, accelerations, extremes),
+                lambda: args.beyond(times, states, accelerations, extremes),
+                lambda: extremes,
+            )
             acceleration = jnp.where(keep, accelerations[1], accelerations[0])
             end = self._limit(start, start + step, y, acceleration, args)
             wish = jnp.where(keep, step, 0)
@@ -342,6 +346,42 @@ class _Span(eqx.Module):
         horizontal = radius_over_g * (cosine * rate + sine * y[1] ** 2) - push
         normal = 1 + lift + radius_over_g * (sine * rate - cosine * y[1] ** 2)
         return horizontal, normal
+
+    def may_exceed(
+        self,
+        times: Reals,
+        states: Reals,
+        accelerations: Reals,
+        kept: tuple[Reals, Reals],
+    ) -> Booleans:
+        """Whether the forces in a step come near the extremes that are kept.
+
+        From both ends and the middle: twice their spread beyond them, nothing is looked for.
+        """
+        step, change, bend = times[1] - times[0], states[:, 1] - states[:, 0], accelerations
+        lean, speed = 0.5 * states.sum(axis=1)
+        lean = lean - step * (5 / 32) * change[1] + step**2 / 64 * bend.sum()
+        speed = 15 / 8 * change[0] / step - 7 / 8 * speed + step / 32 * (bend[1] - bend[0])
+        middle = jnp.stack([lean, speed])
+        share = jnp.array([0.0, 0.5, 1.0], step.dtype)
+        at = jnp.stack([states[:, 0], middle, states[:, 1]], axis=1)
+        horizontal, normal = self.forces(times[0] + share * step, at)
+        demand, least = kept
+        finite = demand < jnp.inf
+        slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
+        steeper = finite & (3 * slides.max() - 2 * slides.min() >= 0)
+        return steeper | (3 * normal.min() - 2 * normal.max() <= least)
+
+    def beyond(
+        self,
+        times: Reals,
+        states: Reals,
+        accelerations: Reals,
+        kept: tuple[Reals, Reals],
+    ) -> tuple[Reals, Reals]:
+        """The extremes that are kept, or those of a step where they are beyond them."""
+        demand, normal = self.extremes(times, states, accelerations)
+        return larger(kept[0], demand), smaller(kept[1], normal)
 
     def extremes(self, times: Reals, states: Reals, accelerations: Reals) -> tuple[Reals, Reals]:
         """Largest friction demand and smallest normal force in a step, before the span ends.
@@ -429,9 +469,18 @@ _DEFAULT = Method()
 
 
 def _solve(
-    span: _Span, length: Reals, y: Reals, rtol: Any, atol: Any, method: Method = _DEFAULT
+    span: _Span,
+    length: Reals,
+    y: Reals,
+    rtol: Any,
+    atol: Any,
+    extremes: tuple[Reals, Reals],
+    method: Method = _DEFAULT,
 ) -> Any:
-    """From a cut to the next: time, state, which end (3: none), friction, normal, success."""
+    """From a cut to the next: time, state, which end (3: none), friction, normal, success.
+
+    The friction demand and the normal force are the extremes up to now.
+    """
     import diffrax
     import optimistix
 
@@ -461,7 +510,7 @@ def _solve(
         y,
         span,
         saveat=diffrax.SaveAt(t1=True, controller_state=True),
-        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol), length),
+        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol), length, extremes),
         event=diffrax.Event(_until_cut, finder, direction=False),
         adjoint=diffrax.ForwardMode(),
         max_steps=_MAX_STEPS,
@@ -608,7 +657,13 @@ def follow(
         span = span_at(c)
         length = stop - c.time
         tau, y, which, demand, normal, fine = _solve(
-            span, length, jnp.stack([c.lean, c.speed]), rtol, atol, method
+            span,
+            length,
+            jnp.stack([c.lean, c.speed]),
+            rtol,
+            atol,
+            (c.demand, c.normal),
+            method,
         )
         # The forces just before an impact or at a turn are those of no step.
         last_horizontal, last_normal = span.forces(tau, y)
@@ -648,8 +703,8 @@ def follow(
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),
-            demand=larger(larger(c.demand, demand), friction(last_horizontal, last_normal)),
-            normal=smaller(smaller(c.normal, normal), last_normal),
+            demand=larger(demand, friction(last_horizontal, last_normal)),
+            normal=smaller(normal, last_normal),
             failed=c.failed | ~fine,
             impact_times=c.impact_times.at[index].set(time, mode="drop"),
             impact_velocities=c.impact_velocities.at[index].set(-c.side * arriving, mode="drop"),
@@ -852,6 +907,7 @@ def _history(scene: Driven, cuts: Cuts, linearized: bool, times: Reals) -> tuple
             y,
             max(1e-9, 100 * eps),
             0.0,
+            (jnp.full_like(time, jnp.inf), jnp.full_like(time, -jnp.inf)),  # of no interest
         )
         there = side * jnp.where(moves, there, y)
         return tuple(jnp.where(inside, part + 0.0, jnp.nan) for part in there)
