@@ -996,7 +996,8 @@ def respond(
     the end of the input, its start, a sample, an impact and the duration coincide, answers
     may have another slope on either side. Given is that for a duration not longer, and an end
     of the input not earlier, than the other; for a start not earlier than 0; for a sample the
-    same on both sides; and for an impact at an end that of the order in which they came.
+    same on both sides; and for an impact at the start, at the end or at the duration that of
+    either order of the two, for all numbers the same one.
     Extremes have the derivative of the moment in which they are taken, the first of equal ones.
 
     NaN stands for none, and diffrax keeps what it traced: a call outside of transformations
