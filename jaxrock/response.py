@@ -201,7 +201,6 @@ class _Carry(NamedTuple):
     lean: Any
     speed: Any
     phase: Any
-    acts: Any  # whether the input has acted up to now
     count: Any  # cuts
     impacts: Any
     peak: Any
@@ -228,6 +227,7 @@ def _pacing() -> Any:
 
         controller: diffrax.PIDController
         until: Any  # end of the span
+        extremes: Any  # up to its begin: friction demand, normal force
 
         def wrap(self, direction: Any) -> Any:
             return self
@@ -244,8 +244,7 @@ def _pacing() -> Any:
             error_order: Any,
         ) -> Any:
             end, inner = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
-            extremes = jnp.zeros_like(t0), jnp.full_like(t0, jnp.inf)
-            state = (inner, end - t0, (t0, y0), extremes)
+            state = (inner, end - t0, (t0, y0), self.extremes)
             return self._limit(t0, end, y0, args.field(t0, y0)[1], args), state
 
         def adapt_step_size(
@@ -268,8 +267,12 @@ def _pacing() -> Any:
             y = jnp.where(keep, y1_candidate, y0)
             times, states = jnp.stack([t0, t1]), jnp.stack([y0, y1_candidate], axis=1)
             accelerations = args.field(times, states)[1]
-            demand, normal = args.extremes(times, states, accelerations)
-            extremes = larger(extremes[0], demand, keep), smaller(extremes[1], normal, keep)
+            # Most steps come nowhere near the extremes so far, and a look is much cheaper.
+            extremes = jax.lax.cond(
+                keep & args.may_exceed(times, states, accelerations, extremes),
+                lambda: args.beyond(times, states, accelerations, extremes),
+                lambda: extremes,
+            )
             acceleration = jnp.where(keep, accelerations[1], accelerations[0])
             end = self._limit(start, start + step, y, acceleration, args)
             wish = jnp.where(keep, step, 0)
@@ -300,6 +303,11 @@ def larger(kept: Reals, new: Reals, counts: Any = True) -> Reals:
 def smaller(kept: Reals, new: Reals, counts: Any = True) -> Reals:
     """The smaller one, as in `larger`."""
     return jnp.where(counts & (new < kept), new, kept)
+
+
+def largest(values: Reals) -> Reals:
+    """The largest of a row, as in `larger`: `max` of equal ones takes the mean derivative."""
+    return values[jnp.argmax(values)]
 
 
 def friction(horizontal: Reals, normal: Reals) -> Reals:
@@ -338,6 +346,42 @@ class _Span(eqx.Module):
         horizontal = radius_over_g * (cosine * rate + sine * y[1] ** 2) - push
         normal = 1 + lift + radius_over_g * (sine * rate - cosine * y[1] ** 2)
         return horizontal, normal
+
+    def may_exceed(
+        self,
+        times: Reals,
+        states: Reals,
+        accelerations: Reals,
+        kept: tuple[Reals, Reals],
+    ) -> Booleans:
+        """Whether the forces in a step come near the extremes that are kept.
+
+        From both ends and the middle: twice their spread beyond them, nothing is looked for.
+        """
+        step, change, bend = times[1] - times[0], states[:, 1] - states[:, 0], accelerations
+        lean, speed = 0.5 * states.sum(axis=1)
+        lean = lean - step * (5 / 32) * change[1] + step**2 / 64 * bend.sum()
+        speed = 15 / 8 * change[0] / step - 7 / 8 * speed + step / 32 * (bend[1] - bend[0])
+        middle = jnp.stack([lean, speed])
+        share = jnp.array([0.0, 0.5, 1.0], step.dtype)
+        at = jnp.stack([states[:, 0], middle, states[:, 1]], axis=1)
+        horizontal, normal = self.forces(times[0] + share * step, at)
+        demand, least = kept
+        finite = demand < jnp.inf
+        slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
+        steeper = finite & (3 * slides.max() - 2 * slides.min() >= 0)
+        return steeper | (3 * normal.min() - 2 * normal.max() <= least)
+
+    def beyond(
+        self,
+        times: Reals,
+        states: Reals,
+        accelerations: Reals,
+        kept: tuple[Reals, Reals],
+    ) -> tuple[Reals, Reals]:
+        """The extremes that are kept, or those of a step where they are beyond them."""
+        demand, normal = self.extremes(times, states, accelerations)
+        return larger(kept[0], demand), smaller(kept[1], normal)
 
     def extremes(self, times: Reals, states: Reals, accelerations: Reals) -> tuple[Reals, Reals]:
         """Largest friction demand and smallest normal force in a step, before the span ends.
@@ -425,9 +469,18 @@ _DEFAULT = Method()
 
 
 def _solve(
-    span: _Span, length: Reals, y: Reals, rtol: Any, atol: Any, method: Method = _DEFAULT
+    span: _Span,
+    length: Reals,
+    y: Reals,
+    rtol: Any,
+    atol: Any,
+    extremes: tuple[Reals, Reals],
+    method: Method = _DEFAULT,
 ) -> Any:
-    """From a cut to the next: time, state, which end (3: none), friction, normal, success."""
+    """From a cut to the next: time, state, which end (3: none), friction, normal, success.
+
+    The friction demand and the normal force are the extremes up to now.
+    """
     import diffrax
     import optimistix
 
@@ -457,7 +510,7 @@ def _solve(
         y,
         span,
         saveat=diffrax.SaveAt(t1=True, controller_state=True),
-        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol), length),
+        stepsize_controller=Pace(diffrax.PIDController(rtol=rtol, atol=atol), length, extremes),
         event=diffrax.Event(_until_cut, finder, direction=False),
         adjoint=diffrax.ForwardMode(),
         max_steps=_MAX_STEPS,
@@ -556,27 +609,27 @@ def follow(
             stop = jnp.where((edge > time) & (edge < latest), edge, stop)
         return stop
 
-    def with_corner(c: _Carry) -> _Carry:
-        """Go with the corner of the input that the state coincides with, not a time after it.
+    def with_corner(c: _Carry, acted: Any) -> _Carry:
+        """Go with the corner that the state coincides with, not a time before or after it.
 
-        That changes derivatives only: before the corner the block has moved for no time, but
-        one that has a derivative, under the input as it is before the corner.
+        That changes derivatives only: up to the corner the block moves for no time, but one
+        that has a derivative, under the input as it is before the corner.
         """
         near = _close_to(motion, c.time)
         kink = motion.next_kink(c.time - near)
         corner = jnp.where(kink <= c.time + near, kink, c.time)
-        corner = jnp.where(~c.acts & (c.time == motion.start), motion.start, corner)
-        corner = jnp.where(c.acts & (c.time == motion.end), motion.end, corner)
+        corner = jnp.where(~acted & (c.time == motion.start), motion.start, corner)
+        corner = jnp.where(acted & (c.time == motion.end), motion.end, corner)
+        corner = jnp.where(c.time >= duration, duration, corner)
         move = corner - c.time
         move = move - jax.lax.stop_gradient(move)
-        span = eqx.tree_at(lambda s: s.acts, span_at(c), c.acts)
+        span = eqx.tree_at(lambda s: s.acts, span_at(c), acted)
         acceleration = span.field(jnp.zeros_like(move), jnp.stack([c.lean, c.speed]))[1]
-        move_by = jnp.where(c.phase == REST, 0, move)
+        move_by = jnp.where((c.phase == REST) | (c.phase == OVER), 0, move)
         return c._replace(
             time=c.time + move,
             lean=c.lean + move_by * c.speed,
             speed=c.speed + move_by * acceleration,
-            acts=motion.acts(c.time),
         )
 
     def at_rest(c: _Carry) -> _Carry:
@@ -594,8 +647,8 @@ def follow(
             time=until,
             side=jnp.where(found, side, c.side),
             phase=jnp.where(found, RISING, REST),
-            demand=larger(c.demand, friction(push, 1 + lift).max()),
-            normal=smaller(c.normal, (1 + lift).min()),
+            demand=larger(c.demand, largest(friction(push, 1 + lift))),
+            normal=smaller(c.normal, -largest(-1 - lift)),
         )
 
     def moving(c: _Carry) -> _Carry:
@@ -604,7 +657,13 @@ def follow(
         span = span_at(c)
         length = stop - c.time
         tau, y, which, demand, normal, fine = _solve(
-            span, length, jnp.stack([c.lean, c.speed]), rtol, atol, method
+            span,
+            length,
+            jnp.stack([c.lean, c.speed]),
+            rtol,
+            atol,
+            (c.demand, c.normal),
+            method,
         )
         # The forces just before an impact or at a turn are those of no step.
         last_horizontal, last_normal = span.forces(tau, y)
@@ -644,8 +703,8 @@ def follow(
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),
-            demand=larger(larger(c.demand, demand), friction(last_horizontal, last_normal)),
-            normal=smaller(smaller(c.normal, normal), last_normal),
+            demand=larger(demand, friction(last_horizontal, last_normal)),
+            normal=smaller(normal, last_normal),
             failed=c.failed | ~fine,
             impact_times=c.impact_times.at[index].set(time, mode="drop"),
             impact_velocities=c.impact_velocities.at[index].set(-c.side * arriving, mode="drop"),
@@ -665,8 +724,9 @@ def follow(
         return jax.lax.cond(c.phase == REST, lambda c: c, moving, c)
 
     def step(c: _Carry) -> _Carry:
-        before = c = with_corner(c)
+        before = c
         c = jax.lax.cond(c.phase == REST, at_rest, lambda c: moving_or_at_rest(turn_first(c)), c)
+        c = with_corner(c, motion.acts(before.time))
         # The fate is read where the input ends.
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
         margin = smaller(*margins_of(equation, driven.restitution, c.lean, c.speed))
@@ -694,7 +754,6 @@ def follow(
         lean=lean,
         speed=speed,
         phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
-        acts=jnp.zeros((), bool),
         count=jnp.zeros((), int),
         impacts=jnp.zeros((), int),
         peak=lean,
@@ -708,6 +767,7 @@ def follow(
         impact_velocities=jnp.full(listed, jnp.nan, dtype),
         cuts=Cuts(*(jnp.full(4 * listed, jnp.nan, dtype),) * 4),
     )
+    first = with_corner(first, jnp.zeros((), bool))
     cuts = jax.tree.map(lambda kept, new: kept.at[0].set(new), first.cuts, _cuts_at(first))
     last = jax.lax.while_loop(goes_on, step, first._replace(cuts=cuts, count=jnp.ones((), int)))
 
@@ -847,6 +907,7 @@ def _history(scene: Driven, cuts: Cuts, linearized: bool, times: Reals) -> tuple
             y,
             max(1e-9, 100 * eps),
             0.0,
+            (jnp.full_like(time, jnp.inf), jnp.full_like(time, -jnp.inf)),  # of no interest
         )
         there = side * jnp.where(moves, there, y)
         return tuple(jnp.where(inside, part + 0.0, jnp.nan) for part in there)
@@ -935,7 +996,8 @@ def respond(
     the end of the input, its start, a sample, an impact and the duration coincide, answers
     may have another slope on either side. Given is that for a duration not longer, and an end
     of the input not earlier, than the other; for a start not earlier than 0; for a sample the
-    same on both sides; and for an impact at an end that of the order in which they came.
+    same on both sides; and for an impact at the start, at the end or at the duration that of
+    either order of the two, for all numbers the same one.
     Extremes have the derivative of the moment in which they are taken, the first of equal ones.
 
     NaN stands for none, and diffrax keeps what it traced: a call outside of transformations
