@@ -14,13 +14,13 @@ from .fixed_point import Solved, solved
 from .motion import Pulse, pulse_class
 from .printing import listed
 from .progress import with_clock
-from .pulsed import Parts, checked, half_cycle, phase_of, tolerance_of
+from .pulsed import Parts, PulsedPhase, checked, half_cycle, phase_of, tolerance_of
 
 _STEP = 0.2  # of the amplitude's logarithm, on the way up
 _HIGHEST = 60.0  # how far up
 _NARROWING = 100  # evaluations
 _BELOW = 1e-6  # the verge, where it is asked what pulses do from rest
-_NEAR = 1e-3  # how close to the critical velocity the block lands there
+_NEAR = 1e-3  # how close the block lands there to where it should, in critical velocities
 
 
 class PulsedVerge(NamedTuple):
@@ -92,7 +92,13 @@ def critical_pulsed_amplitude(
     """
     pulse = pulse_class(shape)(1.0, duration)
     block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
-    return _verge(block, restitution, pulse, linearized, rtol)
+    verge, weaker, expected = _verge(block, restitution, pulse, linearized, rtol)
+    # Only asked whether, so that no derivative of the orbit is computed; and apart, since that
+    # program is likely to be compiled already.
+    fixed = jax.lax.stop_gradient((block, restitution, weaker))
+    phase = phase_of(*fixed, linearized, max(rtol, 1e-9))
+    there = _leads_there(*jax.lax.stop_gradient((block, phase, expected)), linearized)
+    return verge._replace(from_rest=verge.from_rest & there)
 
 
 class _Try(NamedTuple):
@@ -102,6 +108,7 @@ class _Try(NamedTuple):
     margin: Reals  # what is left to the verge when the pulse ends, in critical velocities
     slope: Reals  # of that, with respect to the logarithm
     rate: Reals  # of the half-cycle map, if this is the verge
+    speed: Reals  # when the pulse ends
     lands: Booleans  # while the pulse acts: there is no such margin
 
     @property
@@ -148,7 +155,7 @@ def _tried(
     )((jnp.stack([one, zero]), jnp.stack([zero, one])))
     # It lands with sqrt(v_c^2 + v^2 - D^2), and on the verge its velocity v is D.
     rate = -speed * slopes[1]
-    return margin, (rate,), _Try(logarithm, margin, slopes[0], rate, lands)
+    return margin, (rate,), _Try(logarithm, margin, slopes[0], rate, speed, lands)
 
 
 def _search_verge(parts: Parts, linearized: bool, rtol: float) -> Solved:
@@ -196,15 +203,17 @@ def _search_verge(parts: Parts, linearized: bool, rtol: float) -> Solved:
         trial=first,
         low=zero - jnp.inf,
         high=zero + jnp.inf,
-        last=_Try(zero, zero, zero, zero, yes),
+        last=_Try(zero, zero, zero, zero, zero, yes),
         bracketed=no,
         goes_on=yes,
         found=no,
     )
     last = jax.lax.while_loop(lambda c: c.goes_on, step, begin)
-    found = last.found
-    root, rate = (jnp.where(found, x, 0) for x in (last.last.logarithm, last.last.rate))
-    return Solved(root, (rate,), found, ())
+    found, verge = last.found, last.last
+    root, rate = (jnp.where(found, x, 0) for x in (verge.logarithm, verge.rate))
+    # Of the map, by the logarithm of the amplitude: see what is said of its rate.
+    gain = jnp.where(found, -verge.speed * verge.slope, 0)
+    return Solved(root, (rate,), found, (gain,))
 
 
 _verge_of = solved(_search_verge, _tried)
@@ -213,27 +222,34 @@ _verge_of = solved(_search_verge, _tried)
 @eqx.filter_jit
 def _verge(
     block: Block, restitution: Reals, pulse: Pulse, linearized: bool, rtol: float
-) -> PulsedVerge:
+) -> tuple[PulsedVerge, Pulse, Reals]:
+    """The verge, pulses a little weaker, and with what velocity the block should land then."""
     found = _verge_of((block, restitution, pulse), linearized=linearized, rtol=rtol)
-    (rate,) = found.answers
+    (rate,), (gain,) = found.answers, found.flags
     amplitude = jnp.exp(found.root)
     known = found.there & (jnp.abs(rate) <= 1)
     # As factors: what does not exist has no slope either.
     exists, there = (jnp.where(flag, 1.0, jnp.nan) for flag in (known, found.there))
-    intensity = pulse.scaled(amplitude).intensity
-    answers = (exists * amplitude, exists * intensity, there * rate)
-    # Only asked whether, so that no derivative of the orbit is computed.
-    fixed = jax.lax.stop_gradient((block, restitution, pulse, amplitude))
-    block, restitution, pulse, amplitude = fixed
-    below = pulse.scaled(jnp.where(known, amplitude, 1) * (1 - _BELOW))
-    phase = phase_of(block, restitution, below, linearized, max(rtol, 1e-9))
-    critical = Equation.of(block, linearized).critical_velocity
-    near = jnp.abs(phase.velocity - critical) <= _NEAR * critical
-    return PulsedVerge(
-        *answers,
+    verge = PulsedVerge(
+        amplitude=exists * amplitude,
+        intensity=exists * pulse.scaled(amplitude).intensity,
+        rate=there * rate,
         lifts=known & (amplitude > _lifting(block, linearized)),
-        from_rest=known & phase.stands & phase.from_rest & near,
+        from_rest=known,
     )
+    weaker = pulse.scaled(jnp.where(known, amplitude, 1) * (1 - _BELOW))
+    critical = Equation.of(block, linearized).critical_velocity
+    # Of a cosine the amplitude says little, so that a little less of it is far from the verge.
+    expected = critical - _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
+    return verge, weaker, expected
+
+
+@eqx.filter_jit
+def _leads_there(block: Block, phase: PulsedPhase, expected: Reals, linearized: bool) -> Booleans:
+    critical = Equation.of(block, linearized).critical_velocity
+    off = jnp.abs(phase.velocity - expected)
+    near = off <= _NEAR * critical + 0.5 * jnp.abs(critical - expected)
+    return phase.stands & phase.from_rest & near
 
 
 def _lifting(block: Block, linearized: bool) -> Reals:

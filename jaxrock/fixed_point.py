@@ -83,9 +83,16 @@ class _Search(NamedTuple):
 
 
 def stable_fixed_point(
-    at: Callable[[Reals], tuple[Landing, Any]], bottom: Reals, top: Reals, tolerance: float
+    at: Callable[[Reals], tuple[Landing, tuple[Reals, ...]]],
+    answers: int,
+    bottom: Reals,
+    top: Reals,
+    tolerance: float,
 ) -> FixedPoint:
-    """Iterate from 0; where that dies out, scan from `top` down to `bottom`."""
+    """Iterate from 0; where that dies out, scan from `top` down to `bottom`.
+
+    How many numbers `at` answers is given: to find out, it would be traced once more.
+    """
 
     def place(k: Any) -> Reals:
         return top * (bottom / top) ** (k / (_PLACES - 1))
@@ -226,10 +233,10 @@ def stable_fixed_point(
         anchor=nothing,
         flags=(no,) * 4,
     )
-    form = jax.eval_shape(at, zero)[1]
-    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), form)
-    last, answers = jax.lax.while_loop(lambda state: state[0].stage != _DONE, step, (begin, empty))
-    return FixedPoint(last.trial, answers, *last.flags)
+    last, found = jax.lax.while_loop(
+        lambda state: state[0].stage != _DONE, step, (begin, (zero,) * answers)
+    )
+    return FixedPoint(last.trial, found, *last.flags)
 
 
 def _where(condition: Any, first: Any, second: Any) -> Any:

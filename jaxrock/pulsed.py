@@ -269,6 +269,7 @@ def _search_orbit(parts: Parts, linearized: bool, rtol: float) -> Solved:
 
     found = stable_fixed_point(
         at,
+        3,
         bottom,
         critical + push,
         tolerance_of(critical, rtol),

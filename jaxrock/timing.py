@@ -1,5 +1,7 @@
 """What it costs a train of pulses not to come right after the impacts."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,9 +11,10 @@ from .block import Block
 from .free import FreeRocking, Linearized
 from .progress import with_clock
 from .train import Rocker, follow
-from .worst import Train, shot
+from .train_rhythm import Train, shot
 
 _LATE = (0.05, 0.1, 0.2)  # half-cycles
+_ROUNDS = 200  # of corrections
 _STEP = 0.005  # relative, of spacings and strengths
 
 
@@ -36,7 +39,7 @@ def timing_costs(
         Intensities [m/s] of pulses that come right after the impacts, right before them,
         some parts of a half-cycle after them, and alternating at the best of equal spacings
         (to 0.5 %, as the spacing may be off by as much); none needs to be larger than the
-        one that overturns alone.
+        one that overturns alone. NaN where the search for it did not converge.
 
     Raises
     ------
@@ -75,7 +78,7 @@ def timing_costs(
     }
     for late in _LATE:
         costs[f"{late:g} half-cycles after the impacts"] = _needed(rocker, after, late)
-    costs = {timing: min(float(strength), 1.0) * unit for timing, strength in costs.items()}
+    costs = {timing: strength * unit for timing, strength in costs.items()}
     costs["at the best of equal spacings"] = unit * _equally_spaced(
         rocker, count, costs["right after the impacts"] / unit
     )
@@ -88,38 +91,50 @@ def _one(rocker: Rocker, train: Train, strength: jax.Array) -> tuple[jax.Array, 
     return outcome.x, outcome.late
 
 
-def _needed(rocker: Rocker, train: Train, late: float | None) -> jax.Array:
-    """The strength with which a train just overturns, its pulses so late.
+def _needed(rocker: Rocker, train: Train, late: float | None) -> float:
+    """The strength with which a train just overturns, its pulses so late; at most 1.
 
-    Both adjusted in proportion, which is nearly how they act.
+    Both adjusted in proportion, which is nearly how they act. NaN if that does not converge.
     """
+    near = float(jnp.finfo(rocker.restitution.dtype).eps) ** 0.75
     strength = 1 / train.weight.size * jnp.ones_like(rocker.restitution)
     # Of the velocity at the launch, so much is lost: in weak motion this is the time.
     lost = jnp.full_like(train.phase, late or 0.0)
-    for _ in range(200):
+    for _ in range(_ROUNDS):
         if late is not None:
             train = train._replace(phase=jnp.arccos(1 - 2 * jnp.minimum(lost, 0.5)) / jnp.pi)
         x, found = _one(rocker, train, strength)
+        if not x > 0:
+            return 1.0  # impacts leave nothing: only a pulse alone overturns
         strength = strength / x
         change = abs(float(x) - 1)
         if late is not None:
             factor = late / jnp.where(found > 0, found, late)
             lost = lost * factor
             change += float(abs(factor - 1).max())
-        if change < 1e-12:
-            break
-    return strength
+        if change < near:
+            return min(float(strength), 1.0)
+    return math.nan
 
 
 def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
-    """The smallest strength of alternating pulses that overturns at some equal spacing."""
+    """The smallest strength of alternating pulses that overturns at some equal spacing.
+
+    NaN if that is not where it was looked for.
+    """
+    if math.isnan(least):
+        return math.nan
     rate = float(rocker.block.frequency_parameter)
     simple = rocker._replace(model=Linearized())
     spacing, strength = _lowest(simple, count, (0.05 / rate, 4 / rate), (least, 1.0))
     if rocker.model != simple.model and spacing > 0:
         # What is alike in both is only looked for in the cheap one.
         around = (0.95 * spacing, 1.05 * spacing)
-        _, strength = _lowest(rocker, count, around, (0.95 * strength, 1.1 * strength))
+        least, most = max(least, 0.95 * strength), min(1.1 * strength, 1.0)
+        spacing, strength = _lowest(rocker, count, around, (least, most))
+        # At an end of the range it is not known whether it is the best, or that there is none.
+        if (spacing == 0 and most < 1) or spacing in around or strength <= least * (1 + 1e-9):
+            return math.nan
     return strength
 
 

@@ -1,9 +1,8 @@
 """The worst train of pulses, found by optimisation."""
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,427 +20,11 @@ from .block import Block
 from .free import FreeRocking, Linearized
 from .progress import with_clock
 from .train import Flight, Rocker, TrainResponse, follow
+from .train_descent import Goal, Limits, Question, Search, outcomes
+from .train_moves import best_start, reached, searched, trial_of, with_time_to_try
+from .train_rhythm import SKIPS
 
-Goal = Literal["smallest largest", "smallest total", "most rotation"]
-
-_SKIPS = 3  # impacts between two pulses, at most, as long as they need not be apart
-_MANY_SKIPS = 20  # if they have to
-_STEPS = 40  # of BFGS at a time
-_ROUNDS = 30  # of corrections to strength and multipliers
-_TURNS = 8  # of moves that are tried, of those that look good
-_LENGTHS = 3.0 * 0.35 ** np.arange(9)  # of a step, over Newton's
-_ENOUGH = 1e-9  # relative improvement that is none
-_PRESSURE = 30.0  # of a train that takes too long
-_HARD = 300.0  # of a half-cycle that ends before the pulse may come
-
-
-class Train(NamedTuple):
-    """A train as it is optimised; the first pulse starts the motion.
-
-    `phase` says where a pulse comes in what is left of its half-cycle: 0 as early as it may,
-    1 at the impact; in between, the cosine of the phase of the flight is what falls like
-    the cosine of pi times it, since the energy after the pulse is linear in that. `skips` is
-    how many impacts lie between a pulse and the one before, `weight` its intensity over the
-    bound on it, outward positive.
-    """
-
-    phase: Any  # (pulses,)
-    weight: Any  # (pulses,)
-    skips: Any  # (pulses,) whole numbers
-
-
-class _Outcome(NamedTuple):
-    x: Any  # in the end; after the impact, if the block moves towards one
-    times: Any  # (pulses,)
-    sides: Any  # (pulses,) on which the block is struck
-    late: Any  # (pulses,) time since the impact, in half-cycles
-    lacking: Any  # (pulses,) by how much the half-cycle ends before the pulse may come [s]
-    required: Any  # (pulses,) impacts within the spacing
-
-
-class _Search(NamedTuple):
-    """One start: what is optimised, and how far that got."""
-
-    angles: Any  # (pulses,) pi times the phase
-    sizes: Any  # (pulses,) what gives the weights
-    strength: Any  # logarithm of the bound on the pulses, over `Rocker.unit`
-    skips: Any  # (pulses,)
-    length: Any  # pulses of the train, the others are left out
-    multipliers: Any  # (pulses,) of the constraints
-    loss: Any
-    slope: Any  # largest component of its gradient
-    ended: Any  # whether nothing is left to correct
-
-
-class _Limits(NamedTuple):
-    spacing: Any  # [s]
-    latest: Any  # [s]
-
-
-def shot(
-    rocker: Rocker,
-    train: Train,
-    strength: Any,
-    *,
-    timed: bool,
-    spacing: Any = 0.0,
-    length: Any = None,
-    most: int = _SKIPS,
-) -> _Outcome:
-    """What a train does, with the bound on its pulses over `Rocker.unit`.
-
-    Without the times, which cost most of it, if these are not asked for; then `spacing`,
-    before which no pulse comes after the one before it [s], does not count. At most `most`
-    impacts lie between two pulses; from the pulse `length` on, none is counted.
-    """
-    impulses = strength * train.weight
-    rate = rocker.block.frequency_parameter
-    number = jnp.arange(most + 1)
-    powers = rocker.restitution ** number.astype(impulses.dtype)
-
-    def pulse(carry: Any, each: Any) -> Any:
-        phase, impulse, skips, counts = each
-        flight, ground, time, side = carry
-        again = skips == 0
-        xs = flight.x * powers
-        x = jnp.where(number == skips, xs, 0).sum()
-        moves = x > 0
-        earliest = jnp.where(again & moves, flight.q / jnp.where(moves, x, 1), 1)
-        passed = late = lacking = last = jnp.zeros_like(x)
-        required = jnp.zeros_like(skips)
-        if timed:
-            whole = rocker.duration(xs)
-            launched = jnp.where(flight.q < 0, whole[0] - ground, ground)
-            last = jnp.where(number == skips, whole, 0).sum()
-            # From the pulse before to the launch of this flight, and from that on.
-            passed = jnp.where(number < skips, whole, 0).sum() - launched
-            wait = spacing - passed
-            lacking = wait - last
-            held = wait > jnp.where(again, launched, 0)
-            inside = held & (lacking < 0) & moves
-            fast = jnp.where(inside, x, 0.5)
-            timed_at = jnp.where(inside, wait, 0.1 / rate), jnp.where(inside, last, 1 / rate)
-            cosine = rocker.velocity_at(fast, *timed_at) / fast
-            earliest = jnp.where(inside, cosine, jnp.where(held & moves, -1, earliest))
-            required = (jnp.cumsum(whole) - launched < spacing).sum()
-        # 1 + cosine and 1 - cosine of the phase of the flight.
-        rise = (1 + earliest) * jnp.cos(0.5 * jnp.pi * phase) ** 2
-        fall = (1 - earliest) + (1 + earliest) * jnp.sin(0.5 * jnp.pi * phase) ** 2
-        inside = rise * fall > 0
-        drop = x * jnp.where(inside, jnp.sqrt(jnp.where(inside, rise * fall, 1)), 0)
-        there = Flight(drop, x * (rise - 1))
-        struck = rocker.struck(there, impulse)
-        ground_after = ground
-        if timed:
-            # Both at once, since to have each compiled for itself takes long.
-            both = jax.tree.map(lambda *parts: jnp.stack(parts), there, struck)
-            since, ground_after = rocker.ground_time(both)
-            since = jnp.where(there.q < 0, last - since, since)
-            time_after = time + passed + since
-            late = since / jnp.where(last > 0, last, 1)
-        else:
-            time_after = time
-        after = (struck, ground_after, time_after, jnp.where(skips % 2 == 1, -side, side))
-        carry = jax.tree.map(lambda new, old: jnp.where(counts, new, old), after, carry)
-        lacking = jnp.where(counts, lacking, -1)
-        return carry, (carry[2], carry[3], late, lacking, required)
-
-    first, zero = jnp.abs(impulses[0]), jnp.zeros_like(impulses[0])
-    begin = (Flight(zero, first), zero, zero, zero + 1)
-    counts = jnp.arange(1, impulses.size) < (impulses.size if length is None else length)
-    (flight, *_), later = jax.lax.scan(
-        pulse, begin, (train.phase[1:], impulses[1:], train.skips[1:], counts)
-    )
-    x = jnp.where(flight.q < 0, rocker.restitution * flight.x, flight.x)
-    before = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.skips.dtype))
-    return _Outcome(
-        x, *(jnp.append(b, a.astype(b.dtype)) for b, a in zip(before, later, strict=True))
-    )
-
-
-def _train_of(search: _Search, goal: Goal) -> Train:
-    """A train from free variables: at its best, the slope to each of them is 0.
-
-    Weights are at most 1 each, or 1 together where the total counts.
-    """
-    sizes = search.sizes
-    if goal == "smallest total":
-        counted = jnp.where(jnp.arange(sizes.size) < search.length, sizes, 0)
-        weight = counted * jnp.abs(counted) / (counted**2).sum()
-    else:
-        weight = jnp.sin(sizes)
-    return Train(search.angles / jnp.pi, weight, search.skips)
-
-
-class _Question(NamedTuple):
-    """What is asked of every start alike."""
-
-    rocker: Rocker
-    limits: _Limits | None
-    goal: Goal
-    most: int
-
-    def loss(self, free: Any, search: _Search) -> tuple[Any, tuple[_Outcome, Any]]:
-        """Minus the logarithm of the final velocity, and what broken constraints add to it."""
-        search = _with(search, free)
-        limits, rate = self.limits, self.rocker.block.frequency_parameter
-        outcome = shot(
-            self.rocker,
-            _train_of(search, self.goal),
-            jnp.exp(search.strength),
-            timed=limits is not None,
-            spacing=0.0 if limits is None else limits.spacing,
-            length=search.length,
-            most=self.most,
-        )
-        loss = -jnp.log(jnp.maximum(outcome.x, 1e-30))
-        if limits is None:
-            return loss, (outcome, jnp.zeros_like(search.multipliers))
-        # Where positive, not kept.
-        over = outcome.times[-1] - limits.latest
-        broken = jnp.append(outcome.lacking[1:], over) * rate
-        pressure = jnp.asarray([_HARD] * (broken.size - 1) + [_PRESSURE], broken.dtype)
-        pressed = jnp.maximum(search.multipliers + pressure * broken, 0)
-        added = (pressed**2 - search.multipliers**2) / (2 * pressure)
-        return loss + added.sum(), (outcome, broken)
-
-
-def _free(search: _Search) -> Any:
-    return jnp.concatenate([search.angles, search.sizes, search.strength[None]])
-
-
-def _with(search: _Search, free: Any) -> _Search:
-    count = search.angles.size
-    return search._replace(angles=free[:count], sizes=free[count : 2 * count], strength=free[-1])
-
-
-class _Descent(NamedTuple):
-    """Of BFGS: where it is, where it was evaluated last, and what was found there."""
-
-    here: Any
-    before: Any
-    loss: Any
-    slope: Any
-    inverse: Any  # of the Hessian, as it is known
-    outcome: Any
-    broken: Any
-    step: Any
-    stuck: Any  # times in turn that no length of step led lower
-    path: Any  # (_STEPS,)
-
-
-def _descended(search: _Search, question: _Question, steps: Any) -> _Descent:
-    """Some steps of BFGS at a given strength, until there is no slope."""
-    free = _free(search)
-    eps = jnp.finfo(free.dtype).eps
-    eye = jnp.eye(free.size, dtype=free.dtype)
-    fixed = jnp.arange(free.size) == free.size - 1
-
-    def loss(free: Any) -> Any:
-        return question.loss(free, search)
-
-    def goes_on(state: _Descent) -> Any:
-        slope = jnp.where(fixed, 0, state.slope)
-        steep = (state.step == 0) | (abs(slope).max() > 8 * eps)
-        return (state.step < steps) & steep & (state.stuck < 2)
-
-    def step(state: _Descent) -> _Descent:
-        (value, found), slope = jax.value_and_grad(loss, has_aux=True)(state.here)
-        moved = state.here - state.before
-        turned = jnp.where(fixed, 0, slope - state.slope)
-        curvature = moved @ turned
-        curved = curvature > eps * jnp.linalg.norm(moved) * jnp.linalg.norm(turned)
-        scale = 1 / jnp.where(curved, curvature, 1)
-        side = eye - scale * jnp.outer(moved, turned)
-        updated = side @ state.inverse @ side.T + scale * jnp.outer(moved, moved)
-        inverse = jnp.where(curved & (state.step > 0), updated, state.inverse)
-        downhill = jnp.where(fixed, 0, slope)
-        towards = -inverse @ downhill
-        descends = (towards @ downhill < 0) & jnp.isfinite(towards).all()
-        inverse = jnp.where(descends, inverse, eye)
-        towards = jnp.where(descends, towards, -downhill)
-        # No further than a radian.
-        towards = towards / jnp.maximum(abs(towards).max(), 1)
-        lengths = jnp.asarray(_LENGTHS, free.dtype)
-        tried = state.here[None] + lengths[:, None] * towards[None]
-        values = jax.vmap(lambda free: loss(free)[0])(tried)
-        values = jnp.where(jnp.isfinite(values), values, jnp.inf)
-        k = values.argmin()
-        lower = values[k] < value
-        there = jnp.where(lower, tried[k], state.here)
-        # The second time straight down.
-        inverse = jnp.where(lower, inverse, eye)
-        stuck = jnp.where(lower, 0, state.stuck + 1)
-        path = jnp.where(jnp.arange(_STEPS) >= state.step, value, state.path)
-        outcome, broken = found
-        count = state.step + 1
-        return _Descent(
-            there, state.here, value, slope, inverse, outcome, broken, count, stuck, path
-        )
-
-    zero = jnp.zeros_like(free[0])
-    shapes = jax.eval_shape(loss, free)[1]
-    outcome, broken = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    path, none = jnp.zeros(_STEPS, free.dtype), jnp.zeros((), int)
-    begin = _Descent(free, free, zero, 0 * free, eye, outcome, broken, none, none, path)
-    return jax.lax.while_loop(goes_on, step, begin)
-
-
-@eqx.filter_jit
-def _solve(
-    searches: _Search, question: _Question, rounds: Any, steps: Any
-) -> tuple[_Search, Any, Any]:
-    """Descents, each followed by a correction of strength and multipliers.
-
-    Also by how much constraints are broken in the end, and the loss in each step of the
-    first descent.
-    """
-    return jax.vmap(lambda search: _solved(search, question, rounds, steps))(searches)
-
-
-def _solved(
-    search: _Search, question: _Question, rounds: Any, steps: Any
-) -> tuple[_Search, Any, Any]:
-    eps = jnp.finfo(search.angles.dtype).eps
-    seeks, count = question.goal != "most rotation", search.angles.size
-    # Of what is corrected: with constraints, as exactly as the descents end.
-    free = question.limits is None
-    near, steady = (8 * eps, jnp.inf) if free else (0.01 * eps**0.5, 10 * eps**0.5)
-
-    def goes_on(carry: Any) -> Any:
-        search, _, _, number, *_ = carry
-        return ~search.ended & (number < rounds)
-
-    def one(carry: Any) -> Any:
-        search, _, path, number, lowest, highest = carry
-        # Off the ends of the half-cycles, where the slope is 0 whatever is broken.
-        pushed = (number > 0) & (search.loss > eps**0.5) & (question.limits is not None)
-        folded = jnp.arccos(jnp.cos(search.angles))
-        angles = jnp.where(pushed, jnp.clip(folded, 0.1, jnp.pi - 0.1), folded)
-        descent = _descended(search._replace(angles=angles), question, steps)
-        search = _with(search, descent.before)
-        # By the envelope theorem, the loss at its best changes with the strength like that.
-        gain = jnp.clip(-descent.slope[-1], 0.3, 1e4)
-        short = -jnp.log(jnp.maximum(descent.outcome.x, 1e-30))
-        change = jnp.clip(short / gain, -1, 1)
-        # A flight that ends too early is that of too weak a train.
-        early = (descent.broken[:-1] > 1e-3).any()
-        lowest = jnp.where(early | (short > 0), jnp.maximum(lowest, search.strength), lowest)
-        highest = jnp.where(early | (short > 0), highest, search.strength)
-        outside = search.strength + change
-        outside = (outside <= lowest) | (outside >= highest)
-        halved = early | (outside & (lowest > -40) & (highest - lowest > 1e-6))
-        halfway = 0.5 * (lowest + highest) - search.strength
-        change = jnp.where(halved, halfway, change) if seeks else 0 * change
-        pressure = jnp.asarray([_HARD] * (count - 1) + [_PRESSURE], search.loss.dtype)
-        multipliers = jnp.maximum(search.multipliers + pressure * descent.broken, 0)
-        if question.limits is None:
-            multipliers = search.multipliers
-        multipliers = jnp.where(early & seeks, 0, multipliers)
-        still = abs(multipliers - search.multipliers).max() < steady
-        slope = abs(descent.slope[:-1]).max()
-        search = search._replace(
-            strength=search.strength + change,
-            multipliers=multipliers,
-            loss=descent.loss,
-            slope=slope,
-            ended=(abs(change) < near) & still,
-        )
-        path = jnp.where(number == 0, descent.path, path)
-        return search, descent.broken.max(), path, number + 1, lowest, highest
-
-    zero = jnp.zeros_like(search.loss)
-    begin = (
-        search._replace(ended=zero > 1),
-        zero,
-        jnp.zeros(_STEPS, zero.dtype),
-        jnp.zeros((), int),
-        zero - 50,
-        jnp.maximum(search.strength, 0) + 0.1,
-    )
-    search, broken, path, *_ = jax.lax.while_loop(goes_on, one, begin)
-    return search, broken, path
-
-
-@eqx.filter_jit
-def _outcomes(searches: _Search, question: _Question) -> _Outcome:
-    def outcome(search: _Search) -> _Outcome:
-        limits = question.limits
-        return shot(
-            question.rocker,
-            _train_of(search, question.goal),
-            jnp.exp(search.strength),
-            timed=True,
-            spacing=0.0 if limits is None else limits.spacing,
-            length=search.length,
-            most=question.most,
-        )
-
-    return jax.vmap(outcome)(searches)
-
-
-def _moved(searches: _Search, fewest: int, question: _Question) -> list[_Search]:
-    """Each pulse put to where descent does not lead: there are valleys between."""
-    parts = (searches.angles, searches.sizes, searches.skips)
-    start, end = 0.3, np.pi - 0.3  # of a half-cycle; at its very ends nothing has a slope
-
-    def skipping(k: int, by: int, angle: float | None = None) -> Any:
-        def change(angles: Any, sizes: Any, skips: Any) -> None:
-            skips[:, k] = np.clip(skips[:, k] + by, fewest, question.most)
-            if angle is not None:
-                angles[:, k] = angle
-                sizes[:, k] = abs(sizes[:, k]) * (1 if angle < 0.5 * np.pi else -1)
-
-        return change
-
-    def soon(k: int, by: int, angle: float) -> Any:
-        def change(angles: Any, sizes: Any, skips: Any) -> None:
-            # The first that the spacing allows, or the one after that.
-            skips[:, k] = np.clip(required[:, k] + by, fewest, question.most)
-            angles[:, k] = angle
-            sizes[:, k] = abs(sizes[:, k]) * (1 if angle == start else -1)
-
-        return change
-
-    def other_way(k: int, mirrored: bool) -> Any:
-        def change(angles: Any, sizes: Any, skips: Any) -> None:
-            sizes[:, k] *= -1
-            if mirrored:
-                angles[:, k] = np.pi - angles[:, k]
-
-        return change
-
-    changes: list[list[Any]] = []
-    last = searches.angles.shape[1] - 1
-    limited = question.limits is not None
-    required = np.asarray(_outcomes(searches, question).required) if limited else searches.skips
-    for k in range(1, last + 1):
-        changes += [
-            [other_way(k, False)],
-            [other_way(k, True)],
-            [skipping(k, 1)],
-            [skipping(k, -1)],
-        ]
-        if limited:
-            changes += [[skipping(k, by, start)] for by in (-1, 0, 1)]
-            changes += [[skipping(k, by, end)] for by in (-1, 0)]
-            changes += [[soon(k, by, angle)] for by, angle in ((0, start), (0, end), (1, start))]
-        if limited and k < last:
-            # What comes earlier after one pulse, comes later after the next, and so on.
-            changes += [
-                [skipping(k, this, start), skipping(k + 1, next, start)]
-                for this in (-1, 1)
-                for next in (-1, 1)
-            ]
-    found = []
-    for each in changes:
-        new = [np.array(part) for part in parts]
-        for change in each:
-            change(*new)
-        found.append(searches._replace(**dict(zip(("angles", "sizes", "skips"), new, strict=True))))
-    if limited and last:
-        found.append(searches._replace(length=np.maximum(searches.length - 1, 1)))
-    return found
+_MANY_SKIPS = 20  # impacts between two pulses, at most, if they have to be apart
 
 
 class WorstTrain(NamedTuple):
@@ -521,7 +104,7 @@ def worst_train(
     """The worst train of instantaneous pulses, over their times, signs and intensities.
 
     Between the pulses the block moves freely, and through impacts. From random trains, each
-    descends by L-BFGS (optax) and then tries what descent cannot do: to strike a pulse the
+    descends by BFGS and then tries what descent cannot do: to strike a pulse the
     other way, before or after the peak, or a half-cycle earlier or later.
 
     Parameters
@@ -589,8 +172,8 @@ def worst_train(
         )
     if (largest is None) == (goal == "most rotation"):
         raise ValueError('largest must be given for the goal "most rotation", and only for it')
-    if not 0 <= impacts_between <= _SKIPS:
-        raise ValueError(f"impacts_between must be from 0 to {_SKIPS}, got {impacts_between}")
+    if not 0 <= impacts_between <= SKIPS:
+        raise ValueError(f"impacts_between must be from 0 to {SKIPS}, got {impacts_between}")
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
     if not latest >= 0:
         raise ValueError(f"latest must be at least 0, got {latest:g}")
@@ -608,9 +191,7 @@ def worst_train(
     limited = spacing > 0 or latest < math.inf
     # A constraint that is not there must not be infinite.
     far = min(latest, 1e6 * count / float(block.frequency_parameter))
-    # Impacts come later in a train that is raised to try it.
-    far = max(far * (1 - 4 * _trial(dtype)), (count - 1) * spacing)
-    limits = _Limits(jnp.asarray(spacing, dtype), jnp.asarray(far, dtype)) if limited else None
+    limits = Limits(jnp.asarray(spacing, dtype), jnp.asarray(far, dtype)) if limited else None
     if largest is not None:
         check("largest", as_real("largest", largest), POSITIVE)
         strength = largest / unit
@@ -618,13 +199,13 @@ def worst_train(
         strength = 0.5 if goal == "smallest total" else 0.9 / count
 
     random = np.random.default_rng(seed)
-    shape, most = (starts, count), _MANY_SKIPS if spacing > 0 else _SKIPS
+    shape, most = (starts, count), _MANY_SKIPS if spacing > 0 else SKIPS
     # A weak train comes to rest where a stronger one has its impacts just in time.
     strengths = np.full(starts, strength)
     if spacing > 0 and goal == "smallest largest":
         strengths = np.geomspace(strength, 0.97, starts)
-    skips = random.integers(impacts_between, min(impacts_between + 2, _SKIPS) + 1, shape)
-    searches = _Search(
+    skips = random.integers(impacts_between, min(impacts_between + 2, SKIPS) + 1, shape)
+    searches = Search(
         angles=random.uniform(0, np.pi, shape).astype(dtype),
         sizes=random.uniform(-1.5, 1.5, shape).astype(dtype),
         strength=np.log(strengths).astype(dtype),
@@ -635,113 +216,20 @@ def worst_train(
         slope=np.zeros(starts, dtype),
         ended=np.zeros(starts, bool),
     )
-    question = _Question(rocker, limits, goal, most)
-    searches, history = _searched(searches, question, impacts_between)
+    question = Question(rocker, limits, goal, most)
+    searches, history = searched(searches, question, impacts_between)
+    if latest < math.inf:
+        searches, question = with_time_to_try(searches, question, spacing, latest)
     return _result(searches, question, history, spacing, latest)
 
 
-def _searched(searches: _Search, question: _Question, fewest: int) -> tuple[_Search, np.ndarray]:
-    """The best that every start leads to, and the objective on the way."""
-    seeks = question.goal != "most rotation"
-    unit, count = float(question.rocker.unit), searches.angles.shape[1]
-    history: list[np.ndarray] = []
-
-    def solved(option: _Search, rounds: int = _ROUNDS) -> tuple[_Search, np.ndarray, np.ndarray]:
-        found, broken, losses = jax.device_get(
-            _solve(option, question, *(jnp.asarray(n) for n in (rounds, _STEPS)))
-        )
-        # Nearly what a train needs, which is in proportion to the velocity it leads to.
-        with np.errstate(over="ignore"):
-            path = np.exp(option.strength[:, None] + losses) * unit if seeks else np.exp(-losses)
-        return found, broken, path
-
-    def later(searches: _Search) -> Any:
-        # Right before an impact a pulse does as much as right after the one before, later.
-        return 10 * _ENOUGH * (np.sin(0.5 * searches.angles[:, 1:]) ** 2).sum(axis=1)
-
-    def rank(searches: _Search, broken: np.ndarray) -> Any:
-        reached = searches.strength if seeks else searches.loss
-        kept = broken < _tolerance(searches)
-        return np.nan_to_num(np.where(kept, reached, 100 + broken), nan=np.inf) + later(searches)
-
-    if question.limits is not None:
-        for _ in range(count):
-            required = np.asarray(_outcomes(searches, question).required)
-            skips = np.clip(np.maximum(searches.skips, required), None, question.most)
-            if (skips == searches.skips).all():
-                break
-            searches = searches._replace(skips=skips)
-    searches, broken, path = solved(searches)
-    history.append(path)
-    each = np.arange(broken.size)
-    for _ in range(8 * count):
-        # Of starts that keep no constraint yet, the multipliers only grow.
-        kept = broken < _tolerance(searches)
-        begin = searches._replace(multipliers=np.where(kept[:, None], searches.multipliers, 0))
-        options = [solved(option, 1)[0] for option in _moved(begin, fewest, question)]
-        if not options:
-            break
-        # Of the best at the same strength and multipliers, several in turn are solved.
-        ranks = np.stack([np.nan_to_num(o.loss, nan=np.inf) + later(o) for o in options])
-        least = np.where(kept, searches.loss + later(searches), np.inf)
-        order = ranks.argsort(axis=0)
-        better = np.zeros(broken.size, bool)
-        for turn in range(min(_TURNS, len(options))):
-            hopeful = ~better & (ranks[order[turn], each] < least - _ENOUGH)
-            if not hopeful.any():
-                break
-
-            picked = jax.tree.map(lambda *of: np.stack(of)[order[turn], each], *options)  # noqa: B023
-            picked = picked._replace(strength=begin.strength, multipliers=begin.multipliers)
-            candidates = _where(hopeful, picked, searches)
-            found, found_broken, path = solved(candidates)
-            gained = hopeful & (rank(found, found_broken) < rank(searches, broken) - _ENOUGH)
-            better |= gained
-            searches = _where(gained, found, searches)
-            broken = np.where(gained, found_broken, broken)
-            if gained.any():
-                history.append(np.where(gained[:, None], path, history[-1][:, -1:]))
-        if not better.any():
-            break
-    return searches, np.concatenate(history, axis=1)
-
-
-def _where(condition: np.ndarray, ones: _Search, others: _Search) -> _Search:
-    """Start by start."""
-
-    def chosen(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return np.where(condition.reshape(-1, *(1,) * (one.ndim - 1)), one, other)
-
-    return jax.tree.map(chosen, ones, others)
-
-
-def _tolerance(searches: _Search) -> float:
-    """Of constraints, times the frequency parameter."""
-    return 10 * float(np.finfo(searches.angles.dtype).eps) ** 0.5
-
-
 def _result(
-    searches: _Search, question: _Question, history: np.ndarray, spacing: float, latest: float
+    searches: Search, question: Question, history: np.ndarray, spacing: float, latest: float
 ) -> WorstTrain:
     rocker, goal = question.rocker, question.goal
     seeks = goal != "most rotation"
-    unit = float(rocker.unit)
-    outcome = jax.device_get(_outcomes(searches, question))
-    kept = outcome.lacking.max(axis=1) * float(rocker.block.frequency_parameter)
-    kept = kept < _tolerance(searches)
-    if question.limits is not None:
-        kept &= outcome.times[:, -1] < float(question.limits.latest) + _tolerance(searches)
-    weights = np.asarray(jax.vmap(lambda search: _train_of(search, goal).weight)(searches))
-    magnitudes = np.exp(searches.strength)[:, None] * weights * unit
-    magnitudes[:, 0] = abs(magnitudes[:, 0])
-    counted = np.arange(weights.shape[1]) < searches.length[:, None]
-    if goal == "smallest largest":
-        objectives = np.where(counted, abs(magnitudes), 0).max(axis=1)
-    elif goal == "smallest total":
-        objectives = np.where(counted, abs(magnitudes), 0).sum(axis=1)
-    else:
-        objectives = outcome.x
-    best = int(np.argmin(np.where(kept, objectives if seeks else -objectives, np.inf)))
+    outcome, magnitudes, objectives, kept = reached(searches, question)
+    best = best_start(searches, question)
     length = int(searches.length[best])
     intensities = (outcome.sides * magnitudes)[best, :length]
     overturns = seeks or bool(outcome.x[best] >= 1)
@@ -767,7 +255,7 @@ def _result(
 
 
 def _proved(
-    searches: _Search, question: _Question, best: int, intensities: np.ndarray, peak: float
+    searches: Search, question: Question, best: int, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, bool]:
     """When the pulses come, and whether that train does, followed over time, what it is to.
 
@@ -776,12 +264,12 @@ def _proved(
     acts the other way. The times are those of the train that is raised, a hair later where
     a pulse comes right after an impact, a hair earlier where it comes right before.
     """
-    rocker, trial = question.rocker, _trial(searches.angles.dtype)
+    rocker, trial = question.rocker, trial_of(searches.angles.dtype)
     before = np.cos(searches.angles[best]) < 0
 
     def followed(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
         hairs = (
-            _outcomes(searches._replace(strength=searches.strength + by + hair), question)
+            outcomes(searches._replace(strength=searches.strength + by + hair), question)
             for hair in (-margin, margin)
         )
         times = np.where(before, *(np.asarray(outcome.times)[best] for outcome in hairs))
@@ -802,8 +290,3 @@ def _proved(
         if proved:
             break
     return times, proved
-
-
-def _trial(dtype: Any) -> float:
-    """By how much a train is raised and lowered to try it."""
-    return max(1e-6, float(np.finfo(dtype).eps) ** 0.5)

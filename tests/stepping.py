@@ -87,6 +87,19 @@ def record(horizontal, vertical, step, scale=1.0):
     return Ground(np.broadcast_to(edges, (scale.size, edges.size)), value)
 
 
+def within(ground, start, duration):
+    """The motions from `start` on, as far as they are followed, and how long after their end."""
+    start, duration = np.asarray(start, float)[:, None], np.asarray(duration, float)[:, None]
+    later = start + ground.edges
+    edges = np.minimum(np.concatenate([np.zeros_like(start), later], axis=1), duration)
+
+    def value(motion, piece, time):
+        values = ground.value(motion, np.maximum(piece - 1, 0), time)
+        return tuple(np.where(piece > 0, part, 0.0) for part in values)
+
+    return Ground(edges, value), np.maximum(duration - later[:, -1:], 0)[:, 0]
+
+
 class Rocker:
     """The equation of motion of one or more blocks, and what energy says of the outcome."""
 
@@ -200,10 +213,13 @@ class _Motion:
         alpha, velocity = (np.broadcast_to(np.asarray(v, float), (size,)) for v in start)
         self.side = np.where(np.where(alpha == 0, velocity, alpha) < 0, -1.0, 1.0)
         self.x, self.v = self.side * alpha, self.side * velocity
-        self.rest, self.rising = (self.x == 0) & (self.v == 0), self.v >= 0
+        self.rest = (self.x == 0) & (self.v == 0)
         self.peak, self.wish = self.x.copy(), np.full(size, np.inf)
         self.margin, self.overturned = np.full(size, np.nan), np.zeros(size, bool)
         self.active, self.impacts = np.ones(size, bool), [[] for _ in range(size)]
+        self.next_piece()
+        onward = self.field(np.arange(size))(self.time, self.x)
+        self.rising = np.where((self.x > 0) & (self.v == 0), onward > 0, self.v >= 0)
 
     def rocker(self, k):
         return self.all.of(k, self.size)
@@ -217,6 +233,13 @@ class _Motion:
     def field(self, k):
         some, side = self.rocker(k), self.side[k]
         return lambda t, x: side * some.acceleration(side * x, side, self.input_of(k, t))
+
+    def next_piece(self):
+        """Go over what has no length."""
+        for _ in range(self.pieces):
+            k = np.minimum(self.piece, self.pieces - 1)[:, None]
+            begin, end = (np.take_along_axis(self.edges, k + i, 1)[:, 0] for i in (0, 1))
+            self.piece += (self.piece < self.pieces) & (end <= begin)
 
     def read_outcomes(self):
         """Where the input ends; what rests from there on is done."""
@@ -341,6 +364,7 @@ def follow(rocker, ground, settle=None, rtol=1e-12, start=(0.0, 0.0), landings=N
     """
     m = _Motion(rocker, ground, settle, rtol, start, landings)
     while True:
+        m.next_piece()
         m.read_outcomes()
         if not m.active.any():
             break

@@ -1,150 +1,217 @@
-"""Slopes where the duration, both ends of the input, samples and impacts coincide.
+"""Slopes where the duration, both ends of the input, samples, turns and impacts coincide.
 
-One-sided differences of values, which are right, say what the slopes on either side are.
+One-sided differences of an independent integration say what the slopes on either side are.
 """
+
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+import stepping
+from test_forces import Trajectory, pieces_of
 
 import jaxrock as jr
 
 pytestmark = pytest.mark.float64
-NAMES = ["half_width", "slenderness", "restitution", "duration", "time_step", "start", "rotation"]
+NUMBERS = ["half_width", "slenderness", "restitution", "duration", "rotation", "start"]
+DURATION, ROTATION, START, LENGTH = 3, 4, 5, 6  # the last one: of a pulse, or a step of a record
 SAMPLES = [4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0]
 LAST = len(SAMPLES) - 1
-DURATION, TIME_STEP, START, ROTATION = 3, 4, 5, 6
-FINAL, IMPACT = slice(0, 4), 5
+FINAL, VELOCITY, IMPACT, FORCES = slice(0, 4), 1, 4, slice(5, 7)
+ROWS = 6
 
 
-def answers(x):
-    record = jr.Record(x[len(NAMES) :], x[TIME_STEP], start=x[START])
-    r = jr.respond(
-        jr.Block(x[0], x[1]), x[2], record, x[DURATION], rotation=x[ROTATION], rtol=1e-12, listed=32
-    )
+def scene(duration, length=0.15, start=0.1, rotation=0.0, strength=SAMPLES):
+    """All numbers of a block under a record of some samples, or under a pulse."""
+    strength = np.atleast_1d(strength)
+    return np.array([0.3, 4.0, 0.7, duration, rotation, start, length, *strength])
+
+
+def answers(kind, x):
+    shape = jr.Record if kind == "Record" else getattr(jr, kind)
+    strength = x[LENGTH + 1 :] if kind == "Record" else x[LENGTH + 1]
+    motion = shape(strength, x[LENGTH], start=x[START])
+    block = jr.Block(x[0], x[1])
+    r = jr.respond(block, x[2], motion, x[DURATION], rotation=x[ROTATION], rtol=1e-12, listed=32)
     final = (r.final_rotation, r.final_velocity, r.peak_rotation, r.margin)
-    return jnp.stack([*final, r.friction_demand, r.impact_times[0]])
+    found = jnp.stack([*final, r.impact_times[0], r.friction_demand, r.normal_force])
+    return found, found
 
 
-def padded(function, rows):
-    """Of as many scenes as there are, compiled for a number of them."""
-    compiled = jax.jit(jax.vmap(function))
-    return lambda x: np.asarray(compiled(np.resize(x, (rows, x.shape[1]))))[: len(x)]
+@functools.cache
+def compiled(kind):
+    """One program for all scenes of a kind."""
+    return jax.jit(jax.vmap(jax.jacfwd(functools.partial(answers, kind), has_aux=True)))
 
 
-values = padded(answers, 31)
-jacobians = padded(jax.jacfwd(answers), 6)
-
-
-def slopes(x):
+def slopes(kind, x):
+    """Slopes and answers."""
+    found = compiled(kind)(np.resize(x, (ROWS, x.shape[1])))
+    found, values = (np.array(part)[: len(x)] for part in found)
     # A block at rest does not begin like one that is a little tilted.
-    return jacobians(x) * ~((np.arange(x.shape[1]) == ROTATION) & (x == 0))[:, None]
+    found[:, :, ROTATION] *= (x[:, ROTATION] != 0)[:, None]
+    return found, values
 
 
-def value(x, answer):
-    return float(values(x[None])[0, answer])
+def theirs(kind, x):
+    """The same answers, integrated in another way: scenes, answers."""
+    rocker, ground, settle = parts(kind, x)
+    r = stepping.follow(rocker, ground, settle, start=(x[:, ROTATION], 0.0))
+    first = [times[0] if times.size else np.nan for times in r.impact_times]
+    return np.stack([r.rotation, r.velocity, r.peak, r.margin, first], axis=1)
 
 
-def scene(duration, time_step=0.15, start=0.1, rotation=0.0, samples=SAMPLES):
-    return np.array([0.3, 4.0, 0.7, duration, time_step, start, rotation, *samples])
+def parts(kind, x):
+    """Of scenes: blocks, ground, and how long they are followed after its end."""
+    half_width, slenderness, c, duration, _, start, length, *strength = x.T
+    if kind == "Record":
+        samples = np.stack(strength, axis=1)
+
+        def value(motion, piece, time):
+            left, right = samples[motion, piece], samples[motion, piece + 1]
+            return left + time / length[motion] * (right - left), np.zeros_like(time)
+
+        ground = stepping.Ground(length[:, None] * np.arange(samples.shape[1]), value)
+    else:
+        ground = stepping.pulse(kind, strength[0], length)
+    rocker = stepping.Rocker(half_width, slenderness, c)
+    return rocker, *stepping.within(ground, start, duration)
 
 
-def with_impact(vary, gap):
-    """The scene whose first impact is where `gap` vanishes, to rounding."""
-
-    def at(number):
-        return gap(vary(number), value(vary(number), IMPACT))
-
-    return vary(brentq(at, 3.9, 4.3, xtol=1e-16, rtol=1e-15))
-
-
-def one_sided(x, side, part=2e-5):
-    """Differences to one side, of second order, for all numbers: answers, numbers."""
+def one_sided(kind, x, side, part=1.5e-5):
+    """Slopes to one side of each number, without what is there: scenes, answers, numbers."""
     steps = side * part * np.maximum(abs(x), 0.1)
-    points = [x, *(x + k * np.diag(steps)[i] for k in (1, 2) for i in range(x.size))]
-    here, *there = values(np.stack(points))
-    near, far = np.split(np.array(there), 2)
-    found = ((-3 * here + 4 * near - far) / (2 * steps[:, None])).T
-    return found * ~((np.arange(x.size) == ROTATION) & (x == 0))
+    moves = steps[:, :, None, None] * np.eye(x.shape[1])[:, None] * np.arange(1, 4)[:, None]
+    points = x[:, None, None] + moves
+    there = theirs(kind, points.reshape(-1, x.shape[1])).reshape(*points.shape[:3], -1)
+    found = np.einsum("k,snka->san", [-2.5, 4, -1.5], there) / steps[:, None]
+    found[:, :, ROTATION] *= (x[:, ROTATION] != 0)[:, None]
+    return found
 
 
-def close(found, expected, answers=slice(0, 5)):
-    return np.isclose(found[answers], expected[answers], rtol=3e-6, atol=3e-6)
+def close(found, expected):
+    return np.isclose(found[FINAL], expected[FINAL], rtol=3e-6, atol=3e-6)
 
 
-CONTINUOUS = {
-    "duration on a sample": scene(0.1 + 4 * 0.15),
-    "duration on a sample, rounded": scene(np.nextafter(0.1 + 5 * 0.15, 0)),
-    "start at 0": scene(0.9, start=0.0),
-    "start at 0 of a block that moves": scene(0.9, start=0.0, rotation=0.05),
-    "duration at the end": scene(0.1 + LAST * 0.15),
-    "duration at the end, rounded": scene(np.nextafter(0.1 + LAST * 0.15, 9)),
+TILTED = {"rotation": 0.05}
+PLAIN = {
+    "Record": {
+        "duration on a sample": scene(0.1 + 4 * 0.15),
+        "duration on a sample, rounded": scene(np.nextafter(0.1 + 5 * 0.15, 0)),
+        "start at 0": scene(0.9, start=0.0),
+        "start at 0 of a block that moves": scene(0.9, start=0.0, **TILTED),
+        "duration at the end": scene(0.1 + LAST * 0.15),
+        "duration at the end, rounded": scene(np.nextafter(0.1 + LAST * 0.15, 9)),
+        "duration at the start": scene(0.1, **TILTED),
+        "duration at the start, rounded": scene(np.nextafter(0.1, 0), **TILTED),
+        "uplift at a sample": scene(0.9, strength=[0.0, 9.81 / 4, *SAMPLES[2:]]),
+    },
+    "Cosine": {
+        "duration at the end": scene(0.5, 0.4, strength=5.0),
+        "duration at the end, rounded": scene(np.nextafter(0.5, 0), 0.4, strength=5.0),
+        "duration at the start": scene(0.1, 0.4, **TILTED, strength=5.0),
+        "start at 0 of a block that moves": scene(0.9, 0.4, start=0.0, **TILTED, strength=5.0),
+    },
 }
 
 
-def test_ends_starts_and_samples():
-    found = slopes(np.stack(list(CONTINUOUS.values())))
-    for (name, x), slope in zip(CONTINUOUS.items(), found, strict=True):
-        later, sooner = one_sided(x, 1), one_sided(x, -1) if x[START] else None
-        # At the end of the input: as where that comes later, and the duration sooner.
-        expected = later.copy()
-        if "end" in name:
-            expected[:, DURATION] = sooner[:, DURATION]
-            assert not close(later[:, DURATION], sooner[:, DURATION]).all()
-        elif sooner is not None:
-            assert close(later, sooner).all()
-        assert close(slope, expected).all(), name
-    # The end of an input that goes on is nothing but the final velocity.
-    assert found[0][0, DURATION] == pytest.approx(value(scene(0.7), 1), rel=1e-9)
+@pytest.mark.parametrize("kind", PLAIN)
+def test_ends_starts_and_samples(kind):
+    """Given is the slope for a later start and end of the input, and a shorter duration."""
+    x = np.stack(list(PLAIN[kind].values()))
+    expected = one_sided(kind, x, 1)
+    expected[:, :, DURATION] = one_sided(kind, x, -1)[:, :, DURATION]
+    for part in (slice(0, ROWS), slice(ROWS, None)):
+        if x[part].size:
+            found, _ = slopes(kind, x[part])
+            for name, *pair in zip(list(PLAIN[kind])[part], found, expected[part], strict=True):
+                assert close(*pair).all(), (name, pair)
 
 
-def test_an_impact_on_a_sample():
-    x = with_impact(
-        lambda second: scene(1.2, samples=[SAMPLES[0], second, *SAMPLES[2:]]),
-        lambda x, impact: impact - (x[START] + 3 * x[TIME_STEP]),
-    )
-    around = np.stack([x * (1 + k * 2.0**-52 * (np.arange(x.size) == 8)) for k in (-4, 0, 4)])
-    for slope in slopes(around):
-        assert close(slope, one_sided(x, 1), FINAL).all()
+def turning():
+    """A block that turns where its input ends."""
+    x = scene(0.1 + LAST * 0.15)
+    for _ in range(8):
+        found, values = slopes("Record", x[None])
+        x[-2] -= values[0, VELOCITY] / found[0, VELOCITY, -2]
+    assert abs(values[0, VELOCITY]) < 1e-14
+    x[DURATION] += 0.2
+    return x
 
 
-@pytest.mark.parametrize("target", ["duration", "end"])
-def test_an_impact_at_an_end(target):
-    """The slopes are those of either order of the two, for all numbers the same one."""
-    first = value(scene(2.0), IMPACT)
-    if target == "duration":
-        x, toward, number = scene(first), np.eye(15)[DURATION], DURATION
+def with_impact(kind, x, toward, number):
+    """The scene whose first impact is at the time `toward` the numbers, by one of them."""
+    for _ in range(8):
+        longer = x + (2 - x[DURATION]) * np.eye(x.size)[DURATION]
+        found, values = slopes(kind, longer[None])
+        slope = found[0, IMPACT] - toward
+        gap = values[0, IMPACT] - toward @ x
+        x = x - gap / slope[number] * np.eye(x.size)[number]
+    assert abs(gap) < 1e-14
+    return x, slope
+
+
+def coincidences(kind):
+    """Scenes with an impact at a corner, and how the time between the two changes."""
+    if kind == "Record":
+        length, end, level = 0.15, LAST, [1.5] * len(SAMPLES)
+        x = scene(1.2)
+        on_a_sample = 3 * np.eye(x.size)[LENGTH] + np.eye(x.size)[START]
+        yield "a sample", *with_impact(kind, x, on_a_sample, LENGTH + 2)
+        yield "the duration", *with_impact(kind, x, np.eye(x.size)[DURATION], DURATION)
+        short = 0.03
     else:
-        fall = {"rotation": 0.05, "samples": [1.5] * len(SAMPLES)}
-        first = value(scene(0.9, 0.2, **fall), IMPACT)
-        x, number = scene(0.9, 0.2, first - LAST * 0.03, **fall), START
-        x[TIME_STEP], toward = 0.03, np.eye(15)[START] + LAST * np.eye(15)[TIME_STEP]
-        for _ in range(40):  # the impact moves with the start of the input
-            x[START] += value(x + 0.1 * np.eye(15)[DURATION], IMPACT) - (
-                x[START] + LAST * x[TIME_STEP]
-            )
-    around = np.stack([x] * 5)
-    around[:, number] += np.array([-2, -1, 0, 1, 2]) * 2.0**-53
-    longer = x + (0.1 if target == "duration" else 0.0) * np.eye(15)[DURATION]
-    gap = slopes(longer[None])[0, IMPACT] - toward
-    for x, slope in zip(around, slopes(around), strict=True):
-        later, sooner = one_sided(x, 1), one_sided(x, -1)
-        orders = [np.where(sign * gap > 0, later, sooner) for sign in (1, -1)]
-        assert not close(*orders, FINAL).all()
-        # Of a velocity that jumps, the other order has no differences.
-        assert any(close(slope, order, FINAL).all() for order in orders)
+        length, end, level, short = 0.4, 1, 5.0, 0.2
+    x = scene(0.9, length, **TILTED, strength=level)
+    yield "the start", *with_impact(kind, x, np.eye(x.size)[START], START)
+    x = scene(0.9, short, **TILTED, strength=level)
+    at_the_end = np.eye(x.size)[START] + end * np.eye(x.size)[LENGTH]
+    yield "the end", *with_impact(kind, x, at_the_end, START)
 
 
-def test_a_pulse_followed_to_its_end():
-    """Half of it was lost in a tie."""
-    block, pulse = jr.Block(0.3, 4.0), jr.HalfSine(5.0, 0.4, 0.1)
+@pytest.mark.parametrize("kind", PLAIN)
+def test_impacts_at_corners(kind):
+    """The slopes are those of either order of the two, for all numbers the same one."""
+    names, x, gaps = (list(part) for part in zip(*coincidences(kind), strict=True))
+    x, gaps = np.stack(x), np.stack(gaps)
+    # What the order does not depend on changes it no more than rounding does: a little apart.
+    apart = 1e-9 * np.sign(gaps) * (np.arange(x.shape[1]) == START)
+    both = [one_sided(kind, x + s * apart, np.where(s * gaps < 0, -1, 1)) for s in (1, -1)]
+    for k, name in enumerate(names):
+        orders = [order[k] for order in both]
+        assert close(*orders).all() == (name == "a sample")
+        # By rounding, the impact comes before it, after it or at the same time.
+        near = np.stack([x[k]] * 5)
+        near[:, START] *= 1 + 2.0**-52 * np.arange(-2, 3)
+        for slope in slopes(kind, near)[0]:
+            assert any(close(slope, order).all() for order in orders), (name, slope, orders)
 
-    def final(duration):
-        r = jr.respond(block, 0.7, pulse, duration)
-        return r.final_rotation, r.final_velocity
 
-    slope, velocity = jax.grad(final, has_aux=True)(0.5)
-    assert float(slope) == pytest.approx(float(velocity), rel=1e-8)
-    assert float(slope) == pytest.approx(0.254222, rel=1e-5)
+def test_a_turn_at_the_end():
+    x = turning()
+    expected = one_sided("Record", x[None], 1)[0]
+    for slope in slopes("Record", np.stack([x, x * (1 + 1e-15)]))[0]:
+        assert close(slope, expected).all()
+
+
+def test_forces():
+    """In a motion that ends with its input, and of equal ones at rest the first."""
+    still = np.array([1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    x = np.stack([scene(0.1 + LAST * 0.15), scene(0.9, 0.125, 0.0, strength=still)])
+    found, values = slopes("Record", x)
+    expected = np.append(np.zeros(LENGTH + 1), (np.arange(still.size) == 0) / 9.81)
+    np.testing.assert_allclose(found[1, FORCES], [expected, 0 * expected], rtol=1e-14)
+
+    def theirs(x):
+        rocker, ground, settle = parts("Record", x[None])
+        rocker = rocker.of(0, 1)
+        path = Trajectory(rocker, pieces_of(ground), float(settle[0]))
+        return np.array([path.demand, path.normal])
+
+    np.testing.assert_allclose(values[0, FORCES], theirs(x[0]), rtol=1e-8)
+    for number in (0, LENGTH, LENGTH + 3, LENGTH + 5):
+        step = 1e-4 * x[0, number] * (np.arange(x.shape[1]) == number)
+        slope = (theirs(x[0] + step) - theirs(x[0] - step)) / (2 * step[number])
+        np.testing.assert_allclose(found[0, FORCES, number], slope, rtol=1e-5, atol=1e-6)

@@ -15,6 +15,8 @@ import jaxrock as jr
 pytestmark = pytest.mark.float64
 STILL = jr.Rectangular(0.0, 1e-3)
 SAMPLES = 14
+# Over what just lifts the block, so that of each kind some stand and some overturn.
+STRENGTHS = {"Rectangular": (1.02, 1.8), "HalfSine": (1.02, 3.0), "Cosine": (1.5, 10.0)}
 
 
 class Piece(NamedTuple):
@@ -193,7 +195,8 @@ def scene(rng, kind, bouncing, vertical):
     slenderness, c = rng.uniform(1.3, 8), rng.uniform(0.1, bouncing)
     half_width = 10 ** rng.uniform(-1, 0.3)
     block = jr.Block(half_width, slenderness)
-    strength = 9.81 / slenderness * rng.uniform(1.02, 5) * rng.choice([-1, 1])
+    strength = 9.81 / slenderness * rng.uniform(*STRENGTHS.get(kind, (1.02, 5)))
+    strength *= rng.choice([-1, 1])
     if kind == "Record":
         step = rng.uniform(0.03, 0.12)
         samples = rng.normal(0, 1, SAMPLES)
@@ -202,7 +205,6 @@ def scene(rng, kind, bouncing, vertical):
         motion = jr.Record(samples, step, up)
         return block, c, motion, stepping.record(samples, up, step)
     duration = rng.uniform(0.5, 4) / float(block.frequency_parameter)
-    duration /= 3 if kind == "Ricker" else 1
     return block, c, getattr(jr, kind)(strength, duration), stepping.pulse(kind, strength, duration)
 
 
@@ -220,6 +222,7 @@ def compare(kind, count, seed, bouncing=0.4, vertical=2.5):
             # Of an angle, since the demand is infinite where nothing presses.
             abs(math.atan(float(r.friction_demand)) - math.atan(expected.demand)),
         )
+        assert np.isinf(r.friction_demand) == (r.normal_force <= 0)
         assert off < 1e-6, f"{block}, C {c}, {motion}: {r}\n{vars(expected)}"
         assert (abs(float(r.final_rotation)) >= math.pi / 2) == expected.over
         assert expected.over or abs(float(r.final_rotation) - expected.alpha) < 1e-7
@@ -244,8 +247,9 @@ def test_blocks_that_would_leave_the_ground():
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", [*stepping.SHAPES, "Record"])
 def test_extremes_of_the_forces_of_many(kind):
-    _, overturned, _ = compare(kind, 50, 4, 0.8)
-    assert 5 < overturned < 45
+    worst, overturned, left = compare(kind, 50, 4, 0.8)
+    print(f"{kind}: {worst:.1e} off, {overturned} of 50 overturn, {left} leave the ground")
+    assert 10 <= overturned <= 40
 
 
 def closed(slenderness, x):

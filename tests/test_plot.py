@@ -35,7 +35,7 @@ from jaxrock.plot import (
     plot_train,
 )
 from jaxrock.train import Rocker
-from jaxrock.worst import Train, shot
+from jaxrock.train_rhythm import Train, shot
 
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 

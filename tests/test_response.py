@@ -142,50 +142,124 @@ def test_record_against_independent_integration():
             assert float(r.peak_rotation) == pytest.approx(row["peak_rotation"], rel=1e-8), row
 
 
-def forced(parameters, linearized=False):
+def forced(parameters):
     b, slenderness, c, amplitude, duration = parameters
     r = jr.respond(
-        jr.Block(b, slenderness),
-        c,
-        jr.Ricker(amplitude, duration),
-        4.0,
-        rtol=1e-11,
-        linearized=linearized,
-        listed=16,
+        jr.Block(b, slenderness), c, jr.Ricker(amplitude, duration), 4.0, rtol=1e-11, listed=16
     )
-    return jnp.stack([r.peak_rotation, r.margin])
+    found = jnp.stack([r.peak_rotation, r.margin])
+    return found, found
+
+
+def forced_there(parameters):
+    """The same, integrated in another way: answers, scenes."""
+    b, slenderness, c, amplitude, duration = np.asarray(parameters).T
+    ground = stepping.pulse("Ricker", amplitude, duration)
+    r = stepping.follow(stepping.Rocker(b, slenderness, c), ground, 1.2)
+    assert (r.impacts >= 3).all()
+    return np.stack([r.peak, r.margin])
+
+
+FORCED = jnp.asarray([0.25, 5.0, 0.85, 3.2, 0.7])
 
 
 def test_derivatives_through_impacts():
-    at = jnp.asarray([0.25, 5.0, 0.85, 3.2, 0.7])
-    forward = np.asarray(jax.jit(jax.jacfwd(forced))(at))
-    np.testing.assert_allclose(jax.jit(jax.jacrev(forced))(at), forward, rtol=1e-8)
+    first, values = jax.jit(jax.jacrev(forced, has_aux=True))(FORCED)
+    np.testing.assert_allclose(values, forced_there(FORCED[None])[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(first, slopes(forced_there, FORCED, 4e-4), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.thorough
+def test_second_derivatives_through_impacts():
+    second = jax.jit(jax.jacfwd(jax.jacrev(lambda x: forced(x)[0])))(FORCED)
+    expected = curvatures(forced_there, FORCED, 1e-3)
+    np.testing.assert_allclose(second, expected, rtol=2e-6, atol=2e-6)
+
+
+@pytest.mark.thorough
+def test_second_derivatives_under_a_record():
+    samples = np.array([0.0, 4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0, 0.0])
+
+    def ours(parameters):
+        b, slenderness, c, scale, step = parameters
+        record = jr.Record(samples, step, scale=scale)
+        end = record.end + 0.2
+        r = jr.respond(jr.Block(b, slenderness), c, record, end, rtol=1e-12, listed=16)
+        return jnp.stack([r.final_rotation, r.margin])
 
     def theirs(parameters):
-        b, slenderness, c, amplitude, duration = map(float, parameters)
-        r = stepping.follow(
-            stepping.Rocker(b, slenderness, c), stepping.pulse("Ricker", amplitude, duration), 1.2
-        )
-        assert r.impacts[0] >= 3
-        return np.array([r.peak[0], r.margin[0]])
+        r = follow_record(samples, parameters, 0.2)
+        assert (r.impacts == 2).all()
+        return np.stack([r.rotation, r.margin])
 
-    np.testing.assert_allclose(forced(at), theirs(at), rtol=1e-9)
-    np.testing.assert_allclose(forward, slopes(theirs, at, 4e-4), rtol=1e-6, atol=1e-6)
+    at = jnp.asarray([0.3, 4.0, 0.7, 1.0, 0.15])
+    second = jax.jit(jax.hessian(ours))(at)
+    np.testing.assert_allclose(second, curvatures(theirs, at, 1e-3), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.thorough
+def test_second_derivatives_of_a_critical_amplitude():
+    def ours(parameters):
+        b, slenderness, c, duration = parameters
+        block = jr.Block(b, slenderness)
+        return jr.critical_amplitude(block, c, jr.Sine, duration, (1.2, 1.6), most=1).value
+
+    def theirs(parameters):
+        """Where the margin vanishes, by secants."""
+        b, slenderness, c, duration = np.asarray(parameters).T
+        rocker = stepping.Rocker(b, slenderness, c)
+
+        def margin(amplitude):
+            return stepping.follow(rocker, stepping.pulse("Sine", amplitude, duration), 0.0).margin
+
+        old, new = np.full(b.size, 2.9282), np.full(b.size, 2.9283)
+        before = margin(old)
+        for _ in range(6):
+            now = margin(new)
+            move = np.where(now == before, 0, now * (new - old))
+            old, before, new = new, now, new - move / np.where(now == before, 1, now - before)
+        return new[None]
+
+    at = jnp.asarray([0.1, 5.0, 0.9, 0.5])
+    second = jax.jit(jax.hessian(ours))(at)
+    np.testing.assert_allclose(second, curvatures(theirs, at, 5e-4), rtol=1e-5, atol=1e-5)
+
+
+def moved(of, at, moves):
+    """Answers where the numbers are moved: answers, moves."""
+    return of(np.asarray(at) * (1 + moves.reshape(-1, len(at)))).reshape(-1, *moves.shape[:-1])
+
+
+def follow_record(samples, parameters, settle):
+    """Blocks under a record, integrated in another way, at several scales and time steps."""
+    b, slenderness, c, scale, step = np.asarray(parameters).T
+
+    def value(motion, piece, time):
+        left, right = samples[piece], samples[piece + 1]
+        there = scale[motion] * (left + time / step[motion] * (right - left))
+        return there, np.zeros_like(there)
+
+    ground = stepping.Ground(step[:, None] * np.arange(len(samples)), value)
+    return stepping.follow(stepping.Rocker(b, slenderness, c), ground, settle)
 
 
 def slopes(of, at, part):
-    """Central differences to all parameters, extrapolated."""
+    """Central differences to all numbers, extrapolated: answers, numbers."""
+    h = part * np.array([[1.0], [0.5]])
+    steps = h[:, :, None] * np.eye(len(at))
+    up, down = (moved(of, at, sign * steps) for sign in (1, -1))
+    coarse, fine = np.moveaxis((up - down) / (2 * h * np.asarray(at)), 1, 0)
+    return (4 * fine - coarse) / 3
 
-    def central(k, h):
-        step = np.zeros(len(at))
-        step[k] = h
-        return (of(at + step) - of(at - step)) / (2 * h)
 
-    columns = []
-    for k in range(len(at)):
-        h = part * float(at[k])
-        columns.append((4 * central(k, h / 2) - central(k, h)) / 3)
-    return np.stack(columns, axis=-1)
+def curvatures(of, at, part):
+    """Second differences to all pairs of numbers, extrapolated: answers, numbers, numbers."""
+    h = part * np.array([1.0, 0.5]).reshape(2, 1, 1)
+    one = h[..., None] * np.eye(len(at))[:, None]
+    other = h[..., None] * np.eye(len(at))
+    corners = [s * t * moved(of, at, s * one + t * other) for s in (1, -1) for t in (1, -1)]
+    coarse, fine = np.moveaxis(sum(corners) / (4 * h**2 * np.outer(at, at)), 1, 0)
+    return (4 * fine - coarse) / 3
 
 
 @pytest.mark.float64
@@ -201,18 +275,17 @@ def test_derivatives_under_a_record(rung):
             r = jr.respond_batch(*scene)
         else:
             r = jr.respond(*scene, rtol=1e-11, atol=1e-13)
-        return jnp.stack([r.peak_rotation, r.final_rotation, r.margin])
+        found = jnp.stack([r.peak_rotation, r.final_rotation, r.margin])
+        return found, found
 
     def theirs(parameters):
-        b, slenderness, c, scale, step = map(float, parameters)
-        ground = stepping.record(samples, 0.0, step, scale)
-        r = stepping.follow(stepping.Rocker(b, slenderness, c), ground, 0.0)
-        assert r.impacts[0] >= 3
-        return np.array([r.peak[0], r.rotation[0], r.margin[0]])
+        r = follow_record(samples, parameters, 0.0)
+        assert (r.impacts >= 3).all()
+        return np.stack([r.peak, r.rotation, r.margin])
 
     at = jnp.asarray([0.2, 5.0, 0.6, 1.0, 0.01])
-    np.testing.assert_allclose(ours(at), theirs(at), rtol=1e-8, atol=1e-9)
-    found = jax.jit(jax.jacfwd(ours))(at)
+    found, values = jax.jit(jax.jacfwd(ours, has_aux=True))(at)
+    np.testing.assert_allclose(values, theirs(at[None])[:, 0], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(found, slopes(theirs, at, 1e-5), rtol=1e-5, atol=1e-7)
 
 

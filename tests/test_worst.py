@@ -2,12 +2,15 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import stepping
+import train_search
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
+from jaxrock import timing
 
 pytestmark = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -111,6 +114,72 @@ def test_the_papers_input_comes_out(model, count):
     assert worst.history.shape[0] == 10
 
 
+def worst_of(case, starts):
+    """The worst train with the limits of a case, and what it is to be best in."""
+    limits = {"latest": case.latest, "largest": case.largest}
+    worst = jr.worst_train(
+        jr.Block(case.half_width, case.slenderness), case.restitution, case.count, case.goal,
+        impacts_between=case.impacts_between, spacing=case.spacing, starts=starts,
+        model=getattr(jr, case.model)(),
+        **{name: limit for name, limit in limits.items() if limit is not None},
+    )  # fmt: skip
+    return worst, worst.total if "total" in case.goal else worst.largest
+
+
+def no_worse_than_scipy(case, starts):
+    """Nor does it break a limit, and it does what it is to if followed without JAX."""
+    theirs = train_search.found()[case]
+    worst, ours = worst_of(case, starts)
+    assert worst.converged, case
+    gaps = np.diff(worst.times)
+    assert (gaps >= case.spacing - 1e-9).all(), case
+    assert case.latest is None or worst.times[-1] <= case.latest, case
+    block = jr.Block(case.half_width, case.slenderness)
+    rocker = stepping.Rocker(
+        case.half_width, case.slenderness, case.restitution, case.model == "Linearized"
+    )
+    if case.goal == "most rotation":
+        assert worst.objectives.max() >= theirs.reached * (1 - 1e-6), case
+        peak, _ = scipy_train(rocker, block, worst.times, worst.intensities)
+        assert peak == pytest.approx(worst.peak_rotation, rel=1e-4), case
+        return
+    assert ours <= theirs.reached * (1 + 1e-6), case
+    if case.count > 1 and gaps.min() < 1e-8:
+        return  # pulses right before and after one impact, which `scipy_train` cannot tell apart
+    for by, falls in ((1e-6, True), (-1e-5, False)):
+        _, over = scipy_train(rocker, block, worst.times, worst.intensities * (1 + by))
+        assert over == falls, (case, by)
+
+
+@pytest.mark.parametrize("case", train_search.TELLING[: train_search.DEFAULT])
+def test_no_train_is_worse(case):
+    """SciPy's search over all times, signs and sizes finds none, with limits."""
+    no_worse_than_scipy(case, starts=3)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("case", train_search.CASES)
+def test_no_train_is_worse_of_a_bigger_sample(case):
+    no_worse_than_scipy(case, starts=10)
+
+
+def test_what_scipy_found_overturns():
+    """Followed by another integrator than the search used."""
+    for case, theirs in list(train_search.found().items())[: train_search.DEFAULT]:
+        rocker = stepping.Rocker(
+            case.half_width, case.slenderness, case.restitution, case.model == "Linearized"
+        )
+        block = jr.Block(case.half_width, case.slenderness)
+        assert scipy_train(rocker, block, theirs.times, theirs.intensities)[1], case
+
+
+@pytest.mark.thorough
+def test_the_frozen_trains_are_what_scipy_finds_today():
+    for case in train_search.TELLING[:3]:
+        now = train_search.best_of(case).reached
+        assert now == pytest.approx(train_search.found()[case].reached, rel=1e-7), case
+
+
 @BOTH
 @pytest.mark.thorough
 def test_the_least_in_total_is_a_single_pulse(model):
@@ -163,6 +232,55 @@ def test_what_timing_costs():
     before = single / (c**2 + c + c**2)
     assert costs["right before the impacts"] == pytest.approx(before, rel=1e-9)
     assert all(closed < cost <= single for cost in costs.values())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("slenderness", "c", "count"), [(4.0, 0.7, 3), (2.0, 0.9, 4), (1.2, 0.5, 3)]
+)
+@pytest.mark.parametrize("model", ["Linearized", "Nonlinear"])
+def test_what_timing_costs_without_jax(model, slenderness, c, count):
+    costs = jr.timing_costs(jr.Block(0.4, slenderness), c, count, getattr(jr, model)())
+    for when, theirs in timed_without_jax(model, slenderness, c, count).items():
+        assert costs[when] == pytest.approx(theirs, rel=1e-9), when
+
+
+@BOTH
+def test_one_timing_without_jax(model):
+    """Pulses that come late, for which there is no closed form."""
+    block, restitution, count = jr.Block(0.4, 2.0), jnp.asarray(0.9), 3
+    rocker = timing.Rocker(block, restitution, model)
+    train = timing.Train(jnp.zeros(count), jnp.ones(count), jnp.ones(count, int))
+    ours = timing._needed(rocker, train, 0.2) * float(rocker.unit)
+    theirs = timed_without_jax(type(model).__name__, 2.0, 0.9, count)
+    assert ours == pytest.approx(theirs["0.2 half-cycles after the impacts"], rel=1e-9)
+
+
+def timed_without_jax(model, slenderness, c, count):
+    """The same intensities from exponentials and Jacobi's functions in NumPy, by bisection."""
+    case = train_search.Case(0.4, slenderness, c, count, model)
+
+    def needed(case, later, part, weight):
+        plan = train_search.Plan(*(np.array([row]) for row in (later, part, weight)))
+        return float(train_search.needed(case, plan, 60)[0][0]) * case.unit
+
+    ones, first = np.ones(count), np.arange(count) == 0
+    parts = {f"{late:g} half-cycles after the impacts": late for late in (0.05, 0.1, 0.2)}
+    answers = {
+        when: needed(case, 0 * ones.astype(int), late * ones, ones)
+        for when, late in ({"right after the impacts": 0.0} | parts).items()
+    }
+    later = np.where(np.arange(count) > 1, 1, 0)
+    before = needed(case._replace(impacts_between=0), later, ones, np.where(first, 1.0, -1.0))
+    return answers | {"right before the impacts": min(before, case.unit)}
+
+
+def test_timing_that_did_not_converge_is_nan(monkeypatch):
+    block = jr.Block(0.4, 4.0)
+    nothing_left = timing.timing_costs(block, 0.0, 3)["right before the impacts"]
+    assert nothing_left == pytest.approx(float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12)
+    monkeypatch.setattr(timing, "_ROUNDS", 1)
+    assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
 
 
 @pytest.mark.parametrize(
