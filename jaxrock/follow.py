@@ -69,7 +69,6 @@ class Cuts(eqx.Module):
     side: Reals
     lean: Reals
     speed: Reals
-    struck: Reals  # velocity just before, where it is an impact
 
 
 class Followed(NamedTuple):
@@ -103,7 +102,7 @@ class _Carry(NamedTuple):
     phase: Any
     count: Any  # cuts
     impacts: Any
-    struck: Any  # velocity just before the impact at this cut; NaN if it is none
+    struck: Any  # time of the last impact, and velocity just before it
     peak: Any
     peak_time: Any
     crossing: Any
@@ -146,22 +145,26 @@ def follow(
     one = _Loop(driven, equation, Stepper(method, rtol, atol), method, rtol)
     first = one.with_corner(one.first(valid), jnp.zeros((), bool))
 
-    def goes_on(state: tuple[_Carry, Reals]) -> Any:
-        c, _ = state
+    def goes_on(state: tuple[_Carry, Reals, Reals]) -> Any:
+        c, *_ = state
         wanted = (c.impacts == 0) | (not once)
         going = (c.time < driven.duration) & (c.phase != OVER) & wanted
         return going & ~c.failed & (c.count < _MOST_CUTS)
 
-    def turn(state: tuple[_Carry, Reals]) -> tuple[_Carry, Reals]:
-        before, log = state
+    def turn(state: tuple[_Carry, Reals, Reals]) -> tuple[_Carry, Reals, Reals]:
+        before, cuts, impacts = state
         c = one.turn(before)
-        # Not inside of what is chosen: there the list would be copied.
-        return c, log.at[before.count].set(_row(c), mode="drop")
+        # Not inside of what is chosen: there the lists would be copied.
+        index = jnp.where(c.impacts > before.impacts, before.impacts, listed)
+        return (
+            c,
+            cuts.at[before.count].set(_row(c), mode="drop"),
+            impacts.at[index].set(c.struck, mode="drop"),
+        )
 
-    log = jnp.full((4 * listed, 5), jnp.nan, driven.duration.dtype).at[0].set(_row(first))
-    last, log = jax.lax.while_loop(goes_on, turn, (first, log))
-    cuts = Cuts(*log.T)
-    (struck,) = jnp.nonzero(~jnp.isnan(cuts.struck), size=listed, fill_value=4 * listed)
+    unknown = jnp.full((4 * listed, 4), jnp.nan, driven.duration.dtype)
+    cuts, impacts = unknown.at[0].set(_row(first)), unknown[:listed, :2]
+    last, cuts, impacts = jax.lax.while_loop(goes_on, turn, (first, cuts, impacts))
 
     broken = (last.failed & valid) | (last.count >= _MOST_CUTS)
     full = (last.impacts > listed) | (last.count > 4 * listed)
@@ -182,13 +185,13 @@ def follow(
         crossing=jnp.where(overturned, last.crossing, jnp.nan),
         margin=known(last.margin),
         impacts=last.impacts,
-        impact_times=cuts.time.at[struck].get(mode="fill"),
-        impact_velocities=cuts.struck.at[struck].get(mode="fill"),
+        impact_times=impacts[:, 0],
+        impact_velocities=impacts[:, 1],
         at_rest=good & (last.phase == REST),
         demand=known(last.demand),
         normal=known(last.normal),
         status=status,
-        cuts=cuts,
+        cuts=Cuts(*cuts.T),
         driven=driven,
     )
 
@@ -228,7 +231,7 @@ class _Loop:
             phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
             count=none + 1,
             impacts=none,
-            struck=zero + jnp.nan,
+            struck=jnp.stack([zero, zero]),
             peak=lean,
             peak_time=zero,
             crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
@@ -306,7 +309,6 @@ class _Loop:
         demand, normal = self.uplifts.at_rest(c.time, until, acts)
         return c._replace(
             time=until,
-            struck=jnp.full_like(until, jnp.nan),
             side=jnp.where(found, side, c.side),
             phase=jnp.where(found, RISING, REST),
             demand=larger(c.demand, demand),
@@ -348,7 +350,7 @@ class _Loop:
         )
         return jax.lax.cond(
             c.phase == REST,
-            lambda: c._replace(struck=jnp.nan * zero),
+            lambda: c,
             lambda: self.finish(span, stop, c, last),
         )
 
@@ -473,7 +475,7 @@ class _Loop:
             speed=jnp.where(rests, 0, jnp.where(landed, leaving, speed)),
             phase=jnp.where(landed, jnp.where(rests, REST, RISING), phase),
             impacts=jnp.where(landed, c.impacts + 1, c.impacts),
-            struck=jnp.where(landed, -c.side * arriving, jnp.nan),
+            struck=jnp.stack([time, -c.side * arriving]),
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),
@@ -484,7 +486,7 @@ class _Loop:
 
 
 def _row(c: _Carry) -> Reals:
-    return jnp.stack([c.time, c.side, c.lean, c.speed, c.struck])
+    return jnp.stack([c.time, c.side, c.lean, c.speed])
 
 
 def _valid(driven: Any) -> tuple[Driven, Any]:
@@ -515,7 +517,7 @@ def resumed(
         inside = (asked >= 0) & (asked <= driven.duration)
         time = jnp.where(inside, asked, 0)
         index = jnp.maximum(jnp.searchsorted(known, time, side="right") - 1, 0)
-        origin, side, lean, speed, _ = (part[index] for part in jax.tree.leaves(cuts))
+        origin, side, lean, speed = (part[index] for part in jax.tree.leaves(cuts))
         acts, yes = driven.motion.acts(origin), jnp.array(True)
         moves = (lean != 0) | (speed != 0)
         # What has just been lifted is on the ground as well: it moves if the next cut is a turn.
