@@ -145,6 +145,15 @@ def _lift(
     at_once = jnp.abs(horizontal[0]) > needed[0]
     lifted = at_once | (jnp.abs(last) > evaluate(needed, step))
     side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
+    if lift:
+        # Where the ground falls away both sides are lifted within the step: the first counts.
+        begin, end = (
+            [one * part - need for one in (1.0, -1.0)]
+            for part, need in ((horizontal[0], needed[0]), (last, evaluate(needed, step)))
+        )
+        first = begin[0] * (end[1] - begin[1]) >= begin[1] * (end[0] - begin[0])
+        both = (end[0] > 0) & (end[1] > 0) & ~at_once
+        side = jnp.where(both, jnp.where(first, 1.0, -1.0), side)
     excess = tuple(map(sub, (side * part for part in horizontal), needed))
     rise = evaluate(excess[1:], step)
     wait = -excess[0] / jnp.where(rise > 0, rise, 1)

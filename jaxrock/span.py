@@ -96,7 +96,7 @@ class Stepper:
         good, start, end, *_ = self.controller.adapt_step_size(
             begin, until, y, there, None, error, self.order, (one, one, jnp.array(False))
         )
-        return Step(there, good, end - start, between, memory)
+        return Step(there, jnp.asarray(good), jnp.asarray(end - start), between, memory)
 
     def between(self, begin: Reals, until: Reals, step: Step, time: Reals) -> Reals:
         """The state at a time within a step."""

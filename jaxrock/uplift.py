@@ -18,8 +18,7 @@ class Uplifts(eqx.Module):
     equation: Equation
     motion: Motion
     knots: Reals
-    lifted: Any  # whether it would be there
-    sides: Reals  # on which
+    lifted: Any  # whether it would be there, for each side
     demand: Reals  # of friction, by a block at rest
     normal: Reals
 
@@ -28,10 +27,8 @@ class Uplifts(eqx.Module):
         """The table of a motion."""
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
-        first, second = (equation.lifting(side * push, lift) for side in (1.0, -1.0))
-        lifted = (first > 0) | (second > 0)
-        sides = jnp.where(first >= second, 1, -1).astype(knots.dtype)
-        return cls(equation, motion, knots, lifted, sides, friction(push, 1 + lift), 1 + lift)
+        lifted = jnp.stack([equation.lifting(side * push, lift) > 0 for side in (1.0, -1.0)])
+        return cls(equation, motion, knots, lifted, friction(push, 1 + lift), 1 + lift)
 
     def excess(self, time: Reals, side: Any) -> Reals:
         """What the ground gives to one side over what lifts the block."""
@@ -40,23 +37,28 @@ class Uplifts(eqx.Module):
 
     def following(self, time: Reals, stop: Reals) -> tuple[Any, Reals, Reals]:
         """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""
-        later = self.lifted & (self.knots > time) & (self.knots <= self.motion.end)
-        index = jnp.argmax(later)
-        found, side = later.any(), self.sides[index]
+        later = self.lifted.any(axis=0) & (self.knots > time) & (self.knots <= self.motion.end)
+        index, found = jnp.argmax(later), later.any()
         upper = self.knots[index]
         lower = larger(time, self.knots[jnp.maximum(index - 1, 0)])
         sides = jnp.asarray([1.0, -1.0], self.knots.dtype)
         now = self.excess(time, sides)
         at_once = (now > 0).any()
+
+        def halve(_: Any, bracket: Any) -> Any:
+            middle = 0.5 * (bracket[0] + bracket[1])
+            below = self.excess(lower + middle * (upper - lower), sides) < 0
+            return jnp.where(below, middle, bracket[0]), jnp.where(below, bracket[1], middle)
+
+        # Halved down to rounding. Where the ground falls away both sides are lifted: the first.
+        bits = jnp.finfo(self.knots.dtype).nmant
+        bracket = jax.lax.fori_loop(0, bits, halve, (jnp.zeros_like(now), jnp.ones_like(now)))
+        first = jnp.argmin(jnp.where(self.lifted[:, index], bracket[1], jnp.inf))
+        side = sides[first]
         bracketed = found & (self.excess(lower, side) < 0) & ~at_once
 
         def beyond(share: Any) -> Any:
             return self.excess(lower + share * (upper - lower), side)
-
-        def halve(_: Any, bracket: Any) -> Any:
-            middle = 0.5 * (bracket[0] + bracket[1])
-            below = beyond(middle) < 0
-            return jnp.where(below, middle, bracket[0]), jnp.where(below, bracket[1], middle)
 
         def polish(_: Any, share: Any) -> Any:
             value, slope = jax.jvp(beyond, (share,), (jnp.ones_like(share),))
@@ -65,11 +67,8 @@ class Uplifts(eqx.Module):
             near = jnp.abs(move) <= 1e-3
             return share - jnp.where(near, move, move - jax.lax.stop_gradient(move))
 
-        # Halved down to rounding, and twice Newton's method, for two derivatives.
-        bits = jnp.finfo(self.knots.dtype).nmant
-        zero = jnp.zeros_like(lower)
-        bracket = jax.lax.fori_loop(0, bits, halve, (zero, zero + 1))
-        share = jax.lax.fori_loop(0, 2, polish, jax.lax.stop_gradient(bracket[1]))
+        # Twice Newton's method, for two derivatives.
+        share = jax.lax.fori_loop(0, 2, polish, jax.lax.stop_gradient(bracket[1][first]))
         when = jnp.where(bracketed, lower + share * (upper - lower), lower)
         when = jnp.where(at_once, time, when)
         side = jnp.where(at_once, jnp.where(now[0] >= now[1], sides[0], sides[1]), side)
