@@ -236,10 +236,12 @@ class _Motion:
 
     def next_piece(self):
         """Go over what has no length."""
-        for _ in range(self.pieces):
-            k = np.minimum(self.piece, self.pieces - 1)[:, None]
-            begin, end = (np.take_along_axis(self.edges, k + i, 1)[:, 0] for i in (0, 1))
-            self.piece += (self.piece < self.pieces) & (end <= begin)
+        while True:
+            k, all_of = np.minimum(self.piece, self.pieces - 1), np.arange(self.piece.size)
+            empty = (self.piece < self.pieces) & (self.edges[all_of, k + 1] <= self.edges[all_of, k])
+            if not empty.any():
+                break
+            self.piece += empty
 
     def read_outcomes(self):
         """Where the input ends; what rests from there on is done."""
@@ -255,9 +257,9 @@ class _Motion:
         return np.where(self.piece[k] < self.pieces, length, self.settle[k])
 
     def wait(self, k):
-        """At rest: lifted now, or within this piece, or not."""
+        """At rest: lifted now, or within this piece, or not; of both sides to the stronger one."""
         stop, begin = self.until(k), self.time[k]
-        when, side = np.full(k.size, np.inf), np.ones(k.size)
+        when, side, strength = np.full(k.size, np.inf), np.ones(k.size), np.full(k.size, -np.inf)
         for s in (1.0, -1.0):
 
             def excess(t, s=s, some=self.rocker(k)):
@@ -266,7 +268,9 @@ class _Motion:
             now, later = excess(begin), excess(stop)
             high = _risen(lambda t: excess(t) > 0, begin, stop, now, later)
             found = np.where(now > 0, begin, np.where(later > 0, high, np.inf))
-            side, when = np.where(found < when, s, side), np.minimum(found, when)
+            first = (found < when) | ((found == when) & (now > strength))
+            side, strength = np.where(first, s, side), np.where(first, now, strength)
+            when = np.minimum(found, when)
         lifts = when < stop
         self.side[k] = np.where(lifts, side, self.side[k])
         self.time[k] = np.where(lifts, when, 0)
