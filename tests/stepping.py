@@ -238,7 +238,9 @@ class _Motion:
         """Go over what has no length."""
         while True:
             k, all_of = np.minimum(self.piece, self.pieces - 1), np.arange(self.piece.size)
-            empty = (self.piece < self.pieces) & (self.edges[all_of, k + 1] <= self.edges[all_of, k])
+            empty = (self.piece < self.pieces) & (
+                self.edges[all_of, k + 1] <= self.edges[all_of, k]
+            )
             if not empty.any():
                 break
             self.piece += empty
