@@ -113,6 +113,9 @@ def test_where_the_ground_falls_away():
     )
     horizontal = rng.normal(0, 2 * 9.81 / slenderness[:, None], (n, 12))
     vertical = rng.normal(0, 12.0, (n, 12))
+    # In half of them both sides are lifted on the way to the second sample.
+    horizontal[::2, 0] *= 0.4
+    vertical[::2, :2] = [0.0, -30.0]
 
     def value(motion, piece, time):
         both = np.stack([horizontal, vertical])
@@ -128,12 +131,12 @@ def test_where_the_ground_falls_away():
     assert (vertical.min(axis=1) < -9.81).sum() > n / 2
     stands = ~expected.overturned
     np.testing.assert_allclose(found.peak_rotation[stands], expected.peak[stands], rtol=1e-8)
-    for k in np.flatnonzero(stands & (vertical[:, 0] < -9.81) & (expected.peak > 0))[:3]:
+    for k in np.flatnonzero(stands & (expected.peak > 0)):
         one = jr.Record(horizontal[k], step, vertical[k])
         r = jr.respond(jr.Block(b[k], slenderness[k]), c[k], one, one.end, rtol=1e-11)
         assert float(r.peak_rotation) == pytest.approx(expected.peak[k], rel=1e-8)
-        assert r.normal_force < 0
-        assert r.friction_demand == np.inf
+        assert (r.friction_demand == np.inf) == (r.normal_force <= 0)
+        assert r.normal_force < 0 or k % 2
 
 
 @pytest.mark.float64
