@@ -205,8 +205,9 @@ class _Loop:
         motion = driven.motion
         self.driven, self.equation, self.motion = driven, equation, motion
         self.stepper, self.method, self.rtol = stepper, method, rtol
-        # To the end of a span: each but the last improves the time of the next.
-        self.tries = 2 if method.locate == "step" else 1
+        # To the end of a span: each but the last improves the time of the next, the first its
+        # value, the second its two derivatives as well.
+        self.tries = 3 if method.locate == "step" else 1
         self.rate = jnp.sqrt(equation.square)
         self.uplifts = Uplifts.of(equation, motion)
         # Of a block just lifted: little beside its own time and that in which the input changes.
