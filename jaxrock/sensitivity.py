@@ -8,10 +8,10 @@ driven by a record.
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from .distributions import Distributions
 from .printing import listed, table
@@ -186,7 +186,7 @@ class _Numbers(NamedTuple):
 
     names: tuple[str, ...]
     values: Any  # (numbers,)
-    whole: Callable[[Any], Any]
+    form: Any  # of the pytree
 
     @classmethod
     def of(cls, at: Any) -> "_Numbers":
@@ -198,14 +198,14 @@ class _Numbers(NamedTuple):
                 name = jax.tree_util.keystr(path)
                 raise ValueError(f"at must consist of single numbers, got an array in {name}")
         at = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), at)
-        values, whole = ravel_pytree(at)
+        values, form = jnp.stack(jax.tree.leaves(at)), jax.tree.structure(at)
         keys = [[_key(part) for part in path] for path, _ in leaves]
         last = [key[-1] if key else "value" for key in keys]
         names = [
             short if last.count(short) == 1 else ".".join(key)
             for short, key in zip(last, keys, strict=True)
         ]
-        return cls(tuple(names), values, whole)
+        return cls(tuple(names), values, form)
 
     def chosen(self, what: str, given: Mapping[str, Any]) -> list[int]:
         """Places of the names in a mapping."""
@@ -214,16 +214,64 @@ class _Numbers(NamedTuple):
                 raise ValueError(f"{what} has {name!r}, which is none of {', '.join(self.names)}")
         return [self.names.index(name) for name in given]
 
-    def scalar(self, answer: Answer) -> Callable[[Any], Any]:
-        """The answer as a function of the list."""
+    def asked(self, answer: Answer, places: Any = None, drawn: Any = None) -> "_Asked":
+        """The answer as a function of the numbers at some places, or of what they are drawn by."""
+        places = range(len(self.names)) if places is None else places
+        drawn = None if drawn is None else jax.tree.map(jnp.asarray, drawn)
+        return _Asked(answer, self.values, self.form, tuple(map(int, places)), drawn)
 
-        def of_values(values: Any) -> Any:
-            value = jnp.asarray(answer(self.whole(values)))
-            if value.ndim:
-                raise ValueError(f"answer must be one number, got an array of shape {value.shape}")
-            return value
 
-        return of_values
+class _Asked(eqx.Module):
+    """An answer as a function of some of its numbers, which is compiled once.
+
+    What it is called with may be independent standard normal numbers, if the numbers are
+    `drawn` by them.
+    """
+
+    answer: Answer
+    values: Any  # (numbers,)
+    form: Any = eqx.field(static=True)
+    places: tuple[int, ...] = eqx.field(static=True)
+    drawn: Distributions | None
+
+    def numbers(self, some: Any) -> Any:
+        """All numbers, as a list."""
+        if self.drawn is not None:
+            some = self.drawn.at(some)
+        return self.values.at[np.asarray(self.places, int)].set(some)
+
+    def __call__(self, some: Any) -> Any:
+        value = jnp.asarray(self.answer(jax.tree.unflatten(self.form, list(self.numbers(some)))))
+        if value.ndim:
+            raise ValueError(f"answer must be one number, got an array of shape {value.shape}")
+        return value
+
+
+@eqx.filter_jit
+def _value(asked: _Asked, some: Any) -> Any:
+    return asked(some)
+
+
+@eqx.filter_jit
+def _slope(asked: _Asked, some: Any) -> Any:
+    return jax.jacfwd(asked)(some)
+
+
+@eqx.filter_jit
+def _expanded(asked: _Asked, some: Any) -> tuple[Any, Any, Any]:
+    """Value, slopes and second derivatives."""
+    slope = jax.jacfwd(asked)
+    return asked(some), slope(some), jax.jacfwd(slope)(some)
+
+
+@eqx.filter_jit
+def _values(asked: _Asked, points: Any) -> Any:
+    return jax.vmap(asked)(points)
+
+
+@eqx.filter_jit
+def _slopes_and_values(asked: _Asked, points: Any) -> Any:
+    return jax.vmap(lambda some: jnp.append(jax.jacfwd(asked)(some), asked(some)))(points)
 
 
 def _key(part: Any) -> str:
@@ -263,11 +311,7 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     intensity                     0.15        1.7583       2.14053
     """
     numbers = _Numbers.of(at)
-    function = numbers.scalar(answer)
-    gradient = jax.jacfwd(function)
-    value, slope, curvature = jax.jit(
-        lambda values: (function(values), gradient(values), jax.jacfwd(gradient)(values))
-    )(numbers.values)
+    value, slope, curvature = _expanded(numbers.asked(answer), numbers.values)
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = np.asarray(slope) * np.asarray(numbers.values) / np.asarray(value)
     return Sensitivities(
@@ -319,7 +363,7 @@ def tornado(answer: Answer, at: Any, ranges: Mapping[str, tuple[float, float]]) 
     points = np.repeat(np.asarray(numbers.values)[None], 1 + ends.size, axis=0)
     for row, place in enumerate(places):
         points[1 + 2 * row : 3 + 2 * row, place] = ends[row]
-    values = _sampled(numbers.scalar(answer), points)
+    values = _sampled(_values, numbers.asked(answer), points)
     pairs = values[1:].reshape(-1, 2)
     width = np.nan_to_num(abs(pairs[:, 1] - pairs[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
@@ -374,17 +418,10 @@ def propagate(
     >>> print(f"{scatter.mean:.4f} +- {scatter.deviation:.4f}")
     0.1311 +- 0.0419
     """
-    numbers, _, physical = _scattering(at, variation)
-    function = numbers.scalar(answer)
-
-    def standard(z: Any) -> Any:
-        return function(physical(z))
-
-    slope_of = jax.jacfwd(standard)
-    expanded = jax.jit(lambda z: (standard(z), slope_of(z), jax.jacfwd(slope_of)(z)))
+    asked, _, _ = _scattering(answer, at, variation)
     drawn = np.random.default_rng(seed).standard_normal((samples, len(variation)))
-    value, slope, curvature = map(np.asarray, expanded(jnp.zeros(len(variation))))
-    found = _sampled(standard, drawn)
+    value, slope, curvature = map(np.asarray, _expanded(asked, jnp.zeros(len(variation))))
+    found = _sampled(_values, asked, drawn)
     return _compared(tuple(variation), value, slope, curvature, drawn, found)
 
 
@@ -464,10 +501,9 @@ def monte_carlo(
     ValueError
         As `propagate`.
     """
-    numbers, _, physical = _scattering(at, variation)
+    asked, _, _ = _scattering(answer, at, variation)
     z = np.random.default_rng(seed).standard_normal((samples, len(variation)))
-    function = numbers.scalar(answer)
-    return _sampled(lambda z: function(physical(z)), z)
+    return _sampled(_values, asked, z)
 
 
 def failure_probability(
@@ -516,45 +552,36 @@ def failure_probability(
     >>> print(f"{chance.probability:.3f}", chance.holds)
     0.245 True
     """
-    numbers, spread, physical = _scattering(at, variation)
+    asked, names, spread = _scattering(margin, at, variation)
     if not spread.any():
         raise ValueError("variation must be greater than 0 for at least one number")
-    function = numbers.scalar(margin)
-
-    def standard(z: Any) -> Any:
-        return function(physical(z))
-
-    slope_of = jax.jit(jax.jacfwd(standard))
-    value_of = jax.jit(standard)
-    curvature_of = jax.jit(jax.jacfwd(jax.jacfwd(standard)))
-
-    start = float(value_of(jnp.zeros(len(variation))))
-    z, ended = _nearest(value_of, slope_of, len(variation))
-    slope = np.asarray(slope_of(jnp.asarray(z)))
+    start = float(_value(asked, jnp.zeros(len(variation))))
+    z, ended = _nearest(asked, len(variation))
+    _, slope, curvature = map(np.asarray, _expanded(asked, jnp.asarray(z)))
     steep = float(np.linalg.norm(slope))
     away = -slope / steep if steep else np.zeros_like(slope)
     beta = float(away @ z)
     # Curvature of the verge in the plane that touches it there.
     basis = np.linalg.svd(away[None])[2][1:]
-    curvature = basis @ np.asarray(curvature_of(jnp.asarray(z))) @ basis.T / (steep or 1.0)
+    curvature = basis @ curvature @ basis.T / (steep or 1.0)
     # Beyond where away . z > beta + u . K u / 2, u the rest of z.
     bend, twist = 0.5 * np.trace(curvature), 0.5 * (curvature**2).sum()
     first = _normal(-beta)
     second = _normal(-(beta + float(bend)) / (1 + float(twist)) ** 0.5)
 
     drawn = np.random.default_rng(seed).standard_normal((samples, len(variation)))
-    fails = _sampled(standard, drawn) < 0
+    fails = _sampled(_values, asked, drawn) < 0
     rest = drawn @ basis.T
     judged = drawn @ away > beta + 0.5 * np.einsum("ij,jk,ik->i", rest, curvature, rest)
     misjudged = float((fails != judged).mean())
     noise = 3 * (max(misjudged, 1 / samples) / samples) ** 0.5
-    point = np.asarray(physical(jnp.asarray(z)))
+    point = np.asarray(asked.numbers(jnp.asarray(z)))
     holds = ended and np.isfinite(start) and abs(fails.mean() - judged.mean()) < 0.01 + noise
     return Probability(
         second,
         first,
         beta,
-        dict(zip(numbers.names, point.tolist(), strict=True)),
+        dict(zip(names, point.tolist(), strict=True)),
         misjudged,
         bool(holds and misjudged < 0.05),
     )
@@ -603,16 +630,10 @@ def global_sensitivities(
     ends = np.asarray([ranges[name] for name in ranges], float).reshape(-1, 2)
     if not (ends[:, 1] > ends[:, 0]).all():
         raise ValueError("ranges must go from a low value to a higher one")
-    function = numbers.scalar(answer)
-
-    def both(part: Any) -> Any:
-        def of_part(part: Any) -> Any:
-            return function(numbers.values.at[places].set(part))
-
-        return jnp.append(jax.jacfwd(of_part)(part), of_part(part))
-
+    asked = numbers.asked(answer, places)
     share = np.random.default_rng(seed).random((samples, len(ranges)))
-    found = _sampled(both, ends[:, 0] + share * (ends[:, 1] - ends[:, 0]))
+    points = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+    found = _sampled(_slopes_and_values, asked, points)
     known = np.isfinite(found).all(axis=1)
     if not known.any():
         raise ValueError("answer is NaN everywhere in these ranges")
@@ -632,23 +653,19 @@ def global_sensitivities(
 
 
 def _scattering(
-    at: Any, variation: Mapping[str, float]
-) -> tuple[_Numbers, np.ndarray, Callable[[Any], Any]]:
-    """The numbers, their spread, and what they are for independent standard normal ones."""
+    answer: Answer, at: Any, variation: Mapping[str, float]
+) -> tuple[_Asked, tuple[str, ...], np.ndarray]:
+    """The answer for independent standard normal numbers, the names, and what scatters."""
     numbers = _Numbers.of(at)
     places = np.asarray(numbers.chosen("variation", variation), int)
     spread = np.asarray(list(variation.values()), float)
     if not ((spread >= 0) & (spread < np.inf)).all():
         raise ValueError("variation must be at least 0 for every number")
     drawn = Distributions.of(tuple(variation), np.asarray(numbers.values)[places], spread)
-
-    def physical(z: Any) -> Any:
-        return numbers.values.at[places].set(drawn.at(z))
-
-    return numbers, spread, physical
+    return numbers.asked(answer, places, drawn), numbers.names, spread
 
 
-def _nearest(value_of: Any, slope_of: Any, size: int) -> tuple[np.ndarray, bool]:
+def _nearest(asked: _Asked, size: int) -> tuple[np.ndarray, bool]:
     """The point of the verge that is nearest to 0 (Hasofer, Lind, Rackwitz, Fiessler).
 
     Each step goes to the nearest point of the verge's tangent plane, or part of the way if
@@ -656,7 +673,10 @@ def _nearest(value_of: Any, slope_of: Any, size: int) -> tuple[np.ndarray, bool]
     """
     z = np.zeros(size)
     for _ in range(100):
-        value, slope = float(value_of(jnp.asarray(z))), np.asarray(slope_of(jnp.asarray(z)))
+        value, slope = (
+            float(_value(asked, jnp.asarray(z))),
+            np.asarray(_slope(asked, jnp.asarray(z))),
+        )
         square = float(slope @ slope)
         if not np.isfinite(value) or not 0 < square < np.inf:
             return z, False
@@ -670,7 +690,7 @@ def _nearest(value_of: Any, slope_of: Any, size: int) -> tuple[np.ndarray, bool]
 
         share, now = 1.0, merit(z, value)
         while share > 1e-3:
-            there = float(value_of(jnp.asarray(z + share * change)))
+            there = float(_value(asked, jnp.asarray(z + share * change)))
             if merit(z + share * change, there) < now:
                 break
             share *= 0.5
@@ -682,11 +702,10 @@ def _normal(x: float) -> float:
     return float(jax.scipy.stats.norm.cdf(x))
 
 
-def _sampled(function: Callable[[Any], Any], points: np.ndarray) -> np.ndarray:
-    """The function at every point, in parts that fit into memory."""
-    mapped = jax.jit(jax.vmap(function))
+def _sampled(program: Callable[..., Any], asked: _Asked, points: np.ndarray) -> np.ndarray:
+    """What is asked at every point, in parts that fit into memory."""
     parts = [
-        np.asarray(mapped(jnp.asarray(points[k : k + _TOGETHER])))
+        np.asarray(program(asked, jnp.asarray(points[k : k + _TOGETHER])))
         for k in range(0, len(points), _TOGETHER)
     ]
     return np.concatenate(parts)

@@ -34,8 +34,8 @@ def value_and_slopes(
 
     Notes
     -----
-    It is compiled, and runs over large arrays in chunks, so that a processor need not write
-    to memory what it does not return.
+    It is compiled, once for a function, and runs over large arrays in chunks, so that a processor
+    need not write to memory what it does not return.
 
     Examples
     --------
@@ -46,36 +46,49 @@ def value_and_slopes(
     >>> print(f"{value[1]:.3f}, {slope.restitution[1]:.2f} and {slope.block.half_width[1]:.2f}")
     0.233, 1.79 and -0.67
     """
-
-    @jax.jit
-    def both(arguments: tuple[Any, ...], named: dict[str, Any]) -> tuple[Array, Any]:
-        def at(*arguments: Any) -> Array:
-            return function(*arguments, **named)
-
-        leaves, form = jax.tree.flatten(arguments)
-        shape = jax.eval_shape(at, *arguments).shape
-        several = [jnp.ndim(leaf) > 0 for leaf in leaves]
-        spread = [
-            jnp.broadcast_to(leaf, shape).reshape(-1) if ndim else leaf
-            for leaf, ndim in zip(leaves, several, strict=True)
-        ]
-
-        def one(point: list[Array]) -> tuple[Array, Any]:
-            return jax.value_and_grad(at, argnums)(*jax.tree.unflatten(form, point))
-
-        size = math.prod(shape)
-        along = [0 if ndim else None for ndim in several]
-        points = jax.vmap(one, (along,), axis_size=size)
-        answer = jax.lax.platform_dependent(
-            spread, cpu=functools.partial(_in_chunks, one, along, size), default=points
-        )
-        return jax.tree.map(lambda leaf: leaf.reshape(shape), answer)
+    argnums = argnums if isinstance(argnums, int) else tuple(argnums)
+    try:
+        hash(function)
+    except TypeError:  # a module with arrays, say: compiled for this wrapper alone
+        held = functools.partial(function)
+    else:
+        held = function
 
     @functools.wraps(function)
     def differentiated(*arguments: Any, **named: Any) -> tuple[Array, Any]:
-        return both(arguments, named)
+        return _both(held, argnums, arguments, named)
 
     return differentiated
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _both(
+    function: Callable[..., Array],
+    argnums: int | tuple[int, ...],
+    arguments: tuple[Any, ...],
+    named: dict[str, Any],
+) -> tuple[Array, Any]:
+    def at(*arguments: Any) -> Array:
+        return function(*arguments, **named)
+
+    leaves, form = jax.tree.flatten(arguments)
+    shape = jax.eval_shape(at, *arguments).shape
+    several = [jnp.ndim(leaf) > 0 for leaf in leaves]
+    spread = [
+        jnp.broadcast_to(leaf, shape).reshape(-1) if ndim else leaf
+        for leaf, ndim in zip(leaves, several, strict=True)
+    ]
+
+    def one(point: list[Array]) -> tuple[Array, Any]:
+        return jax.value_and_grad(at, argnums)(*jax.tree.unflatten(form, point))
+
+    size = math.prod(shape)
+    along = [0 if ndim else None for ndim in several]
+    points = jax.vmap(one, (along,), axis_size=size)
+    answer = jax.lax.platform_dependent(
+        spread, cpu=functools.partial(_in_chunks, one, along, size), default=points
+    )
+    return jax.tree.map(lambda leaf: leaf.reshape(shape), answer)
 
 
 def _in_chunks(one: Callable[[Any], Any], along: list[int | None], size: int, spread: Any) -> Any:
