@@ -268,7 +268,9 @@ class _Loop:
             c.phase == RISING,
             c.lean >= self.equation.critical_angle,
             # A block that is just being lifted has an acceleration of 0, up to rounding.
-            jnp.where((c.lean == 0) & (c.speed == 0), self.grace, 0),
+            jnp.where(
+                (c.lean == 0) & (c.speed == 0), self.grace + close_to(self.motion, c.time), 0
+            ),
         )
 
     def stop_after(self, time: Any) -> Any:
