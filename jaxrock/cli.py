@@ -13,14 +13,16 @@ import tyro
 
 from . import signals
 from .commands import COMMANDS, Command, Run, dumps
+from .compiled import kept
 from .progress import with_clock
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command; what is not allowed or cannot be done ends it with exit code 2.
 
-    Without arguments it is the command of this process, which signals may end; see
-    `jaxrock.signals`. With them, Ctrl-C raises `SystemExit` with exit code 130.
+    Without arguments it is the command of this process, which signals may end and which starts
+    from what others have compiled; see `jaxrock.signals` and `jaxrock.compiled`. With them,
+    Ctrl-C raises `SystemExit` with exit code 130.
     """
     if arguments is None:
         signals.watch()
@@ -50,7 +52,8 @@ def _run(arguments: Sequence[str] | None) -> int:
             args=arguments,
             config=(tyro.conf.FlagCreatePairsOff,),
         )
-    with _surroundings():
+    of_this_process = arguments is None and not command.no_cache
+    with _surroundings(), kept() if of_this_process else contextlib.nullcontext():
         _leave_lost_folder(command)
         command.check()
         with with_clock("jaxrock"):

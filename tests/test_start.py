@@ -1,16 +1,105 @@
+"""What processes of their own do when they start, and what they find of those before them."""
+
+import os
 import subprocess
 import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+from jaxrock import compiled
 
 HEAVY = {
     *("diffrax", "lineax", "optimistix", "optax", "scipy"),
-    *("xarray", "pandas", "netCDF4", "matplotlib", "PIL", "tyro"),
+    *("xarray", "pandas", "netCDF4", "matplotlib", "PIL", "tyro", "platformdirs"),
 }
 
 
-def test_the_package_imports_nothing_heavy():
+def test_the_package_imports_nothing_heavy_and_sets_nothing():
     """In a process of its own: the tests import all of these."""
-    code = "import sys; import jaxrock; print(*sys.modules)"
+    code = (
+        "import sys, jax; before = dict(jax.config.values); import jaxrock;"
+        "assert dict(jax.config.values) == before; print(*sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     imported = {name.partition(".")[0] for name in done.stdout.split()}
     assert "jaxrock" in imported
     assert not HEAVY & imported
+
+
+def start(home, *arguments, **variables):
+    """Start a command in a process of its own, for which `home` is all that there is of a user."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    homes = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(home))
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", "-m", "jaxrock", "critical", *arguments],
+        env=inherited | homes | variables,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def files(folder):
+    """What is kept: names and sizes."""
+    return {path.name: path.stat().st_size for path in folder.rglob("*-cache")}
+
+
+@pytest.mark.float64
+def test_commands_start_from_what_is_compiled(tmp_path):
+    home = tmp_path / "home"
+    said = start(home).communicate()
+    assert said[0]
+    assert said[1] == ""
+    kept = files(home)
+    assert len(kept) > 5
+    for path in home.rglob("*-cache"):  # as left by a process killed meanwhile
+        path.write_bytes(path.read_bytes()[:-100])
+    broken = files(home)
+    assert start(home).communicate() == said
+    # Each was looked for and found, since JAX writes no program again that is there already.
+    assert files(home).keys() == kept.keys()
+    assert not files(home).items() & broken.items()
+
+
+@pytest.mark.float64
+def test_commands_that_keep_nothing(tmp_path):
+    """They only make the folder, and end with a complaint about their options."""
+    (tmp_path / "file").touch()
+    refused = {
+        "home": start(tmp_path / "home", "--half-cycles"),
+        "option": start(tmp_path / "option", "--half-cycles", "--no-cache"),
+        "jax": start(tmp_path / "jax", "--half-cycles", JAX_ENABLE_COMPILATION_CACHE="0"),
+        "own": start(tmp_path / "own", "--half-cycles", JAX_COMPILATION_CACHE_DIR=str(tmp_path)),
+        "file": start(tmp_path / "file" / "in", "--half-cycles"),
+    }
+    for process in refused.values():
+        assert "half_cycles must be at least one number" in process.communicate()[1]
+        assert process.returncode == 2
+    assert {path.name for path in tmp_path.iterdir()} == {"home", "file"}
+
+
+def test_what_is_kept_is_bounded(tmp_path, monkeypatch):
+    """What was used last stays."""
+    monkeypatch.setattr(compiled, "LARGEST", 25)
+    for used, name in enumerate(("b", "a", "c")):
+        (tmp_path / name).write_bytes(10 * b"x")
+        os.utime(tmp_path / name, (used, 10 - used))
+    compiled._drop_oldest(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "c"}
+
+
+def test_only_what_jax_says_of_the_folder_is_kept_silent(tmp_path):
+    for name in ("jit_f-0-cache", "jit_f-1-cache", "jit_ff-0-cache"):
+        (tmp_path / name).touch()
+    with pytest.warns(UserWarning, match="something else"), compiled._in_silence(tmp_path):
+        warnings.warn("something else", stacklevel=1)
+    with compiled._in_silence(tmp_path):
+        for doing in ("writing", "reading"):
+            assert len(list(tmp_path.iterdir())) == 3
+            warnings.warn(
+                f"Error {doing} persistent compilation cache entry for 'jit_f': OSError: full",
+                stacklevel=1,
+            )
+    assert list(tmp_path.iterdir()) == [Path(tmp_path, "jit_ff-0-cache")]

@@ -38,6 +38,8 @@ class Command(abc.ABC):
 
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print JSON; null stands for what does not exist or never happens."""
+    no_cache: bool = False
+    """Compile everything afresh: neither take nor keep what commands have compiled."""
 
     @abc.abstractmethod
     def check(self) -> None:
@@ -53,6 +55,10 @@ class Command(abc.ABC):
         for name in names:
             if getattr(self, name) != default[name]:
                 raise ValueError(f"{name} goes with {only_with} only")
+
+
+# What a command has besides what it is about.
+COMMON = frozenset(field.name for field in fields(Command))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +235,7 @@ class MotionOptions(RecordOptions):
 
     def refuse_motion(self) -> None:
         """Raise `ValueError` if an option is given that says more about a pulse or a record."""
-        names = [field.name for field in fields(MotionOptions) if field.name != "as_json"]
+        names = [field.name for field in fields(MotionOptions) if field.name not in COMMON]
         self.refuse(*names, only_with="a pulse or a record")
 
     @property

@@ -11,10 +11,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import tyro
 
 from ..files import read_regular
-from .options import Answer, Command, Writing
+from .options import COMMON, Answer, Command, Writing
 
 _TABLES = ("common", "job")
-_OF_THE_STUDY = "as_json"  # rather than of a job
 _WORDS = {
     float: "a number",
     int: "a whole number",
@@ -167,7 +166,7 @@ def _job(
     name = f"{name} ({kind})"
     command = COMMANDS[kind]
     types_of = _type_hints(command)
-    allowed = [field.name for field in fields(command) if field.name != _OF_THE_STUDY]
+    allowed = [field.name for field in fields(command) if field.name not in COMMON]
     own = {key: value for key, value in table.items() if key != "command"}
     options: dict[str, Any] = {}
     faults = []
