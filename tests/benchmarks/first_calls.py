@@ -1,0 +1,325 @@
+"""How long the first call of everything takes, and the next one; how long it takes to start.
+
+Run as ``python tests/benchmarks/first_calls.py [words] [--repeats N] [--write]``: with words only
+what has one of them in its name. Each entry is the median of processes of its own, which take
+turns and find nothing compiled; commands find what the one before them left. Beside it stand
+what was last written into ``first_calls.json`` with ``--write``, and the bar; what is over the bar
+is marked. Float64.
+"""
+
+import argparse
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+FILE = Path(__file__).with_suffix(".json")
+PYTHON = "{}.{}".format(*sys.version_info)
+NONE = (math.inf, math.inf)
+
+
+def respond(motion):
+    import jaxrock as jr
+
+    motion = jr.Sine(4.0, 0.5) if motion == "pulse" else jr.example_record()
+    block, duration = jr.Block(0.2, 5.0), float(motion.end) + 10
+    return lambda c: jr.respond(block, c, motion, duration)
+
+
+def called(f):
+    return lambda: f(0.7)
+
+
+def slope(transformation):
+    import jax
+
+    f = respond("pulse")
+    return getattr(jax, transformation)(lambda c: f(c).peak_rotation)
+
+
+def scaled():
+    import jax.numpy as jnp
+
+    import jaxrock as jr
+
+    record = jr.example_record().scaled(jnp.linspace(0.5, 3.0, 1000))
+    return jr.Block(0.2, 5.0), 0.9, record
+
+
+def batch():
+    import jaxrock as jr
+
+    arguments = scaled()
+    return lambda: jr.respond_batch(*arguments)
+
+
+def within():
+    import jaxrock as jr
+
+    arguments = scaled()
+    return lambda: jr.respond_within(*arguments, 1e-6)
+
+
+def amplitude(differentiated=False):
+    import jax
+
+    import jaxrock as jr
+
+    block = jr.Block(0.1, 5.0)
+    if not differentiated:
+        return lambda: jr.critical_amplitude(block, 0.9, jr.Sine, 0.5)
+    f = jax.grad(lambda t: jr.critical_amplitude(block, 0.9, jr.Sine, t).value[0])
+    return lambda: f(0.5)
+
+
+def boundaries():
+    import jax.numpy as jnp
+
+    import jaxrock as jr
+
+    block, record, tried = jr.Block(0.1, 5.0), jr.example_record(), jnp.linspace(0.5, 2.0, 31)
+    return lambda: jr.overturning_boundaries(block, 0.9, record, "factor", tried)
+
+
+def wall():
+    import jaxrock as jr
+
+    return jr.Scene(jr.Block.from_size(width=0.8, height=4.0), restitution=0.7, intensity=0.15)
+
+
+def of_wall(name, *arguments):
+    import jaxrock as jr
+
+    block, f = wall().block, getattr(jr, name)
+    return lambda c: f(block, c, *arguments)
+
+
+def phase():
+    import jaxrock as jr
+
+    return of_wall("pulsed_phase", jr.HalfSine(2.5, 0.05))
+
+
+def pulsed():
+    import jaxrock as jr
+
+    return of_wall("critical_pulsed_amplitude", jr.HalfSine, 0.05)
+
+
+def of_scene(name, answer, *arguments):
+    import jaxrock as jr
+
+    scene, f, answer = wall(), getattr(jr, name), getattr(jr, answer)
+    return lambda: f(answer, scene, *arguments)
+
+
+def slopes():
+    import jax.numpy as jnp
+
+    import jaxrock as jr
+
+    widths = jr.Scene(jr.Block(jnp.linspace(0.2, 0.6, 1_000_000), 5.0), 0.7, 0.15)
+    return lambda: jr.value_and_slopes(jr.rotation_ratio)(widths)
+
+
+class Case(NamedTuple):
+    """What makes a call, and the bars for the first one (by Python) and the next one [s]."""
+
+    prepare: Callable
+    first: tuple[float, float] = NONE  # on 3.13 and later; before
+    following: tuple[float, float] = NONE
+
+
+def same(bar):
+    return (bar, bar)
+
+
+SCATTER = {"intensity": 0.1, "restitution": 0.05}
+RANGES = {"intensity": (0.1, 0.2), "restitution": (0.6, 0.8)}
+CASES = {
+    "respond, pulse": Case(lambda: called(respond("pulse")), (2, 3)),
+    "respond, record": Case(lambda: called(respond("record")), (2, 3)),
+    "jacfwd of respond": Case(lambda: called(slope("jacfwd")), (4, 6)),
+    "grad of respond": Case(lambda: called(slope("grad")), (4, 6)),
+    "respond_batch, 1,000 blocks": Case(batch, (1.5, 2.5)),
+    "respond_within": Case(within, (3, 5)),
+    "critical_amplitude": Case(amplitude, (2, 3)),
+    "grad of critical_amplitude": Case(lambda: amplitude(True), (3.5, 6)),
+    "overturning_boundaries, record": Case(boundaries, following=same(0.15)),
+    "pulsed_phase": Case(lambda: called(phase()), (3, 5)),
+    "critical_pulsed_amplitude": Case(lambda: called(pulsed()), (5, 8)),
+    "worst_train": Case(lambda: called(of_wall("worst_train", 3)), same(3), same(0.3)),
+    "timing_costs": Case(lambda: called(of_wall("timing_costs", 3)), same(2), same(0.1)),
+    "sensitivities": Case(
+        lambda: of_scene("sensitivities", "rotation_ratio"), following=same(0.01)
+    ),
+    "failure_probability": Case(
+        lambda: of_scene("failure_probability", "overturning_margin", SCATTER),
+        following=same(0.05),
+    ),
+    "global_sensitivities": Case(
+        lambda: of_scene("global_sensitivities", "rotation_ratio", RANGES), following=same(0.05)
+    ),
+    "value_and_slopes": Case(slopes),
+}
+
+# The bar for importing jaxrock is what it may add to importing JAX.
+IMPORTS = {"import jax": "import jax", "import jaxrock": "import jaxrock"}
+ADDED = 0.3
+COMMANDS = {
+    "jaxrock assess": ["assess", "--width", "0.8", "--height", "4", "--restitution", "0.7"],
+    "jaxrock respond, file": ["respond", "--record", "record.csv", "--unit", "m/s2", "--force"],
+}
+COMMAND_BARS = Case(lambda: None, (3, 6), (1.6, 2.5))
+
+
+def of_all():
+    """The derivative of every number in the response."""
+    import equinox as eqx
+    import jax
+
+    f = respond("pulse")
+    return jax.jacfwd(lambda c: eqx.filter(f(c), eqx.is_inexact_array))
+
+
+PROGRAMS = {  # functions of the restitution
+    "respond": lambda: respond("pulse"),
+    "jacfwd of respond": of_all,
+    "pulsed_phase": phase,
+    "critical_pulsed_amplitude": pulsed,
+}
+
+
+def measure(name):
+    """Print how long the first call takes, and the median of three more, in this process."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    call = CASES[name].prepare()
+    times = []
+    for _ in range(4):
+        begin = time.perf_counter()
+        jax.block_until_ready(call())
+        times.append(time.perf_counter() - begin)
+    print(json.dumps([times[0], statistics.median(times[1:])]))
+
+
+def count(name):
+    """Print how many lines the program has that XLA is given."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    print(len(jax.jit(PROGRAMS[name]()).lower(0.7).as_text().splitlines()))
+
+
+def run(arguments, **variables):
+    """Run Python where nothing is compiled yet; what it printed last, and how long it took."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        env=inherited | variables,
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=variables.get("HOME"),
+    )
+    taken = time.perf_counter() - begin
+    return (done.stdout.splitlines() or [""])[-1], taken
+
+
+def of_command(arguments):
+    """Seconds that a command takes for a user who never ran one, and when it is run again."""
+    import numpy as np
+
+    import jaxrock as jr
+
+    with tempfile.TemporaryDirectory() as home:
+        record = jr.example_record()
+        samples = np.asarray(record.acceleration)
+        times = np.arange(samples.size) * float(record.time_step)
+        rows = np.stack([times, samples], axis=1)
+        header = "time,acceleration"
+        np.savetxt(Path(home, "record.csv"), rows, delimiter=",", header=header, comments="")
+        homes = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), home)
+        return [run(["-m", "jaxrock", *arguments], **homes)[1] for _ in range(2)]
+
+
+def taken(name):
+    """First and next call, in seconds; only the first for what has no other."""
+    if name in CASES:
+        return json.loads(run([__file__, "--measure", name])[0])
+    if name in COMMANDS:
+        return of_command(COMMANDS[name])
+    return [run(["-c", IMPORTS[name]])[1]]
+
+
+def bars(name, import_jax):
+    """The bars for the first and for the next call."""
+    if name in IMPORTS:
+        return [import_jax + ADDED if name == "import jaxrock" else math.inf]
+    case = CASES.get(name, COMMAND_BARS)
+    version = sys.version_info < (3, 13)
+    return [case.first[version], case.following[version]]
+
+
+def line(name, found, before, bar):
+    """A line of the table: for each call what it takes, took and may take."""
+    cells = []
+    for k, value in enumerate(found):
+        was = f"{before[k]:.3g}" if k < len(before) else "-"
+        most = f"{bar[k]:.3g}" if math.isfinite(bar[k]) else "-"
+        over = "!" if value > bar[k] else " "
+        cells.append(f"{value:9.3f}{over}{was:>8} {most:>6}")
+    print(f"{name:32}" + " |".join(cells), flush=True)
+
+
+def main():
+    """Print the table, and write it if asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("words", nargs="*")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--measure", choices=CASES, help=argparse.SUPPRESS)
+    parser.add_argument("--count", choices=PROGRAMS, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.measure or given.count:
+        return measure(given.measure) if given.measure else count(given.count)
+
+    names = [*IMPORTS, *CASES, *COMMANDS]
+    names = [n for n in names if not given.words or any(word in n for word in given.words)]
+    times = {name: [] for name in names}
+    for _ in range(given.repeats):
+        for name in names:
+            times[name].append(taken(name))
+    medians = {
+        name: [statistics.median(t) for t in zip(*times[name], strict=True)] for name in names
+    }
+    committed = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
+    before = committed.setdefault(PYTHON, {})
+    cells = f"{'first':>9} {'was':>8} {'bar':>6}", f"{'next':>9} {'was':>8} {'bar':>6}"
+    print(f"{'seconds, Python ' + PYTHON:32}" + " |".join(cells))
+    import_jax = medians.get("import jax", [math.inf])[0]
+    for name, found in medians.items():
+        line(name, found, before.get(name, []), bars(name, import_jax))
+    lines = {}
+    for program in PROGRAMS:
+        if not given.words or any(word in program for word in given.words):
+            name = f"lines of {program}"
+            lines[name] = int(run([__file__, "--count", program])[0])
+            print(f"{name:40} {lines[name]:6}, was {before.get(name, '-')}")
+    if given.write:
+        before.update({name: [float(f"{t:.3g}") for t in found] for name, found in medians.items()})
+        before.update(lines)
+        FILE.write_text(json.dumps(committed, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
