@@ -92,7 +92,7 @@ def _programs(form: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], A
     scene = jax.tree.unflatten(structure, form)
     parts = [_given, *(functools.partial(_answers, model=m) for m in (Linearized(), Nonlinear()))]
     lowered = [jax.jit(part).lower(scene) for part in parts]
-    options: Any = {"xla_backend_optimization_level": 0}
+    options: Any = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
     return mapped(lambda part: part.compile(compiler_options=options), lowered, len(lowered))
 
 
