@@ -1,6 +1,7 @@
 """The command line: ``jaxrock assess``, ``spectrum``, ``respond``, and so on."""
 
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -26,6 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     if arguments is None:
         signals.watch()
+        gc.freeze()  # what was imported stays
+        gc.set_threshold(100_000, 20, 50)  # tracing makes many objects, of which few are garbage
     jax.config.update("jax_enable_x64", True)
     try:
         code = _run(arguments)
