@@ -7,10 +7,11 @@ concerned become NaN, and a harmless value stands in for them while the function
 is evaluated: neither the neighbours nor their derivatives see them.
 """
 
+import contextlib
 import contextvars
 import functools
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -116,7 +117,17 @@ _guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.
 )
 
 
-def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
+@contextlib.contextmanager
+def guarding() -> Iterator[None]:
+    """What is guarded inside is not guarded again there."""
+    token = _guarded.set([])
+    try:
+        yield
+    finally:
+        _guarded.reset(token)
+
+
+def within(value: Any, domain: Domain) -> tuple[Any, Any]:
     """A value in the domain, and where it is the one given."""
     guarded = _guarded.get()
     if guarded and any(value is known and domain is its_own for known, its_own in guarded):
@@ -128,14 +139,15 @@ def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
     return value, valid
 
 
-def _module_within(module: Checked) -> tuple[Checked, Any]:
+def module_within(module: Checked) -> tuple[Checked, Any]:
+    """A module whose quantities are in their domains, and where they are the ones given."""
     valid: Any = True
     for name, field in module.__dataclass_fields__.items():
         value = getattr(module, name)
         if "domain" in field.metadata:
-            stand_in, ok = _within(value, field.metadata["domain"])
+            stand_in, ok = within(value, field.metadata["domain"])
         elif isinstance(value, Checked):
-            stand_in, ok = _module_within(value)
+            stand_in, ok = module_within(value)
         else:
             continue
         module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, stand_in)
@@ -159,9 +171,9 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
             valid: Any = True
             for name, value in arguments.items():
                 if isinstance(value, Checked):
-                    arguments[name], ok = _module_within(value)
+                    arguments[name], ok = module_within(value)
                 elif name in domains:
-                    arguments[name], ok = _within(value, domains[name])
+                    arguments[name], ok = within(value, domains[name])
                 else:
                     continue
                 valid = valid & ok
@@ -175,11 +187,8 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
         # every operation by itself; inlined where it is traced.
         @functools.partial(jax.jit, inline=True)
         def outermost(arguments: dict[str, Any]) -> Any:
-            token = _guarded.set([])
-            try:
+            with guarding():
                 return masked(arguments)
-            finally:
-                _guarded.reset(token)
 
         @functools.wraps(function)
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:

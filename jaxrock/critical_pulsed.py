@@ -142,11 +142,11 @@ def _tried(
 
     def left(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
         stronger = pulse.scaled(jnp.exp(logarithm))
-        response = half_cycle((block, restitution, stronger), velocity, 0.0, linearized, rtol)
-        side = jnp.where(response.final_rotation < 0, -1, 1)
-        speed = side * response.final_velocity
-        back = equation.returning_speed(side * response.final_rotation)
-        return (back - speed) / equation.critical_velocity, (speed, response.impacts > 0)
+        end = half_cycle((block, restitution, stronger), velocity, 0.0, linearized, rtol)
+        side = jnp.where(end.rotation < 0, -1, 1)
+        speed = side * end.velocity
+        back = equation.returning_speed(side * end.rotation)
+        return (back - speed) / equation.critical_velocity, (speed, end.impacts > 0)
 
     at = (logarithm, equation.critical_velocity)
     one, zero = jnp.ones_like(logarithm), jnp.zeros_like(logarithm)

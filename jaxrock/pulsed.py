@@ -28,12 +28,11 @@ from .arguments import (
 )
 from .block import Block
 from .fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, Solved, solved, stable_fixed_point
-from .follow import Driven, Status
+from .follow import Driven, Followed, Status, follow
 from .free import Linearized, Nonlinear
 from .motion import Pulse
 from .printing import listed
 from .progress import with_clock
-from .response import Response, response_to
 
 _LONGEST = 200.0  # time to wait for an impact, times p
 
@@ -197,7 +196,7 @@ Parts = tuple[Block, Reals, Pulse]
 
 def half_cycle(
     parts: Parts, velocity: Reals, wait: float, linearized: bool, rtol: float
-) -> Response:
+) -> Followed:
     """From just before an impact to the next one, or so many 1 / p after the pulse."""
     block, restitution, pulse = parts
     pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
@@ -210,8 +209,8 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return response_to(
-        driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True
+    return follow(
+        driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, once=True, forced=False
     )
 
 
@@ -224,13 +223,14 @@ def _landing(
     parts: Parts, velocity: Reals, linearized: bool, rtol: float
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The next landing velocity; outcome, time of the impact and peak rotation."""
-    response = half_cycle(parts, velocity, _LONGEST, linearized, rtol)
-    landed = response.impacts > 0
-    landing = jnp.where(landed, jnp.abs(jnp.where(landed, response.impact_velocities[0], 1)), 0)
-    time = jnp.where(landed, response.impact_times[0], 0)
-    over = jnp.where(response.status <= Status.LIST_FULL, OVERTURNS, FAILS)
-    outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
-    return landing, (outcome, time, response.peak_rotation)
+    end = half_cycle(parts, velocity, _LONGEST, linearized, rtol)
+    landed = end.impacts > 0
+    time, arriving = end.struck
+    landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
+    time = jnp.where(landed, time, 0)
+    over = jnp.where(end.status <= Status.LIST_FULL, OVERTURNS, FAILS)
+    outcome = jnp.where(landed, LANDS, jnp.where(end.at_rest, RESTS, over))
+    return landing, (outcome, time, end.peak)
 
 
 @eqx.filter_jit
