@@ -48,10 +48,21 @@ COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jn
 GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
+def as_array(value: Any) -> Array:
+    """`value` as an array; nothing is compiled for one in NumPy or a list, whatever its shape."""
+    if isinstance(value, list | tuple):
+        leaves = jax.tree.leaves(value)
+        if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            value = np.asarray(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return jnp.asarray(value, jax.dtypes.canonicalize_dtype(value.dtype))
+    return jnp.asarray(value)
+
+
 def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
     try:
-        array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
+        array = as_array(float(value) if isinstance(value, int | float) else value)
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is not None and jnp.issubdtype(array.dtype, jnp.floating):
@@ -66,7 +77,13 @@ def of_one_precision(tree: _T) -> _T:
     """The numbers of a pytree in the precision that JAX's rules give all of them together."""
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*jax.tree.leaves(tree))
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
+
+    def converted(leaf: Any) -> Any:
+        if isinstance(leaf, jax.core.Tracer) or (leaf.dtype == dtype and not leaf.weak_type):
+            return jnp.asarray(leaf, dtype)
+        return as_array(np.asarray(leaf, dtype))
+
+    return jax.tree.map(converted, tree)
 
 
 def check(name: str, value: Any, domain: Domain) -> None:

@@ -21,6 +21,7 @@ from .arguments import (
     Booleans,
     Checked,
     Reals,
+    as_array,
     guarding,
     module_within,
     quantity,
@@ -105,8 +106,8 @@ class Carry(NamedTuple):
 
     @classmethod
     def beginning(cls, dtype: Any) -> "Carry":
-        """Before the first cut; in NumPy, for which nothing is compiled."""
-        zero, none = np.zeros((), dtype), np.zeros((), int)
+        """Before the first cut."""
+        zero, none = as_array(np.zeros((), dtype)), as_array(np.zeros((), int))
         return cls(
             time=zero,
             side=zero,
@@ -115,14 +116,14 @@ class Carry(NamedTuple):
             phase=none,
             count=none,
             impacts=none,
-            struck=np.zeros(2, dtype),
+            struck=as_array(np.zeros(2, dtype)),
             peak=zero,
             peak_time=zero,
             crossing=zero,
             margin=zero,
             demand=zero,
             normal=zero,
-            failed=np.zeros((), bool),
+            failed=as_array(np.zeros((), bool)),
         )
 
 
@@ -190,7 +191,7 @@ def follow(
     dtype = driven.duration.dtype
     one = _Loop(driven, equation, Stepper(method, rtol, atol), method, rtol, forced)
     pauses = begin is not None
-    begin = jax.tree.map(jnp.asarray, begin or Carry.beginning(dtype))
+    begin = begin or Carry.beginning(dtype)
     begin = begin._replace(failed=begin.failed | ~valid)
     rows = 4 * listed
 
@@ -253,7 +254,7 @@ def follow(
         struck=last.struck,
         cuts=Cuts(*cuts.T),
         driven=driven,
-        last=last,
+        last=last._replace(phase=jnp.asarray(last.phase, begin.phase.dtype)),
     )
 
 

@@ -115,7 +115,7 @@ def _at_shares(
     drift, bend = step * states[1], 0.5 * step**2 * rates
     excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]
     left = jnp.stack([excess, drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]])
-    rest = (jnp.asarray(_QUINTIC, left.dtype) * left).sum(axis=1)
+    rest = (jnp.asarray(_QUINTIC, left.dtype) * left[None]).sum(axis=1)
     powers = jnp.concatenate([drift[:1], bend[:1], rest])[:, None]
     shares = [jnp.ones_like(share)]
     for _ in range(4):

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from .arguments import Booleans, Number, Numbers, Reals, as_real, of_one_precision
+from .arguments import Booleans, Number, Numbers, Reals, as_array, as_real, of_one_precision
 from .block import Block
 from .follow import Carry, Cuts, Driven, Followed, Status, follow, resumed
-from .motion import Motion
+from .motion import Motion, Record
 from .printing import listed
 from .span import DEFAULT, Method
 
@@ -94,23 +94,21 @@ class Response(eqx.Module):
             alpha [rad] and its rate [rad/s]; NaN outside. A block that has overturned stays
             where it lies.
         """
-        times = as_real("time", time).astype(self.cuts.time.dtype)
-        flat, cuts = times.reshape(-1), self.cuts
+        times, cuts = as_real("time", time), self.cuts
+        dtype, shape = cuts.time.dtype, times.shape
         leaves = jax.tree.leaves((self, times))
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            found = _history(self.scene, cuts, self.linearized, flat)
-        else:
-            # Few different shapes, so that little is compiled.
-            size = max(1, -(-flat.size // _TIMES)) * _TIMES
-            pieces = _padded(flat, size, 0.0).reshape(-1, _TIMES)
-            room = max(4 * _LISTED, 1 << (cuts.time.size - 1).bit_length())
-            cuts = jax.tree.map(lambda part: jnp.asarray(_padded(part, room, np.nan)), cuts)
-            parts = [
-                _history(self.scene, cuts, self.linearized, jnp.asarray(piece)) for piece in pieces
-            ]
-            found = jnp.asarray(np.concatenate(parts, axis=-1)[:, : flat.size])
-        rotation, velocity = found
-        return rotation.reshape(times.shape), velocity.reshape(times.shape)
+            found = _history(self.scene, cuts, self.linearized, times.astype(dtype).reshape(-1))
+            return tuple(part.reshape(shape) for part in found)
+        # Few different shapes, so that little is compiled.
+        size = max(1, -(-times.size // _TIMES)) * _TIMES
+        pieces = _padded(np.asarray(times, dtype).reshape(-1), size, 0.0).reshape(-1, _TIMES)
+        room = max(4 * _LISTED, 1 << (cuts.time.size - 1).bit_length())
+        cuts = jax.tree.map(lambda part: as_array(_padded(part, room, np.nan)), cuts)
+        parts = [_history(self.scene, cuts, self.linearized, as_array(piece)) for piece in pieces]
+        found = np.concatenate(parts, axis=-1)[:, : times.size]
+        rotation, velocity = (as_array(part.reshape(shape)) for part in found)
+        return rotation, velocity
 
     def __str__(self) -> str:
         if jnp.ndim(self.status) or isinstance(self.status, jax.core.Tracer):
@@ -217,7 +215,7 @@ def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Metho
         parts.append(
             [np.asarray(part)[: impacts if k < 2 else cuts] for k, part in enumerate(lists)]
         )
-        if found.status != Status.LIST_FULL:
+        if int(found.status) != Status.LIST_FULL:
             break
         begin = found.last
     times, velocities, *rest = map(np.concatenate, zip(*parts, strict=True))
@@ -225,8 +223,16 @@ def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Metho
     return eqx.tree_at(
         lambda r: (r.impact_times, r.impact_velocities, r.cuts),
         response,
-        (jnp.asarray(times), jnp.asarray(velocities), Cuts(*map(jnp.asarray, rest))),
+        (as_array(times), as_array(velocities), Cuts(*map(as_array, rest))),
     )
+
+
+def _end(motion: Motion) -> Reals:
+    """Its end; of concrete numbers in NumPy, for which nothing is compiled."""
+    leaves = jax.tree.leaves(motion)
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        return motion.end
+    return as_array(jax.tree.map(np.asarray, motion).end)
 
 
 @contextlib.contextmanager
@@ -324,17 +330,18 @@ def respond(
             raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
     given = {
         "restitution": restitution,
-        "duration": motion.end if duration is None else duration,
+        "duration": _end(motion) if duration is None else duration,
         "rotation": rotation,
         "velocity": velocity,
     }
     numbers = {name: as_real(name, value) for name, value in given.items()}
     driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
     dtype = driven.restitution.dtype
-    scalars: dict[str, Any] = {"block": block, "motion": (motion.end, motion.intensity)}
-    for name, leaf in (scalars | numbers).items():
-        if any(jnp.ndim(part) for part in jax.tree.leaves(leaf)):
-            raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
+    samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
+    for name, tree in {"block": block, "motion": motion, **numbers}.items():
+        for leaf in jax.tree.leaves(tree):
+            if leaf.ndim != any(leaf is rows for rows in samples):
+                raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
     eps = float(jnp.finfo(dtype).eps)
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
     atol = 1e-9 * rtol if atol is None else float(atol)
@@ -349,7 +356,7 @@ def respond(
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if listed < 0:
         raise ValueError(f"listed must be at least 0, got {listed}")
-    tolerances = jnp.asarray(rtol, dtype), jnp.asarray(atol, dtype)
+    tolerances = [as_array(np.asarray(number, dtype)) for number in (rtol, atol)]
     method = Method(solver)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(driven))
     with _unchecked():

@@ -371,7 +371,7 @@ def test_traced_bad_values_are_flagged():
         ({"duration": 0.0}, "duration must be finite and greater than 0, got 0"),
         ({"rtol": 1e-17}, "rtol must be less than 1 and at least"),
         ({"atol": -1.0}, "atol must be at least 0"),
-        ({"listed": 0}, "listed must be at least 1"),
+        ({"listed": -1}, "listed must be at least 0"),
         ({"restitution": np.array([0.5, 0.6])}, "restitution must be scalar here"),
         ({"block": jr.Block(np.array([0.3, 0.4]), 4.0)}, "block must be scalar here"),
     ],
