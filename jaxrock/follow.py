@@ -166,8 +166,7 @@ class _Point(NamedTuple):
     memory: Any  # of the solver
 
 
-@through_jacobian
-def follow(
+def run(
     driven: Driven,
     *,
     rtol: Any,
@@ -179,7 +178,7 @@ def follow(
     method: Method = DEFAULT,
     begin: Carry | None = None,
 ) -> Followed:
-    """Follow a block to the end, or with `once` to its first impact; see `respond`.
+    """Follow a block to the end, or with `once` to its first impact: the motion of `respond`.
 
     With `begin`, where the last call ended, until the list is full. Without `forced`, friction
     demand and normal force stay out.
@@ -256,6 +255,9 @@ def follow(
         driven=driven,
         last=last._replace(phase=jnp.asarray(last.phase, begin.phase.dtype)),
     )
+
+
+follow = through_jacobian(run)
 
 
 def _with_row(rows: Reals, place: Any, row: Reals) -> Reals:
@@ -374,7 +376,8 @@ class _Loop:
         y, zero = jnp.stack([c.lean, c.speed]), jnp.zeros_like(c.time)
         # One that has just been lifted stays so: its acceleration is 0, up to rounding.
         lifted = (c.lean == 0) & (c.speed == 0)
-        c = c._replace(phase=self.next_phase(c, span.field(zero, y)[1]))
+        rate = jax.lax.stop_gradient(span).field(zero, jax.lax.stop_gradient(y))[1]
+        c = c._replace(phase=self.next_phase(c, rate))
         limits = Limits.of(self.equation, c.phase == RISING, c.lean >= self.equation.critical_angle)
         # What the clock cannot resolve is no time for it.
         grace = jnp.where(lifted, self.grace + close_to(self.motion, c.time), 0)
@@ -414,7 +417,7 @@ class _Loop:
         """One step, or one more to the end of the span."""
         step = self.stepper.step(span, p.along, p.until, p.y, p.memory)
         refines = p.refined > 0
-        left = limits.left(step.there)
+        left = jax.lax.stop_gradient(limits).left(jax.lax.stop_gradient(step.there))
         goes = step.good & ~refines
         ends = goes & (p.until > grace) & (left.min() <= 0)
         goes = goes & ~ends
@@ -424,10 +427,10 @@ class _Loop:
         counts = goes | done
 
         times, states = jnp.stack([p.along, p.until]), jnp.stack([p.y, step.there], axis=1)
-        rates = span.field(times, states)[1]
+        rates = jax.lax.stop_gradient(span).field(*jax.lax.stop_gradient((times, states)))[1]
         extremes = p.demand, p.normal
         if self.forced:
-            extremes = beyond(span, times, states, rates, extremes, counts)
+            extremes = beyond(span, times, states, extremes, counts)
         along, y = jnp.where(counts, p.until, p.along), jnp.where(counts, step.there, p.y)
         wish = jnp.where(goes, jnp.maximum(step.following, p.wish), step.following)
         until = limited(span, length, along, along + wish, y, jnp.where(goes, rates[1], rates[0]))
@@ -512,7 +515,8 @@ class _Loop:
         leaving = jnp.where(landed, restitution * arriving, 0)
         zero = jnp.zeros_like(time)
         there = self.span(c._replace(time=time, side=-c.side), self.motion.acts(time))
-        onward = there.field(zero, jnp.stack([zero, leaving]))[1]
+        there, after = jax.lax.stop_gradient((there, jnp.stack([zero, leaving])))
+        onward = there.field(zero, after)[1]
         held = onward < 0
         lost = (1 - restitution) * jnp.where(held, -onward, 1)
         bounces = 2 * leaving * self.rate  # time that all further bounces take, times p and `lost`

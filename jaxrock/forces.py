@@ -48,34 +48,29 @@ def forces(span: Span, time: Reals, y: Reals) -> tuple[Reals, Reals]:
 
 
 def beyond(
-    span: Span,
-    times: Reals,
-    states: Reals,
-    rates: Reals,
-    kept: tuple[Reals, Reals],
-    counts: Booleans,
+    span: Span, times: Reals, states: Reals, kept: tuple[Reals, Reals], counts: Booleans
 ) -> tuple[Reals, Reals]:
     """The extremes that are kept, or those of a step, if it counts, where they are beyond them.
 
     Most steps come nowhere near: what lies between the nodes is beyond them by much less than
     a part of their spread.
     """
-    demand, least = kept
-    step = jax.lax.stop_gradient((span, times, states, rates))
+    step = jax.lax.stop_gradient((span, times, states))
     horizontal, normal = _at_shares(*step, _nodes(times))
+    demand, least = jax.lax.stop_gradient(kept)
     finite = demand < jnp.inf
     slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
     steeper = finite & (1.25 * slides.max() - 0.25 * slides.min() >= 0)
     lighter = 1.25 * normal.min() - 0.25 * normal.max() <= least
 
     def changed() -> tuple[Reals, Reals]:
-        demand, normal = extremes(span, times, states, rates)
+        demand, normal = extremes(span, times, states)
         return larger(kept[0], demand), smaller(kept[1], normal)
 
     return jax.lax.cond(counts & (steeper | lighter), changed, lambda: kept)
 
 
-def extremes(span: Span, times: Reals, states: Reals, rates: Reals) -> tuple[Reals, Reals]:
+def extremes(span: Span, times: Reals, states: Reals) -> tuple[Reals, Reals]:
     """Largest friction demand and smallest normal force within a step.
 
     At its ends, and between them on the polynomial that has their states and accelerations:
@@ -83,7 +78,7 @@ def extremes(span: Span, times: Reals, states: Reals, rates: Reals) -> tuple[Rea
     one another.
     """
     nodes = _nodes(times)
-    found = [_at_shares(span, times, states, rates, nodes)]
+    found = [_at_shares(span, times, states, nodes)]
     # Where an extreme value is has no part in its derivative.
     horizontal, normal = jax.lax.stop_gradient(found[0])
     # The angle of the force is smooth where the normal force vanishes.
@@ -92,7 +87,7 @@ def extremes(span: Span, times: Reals, states: Reals, rates: Reals) -> tuple[Rea
     bent = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
     moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1) / (_NODES - 1)
     shares = nodes[None] + jnp.pad(moved, ((0, 0), (1, 1)))
-    found += [_at_shares(span, times, states, rates, shares[k]) for k in range(2)]
+    found += [_at_shares(span, times, states, shares[k]) for k in range(2)]
     horizontal, normal = (jnp.stack(parts) for parts in zip(*found, strict=True))
     # In the shortest steps, which change nothing, the speed in between is lost to rounding.
     eps, step = float(jnp.finfo(nodes.dtype).eps), times[1] - times[0]
@@ -107,10 +102,9 @@ def _nodes(like: Reals) -> Reals:
 
 
 @jax.jit
-def _at_shares(
-    span: Span, times: Reals, states: Reals, rates: Reals, share: Reals
-) -> tuple[Reals, Reals]:
+def _at_shares(span: Span, times: Reals, states: Reals, share: Reals) -> tuple[Reals, Reals]:
     """Forces at some shares of a step."""
+    rates = span.field(times, states)[1]
     begin, step = times[0], times[1] - times[0]
     drift, bend = step * states[1], 0.5 * step**2 * rates
     excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]

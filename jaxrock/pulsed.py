@@ -28,7 +28,7 @@ from .arguments import (
 )
 from .block import Block
 from .fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, Solved, solved, stable_fixed_point
-from .follow import Driven, Followed, Status, follow
+from .follow import Driven, Followed, Status, run
 from .free import Linearized, Nonlinear
 from .motion import Pulse
 from .printing import listed
@@ -209,9 +209,7 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return follow(
-        driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, once=True, forced=False
-    )
+    return run(driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, once=True, forced=False)
 
 
 def tolerance_of(like: Reals, rtol: float) -> float:

@@ -142,7 +142,7 @@ class Response(eqx.Module):
         return "\n".join(lines)
 
 
-def _padded(values: Reals, size: int, fill: float) -> np.ndarray:
+def _padded(values: Any, size: int, fill: float) -> np.ndarray:
     return np.pad(np.asarray(values), (0, size - values.size), constant_values=fill)
 
 
@@ -225,14 +225,6 @@ def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Metho
         response,
         (as_array(times), as_array(velocities), Cuts(*map(as_array, rest))),
     )
-
-
-def _end(motion: Motion) -> Reals:
-    """Its end; of concrete numbers in NumPy, for which nothing is compiled."""
-    leaves = jax.tree.leaves(motion)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-        return motion.end
-    return as_array(jax.tree.map(np.asarray, motion).end)
 
 
 @contextlib.contextmanager
@@ -330,7 +322,7 @@ def respond(
             raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
     given = {
         "restitution": restitution,
-        "duration": _end(motion) if duration is None else duration,
+        "duration": motion.end if duration is None else duration,
         "rotation": rotation,
         "velocity": velocity,
     }

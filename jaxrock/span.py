@@ -123,8 +123,10 @@ class Stepper:
             self.term, begin, until, y, span, memory, made_jump=False
         )
         one = jnp.ones_like(begin)
+        # The length of a step has no derivative.
+        done = jax.lax.stop_gradient((begin, until, y, there, None, error))
         good, start, end, *_ = self.controller.adapt_step_size(
-            begin, until, y, there, None, error, self.order, (one, one, jnp.array(False))
+            *done, self.order, (one, one, jnp.array(False))
         )
         return Step(there, jnp.asarray(good), jnp.asarray(end - start), between, memory)
 
@@ -142,6 +144,7 @@ def close_to(motion: Motion, time: Reals) -> Reals:
 @jax.jit
 def limited(span: Span, length: Reals, start: Reals, end: Reals, y: Reals, rate: Reals) -> Reals:
     """The end of a step: at every kink and at the end of the span, and over at most one turn."""
+    start, end, y, rate = jax.lax.stop_gradient((start, end, y, rate))
     slowing = y[1] * rate < 0
     brake = 2 * jnp.abs(y[1] / jnp.where(slowing, rate, 1))
     end = jnp.where(slowing, jnp.minimum(end, start + brake), end)
@@ -150,7 +153,7 @@ def limited(span: Span, length: Reals, start: Reals, end: Reals, y: Reals, rate:
     stop = jnp.where((kink > start) & (kink < last), kink, length)
     # A step that ends at a kink goes with it: the slope of the input on this side of the kink
     # and on that must not both count there.
-    return jnp.where(stop <= end, stop, jax.lax.stop_gradient(end))
+    return jnp.where(stop <= end, stop, end)
 
 
 def first_step(span: Span, length: Reals, y: Reals, lifted: Any) -> Reals:
@@ -158,7 +161,8 @@ def first_step(span: Span, length: Reals, y: Reals, lifted: Any) -> Reals:
 
     Of a block that has just been lifted it has none, up to rounding.
     """
-    zero = jnp.zeros_like(length)
+    zero, whole, last = jnp.zeros_like(length), span, length
+    span, length, y = jax.lax.stop_gradient((span, length, y))
     step = jnp.minimum(length, 0.05 / jnp.sqrt(span.equation.square))
     kink = span.motion.next_kink(span.origin) - span.origin
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
@@ -170,4 +174,4 @@ def first_step(span: Span, length: Reals, y: Reals, lifted: Any) -> Reals:
     strongest = jnp.maximum(jnp.abs(here), jnp.abs(there))
     quarter = 0.5 * jnp.abs(y[1]) / jnp.where(strongest > 0, strongest, 1)
     step = jnp.where((strongest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
-    return limited(span, length, zero, jax.lax.stop_gradient(step), y, here)
+    return limited(whole, last, zero, step, y, here)

@@ -44,12 +44,13 @@ class Uplifts(eqx.Module):
         lower = larger(time, self.knots[jnp.maximum(index - 1, 0)])
         sides = jnp.asarray(_SIDES, self.knots.dtype)
         both = jnp.ones_like(sides)
-        now = self.excess(both * time)
+        still, edges = jax.lax.stop_gradient((self, (time, lower, upper)))
+        now = still.excess(both * edges[0])
         at_once = (now > 0).any()
 
         def halve(_: Any, bracket: Any) -> Any:
             middle = 0.5 * (bracket[0] + bracket[1])
-            below = self.excess(lower + middle * (upper - lower)) < 0
+            below = still.excess(edges[1] + middle * (edges[2] - edges[1])) < 0
             return jnp.where(below, middle, bracket[0]), jnp.where(below, bracket[1], middle)
 
         # Halved down to rounding. Where the ground falls away both sides are lifted: the first.
@@ -57,7 +58,7 @@ class Uplifts(eqx.Module):
         bracket = jax.lax.fori_loop(0, bits, halve, (jnp.zeros_like(now), jnp.ones_like(now)))
         first = jnp.argmin(jnp.where(self.lifted[:, index], bracket[1], jnp.inf))
         side = sides[first]
-        bracketed = found & (self.excess(both * lower)[first] < 0) & ~at_once
+        bracketed = found & (still.excess(both * edges[1])[first] < 0) & ~at_once
 
         def beyond(share: Any) -> Any:
             return self.excess(both * (lower + share * (upper - lower)))[first]
@@ -70,7 +71,7 @@ class Uplifts(eqx.Module):
             return share - jnp.where(near, move, move - jax.lax.stop_gradient(move))
 
         # Twice Newton's method, for two derivatives.
-        share = jax.lax.fori_loop(0, 2, polish, jax.lax.stop_gradient(bracket[1][first]))
+        share = jax.lax.fori_loop(0, 2, polish, bracket[1][first])
         when = jnp.where(bracketed, lower + share * (upper - lower), lower)
         when = jnp.where(at_once, time, when)
         side = jnp.where(at_once, jnp.where(now[0] >= now[1], sides[0], sides[1]), side)
