@@ -7,10 +7,11 @@ concerned become NaN, and a harmless value stands in for them while the function
 is evaluated: neither the neighbours nor their derivatives see them.
 """
 
+import contextlib
 import contextvars
 import functools
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -47,10 +48,21 @@ COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jn
 GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
+def as_array(value: Any) -> Array:
+    """`value` as an array; nothing is compiled for one in NumPy or a list, whatever its shape."""
+    if isinstance(value, list | tuple):
+        leaves = jax.tree.leaves(value)
+        if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            value = np.asarray(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return jnp.asarray(value, jax.dtypes.canonicalize_dtype(value.dtype))
+    return jnp.asarray(value)
+
+
 def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
     try:
-        array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
+        array = as_array(float(value) if isinstance(value, int | float) else value)
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is not None and jnp.issubdtype(array.dtype, jnp.floating):
@@ -65,7 +77,13 @@ def of_one_precision(tree: _T) -> _T:
     """The numbers of a pytree in the precision that JAX's rules give all of them together."""
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*jax.tree.leaves(tree))
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
+
+    def converted(leaf: Any) -> Any:
+        if isinstance(leaf, jax.core.Tracer) or (leaf.dtype == dtype and not leaf.weak_type):
+            return jnp.asarray(leaf, dtype)
+        return as_array(np.asarray(leaf, dtype))
+
+    return jax.tree.map(converted, tree)
 
 
 def check(name: str, value: Any, domain: Domain) -> None:
@@ -116,7 +134,17 @@ _guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.
 )
 
 
-def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
+@contextlib.contextmanager
+def guarding() -> Iterator[None]:
+    """What is guarded inside is not guarded again there."""
+    token = _guarded.set([])
+    try:
+        yield
+    finally:
+        _guarded.reset(token)
+
+
+def within(value: Any, domain: Domain) -> tuple[Any, Any]:
     """A value in the domain, and where it is the one given."""
     guarded = _guarded.get()
     if guarded and any(value is known and domain is its_own for known, its_own in guarded):
@@ -128,14 +156,15 @@ def _within(value: Any, domain: Domain) -> tuple[Any, Any]:
     return value, valid
 
 
-def _module_within(module: Checked) -> tuple[Checked, Any]:
+def module_within(module: Checked) -> tuple[Checked, Any]:
+    """A module whose quantities are in their domains, and where they are the ones given."""
     valid: Any = True
     for name, field in module.__dataclass_fields__.items():
         value = getattr(module, name)
         if "domain" in field.metadata:
-            stand_in, ok = _within(value, field.metadata["domain"])
+            stand_in, ok = within(value, field.metadata["domain"])
         elif isinstance(value, Checked):
-            stand_in, ok = _module_within(value)
+            stand_in, ok = module_within(value)
         else:
             continue
         module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, stand_in)
@@ -159,9 +188,9 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
             valid: Any = True
             for name, value in arguments.items():
                 if isinstance(value, Checked):
-                    arguments[name], ok = _module_within(value)
+                    arguments[name], ok = module_within(value)
                 elif name in domains:
-                    arguments[name], ok = _within(value, domains[name])
+                    arguments[name], ok = within(value, domains[name])
                 else:
                     continue
                 valid = valid & ok
@@ -175,11 +204,8 @@ def elementwise(**domains: Domain) -> Callable[[Callable[_P, _R]], Callable[_P, 
         # every operation by itself; inlined where it is traced.
         @functools.partial(jax.jit, inline=True)
         def outermost(arguments: dict[str, Any]) -> Any:
-            token = _guarded.set([])
-            try:
+            with guarding():
                 return masked(arguments)
-            finally:
-                _guarded.reset(token)
 
         @functools.wraps(function)
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:

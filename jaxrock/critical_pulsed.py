@@ -104,10 +104,8 @@ def critical_pulsed_amplitude(
 class _Try(NamedTuple):
     """A block that lands with the critical velocity, under the next pulse."""
 
-    logarithm: Reals  # of the amplitude
     margin: Reals  # what is left to the verge when the pulse ends, in critical velocities
-    slope: Reals  # of that, with respect to the logarithm
-    rate: Reals  # of the half-cycle map, if this is the verge
+    slope: Reals  # of that, with respect to the logarithm of the amplitude
     speed: Reals  # when the pulse ends
     lands: Booleans  # while the pulse acts: there is no such margin
 
@@ -131,31 +129,39 @@ class _Search(NamedTuple):
     bracketed: Booleans
     goes_on: Booleans
     found: Booleans
+    rate: Reals  # of the half-cycle map at the verge: the last evaluation is for that
 
 
-def _tried(
-    parts: Parts, logarithm: Reals, linearized: bool, rtol: float
-) -> tuple[Reals, tuple[Reals, ...], _Try]:
-    """What is 0 on the verge, what is answered there, and all of it."""
+def _left(
+    parts: Parts, direction: Any, logarithm: Reals, linearized: bool, rtol: float
+) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
+    """What is left to the verge when the pulse ends, and its slope.
+
+    In a direction of the logarithm of the amplitude and of the velocity.
+    """
     block, restitution, pulse = parts
     equation = Equation.of(block, linearized)
 
     def left(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
         stronger = pulse.scaled(jnp.exp(logarithm))
-        response = half_cycle((block, restitution, stronger), velocity, 0.0, linearized, rtol)
-        side = jnp.where(response.final_rotation < 0, -1, 1)
-        speed = side * response.final_velocity
-        back = equation.returning_speed(side * response.final_rotation)
-        return (back - speed) / equation.critical_velocity, (speed, response.impacts > 0)
+        end = half_cycle((block, restitution, stronger), velocity, 0.0, linearized, rtol)
+        side = jnp.where(end.rotation < 0, -1, 1)
+        speed = side * end.velocity
+        back = equation.returning_speed(side * end.rotation)
+        return (back - speed) / equation.critical_velocity, (speed, end.impacts > 0)
 
     at = (logarithm, equation.critical_velocity)
-    one, zero = jnp.ones_like(logarithm), jnp.zeros_like(logarithm)
-    margin, slopes, (speed, lands) = jax.vmap(
-        lambda direction: jax.jvp(left, at, direction, has_aux=True), out_axes=(None, 0, None)
-    )((jnp.stack([one, zero]), jnp.stack([zero, one])))
+    return jax.jvp(left, at, tuple(direction), has_aux=True)
+
+
+def _at_verge(
+    parts: Parts, logarithm: Reals, linearized: bool, rtol: float
+) -> tuple[Reals, tuple[Reals, ...]]:
+    """What is 0 on the verge, and what is answered there: the rate of the half-cycle map."""
+    along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
+    margin, slope, (speed, _) = _left(parts, along_velocity, logarithm, linearized, rtol)
     # It lands with sqrt(v_c^2 + v^2 - D^2), and on the verge its velocity v is D.
-    rate = -speed * slopes[1]
-    return margin, (rate,), _Try(logarithm, margin, slopes[0], rate, speed, lands)
+    return margin, (-speed * slope,)
 
 
 def _search_verge(parts: Parts, linearized: bool, rtol: float) -> Solved:
@@ -166,7 +172,9 @@ def _search_verge(parts: Parts, linearized: bool, rtol: float) -> Solved:
     first = jnp.log(_lifting(block, linearized)) + 0.4 * math.log(eps)
 
     def step(c: _Search) -> _Search:
-        new = _tried(parts, c.trial, linearized, rtol)[2]
+        along = jnp.where(c.found, 0, one), jnp.where(c.found, one, 0)
+        margin, slope, (speed, lands) = _left(parts, along, c.trial, linearized, rtol)
+        new = _Try(margin, slope, speed, lands)
         bracketed = c.bracketed | new.falls
         low = jnp.where(new.falls, c.low, c.trial)
         high = jnp.where(new.falls, c.trial, c.high)
@@ -185,38 +193,42 @@ def _search_verge(parts: Parts, linearized: bool, rtol: float) -> Solved:
             narrow | (c.count >= _NARROWING) | ~jnp.isfinite(low),
             c.trial > first + _HIGHEST,
         )
-        return _Search(
+        following = _Search(
             count=jnp.where(c.bracketed, c.count + 1, 0),
             trial=jnp.where(found, c.trial, jnp.where(bracketed, inner, c.trial + _STEP)),
             low=low,
             high=high,
             last=new,
             bracketed=bracketed,
-            goes_on=~found & ~nowhere,
+            goes_on=found | ~nowhere,
             found=found,
+            rate=c.rate,
         )
+        done = c._replace(goes_on=no, rate=-speed * slope)
+        return jax.tree.map(lambda a, b: jnp.where(c.found, a, b), done, following)
 
     no, yes = jnp.zeros((), bool), jnp.ones((), bool)
-    zero = jnp.zeros_like(first)
+    zero, one = jnp.zeros_like(first), jnp.ones_like(first)
     begin = _Search(
         count=jnp.zeros((), int),
         trial=first,
         low=zero - jnp.inf,
         high=zero + jnp.inf,
-        last=_Try(zero, zero, zero, zero, zero, yes),
+        last=_Try(zero, zero, zero, yes),
         bracketed=no,
         goes_on=yes,
         found=no,
+        rate=zero,
     )
     last = jax.lax.while_loop(lambda c: c.goes_on, step, begin)
     found, verge = last.found, last.last
-    root, rate = (jnp.where(found, x, 0) for x in (verge.logarithm, verge.rate))
+    root, rate = (jnp.where(found, x, 0) for x in (last.trial, last.rate))
     # Of the map, by the logarithm of the amplitude: see what is said of its rate.
     gain = jnp.where(found, -verge.speed * verge.slope, 0)
     return Solved(root, (rate,), found, (gain,))
 
 
-_verge_of = solved(_search_verge, _tried)
+_verge_of = solved(_search_verge, _at_verge)
 
 
 @eqx.filter_jit

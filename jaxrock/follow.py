@@ -12,12 +12,24 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from .arguments import FINITE, POSITIVE, UNIT_INTERVAL, Reals
+from .arguments import (
+    FINITE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Checked,
+    Reals,
+    as_array,
+    guarding,
+    module_within,
+    quantity,
+)
 from .block import Block
 from .equation import Equation
 from .fate import margins_of
-from .forces import beyond, forces, friction, larger, may_exceed, smaller
+from .forces import beyond, larger, smaller
 from .forward import through_jacobian
 from .motion import Motion
 from .span import (
@@ -26,6 +38,7 @@ from .span import (
     LASTS,
     TOPS,
     TURNS,
+    Limits,
     Method,
     Span,
     Step,
@@ -37,6 +50,7 @@ from .span import (
 from .uplift import Uplifts
 
 REST, RISING, FALLING, OVER = range(4)
+_BEGIN, _WAIT, _MOVE = range(3)  # what a turn of the loop does
 _MOST_STEPS = 2**20  # between two cuts
 _MOST_CUTS = 2**22
 _CLOSE = 1e-6  # to which the end of a span is sought before it is stepped to
@@ -51,15 +65,15 @@ class Status(enum.IntEnum):
     INVALID = 3  # an argument was outside of what is allowed
 
 
-class Driven(eqx.Module):
+class Driven(Checked):
     """All that a driven motion depends on."""
 
     block: Block
-    restitution: Reals
     motion: Motion
-    duration: Reals
-    rotation: Reals
-    velocity: Reals
+    restitution: Reals = quantity(UNIT_INTERVAL)
+    duration: Reals = quantity(POSITIVE)
+    rotation: Reals = quantity(FINITE)
+    velocity: Reals = quantity(FINITE)
 
 
 class Cuts(eqx.Module):
@@ -69,6 +83,48 @@ class Cuts(eqx.Module):
     side: Reals
     lean: Reals
     speed: Reals
+
+
+class Carry(NamedTuple):
+    """From cut to cut."""
+
+    time: Any
+    side: Any
+    lean: Any
+    speed: Any
+    phase: Any
+    count: Any  # cuts
+    impacts: Any
+    struck: Any  # time of the last impact, and velocity just before it
+    peak: Any
+    peak_time: Any
+    crossing: Any
+    margin: Any
+    demand: Any
+    normal: Any
+    failed: Any
+
+    @classmethod
+    def beginning(cls, dtype: Any) -> "Carry":
+        """Before the first cut."""
+        zero, none = as_array(np.zeros((), dtype)), as_array(np.zeros((), int))
+        return cls(
+            time=zero,
+            side=zero,
+            lean=zero,
+            speed=zero,
+            phase=none,
+            count=none,
+            impacts=none,
+            struck=as_array(np.zeros(2, dtype)),
+            peak=zero,
+            peak_time=zero,
+            crossing=zero,
+            margin=zero,
+            demand=zero,
+            normal=zero,
+            failed=as_array(np.zeros((), bool)),
+        )
 
 
 class Followed(NamedTuple):
@@ -88,28 +144,10 @@ class Followed(NamedTuple):
     demand: Any
     normal: Any
     status: Any
+    struck: Any  # time of the last impact, and velocity just before it
     cuts: Cuts
     driven: Driven  # with stand-ins for what is not allowed
-
-
-class _Carry(NamedTuple):
-    """From cut to cut."""
-
-    time: Any
-    side: Any
-    lean: Any
-    speed: Any
-    phase: Any
-    count: Any  # cuts
-    impacts: Any
-    struck: Any  # time of the last impact, and velocity just before it
-    peak: Any
-    peak_time: Any
-    crossing: Any
-    margin: Any
-    demand: Any
-    normal: Any
-    failed: Any
+    last: Carry  # from which it could go on
 
 
 class _Point(NamedTuple):
@@ -128,47 +166,68 @@ class _Point(NamedTuple):
     memory: Any  # of the solver
 
 
-@through_jacobian
-def follow(
+def run(
     driven: Driven,
     *,
     rtol: Any,
     atol: Any,
     linearized: bool,
-    listed: int,
+    listed: int = 0,
     once: bool = False,
+    forced: bool = True,
     method: Method = DEFAULT,
+    begin: Carry | None = None,
 ) -> Followed:
-    """Follow a block to the end, or with `once` to its first impact; see `respond`."""
-    driven, valid = _valid(driven)
-    equation = Equation.of(driven.block, linearized)
-    one = _Loop(driven, equation, Stepper(method, rtol, atol), method, rtol)
-    first = one.with_corner(one.first(valid), jnp.zeros((), bool))
+    """Follow a block to the end, or with `once` to its first impact: the motion of `respond`.
 
-    def goes_on(state: tuple[_Carry, Reals, Reals]) -> Any:
-        c, *_ = state
+    With `begin`, where the last call ended, until the list is full. Without `forced`, friction
+    demand and normal force stay out.
+    """
+    with guarding():
+        driven, valid = module_within(driven)
+        equation = Equation.of(driven.block, linearized)
+    valid = jnp.all(valid)
+    dtype = driven.duration.dtype
+    one = _Loop(driven, equation, Stepper(method, rtol, atol), method, rtol, forced)
+    pauses = begin is not None
+    begin = begin or Carry.beginning(dtype)
+    begin = begin._replace(failed=begin.failed | ~valid)
+    rows = 4 * listed
+
+    def going(c: Carry) -> Any:
         wanted = (c.impacts == 0) | (not once)
-        going = (c.time < driven.duration) & (c.phase != OVER) & wanted
-        return going & ~c.failed & (c.count < _MOST_CUTS)
+        wanted = wanted & (c.time < driven.duration) & (c.phase != OVER)
+        return ((c.count == 0) | wanted) & ~c.failed & (c.count < _MOST_CUTS)
 
-    def turn(state: tuple[_Carry, Reals, Reals]) -> tuple[_Carry, Reals, Reals]:
-        before, cuts, impacts = state
+    def full(c: Carry) -> Any:
+        return (c.count - begin.count >= rows) | (c.impacts - begin.impacts >= listed)
+
+    def goes_on(state: tuple[Carry, Any]) -> Any:
+        c, _ = state
+        return going(c) & ~full(c) if pauses else going(c)
+
+    def turn(state: tuple[Carry, Any]) -> tuple[Carry, Any]:
+        before, lists = state
         c = one.turn(before)
-        # Not inside of what is chosen: there the lists would be copied.
-        index = jnp.where(c.impacts > before.impacts, before.impacts, listed)
-        return (
-            c,
-            cuts.at[before.count].set(_row(c), mode="drop"),
-            impacts.at[index].set(c.struck, mode="drop"),
-        )
+        if lists:
+            # Not inside of what is chosen: there the lists would be copied. What has no place
+            # any more goes to the last row.
+            cuts, impacts = lists
+            place = jnp.where(c.impacts > before.impacts, before.impacts - begin.impacts, listed)
+            lists = (
+                _with_row(cuts, before.count - begin.count, _row(c)),
+                _with_row(impacts, place, c.struck),
+            )
+        return c, lists
 
-    unknown = jnp.full((4 * listed, 4), jnp.nan, driven.duration.dtype)
-    cuts, impacts = unknown.at[0].set(_row(first)), unknown[:listed, :2]
-    last, cuts, impacts = jax.lax.while_loop(goes_on, turn, (first, cuts, impacts))
+    unknown = jnp.full((rows + 1, 4), jnp.nan, dtype)
+    lists = (unknown, unknown[: listed + 1, :2]) if listed else None
+    last, lists = jax.lax.while_loop(goes_on, turn, (begin, lists))
+    cuts, impacts = (part[:-1] for part in lists or (unknown, unknown[:, :2]))
 
     broken = (last.failed & valid) | (last.count >= _MOST_CUTS)
-    full = (last.impacts > listed) | (last.count > 4 * listed)
-    status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, Status.COMPLETE))
+    short = going(last) if pauses else (last.impacts > listed) | (last.count > rows)
+    status = jnp.where(broken, Status.STOPPED, jnp.where(short, Status.LIST_FULL, Status.COMPLETE))
     status = jnp.where(valid, status, Status.INVALID)
     good = valid & ~broken
 
@@ -191,20 +250,35 @@ def follow(
         demand=known(last.demand),
         normal=known(last.normal),
         status=status,
+        struck=last.struck,
         cuts=Cuts(*cuts.T),
         driven=driven,
+        last=last._replace(phase=jnp.asarray(last.phase, begin.phase.dtype)),
     )
+
+
+follow = through_jacobian(run)
+
+
+def _with_row(rows: Reals, place: Any, row: Reals) -> Reals:
+    return jax.lax.dynamic_update_slice(rows, row[None], (place, 0))
 
 
 class _Loop:
     """What the turns of the loop have in common."""
 
     def __init__(
-        self, driven: Driven, equation: Equation, stepper: Stepper, method: Method, rtol: Any
+        self,
+        driven: Driven,
+        equation: Equation,
+        stepper: Stepper,
+        method: Method,
+        rtol: Any,
+        forced: bool,
     ):
         motion = driven.motion
         self.driven, self.equation, self.motion = driven, equation, motion
-        self.stepper, self.method, self.rtol = stepper, method, rtol
+        self.stepper, self.method, self.rtol, self.forced = stepper, method, rtol, forced
         # To the end of a span: each but the last improves the time of the next, the first its
         # value, the second its two derivatives as well.
         self.tries = 3 if method.locate == "step" else 1
@@ -214,64 +288,43 @@ class _Loop:
         changes = (motion.end - motion.start) / self.uplifts.knots.size
         self.grace = jax.lax.stop_gradient(1e-6 * jnp.minimum(1 / self.rate, changes))
 
-    def first(self, valid: Any) -> _Carry:
-        """The initial state, on the side on which it leans or to which it moves."""
-        driven, equation = self.driven, self.equation
-        zero = jnp.zeros_like(driven.duration)
-        towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
-        side = jnp.where(towards < 0, -1, 1).astype(zero.dtype)
-        lean, speed = side * driven.rotation, side * driven.velocity
-        phase = jnp.where(speed < 0, FALLING, RISING)
-        phase = jnp.where((lean == 0) & (speed == 0), REST, phase)
-        none = jnp.zeros((), int)
-        return _Carry(
-            time=zero,
-            side=side,
-            lean=lean,
-            speed=speed,
-            phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
-            count=none + 1,
-            impacts=none,
-            struck=jnp.stack([zero, zero]),
-            peak=lean,
-            peak_time=zero,
-            crossing=jnp.where(lean >= equation.critical_angle, zero, jnp.nan),
-            margin=smaller(*margins_of(equation, driven.restitution, lean, speed)),
-            demand=zero,
-            normal=zero + jnp.inf,
-            failed=~valid,
-        )
-
-    def turn(self, c: _Carry) -> _Carry:
+    def turn(self, before: Carry) -> Carry:
         """From a cut to the next."""
-        before, stop = c, self.stop_after(c.time)
-        c = jax.lax.cond(
-            c.phase == REST,
-            lambda: self.wait(c, stop),
-            lambda: self.move(self.turned_first(c), stop),
+        begins, stop = before.count == 0, self.stop_after(before.time)
+        does = jnp.where(before.phase == REST, _WAIT, _MOVE)
+        c = jax.lax.switch(
+            jnp.where(begins, _BEGIN, does),
+            [self.begin, lambda c: self.wait(c, stop), lambda c: self.move(c, stop)],
+            before,
         )
-        c = self.with_corner(c, self.motion.acts(before.time))
+        c = self.with_corner(c, self.motion.acts(before.time) & ~begins)
         # Where the input ends, the fate is read.
         input_end = smaller(self.motion.end, self.driven.duration)
         now = (before.time < input_end) & ((c.time >= input_end) | (c.phase == OVER))
         margin = smaller(*margins_of(self.equation, self.driven.restitution, c.lean, c.speed))
-        return c._replace(margin=jnp.where(now, margin, c.margin), count=c.count + 1)
+        return c._replace(margin=jnp.where(now | begins, margin, c.margin), count=before.count + 1)
 
-    def span(self, c: _Carry) -> Span:
-        """What begins at a cut."""
-        return Span(
-            self.equation,
-            self.motion,
-            c.time,
-            c.side,
-            self.motion.acts(c.time),
-            c.phase == RISING,
-            c.lean >= self.equation.critical_angle,
-            # A block that is just being lifted has an acceleration of 0, up to rounding.
-            jnp.where(
-                (c.lean == 0) & (c.speed == 0), self.grace + close_to(self.motion, c.time), 0
-            ),
+    def begin(self, c: Carry) -> Carry:
+        """The initial state, on the side on which it leans or to which it moves."""
+        driven = self.driven
+        towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
+        side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
+        lean, speed = side * driven.rotation, side * driven.velocity
+        phase = jnp.where(speed < 0, FALLING, RISING)
+        phase = jnp.where((lean == 0) & (speed == 0), REST, phase)
+        return c._replace(
+            side=side,
+            lean=lean,
+            speed=speed,
+            phase=jnp.where(lean >= 0.5 * jnp.pi, OVER, phase),
+            peak=lean,
+            crossing=jnp.where(lean >= self.equation.critical_angle, c.time, jnp.nan),
+            normal=jnp.full_like(lean, jnp.inf),
         )
+
+    def span(self, c: Carry, acts: Booleans) -> Span:
+        """What begins at a cut."""
+        return Span(self.equation, self.motion, c.time, c.side, acts)
 
     def stop_after(self, time: Any) -> Any:
         """The next edge of the input, or the end; of those that coincide, the end."""
@@ -281,7 +334,7 @@ class _Loop:
             stop = jnp.where((edge > time) & (edge < latest), edge, stop)
         return stop
 
-    def with_corner(self, c: _Carry, acted: Any) -> _Carry:
+    def with_corner(self, c: Carry, acted: Any) -> Carry:
         """Go with the corner that the state coincides with, not a time before or after it.
 
         That changes derivatives only: up to the corner the block moves for no time, but one
@@ -296,47 +349,43 @@ class _Loop:
         corner = jnp.where(c.time >= duration, duration, corner)
         move = corner - c.time
         move = move - jax.lax.stop_gradient(move)
-        span = eqx.tree_at(lambda s: s.acts, self.span(c), acted)
         y = jnp.stack([c.lean, c.speed])
         stays = (c.phase == REST) | (c.phase == OVER)
-        rate = span.field(jnp.zeros_like(move), y)
+        rate = self.span(c, acted).field(jnp.zeros_like(move), y)
         lean, speed = y + jnp.where(stays, 0, move) * rate
         return c._replace(time=c.time + move, lean=lean, speed=speed)
 
-    def wait(self, c: _Carry, stop: Any) -> _Carry:
+    def wait(self, c: Carry, stop: Any) -> Carry:
         """For the input to lift the block, or for the next edge of the input."""
         found, time, side = self.uplifts.following(c.time, stop)
         acts = self.motion.acts(c.time)
         found = found & acts
         until = jnp.where(found, time, stop)
-        demand, normal = self.uplifts.at_rest(c.time, until, acts)
+        if self.forced:
+            demand, normal = self.uplifts.at_rest(c.time, until, acts)
+            c = c._replace(demand=larger(c.demand, demand), normal=smaller(c.normal, normal))
         return c._replace(
             time=until,
             side=jnp.where(found, side, c.side),
             phase=jnp.where(found, RISING, REST),
-            demand=larger(c.demand, demand),
-            normal=smaller(c.normal, normal),
         )
 
-    def turned_first(self, c: _Carry) -> _Carry:
-        """A state whose next move is not that of its phase, after an edge of the input."""
-        y = jnp.stack([c.lean, c.speed])
-        rate = self.span(c).field(jnp.zeros_like(c.time), y)[1]
-        still = c.speed == 0
-        # One that has just been lifted stays so: its acceleration is 0, up to rounding.
-        down = jnp.where(c.lean > 0, FALLING, jnp.where(c.phase == FALLING, REST, c.phase))
-        phase = jnp.where(still & (rate < 0), down, c.phase)
-        return c._replace(phase=jnp.where(still & (rate > 0), RISING, phase))
-
-    def move(self, c: _Carry, stop: Any) -> _Carry:
+    def move(self, c: Carry, stop: Any) -> Carry:
         """Through a span, unless the block has come to rest."""
-        span, length = self.span(c), stop - c.time
+        span, length = self.span(c, self.motion.acts(c.time)), stop - c.time
         y, zero = jnp.stack([c.lean, c.speed]), jnp.zeros_like(c.time)
+        # One that has just been lifted stays so: its acceleration is 0, up to rounding.
+        lifted = (c.lean == 0) & (c.speed == 0)
+        rate = jax.lax.stop_gradient(span).field(zero, jax.lax.stop_gradient(y))[1]
+        c = c._replace(phase=self.next_phase(c, rate))
+        limits = Limits.of(self.equation, c.phase == RISING, c.lean >= self.equation.critical_angle)
+        # What the clock cannot resolve is no time for it.
+        grace = jnp.where(lifted, self.grace + close_to(self.motion, c.time), 0)
         none = jnp.zeros((), int)
         start = _Point(
             along=zero,
             y=y,
-            until=first_step(span, length, y),
+            until=first_step(span, length, y, lifted),
             wish=zero,
             refined=none,
             which=none + LASTS,
@@ -348,48 +397,50 @@ class _Loop:
         )
         last = jax.lax.while_loop(
             lambda p: ~p.done & (p.steps < _MOST_STEPS),
-            lambda p: self.advance(span, length, p),
+            lambda p: self.advance(span, limits, grace, length, p),
             start,
         )
         return jax.lax.cond(
             c.phase == REST,
             lambda: c,
-            lambda: self.finish(span, stop, c, last),
+            lambda: self.finish(stop, c, last),
         )
 
-    def advance(self, span: Span, length: Any, p: _Point) -> _Point:
+    def next_phase(self, c: Carry, rate: Any) -> Any:
+        """Of a state that may have stopped at an edge of the input."""
+        still = c.speed == 0
+        down = jnp.where(c.lean > 0, FALLING, jnp.where(c.phase == FALLING, REST, c.phase))
+        phase = jnp.where(still & (rate < 0), down, c.phase)
+        return jnp.where(still & (rate > 0), RISING, phase)
+
+    def advance(self, span: Span, limits: Limits, grace: Any, length: Any, p: _Point) -> _Point:
         """One step, or one more to the end of the span."""
         step = self.stepper.step(span, p.along, p.until, p.y, p.memory)
         refines = p.refined > 0
-        good = step.good & ~refines
-        values = span.ends(step.there)
-        ends = good & (p.until > span.grace) & (values.min() <= 0)
+        left = jax.lax.stop_gradient(limits).left(jax.lax.stop_gradient(step.there))
+        goes = step.good & ~refines
+        ends = goes & (p.until > grace) & (left.min() <= 0)
+        goes = goes & ~ends
         refined = jnp.where(refines | ends, p.refined + 1, 0)
-        which = jnp.where(ends | (p.refined == 1), jnp.argmin(values), p.which)
-        goes = good & ~ends
+        which = jnp.where(ends | (p.refined == 1), jnp.argmin(left), p.which)
         done = (goes & (p.until >= length)) | (refined > self.tries)
-
-        # The forces of what is done for good.
-        times, states = jnp.stack([p.along, p.until]), jnp.stack([p.y, step.there], axis=1)
-        rates = span.field(times, states)[1]
         counts = goes | done
-        # Most steps come nowhere near the extremes so far, and a look is much cheaper.
-        demand, normal = jax.lax.cond(
-            counts & may_exceed(span, times, states, rates, (p.demand, p.normal)),
-            lambda: beyond(span, times, states, rates, (p.demand, p.normal)),
-            lambda: (p.demand, p.normal),
-        )
+
+        times, states = jnp.stack([p.along, p.until]), jnp.stack([p.y, step.there], axis=1)
+        rates = jax.lax.stop_gradient(span).field(*jax.lax.stop_gradient((times, states)))[1]
+        extremes = p.demand, p.normal
+        if self.forced:
+            extremes = beyond(span, times, states, extremes, counts)
         along, y = jnp.where(counts, p.until, p.along), jnp.where(counts, step.there, p.y)
         wish = jnp.where(goes, jnp.maximum(step.following, p.wish), step.following)
         until = limited(span, length, along, along + wish, y, jnp.where(goes, rates[1], rates[0]))
-        until = jax.lax.cond(
-            refines | ends,
-            lambda: jax.lax.cond(
-                ends,
-                lambda: self.sought(span, p, step),
-                lambda: self.refine(span, p.until, step.there, which),
-            ),
-            lambda: until,
+        until = jax.lax.switch(
+            jnp.where(ends, 2, jnp.where(refines, 1, 0)),
+            [
+                lambda: until,
+                lambda: self.refine(span, limits, p.until, step.there, which),
+                lambda: self.sought(limits, grace, p, step),
+            ],
         )
         stuck = ~done & ~refines & ~ends & ~(until > along)
         return _Point(
@@ -400,17 +451,17 @@ class _Loop:
             refined=refined,
             which=which,
             done=done | stuck,
-            demand=demand,
-            normal=normal,
+            demand=extremes[0],
+            normal=extremes[1],
             steps=p.steps + 1,
             memory=jax.tree.map(lambda a, b: jnp.where(goes, a, b), step.memory, p.memory),
         )
 
-    def sought(self, span: Span, p: _Point, step: Step) -> Reals:
+    def sought(self, limits: Limits, grace: Any, p: _Point, step: Step) -> Reals:
         """Where the span ends within a step, nearly."""
         if self.method.locate == "end":
             return p.until
-        span, p, step = jax.lax.stop_gradient((span, p, step))
+        limits, grace, p, step = jax.lax.stop_gradient((limits, grace, p, step))
         eps = float(jnp.finfo(p.along.dtype).eps)
         tiny = float(jnp.finfo(p.along.dtype).tiny)
         close = max(_CLOSE, 2 * eps) if self.method.locate == "step" else 2 * eps
@@ -420,18 +471,18 @@ class _Loop:
 
         def halve(bracket: Any) -> Any:
             middle = 0.5 * (bracket[0] + bracket[1])
-            ended = span.ends(self.stepper.between(p.along, p.until, step, middle)).min() <= 0
-            ended = ended & (middle > span.grace)
+            left = limits.left(self.stepper.between(p.along, p.until, step, middle))
+            ended = (left.min() <= 0) & (middle > grace)
             return jnp.where(ended, bracket[0], middle), jnp.where(ended, middle, bracket[1])
 
         return jax.lax.while_loop(wide, halve, (p.along, p.until))[1]
 
-    def refine(self, span: Span, time: Reals, there: Reals, which: Any) -> Reals:
+    def refine(self, span: Span, limits: Limits, time: Reals, there: Reals, which: Any) -> Reals:
         """By Halley's method, if that goes no further than the search was good for."""
         rate = span.field(time, there)
         _, change = jax.jvp(span.field, (time, there), (jnp.ones_like(time), rate))
-        value, slope = jax.jvp(lambda y: span.ends(y)[which], (there,), (rate,))
-        _, bend = jax.jvp(lambda y: span.ends(y)[which], (there,), (change,))
+        parts = jnp.stack([limits.left(there), limits.rate(rate), limits.rate(change)])
+        value, slope, bend = parts[:, which]
         below = jnp.where(slope < 0, slope, -1)
         off = value / below
         # The square is little more than its second derivative.
@@ -441,23 +492,21 @@ class _Loop:
         move = jnp.where(near, move, move - jax.lax.stop_gradient(move))
         return jnp.where(slope < 0, time - move, time)
 
-    def finish(self, span: Span, stop: Any, c: _Carry, p: _Point) -> _Carry:
+    def finish(self, stop: Any, c: Carry, p: _Point) -> Carry:
         """From the end of a span to what follows it."""
-        equation = self.equation
-        # The forces just before an impact or at a turn.
-        last_horizontal, last_normal = forces(span, p.along, p.y)
+        equation, rising = self.equation, c.phase == RISING
         time = jnp.where(p.which == LASTS, stop, c.time + p.along)
         lean, speed = p.y
         turned = p.which == TURNS
-        crossing = span.rising & (p.which == CROSSES)
-        over = span.rising & (p.which == TOPS)
-        landed = ~span.rising & (p.which == TOPS)
+        crossing = rising & (p.which == CROSSES)
+        over = rising & (p.which == TOPS)
+        landed = ~rising & (p.which == TOPS)
         speed = jnp.where(turned, 0, speed)
         lean = jnp.where(turned, jnp.maximum(lean, 0), lean)
         lean = jnp.where(crossing, equation.critical_angle, lean)
         lean = jnp.where(over, 0.5 * jnp.pi, lean)
         higher = lean > c.peak
-        phase = jnp.where(turned, jnp.where(span.rising, FALLING, RISING), c.phase)
+        phase = jnp.where(turned, jnp.where(rising, FALLING, RISING), c.phase)
         phase = jnp.where(over, OVER, phase)
 
         # Impact: the block goes on to the other side with what restitution leaves.
@@ -465,8 +514,9 @@ class _Loop:
         restitution = self.driven.restitution
         leaving = jnp.where(landed, restitution * arriving, 0)
         zero = jnp.zeros_like(time)
-        there = c._replace(time=time, side=-c.side)
-        onward = self.span(there).field(zero, jnp.stack([zero, leaving]))[1]
+        there = self.span(c._replace(time=time, side=-c.side), self.motion.acts(time))
+        there, after = jax.lax.stop_gradient((there, jnp.stack([zero, leaving])))
+        onward = there.field(zero, after)[1]
         held = onward < 0
         lost = (1 - restitution) * jnp.where(held, -onward, 1)
         bounces = 2 * leaving * self.rate  # time that all further bounces take, times p and `lost`
@@ -478,34 +528,18 @@ class _Loop:
             speed=jnp.where(rests, 0, jnp.where(landed, leaving, speed)),
             phase=jnp.where(landed, jnp.where(rests, REST, RISING), phase),
             impacts=jnp.where(landed, c.impacts + 1, c.impacts),
-            struck=jnp.stack([time, -c.side * arriving]),
+            struck=jnp.where(landed, jnp.stack([time, -c.side * arriving]), c.struck),
             peak=jnp.where(higher, lean, c.peak),
             peak_time=jnp.where(higher, time, c.peak_time),
             crossing=jnp.where(crossing, time, c.crossing),
-            demand=larger(p.demand, friction(last_horizontal, last_normal)),
-            normal=smaller(p.normal, last_normal),
+            demand=p.demand,
+            normal=p.normal,
             failed=~(p.done & jnp.isfinite(time + lean + speed)),
         )
 
 
-def _row(c: _Carry) -> Reals:
+def _row(c: Carry) -> Reals:
     return jnp.stack([c.time, c.side, c.lean, c.speed])
-
-
-def _valid(driven: Any) -> tuple[Driven, Any]:
-    """The scene with stand-ins for what is not allowed, and whether all is."""
-    from .arguments import _module_within, _within
-
-    block: Any
-    motion: Any
-    block, valid = _module_within(driven.block)
-    restitution, ok = _within(driven.restitution, UNIT_INTERVAL)
-    duration, long = _within(driven.duration, POSITIVE)
-    motion, moves = _module_within(driven.motion)
-    rotation, there = _within(driven.rotation, FINITE)
-    velocity, going = _within(driven.velocity, FINITE)
-    valid = valid & ok & long & jnp.all(moves) & there & going
-    return Driven(block, restitution, motion, duration, rotation, velocity), valid
 
 
 def resumed(
@@ -521,13 +555,11 @@ def resumed(
         time = jnp.where(inside, asked, 0)
         index = jnp.maximum(jnp.searchsorted(known, time, side="right") - 1, 0)
         origin, side, lean, speed = (part[index] for part in jax.tree.leaves(cuts))
-        acts, yes = driven.motion.acts(origin), jnp.array(True)
         moves = (lean != 0) | (speed != 0)
         # What has just been lifted is on the ground as well: it moves if the next cut is a turn.
         following = cuts.lean[jnp.minimum(index + 1, known.size - 1)]
         moves = (moves | (following > 0)) & (lean < 0.5 * jnp.pi) & (time > origin)
-        never = jnp.full_like(time, jnp.inf)
-        span = Span(equation, driven.motion, origin, side, acts, yes, yes, never)
+        span = Span(equation, driven.motion, origin, side, driven.motion.acts(origin))
         length = jnp.where(moves, time - origin, 0)
         first = jnp.stack([lean, speed])
 
@@ -546,7 +578,8 @@ def resumed(
             return (state[0] < length) & (state[1] > state[0])
 
         zero = jnp.zeros_like(length)
-        start = (zero, first_step(span, length, first), first, zero, stepper.memory(span, first))
+        step = first_step(span, length, first, (lean == 0) & (speed == 0))
+        start = (zero, step, first, zero, stepper.memory(span, first))
         along, _, y, *_ = jax.lax.while_loop(goes_on, turn, start)
         fine = inside & (along >= length)
         return tuple(jnp.where(fine, side * part + 0.0, jnp.nan) for part in y)

@@ -1,12 +1,17 @@
 """Friction demand and normal force of a block, and what they come to within a step."""
 
-import functools
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
 from .arguments import Booleans, Reals
 from .span import Span
+
+_NODES = 9
+# Third, fourth and fifth power of the time, of what the first three leave at the end of a step of
+# the lean, of its slope and of half its second derivative.
+_QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))
 
 
 def larger(kept: Reals, new: Reals, counts: Any = True) -> Reals:
@@ -42,77 +47,78 @@ def forces(span: Span, time: Reals, y: Reals) -> tuple[Reals, Reals]:
     return horizontal, normal
 
 
-def may_exceed(
-    span: Span, times: Reals, states: Reals, rates: Reals, kept: tuple[Reals, Reals]
-) -> Booleans:
-    """Whether the forces in a step come near the extremes that are kept.
+def beyond(
+    span: Span, times: Reals, states: Reals, kept: tuple[Reals, Reals], counts: Booleans
+) -> tuple[Reals, Reals]:
+    """The extremes that are kept, or those of a step, if it counts, where they are beyond them.
 
-    From both ends and the middle: twice their spread beyond them, nothing is looked for.
+    Most steps come nowhere near: what lies between the nodes is beyond them by much less than
+    a part of their spread.
     """
-    step, change = times[1] - times[0], states[:, 1] - states[:, 0]
-    lean, speed = 0.5 * states.sum(axis=1)
-    lean = lean - step * (5 / 32) * change[1] + step**2 / 64 * rates.sum()
-    speed = 15 / 8 * change[0] / step - 7 / 8 * speed + step / 32 * (rates[1] - rates[0])
-    middle = jnp.stack([lean, speed])
-    share = jnp.array([0.0, 0.5, 1.0], step.dtype)
-    at = jnp.stack([states[:, 0], middle, states[:, 1]], axis=1)
-    horizontal, normal = forces(span, times[0] + share * step, at)
-    demand, least = kept
+    step = jax.lax.stop_gradient((span, times, states))
+    horizontal, normal = _at_shares(*step, _nodes(times))
+    demand, least = jax.lax.stop_gradient(kept)
     finite = demand < jnp.inf
     slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
-    steeper = finite & (3 * slides.max() - 2 * slides.min() >= 0)
-    return steeper | (3 * normal.min() - 2 * normal.max() <= least)
+    steeper = finite & (1.25 * slides.max() - 0.25 * slides.min() >= 0)
+    lighter = 1.25 * normal.min() - 0.25 * normal.max() <= least
+
+    def changed() -> tuple[Reals, Reals]:
+        demand, normal = extremes(span, times, states)
+        return larger(kept[0], demand), smaller(kept[1], normal)
+
+    return jax.lax.cond(counts & (steeper | lighter), changed, lambda: kept)
 
 
-def beyond(
-    span: Span, times: Reals, states: Reals, rates: Reals, kept: tuple[Reals, Reals]
-) -> tuple[Reals, Reals]:
-    """The extremes that are kept, or those of a step where they are beyond them."""
-    demand, normal = extremes(span, times, states, rates)
-    return larger(kept[0], demand), smaller(kept[1], normal)
-
-
-def extremes(span: Span, times: Reals, states: Reals, rates: Reals) -> tuple[Reals, Reals]:
+def extremes(span: Span, times: Reals, states: Reals) -> tuple[Reals, Reals]:
     """Largest friction demand and smallest normal force within a step.
 
-    From the states and accelerations at both of its ends, on the polynomial that has them: at
-    nine times, and at the extreme value of the parabola through each three of them that follow
+    At its ends, and between them on the polynomial that has their states and accelerations:
+    at nodes, and at the extreme value of the parabola through each three of them that follow
     one another.
     """
-    begin, step = times[0], times[1] - times[0]
-    lean, drift, bend = states[0], step * states[1], 0.5 * step**2 * rates
-    excess = lean[1] - lean[0] - drift[0] - bend[0]
-    steepening, bending = drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]
-    powers = (
-        lean[0],
-        drift[0],
-        bend[0],
-        10 * excess - 4 * steepening + bending,
-        -15 * excess + 7 * steepening - 2 * bending,
-        6 * excess - 3 * steepening + bending,
-    )
-    slopes = tuple(k * power for k, power in enumerate(powers))[1:]
-
-    def at(share: Reals) -> tuple[Reals, Reals]:
-        lean, drift = (
-            functools.reduce(lambda value, c: value * share + c, reversed(each))
-            for each in (powers, slopes)
-        )
-        return forces(span, begin + share * step, jnp.stack([lean, drift / step]))
-
-    nodes = jnp.linspace(0, 1, 9, dtype=lean.dtype)
-    horizontal, normal = at(nodes)
+    nodes = _nodes(times)
+    found = [_at_shares(span, times, states, nodes)]
+    # Where an extreme value is has no part in its derivative.
+    horizontal, normal = jax.lax.stop_gradient(found[0])
     # The angle of the force is smooth where the normal force vanishes.
     curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
     rise = 0.5 * (curves[:, 2:] - curves[:, :-2])
     bent = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
-    moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1)
-    between = (jnp.stack([nodes[1:-1]] * 2) + 0.125 * moved).reshape(-1)
-    found = zip((horizontal, normal), at(between), strict=True)
-    horizontal, normal = map(jnp.concatenate, found)
+    moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1) / (_NODES - 1)
+    shares = nodes[None] + jnp.pad(moved, ((0, 0), (1, 1)))
+    found += [_at_shares(span, times, states, shares[k]) for k in range(2)]
+    horizontal, normal = (jnp.stack(parts) for parts in zip(*found, strict=True))
     # In the shortest steps, which change nothing, the speed in between is lost to rounding.
-    eps = float(jnp.finfo(lean.dtype).eps)
-    long = eps**0.5 * jnp.abs(lean[0]) <= step * jnp.sqrt(span.equation.square)
-    counts: Booleans = long | (jnp.arange(normal.size) == 0)
+    eps, step = float(jnp.finfo(nodes.dtype).eps), times[1] - times[0]
+    long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(span.equation.square)
+    counts = (long | (nodes == 0) | (nodes == 1))[None]
     demand = jnp.where(counts, friction(horizontal, normal), 0).max()
     return demand, jnp.where(counts, normal, jnp.inf).min()
+
+
+def _nodes(like: Reals) -> Reals:
+    return jnp.arange(_NODES, dtype=like.dtype) / (_NODES - 1)
+
+
+@jax.jit
+def _at_shares(span: Span, times: Reals, states: Reals, share: Reals) -> tuple[Reals, Reals]:
+    """Forces at some shares of a step."""
+    rates = span.field(times, states)[1]
+    begin, step = times[0], times[1] - times[0]
+    drift, bend = step * states[1], 0.5 * step**2 * rates
+    excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]
+    left = jnp.stack([excess, drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]])
+    rest = (jnp.asarray(_QUINTIC, left.dtype) * left[None]).sum(axis=1)
+    powers = jnp.concatenate([drift[:1], bend[:1], rest])[:, None]
+    shares = [jnp.ones_like(share)]
+    for _ in range(4):
+        shares.append(shares[-1] * share)
+    terms = powers * jnp.stack(shares)
+    lean = states[0, 0] + share * terms.sum(axis=0)
+    exponents = jnp.arange(1, 6, dtype=left.dtype)[:, None]
+    speed = (exponents * terms).sum(axis=0) / step
+    # Of the ends, the states themselves.
+    first, last = share[None] == 0, share[None] == 1
+    y = jnp.where(first, states[:, :1], jnp.where(last, states[:, 1:], jnp.stack([lean, speed])))
+    return forces(span, begin + share * step, y)

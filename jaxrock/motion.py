@@ -539,6 +539,8 @@ def _between(samples: Reals, index: Array, along: Reals) -> Reals:
     shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
     samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
     index = jnp.broadcast_to(index, shape)[..., None]
-    left = jnp.take_along_axis(samples, index, axis=-1)[..., 0]
-    right = jnp.take_along_axis(samples, index + 1, axis=-1)[..., 0]
+    left, right = (
+        jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
+        for at in (index, index + 1)
+    )
     return (1 - along) * left + along * right  # exact at both ends

@@ -10,6 +10,7 @@ finite time, each with a pulse of its own. What comes after that is not in this 
 impact follows, no pulse begins, and the block stays at rest.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -28,12 +29,11 @@ from .arguments import (
 )
 from .block import Block
 from .fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, Solved, solved, stable_fixed_point
-from .follow import Driven, Status
+from .follow import Driven, Followed, Status, follow, run
 from .free import Linearized, Nonlinear
 from .motion import Pulse
 from .printing import listed
 from .progress import with_clock
-from .response import Response, response_to
 
 _LONGEST = 200.0  # time to wait for an impact, times p
 
@@ -196,9 +196,17 @@ Parts = tuple[Block, Reals, Pulse]
 
 
 def half_cycle(
-    parts: Parts, velocity: Reals, wait: float, linearized: bool, rtol: float
-) -> Response:
-    """From just before an impact to the next one, or so many 1 / p after the pulse."""
+    parts: Parts,
+    velocity: Reals,
+    wait: float,
+    linearized: bool,
+    rtol: float,
+    followed: Callable[..., Followed] = run,
+) -> Followed:
+    """From just before an impact to the next one, or so many 1 / p after the pulse.
+
+    `followed` by `run`, which has forward derivatives, or by `follow`.
+    """
     block, restitution, pulse = parts
     pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
     driven = Driven(
@@ -210,8 +218,8 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return response_to(
-        driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, listed=1, once=True
+    return followed(
+        driven, rtol=rtol, atol=1e-9 * rtol, linearized=linearized, once=True, forced=False
     )
 
 
@@ -221,16 +229,21 @@ def tolerance_of(like: Reals, rtol: float) -> float:
 
 
 def _landing(
-    parts: Parts, velocity: Reals, linearized: bool, rtol: float
+    parts: Parts,
+    velocity: Reals,
+    linearized: bool,
+    rtol: float,
+    followed: Callable[..., Followed] = run,
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The next landing velocity; outcome, time of the impact and peak rotation."""
-    response = half_cycle(parts, velocity, _LONGEST, linearized, rtol)
-    landed = response.impacts > 0
-    landing = jnp.where(landed, jnp.abs(jnp.where(landed, response.impact_velocities[0], 1)), 0)
-    time = jnp.where(landed, response.impact_times[0], 0)
-    over = jnp.where(response.status <= Status.LIST_FULL, OVERTURNS, FAILS)
-    outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
-    return landing, (outcome, time, response.peak_rotation)
+    end = half_cycle(parts, velocity, _LONGEST, linearized, rtol, followed)
+    landed = end.impacts > 0
+    time, arriving = end.struck
+    landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
+    time = jnp.where(landed, time, 0)
+    over = jnp.where(end.status <= Status.LIST_FULL, OVERTURNS, FAILS)
+    outcome = jnp.where(landed, LANDS, jnp.where(end.at_rest, RESTS, over))
+    return landing, (outcome, time, end.peak)
 
 
 @eqx.filter_jit
@@ -238,7 +251,7 @@ def _next(
     block: Block, restitution: Reals, pulse: Pulse, velocity: Reals, linearized: bool, rtol: float
 ) -> Reals:
     parts = (block, restitution, pulse)
-    landing, (outcome, *_) = _landing(parts, velocity, linearized, rtol)
+    landing, (outcome, *_) = _landing(parts, velocity, linearized, rtol, follow)
     return jnp.where(outcome <= RESTS, landing, jnp.nan)
 
 

@@ -11,26 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from .arguments import (
-    FINITE,
-    POSITIVE,
-    UNIT_INTERVAL,
-    Booleans,
-    Number,
-    Numbers,
-    Reals,
-    as_real,
-    check,
-    of_one_precision,
-)
+from .arguments import Booleans, Number, Numbers, Reals, as_array, as_real, of_one_precision
 from .block import Block
-from .follow import Cuts, Driven, Status, follow, resumed
-from .motion import Motion
+from .follow import Carry, Cuts, Driven, Followed, Status, follow, resumed
+from .motion import Motion, Record
 from .printing import listed
 from .span import DEFAULT, Method
 
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Bosh3", "Heun")
 _TIMES = 512  # of a history at once
+_LISTED = 1024  # impacts at once
+_KEPT = 64  # of them under a transformation
 
 
 class Response(eqx.Module):
@@ -103,23 +94,21 @@ class Response(eqx.Module):
             alpha [rad] and its rate [rad/s]; NaN outside. A block that has overturned stays
             where it lies.
         """
-        times = as_real("time", time).astype(self.cuts.time.dtype)
-        flat, cuts = times.reshape(-1), self.cuts
+        times, cuts = as_real("time", time), self.cuts
+        dtype, shape = cuts.time.dtype, times.shape
         leaves = jax.tree.leaves((self, times))
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            found = _history(self.scene, cuts, self.linearized, flat)
-        else:
-            # Few different shapes, so that little is compiled.
-            size = max(1, -(-flat.size // _TIMES)) * _TIMES
-            pieces = _padded(flat, size, 0.0).reshape(-1, _TIMES)
-            room = max(64, 1 << (cuts.time.size - 1).bit_length())
-            cuts = jax.tree.map(lambda part: jnp.asarray(_padded(part, room, np.nan)), cuts)
-            parts = [
-                _history(self.scene, cuts, self.linearized, jnp.asarray(piece)) for piece in pieces
-            ]
-            found = jnp.asarray(np.concatenate(parts, axis=-1)[:, : flat.size])
-        rotation, velocity = found
-        return rotation.reshape(times.shape), velocity.reshape(times.shape)
+            found = _history(self.scene, cuts, self.linearized, times.astype(dtype).reshape(-1))
+            return tuple(part.reshape(shape) for part in found)
+        # Few different shapes, so that little is compiled.
+        size = max(1, -(-times.size // _TIMES)) * _TIMES
+        pieces = _padded(np.asarray(times, dtype).reshape(-1), size, 0.0).reshape(-1, _TIMES)
+        room = max(4 * _LISTED, 1 << (cuts.time.size - 1).bit_length())
+        cuts = jax.tree.map(lambda part: as_array(_padded(part, room, np.nan)), cuts)
+        parts = [_history(self.scene, cuts, self.linearized, as_array(piece)) for piece in pieces]
+        found = np.concatenate(parts, axis=-1)[:, : times.size]
+        rotation, velocity = (as_array(part.reshape(shape)) for part in found)
+        return rotation, velocity
 
     def __str__(self) -> str:
         if jnp.ndim(self.status) or isinstance(self.status, jax.core.Tracer):
@@ -153,7 +142,7 @@ class Response(eqx.Module):
         return "\n".join(lines)
 
 
-def _padded(values: Reals, size: int, fill: float) -> np.ndarray:
+def _padded(values: Any, size: int, fill: float) -> np.ndarray:
     return np.pad(np.asarray(values), (0, size - values.size), constant_values=fill)
 
 
@@ -163,19 +152,36 @@ def _history(scene: Driven, cuts: Cuts, linearized: bool, times: Reals) -> tuple
     return resumed(scene, cuts, times, linearized, max(1e-9, 100 * eps))
 
 
-def response_to(
+@eqx.filter_jit
+def _followed(
     driven: Driven,
-    *,
     rtol: Any,
     atol: Any,
     linearized: bool,
     listed: int,
-    once: bool = False,
-    method: Method = DEFAULT,
+    method: Method,
+    begin: Carry | None = None,
+) -> Followed:
+    """`follow`, compiled once for all tolerances."""
+    return follow(
+        driven,
+        rtol=rtol,
+        atol=atol,
+        linearized=linearized,
+        listed=listed,
+        method=method,
+        begin=begin,
+    )
+
+
+def compiled(
+    driven: Driven, rtol: Any, atol: Any, linearized: bool, listed: int, method: Method = DEFAULT
 ) -> Response:
-    """The response of a block followed to the end, or with `once` to its first impact."""
-    options = {"linearized": linearized, "listed": listed, "once": once, "method": method}
-    f = follow(driven, rtol=rtol, atol=atol, **options)
+    """The response to the end, with so many impacts in its list."""
+    return _response(_followed(driven, rtol, atol, linearized, listed, method), linearized)
+
+
+def _response(f: Followed, linearized: bool) -> Response:
     return Response(
         final_rotation=f.rotation,
         final_velocity=f.velocity,
@@ -197,13 +203,27 @@ def response_to(
     )
 
 
-@eqx.filter_jit
-def compiled(
-    driven: Driven, rtol: Any, atol: Any, linearized: bool, listed: int, method: Method = DEFAULT
-) -> Response:
-    """`response_to`, compiled once for all tolerances."""
-    return response_to(
-        driven, rtol=rtol, atol=atol, linearized=linearized, listed=listed, method=method
+def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Method) -> Response:
+    """The response to the end with all of its impacts, list after list; of concrete numbers."""
+    begin, parts = Carry.beginning(driven.duration.dtype), []
+    while True:
+        found = _followed(driven, rtol, atol, linearized, _LISTED, method, begin)
+        impacts = int(found.impacts) - int(begin.impacts)
+        cuts = int(found.last.count) - int(begin.count)
+        lists = found.impact_times, found.impact_velocities, *jax.tree.leaves(found.cuts)
+        # In NumPy: nothing is compiled for as many as there are.
+        parts.append(
+            [np.asarray(part)[: impacts if k < 2 else cuts] for k, part in enumerate(lists)]
+        )
+        if int(found.status) != Status.LIST_FULL:
+            break
+        begin = found.last
+    times, velocities, *rest = map(np.concatenate, zip(*parts, strict=True))
+    response = _response(found, linearized)
+    return eqx.tree_at(
+        lambda r: (r.impact_times, r.impact_velocities, r.cuts),
+        response,
+        (as_array(times), as_array(velocities), Cuts(*map(as_array, rest))),
     )
 
 
@@ -231,7 +251,7 @@ def respond(
     atol: float | None = None,
     solver: str = "Tsit5",
     linearized: bool = False,
-    listed: int = 4096,
+    listed: int = _KEPT,
 ) -> Response:
     """Response of one block to a ground motion, through every impact.
 
@@ -259,8 +279,8 @@ def respond(
         Linearize the equation of motion, in the form of the literature (``ground / g``
         instead of ``ground cos(alpha_c) / g``).
     listed : int
-        Most impacts whose time and velocity are kept under `jit`, `vmap` and derivatives.
-        Outside of them all are.
+        Most impacts whose time and velocity are kept under `jit`, `vmap` and derivatives, where
+        `history` needs them: 0 for none of it, more for more. Outside of them all are.
 
     Returns
     -------
@@ -301,23 +321,19 @@ def respond(
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
     given = {
-        "restitution": (restitution, UNIT_INTERVAL),
-        "duration": (motion.end if duration is None else duration, POSITIVE),
-        "rotation": (rotation, FINITE),
-        "velocity": (velocity, FINITE),
+        "restitution": restitution,
+        "duration": motion.end if duration is None else duration,
+        "rotation": rotation,
+        "velocity": velocity,
     }
-    numbers = {}
-    for name, (value, domain) in given.items():
-        numbers[name] = as_real(name, value)
-        check(name, numbers[name], domain)
-    block.check()
-    motion.check()
+    numbers = {name: as_real(name, value) for name, value in given.items()}
     driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
     dtype = driven.restitution.dtype
-    scalars: dict[str, Any] = {"block": block, "motion": (motion.end, motion.intensity)}
-    for name, leaf in (scalars | numbers).items():
-        if any(jnp.ndim(part) for part in jax.tree.leaves(leaf)):
-            raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
+    samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
+    for name, tree in {"block": block, "motion": motion, **numbers}.items():
+        for leaf in jax.tree.leaves(tree):
+            if leaf.ndim != any(leaf is rows for rows in samples):
+                raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
     eps = float(jnp.finfo(dtype).eps)
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
     atol = 1e-9 * rtol if atol is None else float(atol)
@@ -330,20 +346,12 @@ def respond(
         raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
-    if listed < 1:
-        raise ValueError(f"listed must be at least 1, got {listed}")
-    tolerances = jnp.asarray(rtol, dtype), jnp.asarray(atol, dtype)
+    if listed < 0:
+        raise ValueError(f"listed must be at least 0, got {listed}")
+    tolerances = [as_array(np.asarray(number, dtype)) for number in (rtol, atol)]
     method = Method(solver)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(driven))
     with _unchecked():
-        response = compiled(driven, *tolerances, linearized, listed, method)
-        if isinstance(response.status, jax.core.Tracer):
-            return response
-        while response.status == Status.LIST_FULL:
-            listed *= 8
-            response = compiled(driven, *tolerances, linearized, listed, method)
-    count = int(response.impacts)
-    return eqx.tree_at(
-        lambda r: (r.impact_times, r.impact_velocities),
-        response,
-        (response.impact_times[:count], response.impact_velocities[:count]),
-    )
+        if traced:
+            return compiled(driven, *tolerances, linearized, listed, method)
+        return _whole(driven, *tolerances, linearized, method)

@@ -37,27 +37,57 @@ class Span(eqx.Module):
     origin: Reals
     side: Reals
     acts: Booleans  # whether the input does
-    rising: Booleans
-    crossed: Booleans  # starts beyond the critical angle
-    grace: Reals  # time in which nothing ends the span
 
     def ground(self, time: Reals) -> tuple[Reals, Reals]:
         """Acceleration over g, towards the side of the block and upward."""
-        horizontal, vertical = self.motion.value(self.origin + time)
-        over_g = jnp.where(self.acts, 1 / self.equation.gravity, 0)
-        return self.side * horizontal * over_g, vertical * over_g
+        return _ground(self, time)
 
     def field(self, time: Reals, y: Reals) -> Reals:
         """Rates of lean and speed."""
-        return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
+        return _field(self, time, y)
 
-    def ends(self, y: Reals) -> Reals:
-        """What is positive until the span ends, for each way it can end."""
-        angle = self.equation.critical_angle
-        lean, speed = y[0] / angle, y[1] / (jnp.sqrt(self.equation.square) * angle)
-        top = jnp.where(self.rising, 0.5 * jnp.pi / angle - lean, lean)
-        crossing = jnp.where(self.rising & ~self.crossed, 1 - lean, jnp.inf)
-        return jnp.stack([jnp.where(self.rising, speed, -speed), top, crossing])
+
+# Each is traced, and part of the program, once for a shape, however often it is called.
+@jax.jit
+def _ground(span: Span, time: Reals) -> tuple[Reals, Reals]:
+    horizontal, vertical = span.motion.value(span.origin + time)
+    over_g = jnp.where(span.acts, 1 / span.equation.gravity, 0)
+    return span.side * horizontal * over_g, vertical * over_g
+
+
+@jax.jit
+def _field(span: Span, time: Reals, y: Reals) -> Reals:
+    return jnp.stack([y[1], span.equation.acceleration(y[0], *_ground(span, time))])
+
+
+class Limits(NamedTuple):
+    """What is positive until a span ends, for each way it can end: linear in the state."""
+
+    constant: Reals
+    of_lean: Reals
+    of_speed: Reals
+
+    @classmethod
+    def of(cls, equation: Equation, rising: Booleans, crossed: Booleans) -> "Limits":
+        """Those of a rising or falling block, which may be beyond the critical angle."""
+        unit = 1 / equation.critical_angle
+        up, none = jnp.where(rising, unit, -unit), jnp.zeros_like(unit)
+        crosses = rising & ~crossed
+        return cls(
+            constant=jnp.stack(
+                [none, jnp.where(rising, 0.5 * jnp.pi * unit, 0), jnp.where(crosses, 1, jnp.inf)]
+            ),
+            of_lean=jnp.stack([none, -up, jnp.where(crosses, -unit, 0)]),
+            of_speed=jnp.stack([up / jnp.sqrt(equation.square), none, none]),
+        )
+
+    def left(self, y: Reals) -> Reals:
+        """What is left."""
+        return self.constant + self.rate(y)
+
+    def rate(self, change: Reals) -> Reals:
+        """How fast it changes with the state."""
+        return self.of_lean * change[0] + self.of_speed * change[1]
 
 
 class Step(NamedTuple):
@@ -93,8 +123,10 @@ class Stepper:
             self.term, begin, until, y, span, memory, made_jump=False
         )
         one = jnp.ones_like(begin)
+        # The length of a step has no derivative.
+        done = jax.lax.stop_gradient((begin, until, y, there, None, error))
         good, start, end, *_ = self.controller.adapt_step_size(
-            begin, until, y, there, None, error, self.order, (one, one, jnp.array(False))
+            *done, self.order, (one, one, jnp.array(False))
         )
         return Step(there, jnp.asarray(good), jnp.asarray(end - start), between, memory)
 
@@ -109,8 +141,10 @@ def close_to(motion: Motion, time: Reals) -> Reals:
     return 16 * float(jnp.finfo(time.dtype).eps) * (time + motion.end)
 
 
+@jax.jit
 def limited(span: Span, length: Reals, start: Reals, end: Reals, y: Reals, rate: Reals) -> Reals:
     """The end of a step: at every kink and at the end of the span, and over at most one turn."""
+    start, end, y, rate = jax.lax.stop_gradient((start, end, y, rate))
     slowing = y[1] * rate < 0
     brake = 2 * jnp.abs(y[1] / jnp.where(slowing, rate, 1))
     end = jnp.where(slowing, jnp.minimum(end, start + brake), end)
@@ -119,21 +153,25 @@ def limited(span: Span, length: Reals, start: Reals, end: Reals, y: Reals, rate:
     stop = jnp.where((kink > start) & (kink < last), kink, length)
     # A step that ends at a kink goes with it: the slope of the input on this side of the kink
     # and on that must not both count there.
-    return jnp.where(stop <= end, stop, jax.lax.stop_gradient(end))
+    return jnp.where(stop <= end, stop, end)
 
 
-def first_step(span: Span, length: Reals, y: Reals) -> Reals:
-    """The end of the first step: a quarter of the arc, or what leaves the acceleration its sign."""
-    zero = jnp.zeros_like(length)
+def first_step(span: Span, length: Reals, y: Reals, lifted: Any) -> Reals:
+    """The end of the first step: a quarter of the arc, or what leaves the acceleration its sign.
+
+    Of a block that has just been lifted it has none, up to rounding.
+    """
+    zero, whole, last = jnp.zeros_like(length), span, length
+    span, length, y = jax.lax.stop_gradient((span, length, y))
     step = jnp.minimum(length, 0.05 / jnp.sqrt(span.equation.square))
     kink = span.motion.next_kink(span.origin) - span.origin
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
     times, states = jnp.stack([zero, step]), jnp.stack([y, y], axis=1)
     here, there = span.field(times, states)[1]
-    flips = (here * there < 0) & (span.grace == 0)
+    flips = (here * there < 0) & ~lifted
     share = here / jnp.where(flips, here - there, 1)
     step = jnp.where(flips, 0.5 * share * step, step)
     strongest = jnp.maximum(jnp.abs(here), jnp.abs(there))
     quarter = 0.5 * jnp.abs(y[1]) / jnp.where(strongest > 0, strongest, 1)
     step = jnp.where((strongest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
-    return limited(span, length, zero, jax.lax.stop_gradient(step), y, here)
+    return limited(whole, last, zero, step, y, here)

@@ -22,13 +22,13 @@ from .batch import respond_batch
 from .block import Block
 from .datasets import labelled
 from .fidelity import CLOSED, DrivenScene
-from .follow import Driven
+from .follow import Driven, follow
 from .free import Linearized, Nonlinear
 from .model_error import model_error
 from .motion import HalfSine, Pulse, Rectangular
 from .progress import with_progress
 from .resonance import Scene, rotation_ratio, stabilized_period, stabilized_velocity
-from .response import SOLVERS, Response, compiled, response_to
+from .response import SOLVERS, Response, compiled
 from .span import Method
 
 if TYPE_CHECKING:
@@ -304,17 +304,16 @@ def _for_scene(scene: Scene, sizes: list[int]) -> Iterator[_Contender]:
             rotation=still,
             velocity=stabilized_velocity(scene),
         )
-        response = response_to(
+        end = follow(
             driven,
             rtol=rtol,
             atol=1e-9 * rtol,
             linearized=False,
-            listed=1,
             once=True,
+            forced=False,
             method=method,
         )
-        ratio = response.peak_rotation / scene.block.critical_angle
-        return jnp.stack([ratio, 2 * response.impact_times[0]])
+        return jnp.stack([end.peak / scene.block.critical_angle, 2 * end.struck[0]])
 
     run = eqx.filter_jit(flight)
     for bits, tolerance, method, default in _adaptive():
@@ -374,7 +373,7 @@ def _response(
     scene: DrivenScene, bits: int, rtol: float, method: Method, linearized: bool = False
 ) -> Response:
     relative, absolute = _in(bits, (rtol, 1e-9 * rtol))
-    return compiled(_driven(scene, bits), relative, absolute, linearized, 1, method)
+    return compiled(_driven(scene, bits), relative, absolute, linearized, 0, method)
 
 
 def _truth_of_driven(scene: DrivenScene) -> tuple[np.ndarray, float]:

@@ -11,6 +11,8 @@ from .equation import Equation
 from .forces import friction, larger, largest
 from .motion import Motion
 
+_SIDES = 1.0, -1.0
+
 
 class Uplifts(eqx.Module):
     """What is known of a motion at its knots, once for all times at which a block rests."""
@@ -27,13 +29,12 @@ class Uplifts(eqx.Module):
         """The table of a motion."""
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
-        lifted = jnp.stack([equation.lifting(side * push, lift) > 0 for side in (1.0, -1.0)])
+        lifted = jnp.stack([equation.lifting(side * push, lift) > 0 for side in _SIDES])
         return cls(equation, motion, knots, lifted, friction(push, 1 + lift), 1 + lift)
 
-    def excess(self, time: Reals, side: Any) -> Reals:
-        """What the ground gives to one side over what lifts the block."""
-        push, lift = (a / self.equation.gravity for a in self.motion.value(time))
-        return self.equation.lifting(side * push, lift)
+    def excess(self, time: Reals) -> Reals:
+        """What the ground gives to either side, at a time for each, over what lifts the block."""
+        return _excess(self.equation, self.motion, time)
 
     def following(self, time: Reals, stop: Reals) -> tuple[Any, Reals, Reals]:
         """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""
@@ -41,13 +42,15 @@ class Uplifts(eqx.Module):
         index, found = jnp.argmax(later), later.any()
         upper = self.knots[index]
         lower = larger(time, self.knots[jnp.maximum(index - 1, 0)])
-        sides = jnp.asarray([1.0, -1.0], self.knots.dtype)
-        now = self.excess(time, sides)
+        sides = jnp.asarray(_SIDES, self.knots.dtype)
+        both = jnp.ones_like(sides)
+        still, edges = jax.lax.stop_gradient((self, (time, lower, upper)))
+        now = still.excess(both * edges[0])
         at_once = (now > 0).any()
 
         def halve(_: Any, bracket: Any) -> Any:
             middle = 0.5 * (bracket[0] + bracket[1])
-            below = self.excess(lower + middle * (upper - lower), sides) < 0
+            below = still.excess(edges[1] + middle * (edges[2] - edges[1])) < 0
             return jnp.where(below, middle, bracket[0]), jnp.where(below, bracket[1], middle)
 
         # Halved down to rounding. Where the ground falls away both sides are lifted: the first.
@@ -55,10 +58,10 @@ class Uplifts(eqx.Module):
         bracket = jax.lax.fori_loop(0, bits, halve, (jnp.zeros_like(now), jnp.ones_like(now)))
         first = jnp.argmin(jnp.where(self.lifted[:, index], bracket[1], jnp.inf))
         side = sides[first]
-        bracketed = found & (self.excess(lower, side) < 0) & ~at_once
+        bracketed = found & (still.excess(both * edges[1])[first] < 0) & ~at_once
 
         def beyond(share: Any) -> Any:
-            return self.excess(lower + share * (upper - lower), side)
+            return self.excess(both * (lower + share * (upper - lower)))[first]
 
         def polish(_: Any, share: Any) -> Any:
             value, slope = jax.jvp(beyond, (share,), (jnp.ones_like(share),))
@@ -68,7 +71,7 @@ class Uplifts(eqx.Module):
             return share - jnp.where(near, move, move - jax.lax.stop_gradient(move))
 
         # Twice Newton's method, for two derivatives.
-        share = jax.lax.fori_loop(0, 2, polish, jax.lax.stop_gradient(bracket[1][first]))
+        share = jax.lax.fori_loop(0, 2, polish, bracket[1][first])
         when = jnp.where(bracketed, lower + share * (upper - lower), lower)
         when = jnp.where(at_once, time, when)
         side = jnp.where(at_once, jnp.where(now[0] >= now[1], sides[0], sides[1]), side)
@@ -88,3 +91,9 @@ class Uplifts(eqx.Module):
         normal = jnp.where(between, self.normal, jnp.inf)
         demands = jnp.concatenate([friction(push, 1 + lift), demand])
         return largest(demands), -largest(-jnp.concatenate([1 + lift, normal]))
+
+
+@jax.jit
+def _excess(equation: Equation, motion: Motion, time: Reals) -> Reals:
+    push, lift = (a / equation.gravity for a in motion.value(time))
+    return equation.lifting(jnp.asarray(_SIDES, time.dtype) * push, lift)

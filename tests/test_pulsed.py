@@ -58,6 +58,8 @@ def test_fixed_point_and_rate():
     assert float(again) == pytest.approx(
         scipy_landing(BLOCK, C, pulse, float(phase.velocity))[0], rel=1e-8
     )
+    slope = jax.grad(lambda v: jr.pulsed_next_velocity(BLOCK, C, pulse, v))(phase.velocity)
+    assert float(slope) == pytest.approx(float(phase.rate), rel=1e-8)
 
 
 @pytest.mark.thorough
