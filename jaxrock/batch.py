@@ -20,7 +20,7 @@ from jaxtyping import Array, Int
 from .arguments import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .block import Block
 from .fate import margins_of
-from .grid import Grid, factor_and_length, grid_of
+from .grid import Grid, factor_length_and_end, grid_of
 from .lanes import Arguments, Case, Lanes, most_turns, turn
 from .motion import Motion, Pulse, Record
 from .parallel import mapped
@@ -258,8 +258,7 @@ def respond_batch(
 
     shaking = converted(motion)
     grid = grid_of(shaking)
-    factor, length = factor_and_length(shaking)
-    end = shaking.start + grid.cells * length
+    factor, length, end = factor_length_and_end(shaking)
     arguments = Arguments(
         converted(blocks),
         converted(restitution),

@@ -25,7 +25,7 @@ from .arguments import (
 )
 from .block import Block
 from .follow import Cuts, Driven, Status, follow, resumed
-from .motion import Motion
+from .motion import Motion, bucketed
 from .printing import listed
 from .span import DEFAULT, Method
 
@@ -312,6 +312,7 @@ def respond(
         check(name, numbers[name], domain)
     block.check()
     motion.check()
+    motion = bucketed(motion)
     driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
     dtype = driven.restitution.dtype
     scalars: dict[str, Any] = {"block": block, "motion": (motion.end, motion.intensity)}
