@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 import jax.core
+import jax.dtypes
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Real
@@ -50,6 +51,9 @@ GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
     try:
+        if isinstance(value, np.ndarray) and value.dtype in (np.float32, np.float64):
+            # Without a type JAX compiles a program for every shape.
+            return jnp.asarray(value, jax.dtypes.canonicalize_dtype(value.dtype))
         array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
     except (TypeError, ValueError, OverflowError):
         array = None

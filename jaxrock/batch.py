@@ -25,6 +25,7 @@ from .lanes import Arguments, Case, Lanes, most_turns, turn
 from .motion import Motion, Pulse, Record
 from .parallel import mapped
 from .printing import listed
+from .series import kept
 
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
@@ -166,12 +167,28 @@ def _march(
     )
 
 
+def _known(name: str, value: Any) -> bool:
+    """Whether the compiler takes an option: versions differ, and none must break the batch."""
+    try:
+        trial = jax.jit(kept, compiler_options={name: value})
+        with jax.default_device(jax.local_devices(backend="cpu")[0]):
+            trial.lower(np.zeros(2, np.float32)).compile()
+    except Exception:  # of which type depends on the version
+        return False
+    return True
+
+
 @functools.cache
 def _compiled(platform: str) -> Callable[..., BatchResponse]:
     # The widest vectors that a processor has are not what XLA takes by itself, and what
     # becomes of NaN is looked after here.
-    wide = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max": True}
-    options = wide if platform == "cpu" else None
+    options = {
+        "xla_cpu_prefer_vector_width": 512,
+        "xla_cpu_enable_fast_min_max": True,
+        # Which, before JAX 0.11, removes what keeps values from being computed again.
+        "xla_disable_hlo_passes": "cse_barrier_expander",
+    }
+    options = {n: v for n, v in options.items() if _known(n, v)} if platform == "cpu" else None
     static = ("form", "linearized", "lanes", "order")
     return jax.jit(_march, static_argnames=static, compiler_options=options)
 

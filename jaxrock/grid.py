@@ -74,7 +74,8 @@ class Grid(eqx.Module):
 def factor_length_and_end(motion: Pulse | Record) -> tuple[Any, Any, Any]:
     """The factor on the grid of a motion, the length of its cells, and the end of the last."""
     if isinstance(motion, Record):
-        return motion.scale, motion.time_step, motion.end
+        end = motion.start + motion._last * motion.time_step
+        return motion.scale, motion.time_step, end
     length = motion.duration / _cells_a_duration(type(motion))
     return motion.amplitude, length, motion.start + _cells_of(type(motion)) * length
 

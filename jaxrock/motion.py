@@ -187,10 +187,14 @@ class Motion(Checked):
         return (time >= self.start) & (time < self.end)
 
     def _within(self, time: Numbers) -> tuple[Reals, Reals]:
-        time = as_real("time", time)
-        acts = self.acts(time)
-        inside = jnp.where(acts, time, self.start)
-        return jax.tree.map(lambda a: jnp.where(acts, a, 0), self.value(inside))
+        return _asked(bucketed(self), as_real("time", time))
+
+
+@eqx.filter_jit
+def _asked(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
+    acts = motion.acts(time)
+    inside = jnp.where(acts, time, motion.start)
+    return jax.tree.map(lambda a: jnp.where(acts, a, 0), motion.value(inside))
 
 
 class Pulse(Motion):
@@ -498,10 +502,8 @@ class Record(Motion):
     @property
     def intensity(self) -> Reals:
         """Change of the ground velocity, I [m/s]."""
-        a = self.acceleration
-        last = jnp.take(a, jnp.asarray(self._last).astype(int), axis=-1)
-        total = a.sum(axis=-1) - 0.5 * (a[..., 0] + last)
-        return self.scale * total * self.time_step
+        record = bucketed(self)
+        return self.scale * _total(record.acceleration, record._last) * self.time_step
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
         """Acceleration of the ground; see `Motion.value`.
@@ -545,6 +547,13 @@ class Record(Motion):
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
 
 
+@jax.jit
+def _total(samples: Reals, last: Any) -> Reals:
+    """By the trapezoidal rule, over the time step."""
+    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
+    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
+
+
 class Padded(Record):
     """A record with zeros behind its end: records of many lengths are the same to a compiler.
 
@@ -555,10 +564,9 @@ class Padded(Record):
 
     def __init__(self, record: Record):
         """Pad a record that is concrete, without JAX, which would compile that."""
-        room = room_for(record.samples)
-        self.acceleration = jnp.asarray(padded(record.acceleration, room))
-        vertical = record.vertical
-        self.vertical = None if vertical is None else jnp.asarray(padded(vertical, room))
+        room, vertical = room_for(record.samples), record.vertical
+        self.acceleration = as_real("acceleration", padded(record.acceleration, room))
+        self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
         self.time_step = record.time_step
         self.scale = record.scale
         self.start = record.start
