@@ -170,7 +170,7 @@ def _march(
 def _known(name: str, value: Any) -> bool:
     """Whether the compiler takes an option: versions differ, and none must break the batch."""
     try:
-        trial = jax.jit(kept, compiler_options={name: value})
+        trial = jax.jit(lambda x: kept(x + x) * x, compiler_options={name: value})
         with jax.default_device(jax.local_devices(backend="cpu")[0]):
             trial.lower(np.zeros(2, np.float32)).compile()
     except Exception:  # of which type depends on the version
@@ -185,9 +185,11 @@ def _compiled(platform: str) -> Callable[..., BatchResponse]:
     options = {
         "xla_cpu_prefer_vector_width": 512,
         "xla_cpu_enable_fast_min_max": True,
-        # Which, before JAX 0.11, removes what keeps values from being computed again.
-        "xla_disable_hlo_passes": "cse_barrier_expander",
     }
+    if jax.__version_info__ < (0, 11):
+        # A pass that removes what keeps values from being computed again; later versions have
+        # none that does so too early, and need it.
+        options["xla_disable_hlo_passes"] = "cse_barrier_expander"
     options = {n: v for n, v in options.items() if _known(n, v)} if platform == "cpu" else None
     static = ("form", "linearized", "lanes", "order")
     return jax.jit(_march, static_argnames=static, compiler_options=options)
