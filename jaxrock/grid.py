@@ -104,7 +104,8 @@ def _pulse_grid(kind: type[Pulse], dtype: Any) -> Grid:
 def _record_grid(acceleration: Any, vertical: Any, last: Any) -> Grid:
     if vertical is None:
         return _grid(_lines(acceleration), (), last)
-    return _grid(*map(_lines, jnp.broadcast_arrays(acceleration, vertical)), last)
+    both = jnp.broadcast_arrays(acceleration, vertical)
+    return _grid(_lines(both[0]), _lines(both[1]), last)
 
 
 def _grid(horizontal: tuple[Any, ...], vertical: tuple[Any, ...], cells: Any) -> Grid:

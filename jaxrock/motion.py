@@ -560,7 +560,7 @@ class Padded(Record):
     Its knots go on at the end.
     """
 
-    filled: Reals  # number of the last sample that counts
+    filled: Reals = quantity(NON_NEGATIVE)  # number of the last sample that counts
 
     def __init__(self, record: Record):
         """Pad a record that is concrete, without JAX, which would compile that."""

@@ -346,5 +346,9 @@ def respond(
     return eqx.tree_at(
         lambda r: (r.impact_times, r.impact_velocities),
         response,
-        (response.impact_times[:count], response.impact_velocities[:count]),
+        # By NumPy, since JAX compiles every slice.
+        tuple(
+            jax.device_put(np.asarray(listed)[:count])
+            for listed in (response.impact_times, response.impact_velocities)
+        ),
     )

@@ -211,8 +211,11 @@ def located(
         place = ((f[:, 1:] < 0) != (f[:, :-1] < 0)).argmax(axis=1)
         rows = np.arange(len(x1))
         further = np.where(place > 0, place - 1, place + 2)
-        ends = [(part[rows, place], part[rows, place + 1], part[rows, further]) for part in (x, f)]
-        return _Progress(*ends, width)
+
+        def chosen(part: Any) -> tuple[Any, Any, Any]:
+            return part[rows, place], part[rows, place + 1], part[rows, further]
+
+        return _Progress(chosen(x), chosen(f), width)
 
     if traced:
         _, progress = jax.lax.while_loop(
