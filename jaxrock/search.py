@@ -200,7 +200,7 @@ def located(
         guess = np.where(np.isfinite(guess), guess, 0.5)
         even = (np.arange(parts // 2) + 1) / (parts // 2 + 1)
         # Ever closer to the guess, as far as numbers differ.
-        near = np.minimum(least[:, None] * 4.0 ** np.arange(parts // 4)[None], 1)
+        near = least[:, None] ** (1 - np.arange(parts // 4) / (parts // 4))[None]
         near = np.concatenate([guess[:, None] - near, guess[:, None] + near], axis=1)
         share = np.concatenate([np.broadcast_to(even, (len(x1), even.size)), near], axis=1)
         share = np.sort(np.clip(share, least[:, None], 1 - least[:, None]), axis=1)
