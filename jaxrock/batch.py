@@ -20,11 +20,12 @@ from jaxtyping import Array, Int
 from .arguments import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .block import Block
 from .fate import margins_of
-from .grid import Grid, factor_and_length, grid_of
+from .grid import Grid, factor_length_and_end, grid_of
 from .lanes import Arguments, Case, Lanes, most_turns, turn
 from .motion import Motion, Pulse, Record
 from .parallel import mapped
 from .printing import listed
+from .series import kept
 
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
@@ -166,12 +167,30 @@ def _march(
     )
 
 
+def _known(name: str, value: Any) -> bool:
+    """Whether the compiler takes an option: versions differ, and none must break the batch."""
+    try:
+        trial = jax.jit(lambda x: kept(x + x) * x, compiler_options={name: value})
+        with jax.default_device(jax.local_devices(backend="cpu")[0]):
+            trial.lower(np.zeros(2, np.float32)).compile()
+    except Exception:  # of which type depends on the version
+        return False
+    return True
+
+
 @functools.cache
 def _compiled(platform: str) -> Callable[..., BatchResponse]:
     # The widest vectors that a processor has are not what XLA takes by itself, and what
     # becomes of NaN is looked after here.
-    wide = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max": True}
-    options = wide if platform == "cpu" else None
+    options = {
+        "xla_cpu_prefer_vector_width": 512,
+        "xla_cpu_enable_fast_min_max": True,
+    }
+    if jax.__version_info__ < (0, 11):
+        # A pass that removes what keeps values from being computed again; later versions have
+        # none that does so too early, and need it.
+        options["xla_disable_hlo_passes"] = "cse_barrier_expander"
+    options = {n: v for n, v in options.items() if _known(n, v)} if platform == "cpu" else None
     static = ("form", "linearized", "lanes", "order")
     return jax.jit(_march, static_argnames=static, compiler_options=options)
 
@@ -258,8 +277,7 @@ def respond_batch(
 
     shaking = converted(motion)
     grid = grid_of(shaking)
-    factor, length = factor_and_length(shaking)
-    end = shaking.start + grid.cells * length
+    factor, length, end = factor_length_and_end(shaking)
     arguments = Arguments(
         converted(blocks),
         converted(restitution),

@@ -285,7 +285,8 @@ class _Loop:
         self.rate = jnp.sqrt(equation.square)
         self.uplifts = Uplifts.of(equation, motion)
         # Of a block just lifted: little beside its own time and that in which the input changes.
-        changes = (motion.end - motion.start) / self.uplifts.knots.size
+        cells = jnp.sum(self.uplifts.knots < motion.end).astype(self.rate.dtype)
+        changes = (motion.end - motion.start) / cells
         self.grace = jax.lax.stop_gradient(1e-6 * jnp.minimum(1 / self.rate, changes))
 
     def turn(self, before: Carry) -> Carry:

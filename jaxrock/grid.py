@@ -9,12 +9,14 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 
-from .motion import Pulse, Record
+from .motion import Pulse, Record, padded, room_for
 from .series import derivative, evaluate
 
 _PULSE_CELLS = 128  # a period
+_PULSE_ROOM = 4 * _PULSE_CELLS  # for the longest of them
 _GRADES = 16  # of strength, each sqrt(2) below the one before
 
 
@@ -22,15 +24,17 @@ class Grid(eqx.Module):
     """The cells of one or more ground motions, one after the other in flat arrays.
 
     `horizontal` and `vertical` have an array for every power of the time; `vertical` none
-    where there is no such component. The last cell of a motion is followed by `cells`.
+    where there is no such component. The last cell of a motion is followed by `cells`; room
+    may be left behind it.
     """
 
     horizontal: tuple[Any, ...]
     vertical: tuple[Any, ...]
     strongest: Any
     finite: Any  # each motion
-    following: Any  # (cells x motions x grades) next cell in the motion above the grade
-    cells: int = eqx.field(static=True)
+    following: Any  # (room x motions x grades) next cell in the motion above the grade
+    cells: Any
+    room: int = eqx.field(static=True)  # of a motion, for cells
     motions: tuple[int, ...] = eqx.field(static=True)
 
     def ahead(
@@ -67,39 +71,54 @@ class Grid(eqx.Module):
         return jnp.where(cell < self.cells, there, self.cells)
 
 
-def factor_and_length(motion: Pulse | Record) -> tuple[Any, Any]:
-    """The factor on the grid of a motion, and the length of its cells."""
+def factor_length_and_end(motion: Pulse | Record) -> tuple[Any, Any, Any]:
+    """The factor on the grid of a motion, the length of its cells, and the end of the last."""
     if isinstance(motion, Record):
-        return motion.scale, motion.time_step
-    return motion.amplitude, motion.duration / _cells_a_duration(type(motion))
+        end = motion.start + motion._last * motion.time_step
+        return motion.scale, motion.time_step, end
+    length = motion.duration / _cells_a_duration(type(motion))
+    return motion.amplitude, length, motion.start + _cells_of(type(motion)) * length
 
 
 def grid_of(motion: Pulse | Record) -> Grid:
     """The cells of a motion, which may be several records, for a factor of 1."""
     if isinstance(motion, Pulse):
         return _pulse_grid(type(motion), motion.amplitude.dtype)
-    return _record_grid(motion.acceleration, motion.vertical)
+    # Few different shapes, so that little is compiled.
+    samples = motion.acceleration, motion.vertical
+    if not any(isinstance(part, jax.core.Tracer) for part in samples):
+        room = room_for(motion.acceleration.shape[-1])
+        samples = jax.tree.map(lambda part: padded(part, room), samples)
+    return _record_grid(*samples, motion._last)
 
 
 @functools.partial(jax.jit, static_argnames=("kind", "dtype"))
 def _pulse_grid(kind: type[Pulse], dtype: Any) -> Grid:
-    return _grid(_quintics(kind, dtype), ())
+    quintics, cells = _quintics(kind, dtype), _cells_of(kind)
+    # The same room for all kinds, so that they are the same to a compiler.
+    behind = max(0, _PULSE_ROOM - cells)
+    return _grid(tuple(jnp.pad(power, (0, behind)) for power in quintics), (), cells)
 
 
 @jax.jit
-def _record_grid(acceleration: Any, vertical: Any) -> Grid:
+def _record_grid(acceleration: Any, vertical: Any, last: Any) -> Grid:
     if vertical is None:
-        return _grid(_lines(acceleration), ())
-    return _grid(*map(_lines, jnp.broadcast_arrays(acceleration, vertical)))
+        return _grid(_lines(acceleration), (), last)
+    both = jnp.broadcast_arrays(acceleration, vertical)
+    return _grid(_lines(both[0]), _lines(both[1]), last)
 
 
-def _grid(horizontal: tuple[Any, ...], vertical: tuple[Any, ...]) -> Grid:
+def _grid(horizontal: tuple[Any, ...], vertical: tuple[Any, ...], cells: Any) -> Grid:
+    room, cells = horizontal[0].shape[-1], jnp.asarray(cells).astype(jnp.int32)
+    numbers = jnp.arange(room, dtype=jnp.int32)
+    there = numbers < cells
     finite = jnp.isfinite(sum(horizontal + vertical))
     strength = _bound(horizontal)
     if vertical:
         strength = jnp.maximum(strength, _bound(vertical))
-    strength = jnp.where(finite, strength, 0)
-    cells, strongest = strength.shape[-1], strength.max()
+    # From the last sample to what fills the room there is no cell.
+    strength = jnp.where(finite & jnp.broadcast_to(there, finite.shape), strength, 0)
+    strongest = strength.max()
     if strength.size * _GRADES >= 2**31:
         raise ValueError(
             f"motion has {strength.size} samples, more than {2**31 // _GRADES} in one batch"
@@ -107,16 +126,17 @@ def _grid(horizontal: tuple[Any, ...], vertical: tuple[Any, ...]) -> Grid:
     grades = strongest * 2 ** (-0.5 * jnp.arange(_GRADES, dtype=strength.dtype))
     grades = grades.at[-1].set(0).reshape(1, 1, -1)
     # With the grades last, a minimum over what follows works on vectors.
-    by_cell = strength.reshape(-1, cells, 1).swapaxes(0, 1)
-    numbers = jnp.arange(cells, dtype=jnp.int32).reshape(-1, 1, 1)
+    by_cell = strength.reshape(-1, room, 1).swapaxes(0, 1)
+    numbers = numbers.reshape(-1, 1, 1)
     following = jax.lax.cummin(jnp.where(by_cell > grades, numbers, cells), reverse=True)
     return Grid(
         tuple(power.reshape(-1) for power in horizontal),
         tuple(power.reshape(-1) for power in vertical),
         strongest,
-        finite.reshape(-1, cells).all(axis=-1),
+        finite.reshape(-1, room).all(axis=-1),
         following.reshape(-1),
         cells,
+        room,
         strength.shape[:-1],
     )
 
@@ -129,10 +149,14 @@ def _cells_a_duration(kind: type[Pulse]) -> int:
     return round(_PULSE_CELLS * kind.angle / (2 * math.pi))
 
 
+def _cells_of(kind: type[Pulse]) -> int:
+    return int(_cells_a_duration(kind) * kind.turns[-1])
+
+
 def _quintics(kind: type[Pulse], dtype: Any) -> tuple[Any, ...]:
     """Quintics with the values and two derivatives of the shape at both ends of every cell."""
     each = _cells_a_duration(kind)
-    edges = jnp.linspace(0, kind.turns[-1], int(each * kind.turns[-1]) + 1, dtype=dtype)
+    edges = jnp.linspace(0, kind.turns[-1], _cells_of(kind) + 1, dtype=dtype)
     along = jnp.full_like(edges, 1 / each)
 
     def sloped(edges: Any) -> Any:

@@ -72,7 +72,7 @@ class Case(NamedTuple):
             frequency=1 / length,
             start=start,
             duration=duration,
-            first=motion * grid.cells,
+            first=motion * grid.room,
             trail=grid.trail(motion, needed),
             given=grid.finite[motion],
         )
@@ -123,9 +123,9 @@ class Lanes(NamedTuple):
         return self.moves | (self.cell < grid.cells)
 
 
-def most_turns(grid: Grid) -> int:
+def most_turns(grid: Grid) -> Any:
     """Most turns that a lane may take: a bound on the time, reported where it is hit."""
-    return min(1000 * grid.cells + 10**6, 2**31 - 1)
+    return 1000 * jnp.minimum(grid.cells, 2 * 10**6) + 10**6
 
 
 def _tiny(dtype: Any) -> float:

@@ -14,7 +14,9 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .arguments import (
@@ -26,11 +28,14 @@ from .arguments import (
     Number,
     Numbers,
     Reals,
+    as_array,
     as_real,
     check,
     quantity,
 )
 from .printing import shown
+
+_LONG = 2**16  # from so many samples on, room is made for multiples of that
 
 
 class Motion(Checked):
@@ -183,10 +188,14 @@ class Motion(Checked):
         return (time >= self.start) & (time < self.end)
 
     def _within(self, time: Numbers) -> tuple[Reals, Reals]:
-        time = as_real("time", time)
-        acts = self.acts(time)
-        inside = jnp.where(acts, time, self.start)
-        return jax.tree.map(lambda a: jnp.where(acts, a, 0), self.value(inside))
+        return _asked(bucketed(self), as_real("time", time))
+
+
+@eqx.filter_jit
+def _asked(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
+    acts = motion.acts(time)
+    inside = jnp.where(acts, time, motion.start)
+    return jax.tree.map(lambda a: jnp.where(acts, a, 0), motion.value(inside))
 
 
 class Pulse(Motion):
@@ -489,14 +498,13 @@ class Record(Motion):
     @property
     def end(self) -> Reals:
         """Time of the last sample, from which on the ground is at rest [s]."""
-        return self.start + (self.samples - 1) * self.time_step
+        return self.start + self._last * self.time_step
 
     @property
     def intensity(self) -> Reals:
         """Change of the ground velocity, I [m/s]."""
-        a = self.acceleration
-        total = a.sum(axis=-1) - 0.5 * (a[..., 0] + a[..., -1])
-        return self.scale * total * self.time_step
+        record = bucketed(self)
+        return self.scale * _total(record.acceleration, record._last) * self.time_step
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
         """Acceleration of the ground; see `Motion.value`.
@@ -505,7 +513,7 @@ class Record(Motion):
         """
         position = (time - self.start) / self.time_step
         index = jnp.ceil(position - self._rounding(position)) - 1
-        index = jnp.clip(index, 0, self.samples - 2)
+        index = jnp.clip(index, 0, self._last - 1)
         along = position - index
         index = jax.lax.stop_gradient(index).astype(int)
         horizontal = self.scale * _between(self.acceleration, index, along)
@@ -515,23 +523,82 @@ class Record(Motion):
 
     def knots(self) -> Float[Array, " knots"]:
         """The times of the samples [s]; see `Motion.knots`."""
-        return self.start + self.time_step * jnp.arange(self.samples, dtype=self.time_step.dtype)
+        numbers = jnp.arange(self.acceleration.shape[-1], dtype=self.time_step.dtype)
+        return self.start + self.time_step * jnp.minimum(numbers, self._last)
 
     def next_kink(self, time: Reals) -> Reals:
         """The time of the next sample [s], inf beyond the last one; see `Motion.next_kink`."""
         position = (time - self.start) / self.time_step
         index = jnp.maximum(jnp.floor(position + self._rounding(position)) + 1, 0)
         kink = self.start + index * self.time_step
-        return jnp.where(index < self.samples, kink, jnp.inf)
+        return jnp.where(index <= self._last, kink, jnp.inf)
 
-    def _rounding(self, position: Reals) -> float:
-        return 4 * self.samples * float(jnp.finfo(position.dtype).eps)
+    @property
+    def _last(self) -> Any:
+        """Number of the last sample, counted from 0."""
+        return self.samples - 1
+
+    def _rounding(self, position: Reals) -> Any:
+        return 4 * (self._last + 1) * float(jnp.finfo(position.dtype).eps)
 
     def scaled(self, factor: Number) -> "Record":
         """The same record, both components stronger; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
+
+
+@jax.jit
+def _total(samples: Reals, last: Any) -> Reals:
+    """By the trapezoidal rule, over the time step."""
+    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
+    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
+
+
+class Padded(Record):
+    """A record with zeros behind its end: records of many lengths are the same to a compiler.
+
+    Its knots go on at the end.
+    """
+
+    filled: Reals = quantity(NON_NEGATIVE)  # number of the last sample that counts
+
+    def __init__(self, record: Record):
+        """Pad a record that is concrete, without JAX, which would compile that."""
+        room, vertical = room_for(record.samples), record.vertical
+        self.acceleration = as_real("acceleration", padded(record.acceleration, room))
+        self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
+        self.time_step = record.time_step
+        self.scale = record.scale
+        self.start = record.start
+        self.filled = as_array(np.asarray(record._last, self.acceleration.dtype))
+
+    @property
+    def _last(self) -> Any:
+        return self.filled
+
+
+def room_for(samples: int) -> int:
+    """One of a few numbers, no less than that of the samples."""
+    if samples > _LONG:
+        return -(-samples // _LONG) * _LONG
+    return max(256, 1 << (samples - 1).bit_length())
+
+
+def padded(samples: Any, room: int) -> np.ndarray:
+    """Samples with zeros behind them."""
+    samples = np.asarray(samples)
+    whole = np.zeros((*samples.shape[:-1], room), samples.dtype)
+    whole[..., : samples.shape[-1]] = samples
+    return whole
+
+
+def bucketed(motion: Any) -> Any:
+    """The motion, a record outside of a transformation as one of few lengths."""
+    if not isinstance(motion, Record) or isinstance(motion, Padded):
+        return motion
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(motion))
+    return motion if traced else Padded(motion)
 
 
 def _between(samples: Reals, index: Array, along: Reals) -> Reals:

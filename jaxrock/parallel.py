@@ -24,6 +24,9 @@ def mapped(function: Callable[[_T], _R], items: Iterable[_T], workers: int) -> l
     A setting made by a context manager, such as ``with jax.enable_x64(True):``, holds in its
     own thread only. Here the workers take over those of the caller.
     """
+    items = list(items)
+    if len(items) < 2:
+        return [function(item) for item in items]
     settings = _settings()
 
     def under_settings(item: _T) -> _R:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Int
 from .arguments import Booleans, Number, Numbers, Reals, as_array, as_real, of_one_precision
 from .block import Block
 from .follow import Carry, Cuts, Driven, Followed, Status, follow, resumed
-from .motion import Motion, Record
+from .motion import Motion, Record, bucketed
 from .printing import listed
 from .span import DEFAULT, Method
 
@@ -105,7 +105,8 @@ class Response(eqx.Module):
         pieces = _padded(np.asarray(times, dtype).reshape(-1), size, 0.0).reshape(-1, _TIMES)
         room = max(4 * _LISTED, 1 << (cuts.time.size - 1).bit_length())
         cuts = jax.tree.map(lambda part: as_array(_padded(part, room, np.nan)), cuts)
-        parts = [_history(self.scene, cuts, self.linearized, as_array(piece)) for piece in pieces]
+        scene = _roomy(self.scene)
+        parts = [_history(scene, cuts, self.linearized, as_array(piece)) for piece in pieces]
         found = np.concatenate(parts, axis=-1)[:, : times.size]
         rotation, velocity = (as_array(part.reshape(shape)) for part in found)
         return rotation, velocity
@@ -205,9 +206,9 @@ def _response(f: Followed, linearized: bool) -> Response:
 
 def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Method) -> Response:
     """The response to the end with all of its impacts, list after list; of concrete numbers."""
-    begin, parts = Carry.beginning(driven.duration.dtype), []
+    begin, parts, roomy = Carry.beginning(driven.duration.dtype), [], _roomy(driven)
     while True:
-        found = _followed(driven, rtol, atol, linearized, _LISTED, method, begin)
+        found = _followed(roomy, rtol, atol, linearized, _LISTED, method, begin)
         impacts = int(found.impacts) - int(begin.impacts)
         cuts = int(found.last.count) - int(begin.count)
         lists = found.impact_times, found.impact_velocities, *jax.tree.leaves(found.cuts)
@@ -221,10 +222,15 @@ def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Metho
     times, velocities, *rest = map(np.concatenate, zip(*parts, strict=True))
     response = _response(found, linearized)
     return eqx.tree_at(
-        lambda r: (r.impact_times, r.impact_velocities, r.cuts),
+        lambda r: (r.impact_times, r.impact_velocities, r.cuts, r.scene),
         response,
-        (as_array(times), as_array(velocities), Cuts(*map(as_array, rest))),
+        (as_array(times), as_array(velocities), Cuts(*map(as_array, rest)), driven),
     )
+
+
+def _roomy(driven: Driven) -> Driven:
+    """The same, under a record that is one of few lengths to a compiler."""
+    return eqx.tree_at(lambda d: d.motion, driven, bucketed(driven.motion))
 
 
 @contextlib.contextmanager

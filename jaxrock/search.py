@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 _TOGETHER = 2**18  # values tried at once
+_LANES = 64  # values that are tried in the time of one
 _ITERATIONS = 200
 
 # Of the cases with given indices, at given values: margins, and modes of the motion.
@@ -190,6 +191,32 @@ def located(
         new = _Progress((x, *kept[:2]), (f, *kept[2:]), width)
         return jax.tree.map(lambda old, new: library.where(done, old, new), progress, new)
 
+    def divided(progress: _Progress, case: Any, parts: int) -> _Progress:
+        """Between the first two of so many values, even ones and some near a guess, that differ."""
+        (x1, x2, _), (f1, f2, _), width = progress
+        span = x2 - x1
+        with np.errstate(all="ignore"):
+            guess, least = f1 / (f1 - f2), width / (4 * abs(span))
+        guess = np.where(np.isfinite(guess), guess, 0.5)
+        even = (np.arange(parts // 2) + 1) / (parts // 2 + 1)
+        # Ever closer to the guess, as far as numbers differ.
+        near = least[:, None] ** (1 - np.arange(parts // 4) / (parts // 4))[None]
+        near = np.concatenate([guess[:, None] - near, guess[:, None] + near], axis=1)
+        share = np.concatenate([np.broadcast_to(even, (len(x1), even.size)), near], axis=1)
+        share = np.sort(np.clip(share, least[:, None], 1 - least[:, None]), axis=1)
+        x = (x1[:, None] + share * span[:, None]).astype(x1.dtype)
+        f = margin(np.repeat(case, x.shape[1]), x.reshape(-1)).reshape(x.shape)
+        x = np.concatenate([x1[:, None], x, x2[:, None]], axis=1)
+        f = np.concatenate([f1[:, None], f, f2[:, None]], axis=1)
+        place = ((f[:, 1:] < 0) != (f[:, :-1] < 0)).argmax(axis=1)
+        rows = np.arange(len(x1))
+        further = np.where(place > 0, place - 1, place + 2)
+
+        def chosen(part: Any) -> tuple[Any, Any, Any]:
+            return part[rows, place], part[rows, place + 1], part[rows, further]
+
+        return _Progress(chosen(x), chosen(f), width)
+
     if traced:
         _, progress = jax.lax.while_loop(
             lambda state: (state[0] < _ITERATIONS) & ~state[1].narrow().all(),
@@ -203,7 +230,12 @@ def located(
                 break
             whole, form = jax.tree.flatten(progress)
             rest = jax.tree.unflatten(form, [part[wide] for part in whole])
-            for part, new in zip(whole, jax.tree.leaves(step(rest, found.case[wide])), strict=True):
+            # Few cost as much time as many: the lanes of a batch.
+            parts = _LANES // wide.size // 4 * 4
+            better = (
+                divided(rest, found.case[wide], parts) if parts else step(rest, found.case[wide])
+            )
+            for part, new in zip(whole, jax.tree.leaves(better), strict=True):
                 part[wide] = new
     (x1, x2, _), (f1, f2, _) = progress.x, progress.f
     first = f1 >= 0

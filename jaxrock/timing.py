@@ -2,6 +2,7 @@
 
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +17,7 @@ from .train_rhythm import Train, shot
 _LATE = (0.05, 0.1, 0.2)  # half-cycles
 _ROUNDS = 200  # of corrections
 _STEP = 0.005  # relative, of spacings and strengths
+_TOGETHER = 1024  # trains
 
 
 @with_clock("timing costs")
@@ -138,6 +140,19 @@ def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
     return strength
 
 
+@eqx.filter_jit
+def _overturn(rocker: Rocker, count: int, spacings: jax.Array, strengths: jax.Array) -> jax.Array:
+    """Which of many trains of alternating pulses, equally spaced, overturn the block."""
+    dtype = rocker.restitution.dtype
+    signs = jnp.where(jnp.arange(count) % 2 == 0, 1.0, -1.0).astype(dtype)
+
+    def one(spacing: jax.Array, strength: jax.Array) -> jax.Array:
+        times = spacing * jnp.arange(count, dtype=dtype)
+        return follow(rocker, times, strength * rocker.unit * signs).overturned
+
+    return jax.vmap(one)(spacings, strengths)
+
+
 def _lowest(
     rocker: Rocker, count: int, spacings: tuple[float, float], strengths: tuple[float, float]
 ) -> tuple[float, float]:
@@ -146,24 +161,21 @@ def _lowest(
     Only what overturns with spacings that are a step longer and shorter, too, counts: that
     may be narrow wedges over the spacings, whose very tips nobody hits.
     """
-    dtype = rocker.restitution.dtype
-    signs = jnp.where(jnp.arange(count) % 2 == 0, 1.0, -1.0).astype(dtype)
-
-    @jax.jit
-    @jax.vmap
-    def overturn(spacing: jax.Array, strength: jax.Array) -> jax.Array:
-        times = spacing * jnp.arange(count, dtype=dtype)
-        return follow(rocker, times, strength * rocker.unit * signs).overturned
-
-    tried = [
+    spacing, strength = (
         np.geomspace(low, high, 1 + round(np.log(high / low) / _STEP))
         for low, high in (spacings, strengths)
-    ]
-    grid = np.meshgrid(*tried, indexing="ij")
-    falls = overturn(*(jnp.asarray(part.reshape(-1), dtype) for part in grid))
-    falls = np.asarray(falls).reshape(grid[0].shape)
-    falls = falls[:-2] & falls[1:-1] & falls[2:]
-    if not falls.any():
-        return 0.0, 1.0
-    k = int(falls.any(axis=0).argmax())
-    return float(tried[0][1 + falls[:, k].argmax()]), float(tried[1][k])
+    )
+    # From the weakest on, so many at once.
+    some = max(1, _TOGETHER // spacing.size)
+    for start in range(0, strength.size, some):
+        now = strength[start : start + some]
+        now = np.pad(now, (0, some - now.size), mode="edge")
+        grid = np.meshgrid(now, spacing, indexing="ij")
+        dtype = rocker.restitution.dtype
+        each, every = (jnp.asarray(part.reshape(-1), dtype) for part in grid)
+        falls = np.asarray(_overturn(rocker, count, every, each)).reshape(grid[0].shape)
+        falls = falls[:, :-2] & falls[:, 1:-1] & falls[:, 2:]
+        if falls.any():
+            k = int(falls.any(axis=1).argmax())
+            return float(spacing[1 + falls[k].argmax()]), float(now[k])
+    return 0.0, 1.0

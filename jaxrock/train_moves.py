@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,7 @@ from .train_descent import (
     PRESSURE,
     ROUNDS,
     STEPS,
+    Goal,
     Question,
     Search,
     outcomes,
@@ -192,6 +194,11 @@ def _where(condition: np.ndarray, ones: Search, others: Search) -> Search:
     return jax.tree.map(chosen, ones, others)
 
 
+@eqx.filter_jit
+def _weights(searches: Search, goal: Goal) -> Any:
+    return jax.vmap(lambda search: train_of(search, goal).weight)(searches)
+
+
 def reached(
     searches: Search, question: Question
 ) -> tuple[Outcome, np.ndarray, np.ndarray, np.ndarray]:
@@ -201,7 +208,7 @@ def reached(
     kept = kept < tolerance(searches)
     if question.limits is not None:
         kept &= outcome.times[:, -1] < float(question.limits.latest) + tolerance(searches)
-    weights = np.asarray(jax.vmap(lambda search: train_of(search, question.goal).weight)(searches))
+    weights = np.asarray(_weights(searches, question.goal))
     magnitudes = np.exp(searches.strength)[:, None] * weights * float(question.rocker.unit)
     magnitudes[:, 0] = abs(magnitudes[:, 0])
     counted = np.arange(weights.shape[1]) < searches.length[:, None]

@@ -1,0 +1,251 @@
+"""What is compiled: nothing where nothing new is asked."""
+
+import collections
+
+import jax
+import jax.monitoring
+import numpy as np
+import pytest
+
+import jaxrock as jr
+
+_EVENT = "/jax/core/compile/backend_compile_duration"
+STOUT = jr.Block(1.5, 1.0)
+_LENGTHS = np.linspace(2000, 6000, 20).astype(int)
+
+
+@pytest.fixture
+def compiled():
+    """Names of the programs that were compiled."""
+    names = []
+
+    def hear(event, seconds, **details):
+        if event == _EVENT:
+            names.append(details.get("fun_name", ""))
+
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    yield names
+    jax.monitoring.unregister_event_duration_listener(hear)
+
+
+def block(k):
+    return jr.Block(0.2 + 0.01 * k, 5.0 + 0.1 * k)
+
+
+def scene(k):
+    return jr.Scene(jr.Block(0.4 + 0.01 * k, 5.0), 0.7 + 0.01 * k, 0.15)
+
+
+def pulse(k, shape=jr.Sine):
+    return shape(3.0 + 0.1 * k, 0.5)
+
+
+def pulses(k):
+    return jr.Sine(np.linspace(2, 4, 5) + k, 0.5)
+
+
+def record(samples=600, k=0):
+    noise = np.random.default_rng(k).standard_normal(samples)
+    return jr.Record(5 * noise * np.sin(np.pi * np.linspace(0, 1, samples)), 0.01)
+
+
+def wall(k):
+    return jr.Scene(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 0.28)
+
+
+_VARIATION = {"restitution": 0.05}
+_RANGES = {"intensity": (0.1, 0.16)}
+_slopes = jr.value_and_slopes(jr.rotation_ratio)
+
+# What is called first with 0 and then with 1: with other numbers of the same shapes.
+CALLS = {
+    "Block": lambda k: (block(k).critical_angle, block(k).pulse_velocity(0.1 + k)),
+    "Sine": lambda k: (pulse(k).horizontal(0.1 + k), pulse(k).shifted(k).scaled(k).knots()),
+    "Cosine": lambda k: pulse(k, jr.Cosine).horizontal(0.1 + k),
+    "HalfSine": lambda k: pulse(k, jr.HalfSine).intensity,
+    "Rectangular": lambda k: pulse(k, jr.Rectangular).upward(0.1 + k),
+    "Ricker": lambda k: pulse(k, jr.Ricker).horizontal(0.1 + k),
+    "Record": lambda k: (
+        record(k=k).horizontal(0.1 + k),
+        record(k=k).scaled(1.0 + k).intensity,
+        record(k=k).knots(),
+    ),
+    "Oscillator": lambda k: jr.Oscillator(3.0 + k, 0.05).half_cycle_velocity(0.1, 2.0 + k),
+    "amplification": lambda k: jr.amplification(scene(k)),
+    "assess": lambda k: jr.assess(scene(k)),
+    "choose": lambda k: jr.choose(scene(k), 0.01 + 0.01 * k),
+    "critical_amplitude": lambda k: jr.critical_amplitude(
+        jr.Block(0.1 + 0.02 * k, 5.0), 0.9, jr.Sine, 0.5
+    ),
+    "critical_duration": lambda k: jr.critical_duration(block(k), 0.9, pulse(k), (0.1, 1.0 + k)),
+    "critical_intensity": lambda k: jr.critical_intensity(block(k), 0.7 + 0.01 * k),
+    "critical_pulsed_amplitude": lambda k: jr.critical_pulsed_amplitude(
+        block(k), 0.7, jr.HalfSine, 0.1 + 0.01 * k
+    ),
+    "critical_restitution": lambda k: jr.critical_restitution(scene(k)),
+    "critical_slenderness": lambda k: jr.critical_slenderness(scene(k)),
+    "critical_width": lambda k: jr.critical_width(scene(k)),
+    "damping_from_decay": lambda k: jr.damping_from_decay(0.5 + 0.1 * k),
+    "equivalent_damping": lambda k: jr.equivalent_damping(0.5 + 0.1 * k),
+    "equivalent_damping_as_printed": lambda k: jr.equivalent_damping_as_printed(0.5 + 0.1 * k),
+    "example_record": lambda k: jr.example_record(("north", "east")[k]),
+    "failure_probability": lambda k: jr.failure_probability(
+        jr.overturning_margin, wall(k), _VARIATION, samples=100, seed=k
+    ),
+    "fate_margin": lambda k: jr.fate_margin(block(k), 0.8, 0.01 * k, 0.1),
+    "global_sensitivities": lambda k: jr.global_sensitivities(
+        jr.rotation_ratio, scene(k), _RANGES, samples=64
+    ),
+    "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
+    "housner_restitution": lambda k: jr.housner_restitution(block(k)),
+    "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
+    "model_error": lambda k: jr.model_error(scene(k)),
+    "monte_carlo": lambda k: jr.monte_carlo(
+        jr.rotation_ratio, scene(k), _VARIATION, samples=50, seed=k
+    ),
+    "next_velocity": lambda k: jr.next_velocity(scene(k), 0.1 + 0.1 * k),
+    "overturning_boundaries": lambda k: jr.overturning_boundaries(
+        jr.Block(0.05 + 0.003 * k, 5.0), 0.9, record(k=k), "factor", np.linspace(0.2, 4, 9)
+    ),
+    "overturning_half_cycle": lambda k: jr.overturning_half_cycle(wall(k)),
+    "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
+    "overturning_margin": lambda k: jr.overturning_margin(scene(k)),
+    "overturning_spectrum": lambda k: jr.overturning_spectrum(
+        jr.HalfSine, np.linspace(2.0 + k, 4, 3), np.linspace(2.0 + k, 4, 4)
+    ),
+    "propagate": lambda k: jr.propagate(jr.rotation_ratio, scene(k), _VARIATION, samples=50),
+    "pulsed_next_velocity": lambda k: jr.pulsed_next_velocity(
+        block(k), 0.7, pulse(k, jr.HalfSine), 0.2
+    ),
+    "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
+    "resonance_spectrum": lambda k: jr.resonance_spectrum(
+        5.0, np.linspace(0.2, 1, 5) + 0.1 * k, 0.7, 0.15
+    ),
+    "respond": lambda k: jr.respond(
+        block(k), 0.9, pulse(k), 2.0 + k, rtol=1e-4 * (1 + k), atol=1e-9 * (1 + k)
+    ),
+    "respond_batch": lambda k: jr.respond_batch(block(k), 0.9, pulses(k), 3.0 + k),
+    "respond_to_train": lambda k: jr.respond_to_train(
+        block(k), 0.7, np.array([0.0, 0.5 + 0.1 * k, 1.5]), np.array([0.3, -0.3, 0.3])
+    ),
+    "respond_within": lambda k: jr.respond_within(block(k), 0.9, pulses(k), 1e-3),
+    "rocking_spectrum": lambda k: jr.rocking_spectrum(record(k=k), np.linspace(1.0 + k, 3, 6), 5.0),
+    "rotation_ratio": lambda k: jr.rotation_ratio(scene(k)),
+    "sensitivities": lambda k: jr.sensitivities(jr.rotation_ratio, scene(k)),
+    "stabilized_period": lambda k: jr.stabilized_period(scene(k)),
+    "stabilized_rotation": lambda k: jr.stabilized_rotation(scene(k)),
+    "stabilized_velocity": lambda k: jr.stabilized_velocity(scene(k)),
+    "survival_windows": lambda k: jr.survival_windows(
+        block(k), 0.9, pulse(k), np.linspace(0.5, 1.5, 9) + 0.1 * k
+    ),
+    "timing_costs": lambda k: jr.timing_costs(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 3),
+    "tornado": lambda k: jr.tornado(jr.rotation_ratio, scene(k), _RANGES),
+    "value_and_slopes": lambda k: _slopes(scene(k)),
+    "worst_train": lambda k: jr.worst_train(
+        jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 2, starts=2, seed=k
+    ),
+}
+
+# What computes nothing, or is not called here, and why.
+LEFT_OUT = {
+    "DrivenScene": "holds numbers",
+    "Scene": "holds numbers",
+    "Linearized": "what computes with it is called",
+    "Nonlinear": "what computes with it is called",
+    "Motion": "is abstract",
+    "Pulse": "is abstract",
+    "Status": "names numbers",
+    "from_obspy": "reads without JAX",
+    "read_record": "reads without JAX",
+    "write_table": "writes without JAX",
+    "measure_tradeoff": "measures first calls too",
+}
+
+# Only functions make them.
+ANSWERS = {
+    jr.BatchResponse,
+    jr.Boundaries,
+    jr.Choice,
+    jr.GlobalSensitivities,
+    jr.ModelError,
+    jr.Probability,
+    jr.PulsedPhase,
+    jr.PulsedVerge,
+    jr.Response,
+    jr.Scatter,
+    jr.Sensitivities,
+    jr.SurvivalWindows,
+    jr.Swing,
+    jr.Tradeoff,
+    jr.TrainResponse,
+    jr.Within,
+    jr.WorstTrain,
+}
+
+
+def test_everything_public_is_called():
+    public = {name for name in jr.__all__ if getattr(jr, name) not in ANSWERS}
+    assert public == CALLS.keys() | LEFT_OUT.keys()
+    assert not CALLS.keys() & LEFT_OUT.keys()
+
+
+# What cannot be helped now: how many programs a second call takes, and why.
+LIMITS = {
+    "history": (
+        lambda k: jr.respond(block(0), 0.9, pulse(0)).history(np.linspace(0, 0.5, 10 + k)),
+        3,
+        "takes its times apart with JAX: one program for each shape of the times",
+    ),
+    "knots": (lambda k: record(600 + k).knots(), 5, "an answer as long as the record"),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits_are_what_is_said(name, compiled):
+    call, most, _ = LIMITS[name]
+    call(0)
+    compiled.clear()
+    call(1)
+    assert 0 < len(compiled) <= most
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_second_call_compiles_nothing(name, compiled):
+    CALLS[name](0)
+    compiled.clear()
+    CALLS[name](1)
+    assert compiled == []
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda motion: jr.respond(STOUT, 0.3, motion),
+        lambda motion: jr.respond_batch(STOUT, 0.3, motion),
+        lambda motion: jr.overturning_boundaries(STOUT, 0.3, motion, "factor", [0.1, 0.2]),
+        lambda motion: jr.rocking_spectrum(motion, [6.0], 1.0, restitution=0.3),
+        lambda motion: (motion.horizontal(3.0), motion.intensity, motion.end),
+    ],
+    ids=["respond", "respond_batch", "boundaries", "spectrum", "record"],
+)
+def test_twenty_lengths_of_record_take_three_programs(call, compiled):
+    for samples in _LENGTHS:
+        call(record(samples))
+    assert max(collections.Counter(compiled).values(), default=0) <= 3
+    compiled.clear()
+    for samples in _LENGTHS + 1:
+        call(record(samples))
+    assert compiled == []
+
+
+def test_batches_of_all_sizes_take_two_programs(compiled):
+    for size in (1, 2, 17, 512, 700, 1000, 3333, 10000):
+        blocks = jr.Block(np.linspace(0.2, 0.3, size), 5.0)
+        jr.respond_batch(blocks, 0.9, jr.HalfSine(3.0, 0.1))
+    assert max(collections.Counter(compiled).values(), default=0) <= 2
+
+
+def test_pulses_of_all_shapes_take_one_program(compiled):
+    for shape in (jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker):
+        jr.respond_batch(jr.Block(0.2, 5.0), 0.9, shape(3.0, 0.1))
+    assert compiled.count("_march") + compiled.count("jit__march") <= 1
