@@ -123,7 +123,7 @@ CALLS = {
     ),
     "respond": lambda k: jr.respond(
         block(k), 0.9, pulse(k), 2.0 + k, rtol=1e-4 * (1 + k), atol=1e-9 * (1 + k)
-    ),
+    ).history(np.linspace(0, 1, 10 + k)),
     "respond_batch": lambda k: jr.respond_batch(block(k), 0.9, pulses(k), 3.0 + k),
     "respond_to_train": lambda k: jr.respond_to_train(
         block(k), 0.7, np.array([0.0, 0.5 + 0.1 * k, 1.5]), np.array([0.3, -0.3, 0.3])
@@ -189,24 +189,12 @@ def test_everything_public_is_called():
     assert not CALLS.keys() & LEFT_OUT.keys()
 
 
-# What cannot be helped now: how many programs a second call takes, and why.
-LIMITS = {
-    "history": (
-        lambda k: jr.respond(block(0), 0.9, pulse(0)).history(np.linspace(0, 0.5, 10 + k)),
-        3,
-        "takes its times apart with JAX: one program for each shape of the times",
-    ),
-    "knots": (lambda k: record(600 + k).knots(), 5, "an answer as long as the record"),
-}
-
-
-@pytest.mark.parametrize("name", LIMITS)
-def test_limits_are_what_is_said(name, compiled):
-    call, most, _ = LIMITS[name]
-    call(0)
+def test_an_answer_of_another_length_is_a_limit(compiled):
+    """The knots of a record are as many as its samples: few small programs for each length."""
+    record(600).knots()
     compiled.clear()
-    call(1)
-    assert 0 < len(compiled) <= most
+    record(601).knots()
+    assert 0 < len(compiled) <= 5
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -249,3 +237,24 @@ def test_pulses_of_all_shapes_take_one_program(compiled):
     for shape in (jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker):
         jr.respond_batch(jr.Block(0.2, 5.0), 0.9, shape(3.0, 0.1))
     assert compiled.count("_march") + compiled.count("jit__march") <= 1
+
+
+def respond(restitution):
+    return jr.respond(block(0), restitution, pulse(0), 5.0)
+
+
+@pytest.mark.parametrize(
+    ("function", "most"),
+    [
+        (respond, 2600),
+        (jax.jacfwd(lambda c: respond(c).peak_rotation), 4200),
+        (lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3000),
+        (lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500),
+        (lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1), 7500),
+    ],
+    ids=["respond", "slope", "record", "phase", "verge"],
+)
+def test_programs_do_not_grow(function, most):
+    """Lines of StableHLO: what a compiler has to work through at every first call."""
+    lines = jax.jit(function).lower(0.9).as_text().count("\n")
+    assert 0.5 * most < lines <= most
