@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import frozen
 import jax
+import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
@@ -65,39 +66,6 @@ def test_value_in_float32(name):
     check_values(name, samples, truth, evaluate(CASES[name], samples, np.float32), np.float32)
 
 
-@pytest.mark.float64
-@pytest.mark.parametrize("name", NAMES)
-def test_value_and_derivatives_in_float64(name):
-    """Slopes to 1e-10, and near the verge to what the rounding of the speed ratio x allows."""
-    samples, truth = frozen_truth(name, np.float64)
-    function, which = CASES[name].ours, range(len(samples.arguments))
-
-    @jax.jit
-    @jax.vmap
-    def of_sample(*arguments):
-        value, slopes = jax.value_and_grad(function, which)(*arguments)
-        return value, slopes, jax.jacfwd(function, which)(*arguments)
-
-    values, reverse, forward = jax.tree.map(np.asarray, of_sample(*samples.arguments))
-    check_values(name, samples, truth, values, np.float64)
-    eps = float(np.finfo(np.float64).eps)
-    for index, gradient in enumerate(truth.gradients):
-        left = 1 - min(samples.x[index], 1 - 1e-13) ** 2
-        numbers = [mp.mpf(float(a[index])) for a in samples.arguments]
-        total = sum(abs(a * (g or 0)) for a, g in zip(numbers, gradient, strict=True))
-        for position, exact in enumerate(gradient):
-            if exact is None:
-                continue
-            ours, other = float(reverse[position][index]), float(forward[position][index])
-            where = ([a[index] for a in samples.arguments], position, ours, other, exact)
-            if exact == 0:  # does not depend on it at all
-                assert ours == other == 0, where
-                continue
-            scale = total / numbers[position] if CASES[name].path else abs(exact)
-            assert abs(mp.mpf(ours) - exact) <= (1e-10 + 100 * eps / left) * scale, where
-            assert abs(ours - other) <= 1e-13 * scale, where
-
-
 # Arguments on the edges: b, lambda, g, C, I.
 ON_SCENES = [
     name
@@ -117,16 +85,59 @@ EDGES = {
 }
 
 
+def check_edges(edges, *found):
+    """Slopes in either mode: arguments, edges."""
+    for slopes in found:
+        for (edge, (_, exact)), gradient in zip(edges.items(), slopes.T, strict=True):
+            for position, (slope, digits) in enumerate(zip(gradient, exact, strict=True)):
+                theirs = frozen.number(digits)
+                assert np.isfinite(slope), (edge, position)
+                wrong = abs(mp.mpf(float(slope)) - theirs)
+                assert wrong <= 1e-10 * abs(theirs) + 1e-50, (edge, position)
+
+
 @pytest.mark.float64
-@pytest.mark.parametrize("edge", EDGES)
-@pytest.mark.parametrize("name", ON_SCENES)
-def test_derivatives_on_the_edges(name, edge):
-    arguments, exact = frozen.entry("edges", name, edge)
-    gradient = jax.grad(CASES[name].ours, range(len(arguments)))(*arguments)
-    for position, (slope, digits) in enumerate(zip(gradient, exact, strict=True)):
-        theirs = frozen.number(digits)
-        assert np.isfinite(slope)
-        assert abs(mp.mpf(float(slope)) - theirs) <= 1e-10 * abs(theirs) + 1e-50, position
+@pytest.mark.parametrize("name", NAMES)
+def test_value_and_derivatives_in_float64(name):
+    """Slopes to 1e-10, and near the verge to what the rounding of the speed ratio x allows.
+
+    One program does for the samples and the edges.
+    """
+    samples, truth = frozen_truth(name, np.float64)
+    function, which = CASES[name].ours, range(len(samples.arguments))
+    edges = {edge: frozen.entry("edges", name, edge) for edge in EDGES if name in ON_SCENES}
+
+    @jax.jit
+    @jax.vmap
+    def of_sample(*arguments):
+        value, slopes = jax.value_and_grad(function, which)(*arguments)
+        forward = jax.vmap(lambda *along: jax.jvp(function, arguments, along)[1])
+        return value, slopes, forward(*jnp.eye(len(arguments)))
+
+    arguments = samples.arguments
+    if edges:
+        on_edges = np.transpose([asked for asked, _ in edges.values()])
+        arguments = tuple(map(np.append, arguments, on_edges))
+    values, reverse, forward = jax.tree.map(np.asarray, of_sample(*arguments))
+    check_values(name, samples, truth, values[:NUMBER], np.float64)
+    forward = forward.T
+    check_edges(edges, np.stack(reverse)[:, NUMBER:], forward[:, NUMBER:])
+    eps = float(np.finfo(np.float64).eps)
+    for index, gradient in enumerate(truth.gradients):
+        left = 1 - min(samples.x[index], 1 - 1e-13) ** 2
+        numbers = [mp.mpf(float(a[index])) for a in samples.arguments]
+        total = sum(abs(a * (g or 0)) for a, g in zip(numbers, gradient, strict=True))
+        for position, exact in enumerate(gradient):
+            if exact is None:
+                continue
+            ours, other = float(reverse[position][index]), float(forward[position][index])
+            where = ([a[index] for a in samples.arguments], position, ours, other, exact)
+            if exact == 0:  # does not depend on it at all
+                assert ours == other == 0, where
+                continue
+            scale = total / numbers[position] if CASES[name].path else abs(exact)
+            assert abs(mp.mpf(ours) - exact) <= (1e-10 + 100 * eps / left) * scale, where
+            assert abs(ours - other) <= 1e-13 * scale, where
 
 
 @pytest.mark.float64

@@ -26,7 +26,10 @@ def test_rectangular_pulses_against_housner():
 
 @pytest.mark.parametrize(
     ("width", "height", "shape", "duration", "expected"),
-    [(0.4, 1.2, jr.HalfSine, 0.5, 0.5545859), (1.0, 3.0, jr.Sine, 1.0, 0.45154)],
+    [
+        pytest.param(0.4, 1.2, jr.HalfSine, 0.5, 0.5545859, marks=SLOW),
+        (1.0, 3.0, jr.Sine, 1.0, 0.45154),
+    ],
 )
 def test_makris_and_roussos(width, height, shape, duration, expected):
     """Recomputed from their equations; they print 0.5545 and 0.4514 g."""
@@ -44,7 +47,7 @@ def test_against_scipy():
         half_width, slenderness = 10 ** rng.uniform(-1.3, 0.2), rng.uniform(2, 9)
         c, duration = rng.uniform(0.6, 0.95), rng.uniform(0.2, 1.2)
         shape = (jr.HalfSine, jr.Sine, jr.Cosine)[checked % 3]
-        linearized = bool(rng.random() < 0.5)
+        linearized = bool(rng.random() < 0.5) and shape is jr.Sine
         block = jr.Block(half_width, slenderness)
         found = jr.critical_amplitude(block, c, shape, duration, linearized=linearized)
         assert bool(found.complete)
@@ -297,7 +300,7 @@ def test_bad_ranges():
         jax.jacfwd(
             lambda a: (
                 jr.overturning_boundaries(
-                    jr.Block(0.3, 4.0), 0.9, jr.Record(a, 0.1), "factor", [1.0, 2.0]
+                    jr.Block(0.3, 4.0), 0.9, jr.Record(a, 0.1, 0 * a), "factor", [1.0, 2.0]
                 ).value
             )
-        )(jnp.ones(4))
+        )(jnp.ones(100))

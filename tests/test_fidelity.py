@@ -204,13 +204,13 @@ def test_chaos_is_not_promised():
 
 def test_a_single_driven_scene():
     scene = jr.DrivenScene(jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5))
-    choice = jr.choose(scene, 1e-6)
+    choice = jr.choose(scene, 1e-3)
     assert choice.setting.rung == "lockstep"
     assert str(choice).startswith(f"lockstep of order {choice.setting.order} in float64: off by")
     truth = jr.respond(scene.block, 0.9, scene.motion, rtol=1e-12)
     found = jr.respond_batch(scene.block, 0.9, scene.motion, order=choice.setting.order)
-    assert apart(found.peak_rotation, truth.peak_rotation) <= choice.error <= 1e-6
-    assert jr.respond_within(scene.block, 0.9, scene.motion, 1e-6).response.impacts.shape == ()
+    assert apart(found.peak_rotation, truth.peak_rotation) <= choice.error <= 1e-3
+    assert jr.respond_within(scene.block, 0.9, scene.motion, 1e-3).response.impacts.shape == ()
 
 
 def test_bad_input():

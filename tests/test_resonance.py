@@ -98,17 +98,22 @@ def answers_without_limit(shared):
     yield jr.equivalent_damping(shared * loss)
 
 
-@pytest.mark.parametrize("index", range(9))
-def test_elements_without_limit_leave_the_derivatives_of_others_alone(index):
+def test_elements_without_limit_leave_the_derivatives_of_others_alone():
     def kept(shared):
-        values = list(answers_without_limit(shared))[index]
-        return jnp.where(jnp.isfinite(values), values, 0).sum()
+        answers = [jnp.where(jnp.isfinite(v), v, 0).sum() for v in answers_without_limit(shared)]
+        return jnp.stack(answers)
 
-    slope = jax.grad(kept)(0.4)
+    @jax.jit
+    @jax.vmap
+    def values_and_slopes(shared):
+        values, pull = jax.vjp(kept, shared)
+        return values, jax.vmap(pull)(jnp.eye(values.size))[0]
+
     step = 1e-3
-    assert jnp.isfinite(slope)
-    difference = (kept(0.4 + step) - kept(0.4 - step)) / (2 * step)
-    np.testing.assert_allclose(slope, difference, rtol=0.02, atol=1e-3)
+    values, slopes = values_and_slopes(0.4 + step * np.array([-1.0, 0.0, 1.0]))
+    assert jnp.isfinite(slopes).all()
+    difference = (values[2] - values[0]) / (2 * step)
+    np.testing.assert_allclose(slopes[1], difference, rtol=0.02, atol=1e-3)
 
 
 @pytest.mark.float64
