@@ -21,7 +21,6 @@ from .arguments import (
     Booleans,
     Checked,
     Reals,
-    as_array,
     guarding,
     module_within,
     quantity,
@@ -106,8 +105,8 @@ class Carry(NamedTuple):
 
     @classmethod
     def beginning(cls, dtype: Any) -> "Carry":
-        """Before the first cut."""
-        zero, none = as_array(np.zeros((), dtype)), as_array(np.zeros((), int))
+        """Before the first cut; in NumPy, which need not be asked for anything."""
+        zero, none = np.zeros((), dtype), np.zeros((), int)
         return cls(
             time=zero,
             side=zero,
@@ -116,14 +115,14 @@ class Carry(NamedTuple):
             phase=none,
             count=none,
             impacts=none,
-            struck=as_array(np.zeros(2, dtype)),
+            struck=np.zeros(2, dtype),
             peak=zero,
             peak_time=zero,
             crossing=zero,
             margin=zero,
             demand=zero,
             normal=zero,
-            failed=as_array(np.zeros((), bool)),
+            failed=np.zeros((), bool),
         )
 
 
@@ -431,7 +430,7 @@ class _Loop:
         rates = jax.lax.stop_gradient(span).field(*jax.lax.stop_gradient((times, states)))[1]
         extremes = p.demand, p.normal
         if self.forced:
-            extremes = beyond(span, times, states, extremes, counts)
+            extremes = beyond(span, times, states, rates, extremes, counts)
         along, y = jnp.where(counts, p.until, p.along), jnp.where(counts, step.there, p.y)
         wish = jnp.where(goes, jnp.maximum(step.following, p.wish), step.following)
         until = limited(span, length, along, along + wish, y, jnp.where(goes, rates[1], rates[0]))

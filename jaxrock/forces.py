@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from .arguments import Booleans, Reals
 from .span import Span
 
-_NODES = 9
+_NODES = 5
 # Third, fourth and fifth power of the time, of what the first three leave at the end of a step of
 # the lean, of its slope and of half its second derivative.
 _QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))
@@ -48,20 +48,25 @@ def forces(span: Span, time: Reals, y: Reals) -> tuple[Reals, Reals]:
 
 
 def beyond(
-    span: Span, times: Reals, states: Reals, kept: tuple[Reals, Reals], counts: Booleans
+    span: Span,
+    times: Reals,
+    states: Reals,
+    rates: Reals,
+    kept: tuple[Reals, Reals],
+    counts: Booleans,
 ) -> tuple[Reals, Reals]:
     """The extremes that are kept, or those of a step, if it counts, where they are beyond them.
 
     Most steps come nowhere near: what lies between the nodes is beyond them by much less than
     a part of their spread.
     """
-    step = jax.lax.stop_gradient((span, times, states))
+    step = jax.lax.stop_gradient((span, times, states, rates))
     horizontal, normal = _at_shares(*step, _nodes(times))
     demand, least = jax.lax.stop_gradient(kept)
     finite = demand < jnp.inf
     slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
-    steeper = finite & (1.25 * slides.max() - 0.25 * slides.min() >= 0)
-    lighter = 1.25 * normal.min() - 0.25 * normal.max() <= least
+    steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
+    lighter = 1.5 * normal.min() - 0.5 * normal.max() <= least
 
     def changed() -> tuple[Reals, Reals]:
         demand, normal = extremes(span, times, states)
@@ -78,7 +83,8 @@ def extremes(span: Span, times: Reals, states: Reals) -> tuple[Reals, Reals]:
     one another.
     """
     nodes = _nodes(times)
-    found = [_at_shares(span, times, states, nodes)]
+    rates = span.field(times, states)[1]
+    found = [_at_shares(span, times, states, rates, nodes)]
     # Where an extreme value is has no part in its derivative.
     horizontal, normal = jax.lax.stop_gradient(found[0])
     # The angle of the force is smooth where the normal force vanishes.
@@ -87,7 +93,7 @@ def extremes(span: Span, times: Reals, states: Reals) -> tuple[Reals, Reals]:
     bent = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
     moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1) / (_NODES - 1)
     shares = nodes[None] + jnp.pad(moved, ((0, 0), (1, 1)))
-    found += [_at_shares(span, times, states, shares[k]) for k in range(2)]
+    found += [_at_shares(span, times, states, rates, shares[k]) for k in range(2)]
     horizontal, normal = (jnp.stack(parts) for parts in zip(*found, strict=True))
     # In the shortest steps, which change nothing, the speed in between is lost to rounding.
     eps, step = float(jnp.finfo(nodes.dtype).eps), times[1] - times[0]
@@ -102,9 +108,10 @@ def _nodes(like: Reals) -> Reals:
 
 
 @jax.jit
-def _at_shares(span: Span, times: Reals, states: Reals, share: Reals) -> tuple[Reals, Reals]:
+def _at_shares(
+    span: Span, times: Reals, states: Reals, rates: Reals, share: Reals
+) -> tuple[Reals, Reals]:
     """Forces at some shares of a step."""
-    rates = span.field(times, states)[1]
     begin, step = times[0], times[1] - times[0]
     drift, bend = step * states[1], 0.5 * step**2 * rates
     excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]

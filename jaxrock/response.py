@@ -20,7 +20,7 @@ from .span import DEFAULT, Method
 
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Bosh3", "Heun")
 _TIMES = 512  # of a history at once
-_LISTED = 1024  # impacts at once
+_LISTED = 2048  # impacts at once
 _KEPT = 64  # of them under a transformation
 
 
@@ -206,25 +206,26 @@ def _response(f: Followed, linearized: bool) -> Response:
 
 def _whole(driven: Driven, rtol: Any, atol: Any, linearized: bool, method: Method) -> Response:
     """The response to the end with all of its impacts, list after list; of concrete numbers."""
-    begin, parts, roomy = Carry.beginning(driven.duration.dtype), [], _roomy(driven)
+    begin, struck, cuts, roomy = Carry.beginning(driven.duration.dtype), [], [], _roomy(driven)
     while True:
         found = _followed(roomy, rtol, atol, linearized, _LISTED, method, begin)
-        impacts = int(found.impacts) - int(begin.impacts)
-        cuts = int(found.last.count) - int(begin.count)
-        lists = found.impact_times, found.impact_velocities, *jax.tree.leaves(found.cuts)
         # In NumPy: nothing is compiled for as many as there are.
-        parts.append(
-            [np.asarray(part)[: impacts if k < 2 else cuts] for k, part in enumerate(lists)]
-        )
+        impacts = int(found.impacts) - int(begin.impacts)
+        rows = int(found.last.count) - int(begin.count)
+        lists = found.impact_times, found.impact_velocities
+        struck.append([np.asarray(part)[:impacts] for part in lists])
+        cuts.append([np.asarray(part)[:rows] for part in jax.tree.leaves(found.cuts)])
         if int(found.status) != Status.LIST_FULL:
             break
         begin = found.last
-    times, velocities, *rest = map(np.concatenate, zip(*parts, strict=True))
-    response = _response(found, linearized)
+    times, velocities = map(np.concatenate, zip(*struck, strict=True))
+    whole = found.cuts
+    if len(cuts) > 1:
+        whole = Cuts(*(as_array(np.concatenate(part)) for part in zip(*cuts, strict=True)))
     return eqx.tree_at(
         lambda r: (r.impact_times, r.impact_velocities, r.cuts, r.scene),
-        response,
-        (as_array(times), as_array(velocities), Cuts(*map(as_array, rest)), driven),
+        _response(found, linearized),
+        (as_array(times), as_array(velocities), whole, driven),
     )
 
 
@@ -354,7 +355,7 @@ def respond(
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if listed < 0:
         raise ValueError(f"listed must be at least 0, got {listed}")
-    tolerances = [as_array(np.asarray(number, dtype)) for number in (rtol, atol)]
+    tolerances = [np.asarray(number, dtype) for number in (rtol, atol)]
     method = Method(solver)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(driven))
     with _unchecked():
