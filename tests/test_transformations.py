@@ -48,10 +48,12 @@ def test_shapes_and_precision(name):
 @pytest.mark.parametrize("name", ONE_OF_EACH_KIND)
 def test_transformations(name):
     """A grid of the first argument against the others, point by point; one program for all."""
-    function, arguments = CASES[name].ours, arguments_of(name)
+    dtype = jnp.result_type(float)
+    function = CASES[name].ours
+    arguments = [jnp.asarray(a, dtype) for a in arguments_of(name)]
     direct = np.asarray(function(*arguments))
     assert direct.shape == (6,)
-    assert direct.dtype == np.float32
+    assert direct.dtype == dtype
 
     @jax.jit
     def transformed(first, *others):
@@ -62,7 +64,8 @@ def test_transformations(name):
         return jnp.broadcast_to(grid, (6, 6)), one_by_one, slopes
 
     grid, one_by_one, slopes = transformed(*arguments)
-    # Some points are so close to the verge that rounding shows.
-    np.testing.assert_allclose(grid, one_by_one, rtol=0.02)
-    np.testing.assert_allclose(np.diagonal(grid), direct, rtol=0.02)
-    assert all(slope.shape == (6,) and slope.dtype == np.float32 for slope in slopes)
+    # Some points are so close to the verge that rounding shows in float32.
+    rtol = 1e-11 if dtype == np.float64 else 0.02
+    np.testing.assert_allclose(grid, one_by_one, rtol=rtol)
+    np.testing.assert_allclose(np.diagonal(grid), direct, rtol=rtol)
+    assert all(slope.shape == (6,) and slope.dtype == dtype for slope in slopes)
