@@ -11,7 +11,6 @@ import jaxrock as jr
 
 _EVENT = "/jax/core/compile/backend_compile_duration"
 STOUT = jr.Block(1.5, 1.0)
-_LENGTHS = np.linspace(2000, 6000, 20).astype(int)
 
 
 @pytest.fixture
@@ -217,11 +216,10 @@ def test_a_second_call_compiles_nothing(name, compiled):
     ids=["respond", "respond_batch", "boundaries", "spectrum", "record"],
 )
 def test_twenty_lengths_of_record_take_three_programs(call, compiled):
-    for samples in _LENGTHS:
+    for samples in (2001, 3000, 5000):
         call(record(samples))
-    assert max(collections.Counter(compiled).values(), default=0) <= 3
     compiled.clear()
-    for samples in _LENGTHS + 1:
+    for samples in np.linspace(2000, 6000, 20).astype(int):
         call(record(samples))
     assert compiled == []
 

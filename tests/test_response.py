@@ -130,6 +130,20 @@ def test_decay_of_free_rocking():
     np.testing.assert_allclose(1 - np.sqrt(1 - x**2), expected[1:], atol=6e-5)
 
 
+def test_second_derivative_of_an_impact():
+    """Linearized, the block lands after 2 artanh(x) / p, x = velocity / critical velocity."""
+    block, x = jr.Block(0.3, 8.0), 0.5
+
+    def lands(velocity):
+        r = jr.respond(block, 0.8, STILL, 1.5, velocity=velocity, linearized=True, listed=1)
+        return r.impact_times[0]
+
+    critical = float(jr.Linearized().critical_velocity(block))
+    second = jax.jit(jax.jacfwd(jax.jacfwd(lands)))(x * critical)
+    closed = 4 * x / ((1 - x**2) * critical) ** 2 / float(block.frequency_parameter)
+    assert float(second) == pytest.approx(closed, rel=1e-7)
+
+
 def test_two_impulses():
     """Nabeshima et al. 2016: V, and -V right after the first impact, in the limit."""
     block, c = jr.Block(0.4, 4.0), 0.8
