@@ -84,17 +84,16 @@ def extremes(span: Span, times: Reals, states: Reals) -> tuple[Reals, Reals]:
     """
     nodes = _nodes(times)
     rates = span.field(times, states)[1]
-    found = [_at_shares(span, times, states, rates, nodes)]
-    # Where an extreme value is has no part in its derivative.
-    horizontal, normal = jax.lax.stop_gradient(found[0])
+    horizontal, normal = _at_shares(span, times, states, rates, nodes)
     # The angle of the force is smooth where the normal force vanishes.
     curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
     rise = 0.5 * (curves[:, 2:] - curves[:, :-2])
     bent = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
     moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1) / (_NODES - 1)
     shares = nodes[None] + jnp.pad(moved, ((0, 0), (1, 1)))
-    found += [_at_shares(span, times, states, rates, shares[k]) for k in range(2)]
-    horizontal, normal = (jnp.stack(parts) for parts in zip(*found, strict=True))
+    found = [_at_shares(span, times, states, rates, shares[k]) for k in range(2)]
+    found = zip((horizontal, normal), *found, strict=True)
+    horizontal, normal = map(jnp.stack, found)
     # In the shortest steps, which change nothing, the speed in between is lost to rounding.
     eps, step = float(jnp.finfo(nodes.dtype).eps), times[1] - times[0]
     long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(span.equation.square)
@@ -124,7 +123,7 @@ def _at_shares(
     terms = powers * jnp.stack(shares)
     lean = states[0, 0] + share * terms.sum(axis=0)
     exponents = jnp.arange(1, 6, dtype=left.dtype)[:, None]
-    speed = (exponents * terms).sum(axis=0) / step
+    speed = (exponents * terms).sum(axis=0) / jnp.where(step > 0, step, 1)
     # Of the ends, the states themselves.
     first, last = share[None] == 0, share[None] == 1
     y = jnp.where(first, states[:, :1], jnp.where(last, states[:, 1:], jnp.stack([lean, speed])))

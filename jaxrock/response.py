@@ -93,8 +93,15 @@ class Response(eqx.Module):
         rotation, velocity : Array, shape (...)
             alpha [rad] and its rate [rad/s]; NaN outside. A block that has overturned stays
             where it lies.
+
+        Raises
+        ------
+        ValueError
+            If nothing is listed to go on from.
         """
         times, cuts = as_real("time", time), self.cuts
+        if cuts.time.size == 0:
+            raise ValueError("listed must be at least 1 in `respond` for a history, got 0")
         dtype, shape = cuts.time.dtype, times.shape
         leaves = jax.tree.leaves((self, times))
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):

@@ -4,6 +4,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import stepping
@@ -297,3 +299,18 @@ def test_states_of_no_step():
     assert r.at_rest
     assert float(r.normal_force) == pytest.approx(1 - 2 / 9.81, rel=1e-14)
     assert float(r.friction_demand) == pytest.approx(1.5 / 7.81, rel=1e-14)
+
+
+@pytest.mark.thorough
+def test_second_derivatives():
+    """As differences of the first, which are compared with independent ones above."""
+
+    def ours(amplitude):
+        r = jr.respond(jr.Block(0.2, 3.0), 0.9, jr.Sine(amplitude, 0.8), 1.0, rtol=1e-10, listed=0)
+        return jnp.stack([r.friction_demand, r.normal_force])
+
+    slopes = jax.jit(jax.jacfwd(ours))
+    second = jax.jit(jax.jacfwd(jax.jacfwd(ours)))
+    for at, step in ((5.0, 1e-4), (6.5, 1e-4)):
+        expected = (slopes(at + step) - slopes(at - step)) / (2 * step)
+        np.testing.assert_allclose(second(at), expected, rtol=1e-5)

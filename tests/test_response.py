@@ -373,14 +373,42 @@ def test_history():
     assert r.history(np.zeros((2, 0)))[0].shape == (2, 0)
 
 
+def test_lists_go_on(monkeypatch):
+    """One after the other, from where the last one ended."""
+
+    def free():
+        return jr.respond(jr.Block(0.3, 8.0), 0.95, STILL, 60.0, rotation=0.05)
+
+    times = np.linspace(0, 20, 100)
+    whole = free()
+    history = whole.history(times)
+    monkeypatch.setattr("jaxrock.response._LISTED", 8)
+    parts = free()
+    assert whole.impacts > 5 * 8
+    assert parts.impact_times.shape == (int(whole.impacts),)
+    np.testing.assert_array_equal(parts.impact_times, whole.impact_times)
+    np.testing.assert_array_equal(parts.impact_velocities, whole.impact_velocities)
+    assert parts.margin == whole.margin
+    monkeypatch.undo()
+    np.testing.assert_array_equal(parts.history(times), history)
+
+
+def test_a_record_that_ends_at_full_strength():
+    samples = np.array([0.0, 4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0, 6.0])
+    at = np.array([[0.3, 4.0, 0.7, 1.0, 0.15]])
+    theirs = follow_record(samples, at, 0.2)
+    record = jr.Record(samples, 0.15)
+    r = jr.respond(jr.Block(0.3, 4.0), 0.7, record, record.end + 0.2)
+    assert r.impacts > 1
+    assert float(r.final_rotation) == pytest.approx(theirs.rotation.item(), rel=1e-6)
+    assert float(r.margin) == pytest.approx(theirs.margin.item(), rel=1e-6)
+
+
 @pytest.mark.thorough
 def test_all_impacts_are_listed():
     block = jr.Block(0.2, 5.0)
     whole = jr.respond(block, 0.9, jr.example_record(), 60.0)
-    short = jr.respond(block, 0.9, jr.example_record(), 60.0, listed=200)
     assert whole.impacts > 1000
-    assert short.impact_times.shape == (int(whole.impacts),)
-    np.testing.assert_array_equal(short.impact_times, whole.impact_times)
     traced = jax.jit(lambda c: jr.respond(block, c, jr.example_record(), 60.0, listed=200))(0.9)
     assert traced.status == jr.Status.LIST_FULL
     assert traced.impacts == whole.impacts
