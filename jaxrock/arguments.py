@@ -128,6 +128,8 @@ class Checked(eqx.Module):
                 value.check()
 
 
+_M = TypeVar("_M", bound=Checked)
+
 # What guards have put in the place of arguments while a function is traced: it needs no guard
 # again in the functions called there, where it would be in the way of the compiler.
 _guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.ContextVar(
@@ -157,7 +159,7 @@ def within(value: Any, domain: Domain) -> tuple[Any, Any]:
     return value, valid
 
 
-def module_within(module: Checked) -> tuple[Checked, Any]:
+def module_within(module: _M) -> tuple[_M, Any]:
     """A module whose quantities are in their domains, and where they are the ones given."""
     valid: Any = True
     for name, field in module.__dataclass_fields__.items():

@@ -106,7 +106,8 @@ class Response(eqx.Module):
         leaves = jax.tree.leaves((self, times))
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             found = _history(self.scene, cuts, self.linearized, times.astype(dtype).reshape(-1))
-            return tuple(part.reshape(shape) for part in found)
+            rotation, velocity = (part.reshape(shape) for part in found)
+            return rotation, velocity
         # Few different shapes, so that little is compiled.
         size = max(1, -(-times.size // _TIMES)) * _TIMES
         pieces = _padded(np.asarray(times, dtype).reshape(-1), size, 0.0).reshape(-1, _TIMES)
@@ -362,10 +363,10 @@ def respond(
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if listed < 0:
         raise ValueError(f"listed must be at least 0, got {listed}")
-    tolerances = [np.asarray(number, dtype) for number in (rtol, atol)]
+    relative, absolute = (np.asarray(number, dtype) for number in (rtol, atol))
     method = Method(solver)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(driven))
     with _unchecked():
         if traced:
-            return compiled(driven, *tolerances, linearized, listed, method)
-        return _whole(driven, *tolerances, linearized, method)
+            return compiled(driven, relative, absolute, linearized, listed, method)
+        return _whole(driven, relative, absolute, linearized, method)
