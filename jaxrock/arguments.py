@@ -56,7 +56,8 @@ def as_array(value: Any) -> Array:
         if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             value = np.asarray(value)
     if isinstance(value, np.ndarray | np.generic):
-        return jnp.asarray(value, jax.dtypes.canonicalize_dtype(value.dtype))
+        dtype = jax.dtypes.canonicalize_dtype(value.dtype)
+        return jnp.asarray(np.asarray(value, dtype), dtype)
     return jnp.asarray(value)
 
 

@@ -252,7 +252,7 @@ def run(
         struck=last.struck,
         cuts=Cuts(*cuts.T),
         driven=driven,
-        last=last._replace(phase=jnp.asarray(last.phase, begin.phase.dtype)),
+        last=last._replace(phase=last.phase.astype(int)),
     )
 
 
