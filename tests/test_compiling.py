@@ -1,6 +1,5 @@
 """What is compiled: nothing where nothing new is asked."""
 
-
 import jax
 import jax.monitoring
 import numpy as np
