@@ -81,8 +81,10 @@ def of_one_precision(tree: _T) -> _T:
         dtype = jnp.result_type(*jax.tree.leaves(tree))
 
     def converted(leaf: Any) -> Any:
-        if isinstance(leaf, jax.core.Tracer) or (leaf.dtype == dtype and not leaf.weak_type):
+        if isinstance(leaf, jax.core.Tracer):
             return jnp.asarray(leaf, dtype)
+        if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
+            return leaf
         return as_array(np.asarray(leaf, dtype))
 
     return jax.tree.map(converted, tree)

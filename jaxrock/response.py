@@ -347,7 +347,7 @@ def respond(
     samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
     for name, tree in {"block": block, "motion": motion, **numbers}.items():
         for leaf in jax.tree.leaves(tree):
-            if leaf.ndim != any(leaf is rows for rows in samples):
+            if jnp.ndim(leaf) != any(leaf is rows for rows in samples):
                 raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
     eps = float(jnp.finfo(dtype).eps)
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
