@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from .arguments import Booleans, Reals
 from .span import Span
 
-_NODES = 5
+_NODES = 9
 # Third, fourth and fifth power of the time, of what the first three leave at the end of a step of
 # the lean, of its slope and of half its second derivative.
 _QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))

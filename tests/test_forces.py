@@ -301,6 +301,21 @@ def test_states_of_no_step():
     assert float(r.friction_demand) == pytest.approx(1.5 / 7.81, rel=1e-14)
 
 
+def test_extremes_between_long_steps():
+    """They are those of the motion, however long the steps are."""
+    rng, worst = np.random.default_rng(5), 0.0
+    for _ in range(12):
+        b, slenderness, c = rng.uniform(0.1, 0.6), rng.uniform(2, 9), rng.uniform(0.3, 0.95)
+        block, amplitude = jr.Block(b, slenderness), 9.81 / slenderness * rng.uniform(0.8, 3.0)
+        pulse = jr.HalfSine(amplitude, rng.uniform(0.1, 1.2))
+        long, short = (
+            jr.respond(block, c, pulse, pulse.end + 2, rtol=rtol, linearized=True)
+            for rtol in (1e-8, 1e-11)
+        )
+        worst = max(worst, abs(float(long.friction_demand / short.friction_demand) - 1))
+    assert worst < 1e-7
+
+
 @pytest.mark.thorough
 def test_second_derivatives():
     """As differences of the first, which are compared with independent ones above."""
