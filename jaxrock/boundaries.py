@@ -83,7 +83,8 @@ class Boundaries(eqx.Module):
     overturns_beyond : Array of bool, shape (..., boundaries)
         Whether the block overturns beyond the boundary; if not, it does before it.
     impacts : Array of int, shape (..., boundaries)
-        The mode: number of impacts before it overturns; -1 where there is no boundary.
+        The mode: number of impacts before it overturns; -1 where there is no boundary. Of
+        the infinitely many in which a block comes to rest and is lifted again, the first count.
     flat : Array of bool, shape (..., boundaries)
         Whether the block overturns there by falling flat while the ground still moves, and
         not by being balanced on the verge when it has come to rest.
