@@ -288,23 +288,28 @@ def _boundaries(
     flat = (left > eps**0.25) & (highest > 0.5 * math.pi - eps**0.25)
     known = found.there & library.isfinite(left) & answer.complete
 
-    def spread(entries: Any, missing: Any) -> Any:
-        table = jnp.full((size, listed), missing, jnp.asarray(entries).dtype)
-        entries = library.where(known, entries, missing)
-        return table.at[found.case, found.column].set(entries).reshape(*shape, listed)
+    def table(entries: Any, missing: Any) -> Any:
+        empty = library.full((size, listed), missing, library.asarray(entries).dtype)
+        place = (found.case, found.column)
+        if traced:
+            return empty.at[place].set(entries).reshape(*shape, listed)
+        empty[place] = entries
+        return empty.reshape(*shape, listed)
 
-    everywhere = jnp.ones(size, bool)
-    if found.case.size:
-        everywhere = everywhere.at[found.case].min(known | ~found.there)
-    return Boundaries(
-        value=spread(stands, library.nan),
-        overturns_beyond=spread(falls > stands, False),
-        impacts=spread(mode, -1),
-        flat=spread(flat, False),
-        count=jnp.asarray(found.count).reshape(shape),
-        overturns_first=jnp.asarray(found.negative_first).reshape(shape),
-        complete=jnp.asarray(found.complete & everywhere).reshape(shape),
-    )
+    def spread(entries: Any, missing: Any) -> Any:
+        return table(library.where(known, entries, missing), missing)
+
+    answers = {
+        "value": spread(stands, library.nan),
+        "overturns_beyond": spread(falls > stands, False),
+        "impacts": spread(mode, -1),
+        "flat": spread(flat, False),
+        "count": library.asarray(found.count).reshape(shape),
+        "overturns_first": library.asarray(found.negative_first).reshape(shape),
+        "complete": library.asarray(found.complete).reshape(shape)
+        & table(known | ~found.there, True).all(axis=-1),
+    }
+    return Boundaries(**jax.tree.map(jnp.asarray, answers))
 
 
 @_boundaries.def_jvp
@@ -315,48 +320,60 @@ def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, A
     changes, samples = _split(tangents[0])
     if any(tangent is not None for tangent in samples):
         raise ValueError("boundaries have no derivatives to the samples of a record")
-    there = jnp.isfinite(found.value)
-
-    def widened(leaf: Any) -> Any:
-        return jnp.broadcast_to(leaf[..., None], there.shape)
-
-    value = jnp.where(there, found.value, jax.lax.stop_gradient(widened(tried[..., 0])))
-    numbers = [widened(leaf) for leaf in _split(case)[0]]
+    # Room for a power of two, so that another count needs no other program.
+    listed = found.value.shape[-1]
+    room = 1 << (max(listed, 1) - 1).bit_length()
+    library: Any = jnp if isinstance(found.value, jax.core.Tracer) else np
+    lack = [(0, 0)] * (found.value.ndim - 1) + [(0, room - listed)]
+    value = library.pad(found.value, lack, constant_values=library.nan)
+    flat = library.pad(found.flat, lack)
     moves = tuple(tangent is not None for tangent in changes)
-    slopes = _slopes(
-        case, value, numbers, found.flat, moves, options["along"], options["linearized"]
-    )
-    total = jnp.zeros_like(value)
-    for slope, tangent in zip(slopes[1:], filter(lambda t: t is not None, changes), strict=True):
-        total = total - jnp.where(there, slope / slopes[0], 0) * widened(tangent)
+    slopes = _slopes(case, tried, value, flat, moves, options["along"], options["linearized"])
+    total = _moved(slopes, [tangent for tangent in changes if tangent is not None])
+    total = total if room == listed else total[..., :listed]
     nothing = jax.tree.map(lambda leaf: None, found)
     return found, eqx.tree_at(lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None)
+
+
+def _widened(leaf: Any, shape: tuple[int, ...]) -> Any:
+    return jnp.broadcast_to(leaf[..., None], shape)
 
 
 @eqx.filter_jit
 def _slopes(
     case: _Case,
+    tried: Any,
     value: Any,
-    numbers: list[Any],
     flat: Any,
     moves: tuple[bool, ...],
     along: str,
     linearized: bool,
 ) -> list[Any]:
-    """Derivatives of what vanishes at a boundary to its place and to the numbers that move."""
+    """How boundaries move with each of the numbers that do; where there is none, 0."""
+    there = jnp.isfinite(value)
+    first = jax.lax.stop_gradient(_widened(jnp.asarray(tried)[..., 0], value.shape))
+    value = jnp.where(there, value, first)
+    numbers = [_widened(jnp.asarray(leaf), value.shape) for leaf in _split(case)[0]]
 
     def left(point: list[Any]) -> Any:
+        """What vanishes at a boundary."""
         place, *moving = point
         rest = iter(moving)
-        whole = [next(rest) if m else n for m, n in zip(moves, numbers, strict=True)]
+        whole = [next(rest) if m else n[None] for m, n in zip(moves, numbers, strict=True)]
         response = _followed(_joined(case, whole), along, place, linearized)
         return jnp.where(flat, 0.5 * jnp.pi - response.peak_rotation, response.margin)
 
     point = [value, *(number for number, m in zip(numbers, moves, strict=True) if m)]
+    # A block for each number that is moved: cheaper than one of many directions.
+    shape = (len(point), *value.shape)
+    moved = jnp.eye(len(point), dtype=value.dtype).reshape(-1, len(point), *[1] * value.ndim)
+    point = [jnp.broadcast_to(part, shape) for part in point]
+    basis = [jnp.broadcast_to(moved[:, k], shape) for k in range(len(point))]
+    to_place, *to_numbers = jax.jvp(left, (point,), (basis,))[1]
+    return [jnp.where(there, -slope / to_place, 0) for slope in to_numbers]
 
-    def slope(k: Any) -> Any:
-        basis = [jnp.where(k == j, jnp.ones_like(part), 0) for j, part in enumerate(point)]
-        return jax.jvp(left, (point,), (basis,))[1]
 
-    found = jax.vmap(slope)(jnp.arange(len(point)))
-    return [found[k] for k in range(len(point))]
+@jax.jit
+def _moved(slopes: list[Any], changes: list[Any]) -> Any:
+    pairs = zip(slopes, changes, strict=True)
+    return sum(slope * _widened(change, slope.shape) for slope, change in pairs)

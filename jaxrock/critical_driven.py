@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -102,10 +102,10 @@ def critical_amplitude(
     block.check()
     tangent = block.critical_angle if linearized else 1 / block.slenderness
     lifting = jax.lax.stop_gradient(jnp.asarray(block.gravity * tangent))
+    library: Any = jnp if isinstance(lifting, jax.core.Tracer) else np
     shape_of_all = (*lifting.shape, places.size)
-    tried = jnp.broadcast_to(lifting[..., None], shape_of_all) * jnp.broadcast_to(
-        jnp.asarray(places, lifting.dtype), shape_of_all
-    )
+    lifting = library.broadcast_to(library.asarray(lifting)[..., None], shape_of_all)
+    tried = lifting * library.broadcast_to(places.astype(lifting.dtype), shape_of_all)
     return overturning_boundaries(
         block,
         restitution,

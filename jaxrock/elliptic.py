@@ -6,6 +6,7 @@ are elementwise and differentiable any number of times.
 """
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,21 +27,27 @@ def _duplicated(
     large, then divides their relative differences by four: so many are enough for ratios
     up to 1/eps. Where fewer are, it stops, since each further one would only round.
     """
-    dtype = jnp.result_type(*arguments)
-    factor = jnp.ones_like(sum(arguments))
-    parts = [jnp.zeros_like(factor) for _ in slopes]
-    for _ in range(11 if jnp.finfo(dtype).bits > 32 else 7):
-        mean = sum(arguments) / 3
-        spread = functools.reduce(jnp.maximum, (abs(t - mean) for t in arguments))
-        apart = spread > (jnp.finfo(dtype).eps / 64) ** 0.125 * mean
+    arguments = tuple(jnp.broadcast_arrays(*arguments))
+    kind = jnp.finfo(arguments[0].dtype)
+    mean = sum(arguments) / 3
+    spread = functools.reduce(jnp.maximum, (abs(t - mean) for t in arguments))
+    widest = spread / (float(kind.eps) / 64) ** 0.125
+    factor = jnp.ones_like(mean)
+    parts = [jnp.zeros_like(mean) for _ in slopes]
+
+    def duplicated(_: Any, state: tuple) -> tuple:
+        arguments, parts, factor = state
+        apart = widest * factor > sum(arguments) / 3  # each divides the differences by four
         roots = [jnp.sqrt(t) for t in arguments]
         shift = roots[0] * (roots[1] + roots[2]) + roots[1] * roots[2]
-        for i, index in enumerate(slopes):
-            term = 3 * factor / (roots[index] * (arguments[index] + shift))
-            parts[i] = jnp.where(apart, parts[i] + term, parts[i])
-        factor = jnp.where(apart, factor / 4, factor)
-        arguments = tuple(jnp.where(apart, (t + shift) / 4, t) for t in arguments)
-    return arguments, parts, factor
+        terms = [3 * factor / (roots[i] * (arguments[i] + shift)) for i in slopes]
+        new = tuple((t + shift) / 4 for t in arguments)
+        new = (new, [p + t for p, t in zip(parts, terms, strict=True)], factor / 4)
+        return jax.tree.map(lambda n, old: jnp.where(apart, n, old), new, state)
+
+    # Written out, each would be computed again inside of those that follow.
+    count = 11 if kind.bits > 32 else 7
+    return jax.lax.fori_loop(0, count, duplicated, (arguments, parts, factor))
 
 
 def _rf_series(x: Array, y: Array, z: Array) -> Array:

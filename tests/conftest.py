@@ -3,7 +3,8 @@
 Float64 unless ``--precision 32``; promotions of rank and dtype raise; types of all arguments
 and results of the package are checked; 70 digits in mpmath. What one process has compiled,
 the others take from a folder: that of ``JAX_COMPILATION_CACHE_DIR`` if set, else one that
-lasts as long as the run.
+lasts as long as the run. Most of the time goes into compiling, which is optimized less than
+usual unless ``XLA_FLAGS`` is set, if only to nothing.
 """
 
 import atexit
@@ -17,6 +18,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="compiled-")
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 import hypothesis
 import jax

@@ -205,8 +205,8 @@ def test_a_second_call_compiles_nothing(name, compiled):
 @pytest.mark.parametrize(
     "call",
     [
-        lambda motion: jr.respond(STOUT, 0.3, motion),
-        lambda motion: jr.respond_batch(STOUT, 0.3, motion),
+        lambda motion: jr.respond(STOUT, 0.3, motion, 2.0),
+        lambda motion: jr.respond_batch(STOUT, 0.3, motion, 2.0),
         lambda motion: jr.overturning_boundaries(STOUT, 0.3, motion, "factor", [0.1, 0.2]),
         lambda motion: jr.rocking_spectrum(motion, [6.0], 1.0, restitution=0.3),
         lambda motion: (motion.horizontal(3.0), motion.intensity, motion.end),

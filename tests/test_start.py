@@ -6,6 +6,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import jax
 import pytest
 
 from jaxrock import compiled
@@ -63,21 +64,46 @@ def test_commands_start_from_what_is_compiled(tmp_path):
     assert not files(home).items() & broken.items()
 
 
-@pytest.mark.float64
-def test_commands_that_keep_nothing(tmp_path):
-    """They only make the folder, and end with a complaint about their options."""
+@pytest.fixture
+def untold():
+    """JAX as it is where nobody has told it what to keep."""
+    names = ("compilation_cache_dir", "persistent_cache_min_compile_time_secs")
+    names = [f"jax_{name}" for name in (*names, "enable_compilation_cache")]
+    values = {name: getattr(jax.config, name) for name in names}
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield
+    for name, value in values.items():
+        jax.config.update(name, value)
+
+
+def kept_in(monkeypatch, home):
+    """Where commands keep what they compile, of a user who has only a home."""
+    for name in ("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, str(home))
+    with compiled.kept():
+        return jax.config.jax_compilation_cache_dir
+
+
+def test_where_nothing_is_kept(tmp_path, monkeypatch, untold):
+    folder = kept_in(monkeypatch, tmp_path / "home")
+    assert Path(folder).is_relative_to(tmp_path / "home")
+    jax.config.update("jax_compilation_cache_dir", None)
     (tmp_path / "file").touch()
-    refused = {
-        "home": start(tmp_path / "home", "--half-cycles"),
-        "option": start(tmp_path / "option", "--half-cycles", "--no-cache"),
-        "jax": start(tmp_path / "jax", "--half-cycles", JAX_ENABLE_COMPILATION_CACHE="0"),
-        "own": start(tmp_path / "own", "--half-cycles", JAX_COMPILATION_CACHE_DIR=str(tmp_path)),
-        "file": start(tmp_path / "file" / "in", "--half-cycles"),
-    }
-    for process in refused.values():
-        assert "half_cycles must be at least one number" in process.communicate()[1]
-        assert process.returncode == 2
+    assert kept_in(monkeypatch, tmp_path / "file" / "in") is None
+    jax.config.update("jax_enable_compilation_cache", False)
+    assert kept_in(monkeypatch, tmp_path / "off") is None
+    jax.config.update("jax_enable_compilation_cache", True)
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "own"))
+    assert kept_in(monkeypatch, tmp_path / "told") == str(tmp_path / "own")
     assert {path.name for path in tmp_path.iterdir()} == {"home", "file"}
+
+
+def test_a_command_that_keeps_nothing(tmp_path):
+    """It ends with a complaint about its options."""
+    process = start(tmp_path / "home", "--half-cycles", "--no-cache")
+    assert "half_cycles must be at least one number" in process.communicate()[1]
+    assert process.returncode == 2
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_kept_is_bounded(tmp_path, monkeypatch):
