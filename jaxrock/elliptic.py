@@ -14,6 +14,8 @@ from jaxtyping import Array, Float
 
 from .arguments import Reals
 
+_STAGES = 10  # of an arithmetic-geometric mean, each with twice as many digits as before
+
 
 def _duplicated(
     arguments: tuple[Array, ...], slopes: tuple[int, ...] = ()
@@ -160,16 +162,21 @@ def jacobi(
     m1 = jnp.where(beyond, -complement / stretch**2, complement)
     m1 = jnp.where(parabolic, 0.5, m1)
 
-    mean, root = jnp.ones_like(m1), jnp.sqrt(m1)
-    stages = []
-    for _ in range(10):
-        mean, root, gap = (mean + root) / 2, jnp.sqrt(mean * root), (mean - root) / 2
-        stages.append((root, gap))
-    phase = 2.0 ** len(stages) * mean * stretch * argument
-    for root, gap in reversed(stages):
+    def averaged(means: tuple, _: Any) -> tuple:
+        mean, root = means
+        root, gap = jnp.sqrt(mean * root), (mean - root) / 2
+        return (mean - gap, root), (root, gap)
+
+    def halved(phase: Array, stage: tuple) -> tuple:
+        root, gap = stage
         # arcsin(gap sin(phase) / mean), without its cancellation near pi/2
         adjacent = jnp.sqrt(root**2 + (gap * jnp.cos(phase)) ** 2)
-        phase = (phase + jnp.arctan2(gap * jnp.sin(phase), adjacent)) / 2
+        return (phase + jnp.arctan2(gap * jnp.sin(phase), adjacent)) / 2, None
+
+    means = (jnp.ones_like(m1), jnp.sqrt(m1))
+    (mean, _), stages = jax.lax.scan(averaged, means, length=_STAGES)
+    phase = 2.0**_STAGES * mean * stretch * argument
+    phase, _ = jax.lax.scan(halved, phase, stages, reverse=True)
     sn, cn = jnp.sin(phase), jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
     cn, dn = jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)

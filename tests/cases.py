@@ -376,15 +376,8 @@ def evaluate(case, samples, dtype):
     return np.asarray(case.ours(*(jnp.asarray(a, dtype) for a in samples.arguments)))
 
 
-# What takes long to compile is left to the thorough run: paths over time, most of the inverse
-# designs that need a root, and counts of half-cycles whose code is that of 5.
+# Counts of half-cycles whose code is that of 5 are left to the thorough run.
 NAMES = [
-    pytest.param(name, marks=pytest.mark.thorough)
-    if re.search(
-        r"Nonlinear.motion|critical_\w+ness|critical_rest|width\(5|half_cycle_dur|peak_ampl"
-        r"|\(2\)|\(30\)",
-        name,
-    )
-    else name
+    pytest.param(name, marks=pytest.mark.thorough) if re.search(r"\((2|30)\)", name) else name
     for name in CASES
 ]
