@@ -179,7 +179,10 @@ def _known(name: str, value: Any) -> bool:
 
 
 @functools.cache
-def _compiled(platform: str) -> Callable[..., BatchResponse]:
+def compiler_options(platform: str) -> dict[str, Any] | None:
+    """Those with which programs made of the batch are compiled, if nothing surrounds them."""
+    if platform != "cpu":
+        return None
     # The widest vectors that a processor has are not what XLA takes by itself, and what
     # becomes of NaN is looked after here.
     options = {
@@ -190,9 +193,13 @@ def _compiled(platform: str) -> Callable[..., BatchResponse]:
         # A pass that removes what keeps values from being computed again; later versions have
         # none that does so too early, and need it.
         options["xla_disable_hlo_passes"] = "cse_barrier_expander"
-    options = {n: v for n, v in options.items() if _known(n, v)} if platform == "cpu" else None
+    return {n: v for n, v in options.items() if _known(n, v)}
+
+
+@functools.cache
+def _compiled(platform: str) -> Callable[..., BatchResponse]:
     static = ("form", "linearized", "lanes", "order")
-    return jax.jit(_march, static_argnames=static, compiler_options=options)
+    return jax.jit(_march, static_argnames=static, compiler_options=compiler_options(platform))
 
 
 def respond_batch(

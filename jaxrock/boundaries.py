@@ -1,5 +1,6 @@
 """Where a block in driven motion changes from standing to overturning, and back."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from .arguments import (
     check,
     of_one_precision,
 )
-from .batch import BatchResponse, respond_batch
+from .batch import BatchResponse, compiler_options, respond_batch
 from .block import Block
 from .motion import Motion, Pulse, Record
 from .printing import listed
@@ -316,10 +317,10 @@ def _boundaries(
 def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, Any]:
     """By the implicit function theorem, elementwise in all numbers that are perturbed."""
     case, tried = primals
-    found = _boundaries(case, tried, **options)
     changes, samples = _split(tangents[0])
     if any(tangent is not None for tangent in samples):
         raise ValueError("boundaries have no derivatives to the samples of a record")
+    found = _boundaries(case, tried, **options)
     # Room for a power of two, so that another count needs no other program.
     listed = found.value.shape[-1]
     room = 1 << (max(listed, 1) - 1).bit_length()
@@ -328,7 +329,17 @@ def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, A
     value = library.pad(found.value, lack, constant_values=library.nan)
     flat = library.pad(found.flat, lack)
     moves = tuple(tangent is not None for tangent in changes)
-    slopes = _slopes(case, tried, value, flat, moves, options["along"], options["linearized"])
+    leaves = jax.tree.leaves((case, tried, value))
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    slopes = _compiled_slopes("" if traced else jax.default_backend())(
+        case,
+        tried,
+        value,
+        flat,
+        moves=moves,
+        along=options["along"],
+        linearized=options["linearized"],
+    )
     total = _moved(slopes, [tangent for tangent in changes if tangent is not None])
     total = total if room == listed else total[..., :listed]
     nothing = jax.tree.map(lambda leaf: None, found)
@@ -339,7 +350,6 @@ def _widened(leaf: Any, shape: tuple[int, ...]) -> Any:
     return jnp.broadcast_to(leaf[..., None], shape)
 
 
-@eqx.filter_jit
 def _slopes(
     case: _Case,
     tried: Any,
@@ -371,6 +381,14 @@ def _slopes(
     basis = [jnp.broadcast_to(moved[:, k], shape) for k in range(len(point))]
     to_place, *to_numbers = jax.jvp(left, (point,), (basis,))[1]
     return [jnp.where(there, -slope / to_place, 0) for slope in to_numbers]
+
+
+@functools.cache
+def _compiled_slopes(platform: str) -> Callable[..., list[Any]]:
+    """For a platform; for none inside of another program, which has options of its own."""
+    options = compiler_options(platform) if platform else None
+    static = ("moves", "along", "linearized")
+    return jax.jit(_slopes, static_argnames=static, compiler_options=options)
 
 
 @jax.jit
