@@ -280,12 +280,16 @@ def _boundaries(
     listed = most if traced else int(found.count.max(initial=0))
     stands, falls, left = located(margin, found, traced)
     eps = float(jnp.finfo(tried.dtype).eps)
-    # The mode is seen from a little further into overturning.
+    # The mode is seen from a little further into overturning, unless that is beyond a window
+    # as narrow as this.
     further = falls + library.sign(falls - stands) * eps**0.4 * abs(falls)
-    answer, highest = followed(found.case, further), followed(found.case, stands).peak_rotation
-    mode = answer.mode
-    if traced or not answer.overturned.all():  # so far might be beyond a window this narrow
-        mode = library.where(answer.overturned, mode, followed(found.case, falls).mode)
+    together = library.concatenate([further, falls, stands])
+    seen = followed(library.concatenate([found.case] * 3), together)
+    answer, there, before = (
+        jax.tree.map(lambda leaf, k=k: leaf.reshape(3, -1)[k], seen) for k in range(3)
+    )
+    mode = library.where(answer.overturned, answer.mode, there.mode)
+    highest = before.peak_rotation
     flat = (left > eps**0.25) & (highest > 0.5 * math.pi - eps**0.25)
     known = found.there & library.isfinite(left) & answer.complete
 

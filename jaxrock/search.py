@@ -4,6 +4,7 @@ On arrays of cases, as fast as the margins are computed. Outside of a transforma
 does the bookkeeping, and only what is needed is computed.
 """
 
+import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 _TOGETHER = 2**18  # values tried at once
-_LANES = 64  # values that are tried in the time of one
+_LANES = 64  # values that a processor's core tries in the time of one
 _ITERATIONS = 200
 
 # Of the cases with given indices, at given values: margins, and modes of the motion.
@@ -231,7 +232,7 @@ def located(
             whole, form = jax.tree.flatten(progress)
             rest = jax.tree.unflatten(form, [part[wide] for part in whole])
             # Few cost as much time as many: the lanes of a batch.
-            parts = _LANES // wide.size // 4 * 4
+            parts = _LANES * (os.cpu_count() or 1) // wide.size // 4 * 4
             better = (
                 divided(rest, found.case[wide], parts) if parts else step(rest, found.case[wide])
             )
