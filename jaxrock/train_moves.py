@@ -222,10 +222,16 @@ def reached(
 
 
 def best_start(searches: Search, question: Question) -> int:
-    """Which start came to the best train."""
+    """Which start came to the best train: of equally good ones, one whose search has ended.
+
+    As good as equal are those that differ by less than the constraints are kept to.
+    """
     _, _, objectives, kept = reached(searches, question)
     sign = -1 if question.goal == "most rotation" else 1
-    return int(np.argmin(np.where(kept, sign * objectives, np.inf)))
+    losses = np.where(kept, sign * objectives, np.inf)
+    equal = losses <= losses.min() + tolerance(searches) * abs(losses.min())
+    ended = equal & np.asarray(searches.ended)
+    return int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))
 
 
 def trial_of(dtype: Any) -> float:
