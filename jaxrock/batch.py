@@ -180,7 +180,7 @@ def _known(name: str, value: Any) -> bool:
 
 @functools.cache
 def compiler_options(platform: str) -> dict[str, Any] | None:
-    """Those with which programs made of the batch are compiled, if nothing surrounds them."""
+    """Options for XLA, for programs that follow a batch and are not part of a larger program."""
     if platform != "cpu":
         return None
     # The widest vectors that a processor has are not what XLA takes by itself, and what

@@ -84,8 +84,9 @@ class Boundaries(eqx.Module):
     overturns_beyond : Array of bool, shape (..., boundaries)
         Whether the block overturns beyond the boundary; if not, it does before it.
     impacts : Array of int, shape (..., boundaries)
-        The mode: number of impacts before it overturns; -1 where there is no boundary. Of
-        the infinitely many in which a block comes to rest and is lifted again, the first count.
+        The mode: number of impacts before it overturns; -1 where there is no boundary.
+        Where a block comes to rest in infinitely many impacts and is lifted again later,
+        only the first few of them are counted.
     flat : Array of bool, shape (..., boundaries)
         Whether the block overturns there by falling flat while the ground still moves, and
         not by being balanced on the verge when it has come to rest.
@@ -280,18 +281,18 @@ def _boundaries(
     listed = most if traced else int(found.count.max(initial=0))
     stands, falls, left = located(margin, found, traced)
     eps = float(jnp.finfo(tried.dtype).eps)
-    # The mode is seen from a little further into overturning, unless that is beyond a window
-    # as narrow as this.
+    # The number of impacts is taken a little further into overturning, or right behind the
+    # boundary where the window of overturning is narrower than that.
     further = falls + library.sign(falls - stands) * eps**0.4 * abs(falls)
     together = library.concatenate([further, falls, stands])
     seen = followed(library.concatenate([found.case] * 3), together)
-    answer, there, before = (
+    beyond, at_falls, at_stands = (
         jax.tree.map(lambda leaf, k=k: leaf.reshape(3, -1)[k], seen) for k in range(3)
     )
-    mode = library.where(answer.overturned, answer.mode, there.mode)
-    highest = before.peak_rotation
+    mode = library.where(beyond.overturned, beyond.mode, at_falls.mode)
+    highest = at_stands.peak_rotation
     flat = (left > eps**0.25) & (highest > 0.5 * math.pi - eps**0.25)
-    known = found.there & library.isfinite(left) & answer.complete
+    known = found.there & library.isfinite(left) & beyond.complete
 
     def table(entries: Any, missing: Any) -> Any:
         empty = library.full((size, listed), missing, library.asarray(entries).dtype)
@@ -325,7 +326,7 @@ def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, A
     if any(tangent is not None for tangent in samples):
         raise ValueError("boundaries have no derivatives to the samples of a record")
     found = _boundaries(case, tried, **options)
-    # Room for a power of two, so that another count needs no other program.
+    # Padded to a power of two, so that few programs serve all numbers of boundaries.
     listed = found.value.shape[-1]
     room = 1 << (max(listed, 1) - 1).bit_length()
     library: Any = jnp if isinstance(found.value, jax.core.Tracer) else np
@@ -363,7 +364,7 @@ def _slopes(
     along: str,
     linearized: bool,
 ) -> list[Any]:
-    """How boundaries move with each of the numbers that do; where there is none, 0."""
+    """Derivatives of the boundaries with respect to the numbers that move; 0 where none is."""
     there = jnp.isfinite(value)
     first = jax.lax.stop_gradient(_widened(jnp.asarray(tried)[..., 0], value.shape))
     value = jnp.where(there, value, first)
@@ -378,7 +379,8 @@ def _slopes(
         return jnp.where(flat, 0.5 * jnp.pi - response.peak_rotation, response.margin)
 
     point = [value, *(number for number, m in zip(numbers, moves, strict=True) if m)]
-    # A block for each number that is moved: cheaper than one of many directions.
+    # Each derivative is taken on a copy of the block: one tangent for many blocks compiles
+    # faster than many tangents for one.
     shape = (len(point), *value.shape)
     moved = jnp.eye(len(point), dtype=value.dtype).reshape(-1, len(point), *[1] * value.ndim)
     point = [jnp.broadcast_to(part, shape) for part in point]
@@ -389,7 +391,7 @@ def _slopes(
 
 @functools.cache
 def _compiled_slopes(platform: str) -> Callable[..., list[Any]]:
-    """For a platform; for none inside of another program, which has options of its own."""
+    """`_slopes` for a platform; for "" as a part of another program, whose options hold."""
     options = compiler_options(platform) if platform else None
     static = ("moves", "along", "linearized")
     return jax.jit(_slopes, static_argnames=static, compiler_options=options)

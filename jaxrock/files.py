@@ -137,7 +137,7 @@ class _Scratch:
             except BlockingIOError:  # taken for a leftover in just this moment
                 continue
             except _NoLocks:
-                pass
+                self._lock = None  # nobody can tell whether its process is alive
             except OSError:
                 self.path.rmdir()
                 self.path = None

@@ -224,7 +224,7 @@ def reached(
 def best_start(searches: Search, question: Question) -> int:
     """Which start came to the best train: of equally good ones, one whose search has ended.
 
-    As good as equal are those that differ by less than the constraints are kept to.
+    Objectives count as equal if they differ by less than the tolerance of the constraints.
     """
     _, _, objectives, kept = reached(searches, question)
     sign = -1 if question.goal == "most rotation" else 1

@@ -3,8 +3,8 @@
 Float64 unless ``--precision 32``; promotions of rank and dtype raise; types of all arguments
 and results of the package are checked; 70 digits in mpmath. What one process has compiled,
 the others take from a folder: that of ``JAX_COMPILATION_CACHE_DIR`` if set, else one that
-lasts as long as the run. Most of the time goes into compiling, which is optimized less than
-usual unless ``XLA_FLAGS`` is set, if only to nothing.
+lasts as long as the run. Since most of the time goes into compiling, programs are optimized
+less than a user's; with ``XLA_FLAGS`` set, even to nothing, they are optimized as usual.
 """
 
 import atexit
