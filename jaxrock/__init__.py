@@ -5,111 +5,110 @@ other, answers have the shape that results, ``(...)`` in the docstrings, everyth
 units and radians. An argument outside of what is allowed raises `ValueError` where it is
 concrete, and gives NaN with derivative zero where it is traced.
 
+Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one takes
+it as ``model=``, itself or by its name. The defaults are the paper's own: the closed forms
+(half-cycle map, limits, critical intensities, pulse trains) are linearized, the equation of
+driven motion is nonlinear.
+
+What is here is what most scenes need. Result classes and further tools are in the packages:
+`resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `spectra`,
+`plot`, `reports`.
+
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
 ``multiprocessing.get_context("spawn").Pool()``.
 """
 
-from . import signals as signals
-from .assessment import assess
-from .batch import BatchResponse, respond_batch
+from typing import TYPE_CHECKING, Any
+
+from .host import signals  # before JAX, so that a command can be interrupted while that loads
+
+# isort: split
+from . import (
+    accuracy,
+    dynamics,
+    ground_motion,
+    overturning,
+    reports,
+    resonance,
+    sensitivity,
+    spectra,
+)
+from .accuracy import choose, model_error, respond_within
 from .block import Block, housner_restitution
-from .boundaries import Boundaries, overturning_boundaries
-from .critical import (
+from .dynamics import (
+    DrivenScene,
+    Status,
+    critical_pulsed_amplitude,
+    pulsed_phase,
+    respond,
+    respond_batch,
+)
+from .former_names import found
+from .ground_motion import (
+    Cosine,
+    HalfSine,
+    Record,
+    Rectangular,
+    Ricker,
+    Sine,
+    example_record,
+    read_record,
+)
+from .overturning import (
+    critical_amplitude,
+    critical_duration,
+    overturning_boundaries,
+    survival_windows,
+)
+from .reports import assess
+from .resonance import (
+    Linearized,
+    Nonlinear,
+    Scene,
+    amplification,
     critical_intensity,
     critical_restitution,
     critical_slenderness,
     critical_width,
-)
-from .critical_driven import (
-    SurvivalWindows,
-    critical_amplitude,
-    critical_duration,
-    survival_windows,
-)
-from .critical_pulsed import PulsedVerge, critical_pulsed_amplitude
-from .fate import fate_margin
-from .fidelity import Choice, DrivenScene, choose
-from .free import Linearized, Nonlinear
-from .model_error import ModelError, model_error
-from .motion import Cosine, HalfSine, Motion, Pulse, Record, Rectangular, Ricker, Sine
-from .oscillator import (
-    Oscillator,
-    damping_from_decay,
-    equivalent_damping,
-    equivalent_damping_as_printed,
-)
-from .pulsed import PulsedPhase, pulsed_next_velocity, pulsed_phase
-from .records import example_record, from_obspy, read_record
-from .resonance import (
-    Scene,
-    amplification,
     half_cycle_velocity,
     launch_velocity,
     next_velocity,
     overturning_half_cycle,
     overturning_margin,
+    respond_to_train,
     rotation_ratio,
     stabilized_period,
     stabilized_rotation,
     stabilized_velocity,
+    worst_train,
 )
-from .response import Response, Status, respond
-from .sensitivity import (
-    GlobalSensitivities,
-    Probability,
-    Scatter,
-    Sensitivities,
-    Swing,
-    failure_probability,
-    global_sensitivities,
-    monte_carlo,
-    propagate,
-    sensitivities,
-    tornado,
+from .sensitivity import sensitivities, tornado, value_and_slopes
+from .spectra import (
+    overturning_map,
+    overturning_spectrum,
+    resonance_spectrum,
+    rocking_spectrum,
+    write_table,
 )
-from .slopes import value_and_slopes
-from .spectra import resonance_spectrum, write_table
-from .spectra_driven import overturning_map, overturning_spectrum, rocking_spectrum
-from .timing import timing_costs
-from .tradeoff import Tradeoff, measure_tradeoff
-from .train import TrainResponse, respond_to_train
-from .within import Within, respond_within
-from .worst import WorstTrain, worst_train
+
+if TYPE_CHECKING:
+    from . import plot
 
 __all__ = [
-    "BatchResponse",
     "Block",
-    "Boundaries",
-    "Choice",
     "Cosine",
     "DrivenScene",
-    "GlobalSensitivities",
     "HalfSine",
     "Linearized",
-    "ModelError",
-    "Motion",
     "Nonlinear",
-    "Oscillator",
-    "Probability",
-    "Pulse",
-    "PulsedPhase",
-    "PulsedVerge",
     "Record",
     "Rectangular",
-    "Response",
     "Ricker",
-    "Scatter",
     "Scene",
-    "Sensitivities",
     "Sine",
     "Status",
-    "SurvivalWindows",
-    "Swing",
-    "Tradeoff",
-    "TrainResponse",
-    "Within",
-    "WorstTrain",
+    "accuracy",
     "amplification",
     "assess",
     "choose",
@@ -120,30 +119,25 @@ __all__ = [
     "critical_restitution",
     "critical_slenderness",
     "critical_width",
-    "damping_from_decay",
-    "equivalent_damping",
-    "equivalent_damping_as_printed",
+    "dynamics",
     "example_record",
-    "failure_probability",
-    "fate_margin",
-    "from_obspy",
-    "global_sensitivities",
+    "ground_motion",
     "half_cycle_velocity",
     "housner_restitution",
     "launch_velocity",
-    "measure_tradeoff",
     "model_error",
-    "monte_carlo",
     "next_velocity",
+    "overturning",
     "overturning_boundaries",
     "overturning_half_cycle",
     "overturning_map",
     "overturning_margin",
     "overturning_spectrum",
-    "propagate",
-    "pulsed_next_velocity",
+    "plot",
     "pulsed_phase",
     "read_record",
+    "reports",
+    "resonance",
     "resonance_spectrum",
     "respond",
     "respond_batch",
@@ -152,13 +146,23 @@ __all__ = [
     "rocking_spectrum",
     "rotation_ratio",
     "sensitivities",
+    "sensitivity",
+    "signals",
+    "spectra",
     "stabilized_period",
     "stabilized_rotation",
     "stabilized_velocity",
     "survival_windows",
-    "timing_costs",
     "tornado",
     "value_and_slopes",
     "worst_train",
     "write_table",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    return found(name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -2,7 +2,9 @@
 
 import jax.numpy as jnp
 
-from .arguments import (
+from .host import shown
+from .numerics import angle
+from .validation import (
     NON_NEGATIVE,
     POSITIVE,
     Checked,
@@ -13,8 +15,6 @@ from .arguments import (
     elementwise,
     quantity,
 )
-from .elementary import angle
-from .printing import shown
 
 
 class Block(Checked):

@@ -16,7 +16,7 @@ import reference
 
 import jaxrock as jr
 
-RUNGS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
+MODELS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
 GRAVITY = 9.81
 
 
@@ -85,12 +85,12 @@ def scenes_anywhere(rng, n, dtype):
     return Samples(arguments, np.zeros(n))
 
 
-def on_the_verge(rung, count):
+def on_the_verge(kind, count):
     """Of overturning in so many half-cycles, anywhere in the box of the blocks."""
 
     def sample(rng, n, dtype):
         blocks, restitution = _blocks(rng, n, dtype), _restitutions(rng, n, dtype)
-        theirs = getattr(reference, rung)
+        theirs = getattr(reference, kind)
         intensity = [
             float(reference.critical_intensity(theirs, *_exact(each), count))
             for each in zip(*blocks, restitution, strict=True)
@@ -100,37 +100,37 @@ def on_the_verge(rung, count):
     return sample
 
 
-def with_velocity(rung):
+def with_velocity(kind):
     def sample(rng, n, dtype):
         blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
-        velocity = x * _critical_velocity(rung, blocks)
+        velocity = x * _critical_velocity(kind, blocks)
         return Samples((*blocks, *_round(dtype, velocity)), x)
 
     return sample
 
 
-def with_growth(rung):
+def with_growth(kind):
     def sample(rng, n, dtype):
-        (*blocks, velocity), x = with_velocity(rung)(rng, n, dtype)
+        (*blocks, velocity), x = with_velocity(kind)(rng, n, dtype)
         growth = _log_uniform(rng, 1e-6, 1e3, n)
         return Samples((*blocks, *_round(dtype, velocity / (1 + growth), growth)), x)
 
     return sample
 
 
-def standing_scenes(rung):
+def standing_scenes(kind):
     def sample(rng, n, dtype):
         blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
         restitution = _restitutions(rng, n, dtype)
         width, slenderness, _ = blocks
         unit = 0.75 * slenderness / (width * (1 + slenderness**2))
-        intensity = x * _critical_velocity(rung, blocks) / unit * (1 - restitution)
+        intensity = x * _critical_velocity(kind, blocks) / unit * (1 - restitution)
         return Samples((*blocks, restitution, *_round(dtype, intensity)), x)
 
     return sample
 
 
-def with_critical_restitution(rung, count):
+def with_critical_restitution(kind, count):
     """Where there is a restitution that just overturns the block."""
 
     def sample(rng, n, dtype):
@@ -139,21 +139,21 @@ def with_critical_restitution(rung, count):
         least = 0 if count == mp.inf else 1 / count
         share = least + (1 - least) * x
         unit = 0.75 * slenderness / (width * (1 + slenderness**2))
-        intensity = share * _critical_velocity(rung, blocks) / unit
+        intensity = share * _critical_velocity(kind, blocks) / unit
         return Samples((*blocks, *_round(dtype, np.full(n, 0.5), intensity)), x)
 
     return sample
 
 
-def in_motion(rung):
+def in_motion(kind):
     """Up to the next impact, and beyond the barrier until the block lies on its side."""
 
     def sample(rng, n, dtype):
         blocks = _blocks(rng, n, dtype)
         over = rng.random(n) < 0.3
         x = np.where(over, rng.uniform(1.05, 3, n), _speed_ratios(rng, n, dtype) * 0.99)
-        velocity = x * _critical_velocity(rung, blocks)
-        theirs = getattr(reference, rung)
+        velocity = x * _critical_velocity(kind, blocks)
+        theirs = getattr(reference, kind)
         share = rng.uniform(0.01, 0.95, n)
         durations = [
             1 / float(reference.frequency(*_exact(block)))
@@ -177,8 +177,8 @@ def _exact(numbers):
     return tuple(mp.mpf(float(number)) for number in numbers)
 
 
-def _critical_velocity(rung, blocks):
-    theirs = getattr(reference, rung).critical_velocity
+def _critical_velocity(kind, blocks):
+    theirs = getattr(reference, kind).critical_velocity
     return np.array([float(theirs(*_exact(block))) for block in zip(*blocks, strict=True)])
 
 
@@ -234,32 +234,32 @@ def _cases():
             lambda *a, n=count: reference.half_cycle_velocity(*a, n),
             scenes_anywhere,
         )
-    for rung, model in RUNGS.items():
-        theirs = getattr(reference, rung)
+    for kind, model in MODELS.items():
+        theirs = getattr(reference, kind)
 
         def method(name, model=model):
             return lambda b, s, g, *a: getattr(model, name)(jr.Block(b, s, g), *a)
 
         yield Case(
-            f"{rung}.critical_velocity",
+            f"{kind}.critical_velocity",
             method("critical_velocity"),
             theirs.critical_velocity,
             only_blocks,
         )
         for name in ("peak_rotation", "half_cycle_duration"):
-            yield Case(f"{rung}.{name}", method(name), getattr(theirs, name), with_velocity(rung))
+            yield Case(f"{kind}.{name}", method(name), getattr(theirs, name), with_velocity(kind))
         yield Case(
-            f"{rung}.peak_amplification",
+            f"{kind}.peak_amplification",
             method("peak_amplification"),
             lambda *a, theirs=theirs: reference.peak_amplification(theirs, *a),
-            with_growth(rung),
+            with_growth(kind),
         )
         for index, name in enumerate(("rotation", "velocity")):
             yield Case(
-                f"{rung}.motion {name}",
+                f"{kind}.motion {name}",
                 lambda *a, motion=method("motion"), index=index: motion(*a)[index],
                 lambda *a, motion=theirs.motion, index=index: motion(*a)[index],
-                in_motion(rung),
+                in_motion(kind),
                 path=True,
                 ulps=4,
             )
@@ -271,14 +271,14 @@ def _cases():
             "overturning_margin",
         ):
             yield Case(
-                f"{rung} {name}",
+                f"{kind} {name}",
                 lambda *a, f=getattr(jr, name), model=model: f(scene(*a), model),
                 lambda *a, f=reference.stabilized(name), theirs=theirs: f(theirs, *a),
-                standing_scenes(rung),
+                standing_scenes(kind),
             )
         for count in (1, 2, 5, 30, mp.inf):
             yield Case(
-                f"{rung} critical_intensity({count})",
+                f"{kind} critical_intensity({count})",
                 lambda b, s, g, c, n=float(count), model=model: jr.critical_intensity(
                     jr.Block(b, s, g), c, n, model
                 ),
@@ -288,48 +288,56 @@ def _cases():
                 with_restitution,
             )
 
-        count = 5 if rung == "Linearized" else mp.inf
+        count = 5 if kind == "Linearized" else mp.inf
         yield Case(
-            f"{rung} critical_width({count})",
-            lambda *a, n=float(count), model=model: jr.critical_width(scene(*a), n, model),
+            f"{kind} critical_width({count})",
+            lambda *a, n=float(count), model=model: jr.critical_width(
+                jr.Block(*a[:3]), *a[3:], n, model
+            ),
             lambda *a, n=count, theirs=theirs: reference.critical_width(theirs, *a, n),
-            on_the_verge(rung, count),
+            on_the_verge(kind, count),
         )
         yield Case(
-            f"{rung} critical_slenderness({count})",
-            lambda *a, n=float(count), model=model: jr.critical_slenderness(scene(*a), n, model),
+            f"{kind} critical_slenderness({count})",
+            lambda *a, n=float(count), model=model: jr.critical_slenderness(
+                jr.Block(*a[:3]), *a[3:], n, model
+            ),
             lambda *a, n=count, theirs=theirs: reference.critical_slenderness(theirs, *a, n),
-            on_the_verge(rung, count),
+            on_the_verge(kind, count),
             ulps=8,  # Newton's method, on logarithms
         )
         yield Case(
-            f"{rung} critical_restitution({count})",
-            lambda *a, n=float(count), model=model: jr.critical_restitution(scene(*a), n, model),
+            f"{kind} critical_restitution({count})",
+            lambda *a, n=float(count), model=model: jr.critical_restitution(
+                jr.Block(*a[:3]), a[4], n, model
+            ),
             lambda *a, n=count, theirs=theirs: reference.critical_restitution(theirs, *a, n),
-            with_critical_restitution(rung, count),
+            with_critical_restitution(kind, count),
             ulps=8,
         )
 
     def of_oscillator(name):
-        return lambda omega, xi, v, t: getattr(jr.Oscillator(omega, xi), name)(v)
+        return lambda omega, xi, v, t: getattr(jr.resonance.Oscillator(omega, xi), name)(v)
 
     pi = mp.pi
     yield Case(
         "Oscillator.velocity_decay",
-        lambda omega, xi, v, t: jr.Oscillator(omega, xi).velocity_decay,
+        lambda omega, xi, v, t: jr.resonance.Oscillator(omega, xi).velocity_decay,
         lambda omega, xi, v, t: mp.exp(-xi * pi / mp.sqrt(1 - xi**2)),
         oscillators,
     )
     yield Case(
         "Oscillator.amplification",
-        lambda omega, xi, v, t: jr.Oscillator(omega, xi).amplification,
+        lambda omega, xi, v, t: jr.resonance.Oscillator(omega, xi).amplification,
         lambda omega, xi, v, t: reference.oscillator_velocity(xi, mp.mpf(1), mp.inf),
         oscillators,
     )
     for index, name in enumerate(("displacement", "velocity")):
         yield Case(
             f"Oscillator.motion {name}",
-            lambda omega, xi, v, t, index=index: jr.Oscillator(omega, xi).motion(v, t)[index],
+            lambda omega, xi, v, t, index=index: jr.resonance.Oscillator(omega, xi).motion(v, t)[
+                index
+            ],
             lambda *a, index=index: reference.oscillator_motion(*a)[index],
             oscillators,
             path=True,
@@ -337,7 +345,7 @@ def _cases():
         )
     yield Case(
         "Oscillator.half_cycle_velocity(7)",
-        lambda omega, xi, v, t: jr.Oscillator(omega, xi).half_cycle_velocity(v, 7.0),
+        lambda omega, xi, v, t: jr.resonance.Oscillator(omega, xi).half_cycle_velocity(v, 7.0),
         lambda omega, xi, v, t: reference.oscillator_velocity(xi, v, 7),
         oscillators,
         ulps=4,  # expm1 twice, which some versions of XLA round twice
@@ -363,7 +371,7 @@ def _cases():
     ):
         yield Case(
             name,
-            lambda omega, xi, v, t, f=getattr(jr, name): f(xi),
+            lambda omega, xi, v, t, f=getattr(jr.resonance, name): f(xi),
             lambda omega, xi, v, t, factor=factor: factor * mp.log(xi),
             oscillators,
         )

@@ -1,4 +1,4 @@
-"""The cases of `jaxrock.conformance` computed again, from their files alone, without jaxrock.
+"""The cases of the conformance table computed again, from their files alone, without jaxrock.
 
     python tests/conformance_with_scipy.py FOLDER [--only ID ...]
 
@@ -40,7 +40,7 @@ def scene_of(case):
 
 
 def model_of(case):
-    return MODELS["nonlinear" if case["equation"] == "either" else case["equation"]]
+    return MODELS["nonlinear" if case["model"] == "either" else case["model"]]
 
 
 def launch(case):
@@ -62,13 +62,13 @@ def arrival(case):
     b, slenderness, gravity = block_of(case)
     p, angle = reference.frequency(b, slenderness, gravity), reference.critical_angle(slenderness)
     start = mp.mpf(case["initial_rotation"])
-    if case["equation"] == "linearized":
+    if case["model"] == "linearized":
         return p * mp.sqrt(angle**2 - (angle - start) ** 2)
     return p * mp.sqrt(2 * (mp.cos(angle - start) - mp.cos(angle)))
 
 
 def half_cycle_peak_rotation(case):
-    if case["initial_rotation"] and case["equation"] == "linearized":  # Housner's decay
+    if case["initial_rotation"] and case["model"] == "linearized":  # Housner's decay
         angle = reference.critical_angle(mp.mpf(case["slenderness"]))
         first, r = mp.mpf(case["initial_rotation"]) / angle, mp.mpf(case["restitution"]) ** 2
         left = r ** (case["number"] - 1) * (1 - (1 - first) ** 2)
@@ -150,7 +150,7 @@ def driven(case, folder):
         case["half_width"],
         case["slenderness"],
         case["restitution"],
-        case["equation"] == "linearized",
+        case["model"] == "linearized",
         case["gravity"],
     )
     if case["input"] == "file":

@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from jaxrock.commands import COMMANDS, Run
+from jaxrock.cli import COMMANDS, Run
 
 README = Path(__file__).parent.parent / "README.md"
 

@@ -69,7 +69,7 @@ def _on_edge(asked, name, edge):
 
 def _corner(name, precision, corner):
     function = corners.FUNCTIONS[name]
-    return list(corners.arguments(corner, function.rung, corners.PRECISIONS[precision]))
+    return list(corners.arguments(corner, function.model_name, corners.PRECISIONS[precision]))
 
 
 def _in_corner(asked, name, precision, corner):

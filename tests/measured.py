@@ -86,7 +86,7 @@ def closed_slopes():
 
 def paper():
     """How many of the printed entries come out."""
-    from jaxrock.paper import regenerate
+    from jaxrock.reports.paper import regenerate
 
     report = regenerate()
     agreeing = sum(entry.agrees for entry in report.entries)
@@ -119,7 +119,7 @@ def thresholds():
     worst = 0.0
     for duration in (0.5, 1.0, 2.0):
         found = jr.critical_amplitude(
-            block, 0.9, jr.Rectangular, duration / block.frequency_parameter, linearized=True
+            block, 0.9, jr.Rectangular, duration / block.frequency_parameter, model="linearized"
         )
         ratio = found.value[0] / (9.81 * block.critical_angle)
         worst = max(worst, abs(float(ratio * -np.expm1(-duration)) - 1))
@@ -148,7 +148,7 @@ def orders():
     """Peaks of the default order against order 10 on the record, of blocks that stay regular."""
     block = jr.Block(jnp.linspace(0.2, 1.0, 40), 5.0)
     within = jr.respond_within(block, 0.9, jr.example_record().scaled(1.3), 1e-6)
-    regular = np.asarray(within.kept)
+    regular = np.asarray(within.within_tolerance)
     peaks = [
         np.asarray(
             jr.respond_batch(block, 0.9, jr.example_record().scaled(1.3), **order).peak_rotation
@@ -186,7 +186,7 @@ def one():
 
 
 def many(count):
-    """Blocks of all sizes and shapes on the record, 40 s, in lockstep."""
+    """Blocks of all sizes and shapes on the record, 40 s, side by side."""
     block, c, record = batch(count, jnp.float64)
     run = functools.partial(jr.respond_batch, block, c, record, 40.0)
     return f"{1e3 * median(lambda: jax.block_until_ready(run()), 9):.0f} ms"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.arguments import as_real
+from jaxrock.validation import as_real
 
 BLOCK = jr.Block(0.4, 5.0)
 SCENE = jr.Scene(BLOCK, 0.5, 0.1)
@@ -34,7 +34,10 @@ SCENE = jr.Scene(BLOCK, 0.5, 0.1)
         (lambda: jr.Scene(BLOCK, 0.5, np.inf), "intensity must be finite and at least 0, got inf"),
         (lambda: jr.Linearized().peak_rotation(BLOCK, -1.0), "velocity must be finite"),
         (lambda: jr.Nonlinear().motion(BLOCK, -1.0, 0.1), "velocity must be finite"),
-        (lambda: jr.Oscillator(1.0, 0.1).peak_displacement(-1.0), "velocity must be finite"),
+        (
+            lambda: jr.resonance.Oscillator(1.0, 0.1).peak_displacement(-1.0),
+            "velocity must be finite",
+        ),
         (lambda: jr.Linearized().peak_amplification(BLOCK, 0.1, -1.0), "growth must be at least"),
         (lambda: jr.Block.from_size(0.8, np.array([4.0, 0.0])), "height must be finite"),
         (lambda: as_real("width", 10**400), "width must be a real number"),
@@ -45,8 +48,11 @@ SCENE = jr.Scene(BLOCK, 0.5, 0.1)
         (lambda: jr.critical_intensity(BLOCK, 2.0), "restitution must be between 0 and 1, got 2"),
         (lambda: jr.critical_intensity(BLOCK, 0.5, 0), "half_cycles must be a whole number"),
         (lambda: jr.critical_intensity(BLOCK, 0.5, 1.5), "half_cycles must be a whole number"),
-        (lambda: jr.Oscillator(1.0, 1.0), "damping_ratio must be at least 0 and less than 1"),
-        (lambda: jr.equivalent_damping(-1.0), "restitution must be between 0 and 1"),
+        (
+            lambda: jr.resonance.Oscillator(1.0, 1.0),
+            "damping_ratio must be at least 0 and less than 1",
+        ),
+        (lambda: jr.resonance.equivalent_damping(-1.0), "restitution must be between 0 and 1"),
     ],
 )
 def test_concrete_values_are_refused(call, message):

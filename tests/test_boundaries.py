@@ -17,7 +17,7 @@ def test_rectangular_pulses_against_housner():
     block = jr.Block(jnp.asarray([0.1, 0.4, 2.0]), jnp.asarray([3.0, 5.0, 8.0]))
     times = jnp.asarray([0.5, 1.0, 2.0])
     duration = times / block.frequency_parameter
-    found = jr.critical_amplitude(block, 0.9, jr.Rectangular, duration, linearized=True)
+    found = jr.critical_amplitude(block, 0.9, jr.Rectangular, duration, model="linearized")
     ratio = found.value[:, 0] / (9.81 * block.critical_angle)
     np.testing.assert_allclose(ratio, 1 / -jnp.expm1(-times), rtol=1e-10)
     assert (found.count == 1).all()
@@ -35,7 +35,7 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
     """Recomputed from their equations; they print 0.5545 and 0.4514 g."""
     block = jr.Block.from_size(width, height)
     c = jr.housner_restitution(block)
-    found = jr.critical_amplitude(block, c, shape, duration, linearized=True)
+    found = jr.critical_amplitude(block, c, shape, duration, model="linearized")
     assert float(found.value[0]) / 9.81 == pytest.approx(expected, abs=1e-6)
 
 
@@ -49,7 +49,9 @@ def test_against_scipy():
         shape = (jr.HalfSine, jr.Sine, jr.Cosine)[checked % 3]
         linearized = bool(rng.random() < 0.5) and shape is jr.Sine
         block = jr.Block(half_width, slenderness)
-        found = jr.critical_amplitude(block, c, shape, duration, linearized=linearized)
+        found = jr.critical_amplitude(
+            block, c, shape, duration, model="linearized" if linearized else "nonlinear"
+        )
         assert bool(found.complete)
         for k in range(int(found.count)):
             edge, beyond = float(found.value[k]), bool(found.overturns_beyond[k])
@@ -110,11 +112,17 @@ def test_derivatives(name):
         b, slenderness, c, duration, gravity = numbers
         block = jr.Block(b, slenderness, gravity)
         return jr.critical_amplitude(
-            block, c, shape, duration, (1.0, 15.0), resolution=0.05, linearized=linearized
+            block,
+            c,
+            shape,
+            duration,
+            (1.0, 15.0),
+            resolution=0.05,
+            model="linearized" if linearized else "nonlinear",
         )
 
     at = jnp.asarray([*numbers, 9.81])
-    assert bool(found(at).flat[which]) == (name == "falls flat")
+    assert bool(found(at).toppled[which]) == (name == "falls flat")
     forward = jax.jacfwd(lambda at: found(at).value[which])(at)
     if name == "no impact":
         reverse = jax.grad(lambda at: found(at).value[which])(at)
@@ -243,7 +251,7 @@ def test_mode_beside_a_narrow_window():
 def test_under_transformations():
     def edges(slenderness):
         block = jr.Block(0.1, slenderness)
-        return jr.critical_amplitude(block, 0.9, jr.Sine, 0.5, resolution=0.05, most=4)
+        return jr.critical_amplitude(block, 0.9, jr.Sine, 0.5, resolution=0.05, max_boundaries=4)
 
     direct = jr.critical_amplitude(
         jr.Block(0.1, jnp.asarray([5.0, 6.0])), 0.9, jr.Sine, 0.5, resolution=0.05
@@ -266,11 +274,11 @@ def test_nothing_there():
     ("change", "words"),
     [
         ({"along": "scale"}, "along must be one of amplitude, duration, factor"),
-        ({"tried": [2.0, 1.0]}, "tried must be increasing"),
-        ({"tried": [2.0]}, "tried must be at least two values"),
-        ({"tried": [-1.0, 2.0], "along": "duration"}, "tried must be finite and greater than 0"),
+        ({"values": [2.0, 1.0]}, "values must be increasing"),
+        ({"values": [2.0]}, "values must be at least two values"),
+        ({"values": [-1.0, 2.0], "along": "duration"}, "values must be finite and greater than 0"),
         ({"restitution": 2.0}, "restitution must be between 0 and 1"),
-        ({"most": 0}, "most must be at least 1"),
+        ({"max_boundaries": 0}, "max_boundaries must be at least 1"),
         (
             {"motion": jr.Record(np.ones((2, 3)), 0.1), "along": "factor"},
             "motion must be one record",
@@ -283,7 +291,7 @@ def test_bad_input(change, words):
         "restitution": 0.9,
         "motion": jr.Sine(2.0, 0.5),
         "along": "amplitude",
-        "tried": [1.0, 2.0],
+        "values": [1.0, 2.0],
     }
     with pytest.raises(ValueError, match=words):
         jr.overturning_boundaries(**(arguments | change))

@@ -13,9 +13,8 @@ import xarray
 from cf import assert_follows_cf
 
 import jaxrock as jr
-from jaxrock.cli import main
-from jaxrock.commands import COMMANDS
-from jaxrock.commands.options import Answer
+from jaxrock.cli import COMMANDS, main
+from jaxrock.cli.options import Answer
 
 pytestmark = pytest.mark.float64
 
@@ -66,7 +65,7 @@ def test_spectrum(capsys, tmp_path):
     assert code == 0
     assert json.loads(text)["overturned"] == overturned
     with xarray.open_dataset(out / "spectrum.nc") as dataset:
-        assert dataset.attrs["model"] == "Nonlinear"
+        assert dataset.attrs["model"] == "nonlinear"
 
 
 @pytest.mark.parametrize(
@@ -133,7 +132,7 @@ def test_a_folder_that_cannot_be_written(capsys, tmp_path):
 
 
 def test_a_move_that_fails_leaves_nothing(tmp_path, monkeypatch):
-    from jaxrock import files
+    from jaxrock.host import files
 
     def replace(source, target, replace=files.os.replace):
         if target.name == "second":
@@ -155,7 +154,7 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     def full(*_):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr("jaxrock.spectra._fill", full)
+    monkeypatch.setattr("jaxrock.spectra.closed_form._fill", full)
     code, _, err = run(capsys, "spectrum", "--out", tmp_path / "new", *SMALL)
     assert code == 2
     assert f"out: the folder {str(tmp_path / 'new')!r} cannot be written to: NetCDF" in err
@@ -240,7 +239,7 @@ def test_paper(capsys, tmp_path):
 
 @pytest.mark.thorough
 def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
-    from jaxrock import paper
+    from jaxrock.reports import paper
 
     tables = paper.printed_tables()
     tables["table_1"]["printed"][0][0] = "3.84e-3"
@@ -315,7 +314,7 @@ def test_critical(capsys, tmp_path):
     code, text, _ = run(capsys, "critical", *block, "--half-cycles", 1, 5, "--json")
     assert code == 0
     rows = json.loads(text)["rows"]
-    assert [(row["half_cycles"], row["equation"]) for row in rows] == [
+    assert [(row["half_cycles"], row["model"]) for row in rows] == [
         (1, "linearized"), (1, "nonlinear"), (5, "linearized"), (5, "nonlinear")
     ]  # fmt: skip
     expected = float(jr.critical_intensity(jr.Block(0.4, 5.0), 0.7, 5.0))
@@ -325,14 +324,14 @@ def test_critical(capsys, tmp_path):
     assert code == 0
     assert "stands beyond 7.706 (overturning after 1 impact)" in text
     table = (tmp_path / "found" / "critical.csv").read_text().splitlines()
-    assert table[0] == "amplitude,overturns_beyond,impacts,flat"
+    assert table[0] == "amplitude,overturns_beyond,impacts,toppled"
     assert len(table) == 4
-    mild = ("--along", "slenderness", "--tried", "1", "1.5", "--amplitude", 0.5)
+    mild = ("--along", "slenderness", "--values", "1", "1.5", "--amplitude", 0.5)
     code, text, _ = run(capsys, *sine, *mild, "--out", tmp_path / "none")
     assert code == 0
     assert text.startswith("no boundary: it stands always")
     table = (tmp_path / "none" / "critical.csv").read_text().splitlines()
-    assert table == ["slenderness,overturns_beyond,impacts,flat"]
+    assert table == ["slenderness,overturns_beyond,impacts,toppled"]
 
 
 def test_sensitivity(capsys, tmp_path):
@@ -346,7 +345,7 @@ def test_sensitivity(capsys, tmp_path):
     # alpha_max / alpha_c = (I / I_c)^2 / 2 in weak motion, and more near the verge.
     assert 2 < rows["intensity"]["elasticity"] < 2.2
     assert rows["restitution"]["at_low"] < found["value"] < rows["restitution"]["at_high"]
-    assert found["scatter_holds"] is True
+    assert found["valid"] is True
 
 
 @pytest.mark.thorough
@@ -367,7 +366,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     )
     assert code == 0
     assert text.startswith("margin 0.")
-    assert "by the nonlinear equation" in text
+    assert "by the nonlinear model" in text
     assert "pulse_duration" in text
 
 
@@ -376,7 +375,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     [
         (("critical", "--along", "factor"), "along goes with a pulse or a record only"),
         (("critical", "--half-cycles"), "half_cycles must be at least one number, got none"),
-        (("critical", "--record", "example", "--tried"), "tried must be at least one number"),
+        (("critical", "--record", "example", "--values"), "values must be at least one number"),
         (("critical", *SINE, "--amplitude", 1), "amplitude is sought: it must not be given"),
         (("critical", *SINE, "--scale", 2), "scale goes with amplitudes that are not sought"),
         (("critical", *SINE, "--intensity", 1), "intensity goes with instantaneous pulses only"),
@@ -393,7 +392,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
         (("respond", *SINE, "--amplitude", 3, "--unit", "g"), "unit goes with a record only"),
         (("respond", "--record", "example", "--time-step", 0), "has its unit and time step"),
         (("assess", "--width", 0.8, "--out", "x"), "--out"),
-        (("critical", "--record", "example", "--along", "restitution"), "tried must be given"),
+        (("critical", "--record", "example", "--along", "restitution"), "values must be given"),
         (("sensitivity", "--intensity", 5), "does not exist here: the block overturns"),
         (("sensitivity", "--swing", 0), "swing must be finite and greater than 0"),
         (("sensitivity", "--record", "example", "--answer", "period"), "answer must be rotation"),
@@ -427,12 +426,12 @@ def test_bad_tolerances(capsys, tmp_path, monkeypatch, arguments, words):
 def test_tolerance(capsys, tmp_path):
     code, out, _ = run(capsys, "assess", "--tolerance", 1e-3, "--json")
     assert code == 0
-    assert json.loads(out)["choice"]["rung"] == "nonlinear"
+    assert json.loads(out)["choice"]["level"] == "nonlinear"
     auto = ("--model", "auto", "--tolerance", 0.01, "--out", tmp_path / "auto")
     code, _, _ = run(capsys, "spectrum", *SMALL, *auto)
     assert code == 0
     with xarray.open_dataset(tmp_path / "auto" / "spectrum.nc") as dataset:
-        assert set(dataset.rung.values.ravel()) == {0, 1}
+        assert set(dataset.model.values.ravel()) == {0, 1}
 
 
 @pytest.mark.thorough

@@ -33,7 +33,9 @@ def answers(kind, x):
     strength = x[LENGTH + 1 :] if kind == "Record" else x[LENGTH + 1]
     motion = shape(strength, x[LENGTH], start=x[START])
     block = jr.Block(x[0], x[1])
-    r = jr.respond(block, x[2], motion, x[DURATION], rotation=x[ROTATION], rtol=1e-12, listed=32)
+    r = jr.respond(
+        block, x[2], motion, x[DURATION], rotation=x[ROTATION], rtol=1e-12, max_impacts=32
+    )
     final = (r.final_rotation, r.final_velocity, r.peak_rotation, r.margin)
     return jnp.stack([*final, r.impact_times[0], r.friction_demand, r.normal_force])
 

@@ -7,64 +7,29 @@ import subprocess
 import sys
 from pathlib import Path
 
+import conformance_cases
 import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock import conformance
+from jaxrock.reports import conformance
 
-pytestmark = [pytest.mark.float64, pytest.mark.thorough]
+pytestmark = pytest.mark.float64
 SCRIPT = Path(__file__).parent / "conformance_with_scipy.py"
-
-
-def written(folder):
-    assert conformance.write(folder) == len(cases_in(folder))
-    return folder
-
-
-@pytest.fixture(scope="module")
-def everything(tmp_path_factory):
-    """All cases; what takes long is the compilation of the driven ones."""
-    return written(tmp_path_factory.mktemp("everything"))
-
-
-def piece(motions):
-    record = motions["piece.csv"]
-    wanted = {"peak_rotation": "Largest rotation under the record."}
-    return conformance._driven(
-        "piece",
-        "record",
-        wanted,
-        jr.Block(0.2, 5.0),
-        0.6,
-        "file",
-        record,
-        float(record.end),
-        file="piece.csv",
-    )
+QUICK = (
+    "_geometry",
+    "_free_rocking",
+    "_half_cycles",
+    "_published_tables",
+    "_closed_derivatives",
+)
 
 
 @pytest.fixture(scope="module")
-def closed(tmp_path_factory):
-    """The closed forms, and one case that is driven."""
-    parts = [
-        getattr(conformance, f"_{name}")
-        for name in (
-            "geometry",
-            "free_rocking",
-            "half_cycles",
-            "published_tables",
-            "closed_derivatives",
-        )
-    ]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(conformance, "_PARTS", (*parts, piece))
-        return written(tmp_path_factory.mktemp("closed"))
-
-
-@pytest.fixture(params=["closed", "everything"])
-def folder(request):
-    return request.getfixturevalue(request.param)
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("table")
+    assert conformance.write(path) == len(cases_in(path))
+    return path
 
 
 def whole(folder):
@@ -98,8 +63,6 @@ def test_well_formed(folder):
     assert named <= set(conformance.RECORDS)
     for case in cases:
         check(case, table["fields"])
-    if folder.name.startswith("closed"):
-        return
     assert kinds == {
         "geometry",
         "free rocking",
@@ -141,11 +104,11 @@ def test_csv_agrees_with_json(folder):
 
 
 @pytest.mark.parametrize("name", conformance.RECORDS)
-def test_files_are_the_motions(closed, name):
+def test_files_are_the_motions(folder, name):
     motion = conformance.records()[name]
     vertical = "vertical_m_per_s2" if motion.vertical is not None else None
     read = jr.read_record(
-        closed / name, unit="m/s2", column="acceleration_m_per_s2", vertical=vertical
+        folder / name, unit="m/s2", column="acceleration_m_per_s2", vertical=vertical
     )
     np.testing.assert_array_equal(read.acceleration, motion.acceleration)
     assert float(read.time_step) == pytest.approx(0.01, rel=1e-12)
@@ -157,7 +120,7 @@ def test_published_cases(folder):
     """What is computed here is within the tolerance of what is printed."""
     cases = {case["id"]: case for case in cases_in(folder)}
     published = [case for case in cases.values() if case["from"] == "published"]
-    assert len(published) == (3 if folder.name.startswith("closed") else 5)
+    assert len(published) == 5
     model = jr.Linearized()
     for case in published:
         block = jr.Block(case["half_width"], case["slenderness"])
@@ -184,21 +147,37 @@ def test_published_cases(folder):
         assert case["value"] == pytest.approx(expected, rel=1e-13)
 
 
-def test_scipy_agrees_on_every_case(everything):
-    result = checked(everything)
+@pytest.mark.parametrize("part", ["closed", pytest.param("driven", marks=pytest.mark.thorough)])
+def test_computed_again(folder, part):
+    """What is frozen is what jaxrock computes."""
+    driven = [each for each in conformance_cases._PARTS if each.__name__ not in QUICK]
+    closed = [getattr(conformance_cases, name) for name in QUICK]
+    known = {case["id"]: case for case in cases_in(folder)}
+    found = list(conformance_cases.cases(closed if part == "closed" else driven))
+    assert len(found) > 30
+    for case in found:
+        frozen = known[case["id"]]
+        off = abs(case.pop("value") - frozen["value"])
+        assert off <= 0.1 * tolerance(frozen), case["id"]
+        assert frozen == case | {key: frozen[key] for key in ("value", "spread", "what", "source")}
+
+
+@pytest.mark.thorough
+def test_scipy_agrees_on_every_case(folder):
+    result = checked(folder)
     assert result.returncode == 0, result.stdout + result.stderr
-    count = len(cases_in(everything))
+    count = len(cases_in(folder))
     assert f"{count} of {count} agree" in result.stdout
     readme = (SCRIPT.parent.parent / "README.md").read_text(encoding="utf-8")
     assert f"{count} cases that another program" in readme
 
 
 @pytest.mark.parametrize("name", ["free-peak-linearized-slender-half", "piece-peak_rotation"])
-def test_a_wrong_value_is_noticed(closed, tmp_path, name):
-    table = whole(closed)
+def test_a_wrong_value_is_noticed(folder, tmp_path, name):
+    table = whole(folder)
     (case,) = (case for case in table["cases"] if case["id"] == name)
     for file in conformance.RECORDS:
-        (tmp_path / file).write_bytes((closed / file).read_bytes())
+        (tmp_path / file).write_bytes((folder / file).read_bytes())
     for factor, code in ((0.5, 0), (2.0, 1)):
         wrong = case | {"value": case["value"] + factor * tolerance(case)}
         text = json.dumps(table | {"cases": [wrong]})
@@ -208,9 +187,9 @@ def test_a_wrong_value_is_noticed(closed, tmp_path, name):
         assert (f"off: {name}" in result.stdout) == bool(code)
 
 
-def test_what_cannot_be_computed_is_off(closed, tmp_path):
+def test_what_cannot_be_computed_is_off(folder, tmp_path):
     """Neither a missing file nor an unknown quantity passes."""
-    table = whole(closed)
+    table = whole(folder)
     cases = [
         next(case for case in table["cases"] if case["id"] == "piece-peak_rotation"),
         table["cases"][0] | {"quantity": "colour"},

@@ -7,11 +7,11 @@ import reference
 
 import jaxrock as jr
 
-RUNGS = [jr.Linearized(), jr.Nonlinear()]
+MODELS = [jr.Linearized(), jr.Nonlinear()]
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 @pytest.mark.parametrize("half_cycles", [1, 2, 5, 30, np.inf])
 def test_a_hair_below_stands_and_a_hair_above_overturns(model, half_cycles):
     rng = np.random.default_rng(3)
@@ -44,7 +44,7 @@ def test_without_loss_any_pulse_overturns_in_the_end():
     np.testing.assert_allclose(single, 100 * hundred, rtol=1e-6)
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 @mp.workdps(700)  # as many as 1 - cos(alpha_c) loses
 def test_slenderness_at_all_intensities_there_are(model):
     """Value and slope, from the smallest to the largest floating-point numbers."""
@@ -54,7 +54,7 @@ def test_slenderness_at_all_intensities_there_are(model):
     intensity = jnp.asarray(10 ** np.linspace(-decades, decades, 31), dtype)
 
     def slenderness(intensity):
-        return jr.critical_slenderness(jr.Scene(jr.Block(0.4, 1.0), 0.7, intensity), model=model)
+        return jr.critical_slenderness(jr.Block(0.4, 1.0), 0.7, intensity, model=model)
 
     found, slope = jax.vmap(jax.value_and_grad(slenderness))(intensity)
     theirs = getattr(reference, type(model).__name__)
@@ -92,11 +92,11 @@ def test_any_restitution_comes_back(half_cycles):
     restitution = restitution[(restitution < 1) | (half_cycles < np.inf)]
     block = jr.Block(0.4, 5.0)
     intensity = jr.critical_intensity(block, restitution, half_cycles)
-    found = jr.critical_restitution(jr.Scene(block, 0.5, intensity), half_cycles)
+    found = jr.critical_restitution(block, intensity, half_cycles)
     np.testing.assert_allclose(found, restitution, rtol=16 * eps, atol=16 * eps)
     assert (found >= 0).all()
     assert (found <= 1).all()
     beyond = jr.critical_intensity(block, jnp.asarray([0.0, 1.0]), half_cycles) * jnp.asarray(
         [1 + 32 * eps, 1 - 32 * eps]
     )
-    assert jnp.isnan(jr.critical_restitution(jr.Scene(block, 0.5, beyond), half_cycles)).all()
+    assert jnp.isnan(jr.critical_restitution(block, beyond, half_cycles)).all()

@@ -10,7 +10,7 @@ import textwrap
 import pytest
 
 import jaxrock as jr
-from jaxrock.arguments import Checked
+from jaxrock.validation import Checked
 
 
 def described(section, docstring):
@@ -31,7 +31,8 @@ def refuses(function):
     called = {call.func.id: call for call in calls if isinstance(call.func, ast.Name)}
     if "check" in called or any(isinstance(node, ast.Raise) for node in ast.walk(tree)):
         return True
-    if "elementwise" in called and called["elementwise"].keywords:
+    guarded = called["elementwise"].keywords if "elementwise" in called else []
+    if any(keyword.arg != "model" for keyword in guarded):  # which its type says
         return True
     inner = (function.__globals__.get(name) for name in called if name.startswith("_"))
     return any(refuses(helper) for helper in inner if inspect.isfunction(helper))
@@ -39,8 +40,15 @@ def refuses(function):
 
 def public():
     """Every public callable with all docstrings that apply to it, by name."""
-    for name in jr.__all__:
-        found = getattr(jr, name)
+    everything = {name: getattr(jr, name) for name in jr.__all__}
+    rooms = [thing for thing in everything.values() if inspect.ismodule(thing)]
+    everything |= {
+        name: getattr(room, name) for room in rooms for name in getattr(room, "__all__", ())
+    }
+    for name, found in everything.items():
+        if inspect.ismodule(found):
+            yield name, found, found.__doc__
+            continue
         if not inspect.isclass(found):
             yield name, found, found.__doc__
             continue
@@ -68,7 +76,7 @@ def is_ours(thing):
 )
 def test_docstring_says_what_there_is(name, thing, docstring):
     assert docstring, f"{name} has no docstring"
-    if isinstance(thing, property):
+    if isinstance(thing, property) or inspect.ismodule(thing):
         return
     said = {s: described(s, docstring) for s in ("Parameters", "Attributes", "Returns", "Raises")}
     if inspect.isclass(thing):

@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
-from jaxrock.elliptic import carlson_rd, carlson_rf, jacobi
+from jaxrock.numerics.elliptic import carlson_rd, carlson_rf, jacobi
 
 
 def spread_arguments(dtype, number=300):

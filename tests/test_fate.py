@@ -34,7 +34,7 @@ def falls(rotation, velocity, linearized):
 def test_margin_says_what_free_motion_does(linearized):
     rotation, velocity = random_states()
     model = jr.Linearized() if linearized else jr.Nonlinear()
-    margin = jr.fate_margin(BLOCK, C, rotation, velocity, model)
+    margin = jr.dynamics.free_motion_margin(BLOCK, C, rotation, velocity, model)
     assert 10 < int((margin < 0).sum()) < 70
     np.testing.assert_array_equal(margin < 0, falls(rotation, velocity, linearized))
 
@@ -46,7 +46,15 @@ def test_respond_from_any_state(linearized):
     rotation, velocity = random_states()
     still, found = jr.Rectangular(0.0, 100.0), []
     for a, v in zip(rotation, velocity, strict=True):
-        r = jr.respond(BLOCK, C, still, 100.0, rotation=a, velocity=v, linearized=linearized)
+        r = jr.respond(
+            BLOCK,
+            C,
+            still,
+            100.0,
+            rotation=a,
+            velocity=v,
+            model="linearized" if linearized else "nonlinear",
+        )
         found.append(bool(abs(r.final_rotation) > 1.5))
     np.testing.assert_array_equal(found, falls(rotation, velocity, linearized))
 
@@ -54,7 +62,7 @@ def test_respond_from_any_state(linearized):
 def test_margin_is_continuous():
     block = jr.Block(0.3, 4.0)
     velocity = np.linspace(-3, 3, 20001)
-    margin = jr.fate_margin(block, 0.95, 1.2 * block.critical_angle, velocity)
+    margin = jr.dynamics.free_motion_margin(block, 0.95, 1.2 * block.critical_angle, velocity)
     assert np.abs(np.diff(margin)).max() < 2e-3
 
 
@@ -75,7 +83,7 @@ def test_survival_windows(half_diagonal):
 
 def test_bad_input():
     block, pulse = jr.Block(0.3, 4.0), jr.Sine(2.0, 0.5)
-    with pytest.raises(ValueError, match="tried must be increasing"):
+    with pytest.raises(ValueError, match="values must be increasing"):
         jr.survival_windows(block, 0.9, pulse, [2.0, 1.0])
     none = jr.survival_windows(block, 0.9, pulse, [0.1, 0.2])
     assert none.first_overturning == np.inf

@@ -7,7 +7,7 @@ import pytest
 from test_model_error import NUMBER, apart, each, lasting_scenes, scenes
 
 import jaxrock as jr
-from jaxrock.fidelity import CLOSED, computed
+from jaxrock.accuracy.choice import CLOSED, computed
 
 pytestmark = pytest.mark.float64
 
@@ -30,7 +30,7 @@ def test_promise(errors, tolerance):
     given, true = errors
     choice = jr.choose(given, tolerance)
     index = np.asarray(choice.index)
-    assert np.asarray(choice.kept).all()
+    assert np.asarray(choice.within_tolerance).all()
     assert (true[index, np.arange(NUMBER)] <= tolerance).all()
     assert (true[index, np.arange(NUMBER)] <= choice.error).all()
     cheaper = [(true[:i, k] <= tolerance).any() for k, i in enumerate(index)]
@@ -51,7 +51,7 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
     for tolerance in (1e-1, 3e-2, 1e-3):
         choice = jr.choose(given, tolerance, shape, duration)
         index, stocky = np.asarray(choice.index), np.asarray(given.block.slenderness) < 0.5
-        closed = np.asarray(choice.kept) & (index < len(CLOSED))
+        closed = np.asarray(choice.within_tolerance) & (index < len(CLOSED))
         assert not (closed & stocky).any()
         assert closed.sum() > 20
         error = true[index[closed], np.nonzero(closed)[0]][lifted[closed]]
@@ -62,7 +62,7 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
 def test_nothing_keeps_it():
     wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
     choice = jr.choose(wall, 1e-16)
-    assert not choice.kept
+    assert not choice.within_tolerance
     assert choice.setting == CLOSED[-1]
     assert "nothing on offer keeps 1e-16" in str(choice)
 
@@ -84,13 +84,13 @@ def test_promise_under_pulses_that_last(number):
     given = jax.tree.map(lambda leaf: jnp.minimum(leaf, 30.0), scenes(number, number))
     strength = 10 ** rng.uniform(-6, 0.3, number)
     duration = strength * given.intensity * given.block.slenderness / 9.81
-    rungs = set()
+    kinds = set()
     for tolerance in (1e-1, 1e-3, 1e-5):
         choice = jr.choose(given, tolerance, jr.HalfSine, duration)
         for k in range(number):
             scene, setting = each(given, k), choice.settings[int(choice.index[k])]
-            if not choice.kept[k] or setting.rung == "pulsed":
-                rungs.add("pulsed")
+            if not choice.within_tolerance[k] or setting.level == "pulsed":
+                kinds.add("pulsed")
                 continue
             pulse = jr.HalfSine(scene.intensity * np.pi / 2 / duration[k], duration[k])
             phase = jr.pulsed_phase(scene.block, scene.restitution, pulse, rtol=1e-11)
@@ -98,8 +98,8 @@ def test_promise_under_pulses_that_last(number):
             for name in ("rotation_ratio", "period"):
                 error = apart(getattr(found, name), getattr(phase, name))
                 assert error <= tolerance, (k, setting, name)
-            rungs.add(setting.rung)
-    assert rungs == {"linearized", "nonlinear", "pulsed"}
+            kinds.add(setting.level)
+    assert kinds == {"linearized", "nonlinear", "pulsed"}
 
 
 @pytest.mark.thorough
@@ -110,7 +110,7 @@ def test_pulsed_keeps_what_is_predicted():
     choice = jr.choose(given, 1e-7, jr.HalfSine, duration)
     compared = 0
     for k in range(8):
-        if choice.settings[int(choice.index[k])].rung != "pulsed":
+        if choice.settings[int(choice.index[k])].level != "pulsed":
             continue
         scene = each(given, k)
         pulse = jr.HalfSine(scene.intensity * np.pi / 2 / duration[k], duration[k])
@@ -177,13 +177,13 @@ def test_promise_of_the_order(kind, number):
     for tolerance in (1e-2, 1e-5, 1e-8):
         choice = jr.choose(jr.DrivenScene(block, restitution, motion), tolerance)
         within = jr.respond_within(block, restitution, motion, tolerance)
-        assert (choice.kept == within.kept).all()
-        assert np.mean(within.kept) > 0.9
+        assert (choice.within_tolerance == within.within_tolerance).all()
+        assert np.mean(within.within_tolerance) > 0.9
         picked = np.array([choice.settings[i].order for i in np.asarray(choice.index)])
         error = np.array([by_order[order][k] for k, order in enumerate(picked)])
-        assert (error <= tolerance)[within.kept].all()
-        assert (error <= np.asarray(choice.error))[within.kept].all()
-        assert (off(within.response) <= tolerance)[within.kept].all()
+        assert (error <= tolerance)[within.within_tolerance].all()
+        assert (error <= np.asarray(choice.error))[within.within_tolerance].all()
+        assert (off(within.response) <= tolerance)[within.within_tolerance].all()
         cheaper = [
             any(by_order[o][k] <= tolerance for o in orders if o < order)
             for k, order in enumerate(picked)
@@ -196,17 +196,17 @@ def test_chaos_is_not_promised():
     """Where impacts make answers of rounding itself, no order agrees with the next."""
     block, record = jr.Block(0.05, 8.0), jr.example_record().scaled(np.linspace(0.2, 3.0, 600))
     within = jr.respond_within(block, 0.98, record, 1e-9)
-    assert 0 < np.mean(~within.kept) < 0.7
-    assert (within.error[~within.kept] > 1e-9).all()
+    assert 0 < np.mean(~within.within_tolerance) < 0.7
+    assert (within.error[~within.within_tolerance] > 1e-9).all()
     choice = jr.choose(jr.DrivenScene(block, 0.98, record), 1e-9)
-    assert (np.asarray(choice.kept) == within.kept).all()
+    assert (np.asarray(choice.within_tolerance) == within.within_tolerance).all()
 
 
 def test_a_single_driven_scene():
     scene = jr.DrivenScene(jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5))
     choice = jr.choose(scene, 1e-3)
-    assert choice.setting.rung == "lockstep"
-    assert str(choice).startswith(f"lockstep of order {choice.setting.order} in float64: off by")
+    assert choice.setting.level == "batch"
+    assert str(choice).startswith(f"batch of order {choice.setting.order} in float64: off by")
     truth = jr.respond(scene.block, 0.9, scene.motion, rtol=1e-12)
     found = jr.respond_batch(scene.block, 0.9, scene.motion, order=choice.setting.order)
     assert apart(found.peak_rotation, truth.peak_rotation) <= choice.error <= 1e-3

@@ -309,7 +309,7 @@ def test_extremes_between_long_steps():
         block, amplitude = jr.Block(b, slenderness), 9.81 / slenderness * rng.uniform(0.8, 3.0)
         pulse = jr.HalfSine(amplitude, rng.uniform(0.1, 1.2))
         long, short = (
-            jr.respond(block, c, pulse, pulse.end + 2, rtol=rtol, linearized=True)
+            jr.respond(block, c, pulse, pulse.end + 2, rtol=rtol, model="linearized")
             for rtol in (1e-8, 1e-11)
         )
         worst = max(worst, abs(float(long.friction_demand / short.friction_demand) - 1))
@@ -321,7 +321,9 @@ def test_second_derivatives():
     """As differences of the first, which are compared with independent ones above."""
 
     def ours(amplitude):
-        r = jr.respond(jr.Block(0.2, 3.0), 0.9, jr.Sine(amplitude, 0.8), 1.0, rtol=1e-10, listed=0)
+        r = jr.respond(
+            jr.Block(0.2, 3.0), 0.9, jr.Sine(amplitude, 0.8), 1.0, rtol=1e-10, max_impacts=0
+        )
         return jnp.stack([r.friction_demand, r.normal_force])
 
     slopes = jax.jit(jax.jacfwd(ours))

@@ -1,4 +1,4 @@
-"""Laws that free rocking has to obey, in both rungs."""
+"""Laws that free rocking has to obey, in both kinds."""
 
 import jax
 import jax.numpy as jnp
@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 import jaxrock as jr
 
-RUNGS = [jr.Linearized(), jr.Nonlinear()]
-rungs = st.sampled_from(RUNGS)
+MODELS = [jr.Linearized(), jr.Nonlinear()]
+kinds = st.sampled_from(MODELS)
 slenderness = st.floats(0.25, 100, width=32)
 half_width = st.floats(0.0078125, 100, width=32)
 ratio = st.floats(0.0009765625, 0.9990234375, width=32)
 
 
 def energy(model, block, rotation, velocity):
-    """Per unit of moment of inertia: kinetic, and potential as the rung has it."""
+    """Per unit of moment of inertia: kinetic, and potential as the kind has it."""
     p, critical = block.frequency_parameter, block.critical_angle
     if isinstance(model, jr.Linearized):
         return velocity**2 / 2 + p**2 * rotation * (critical - rotation / 2)
@@ -26,7 +26,7 @@ def energy(model, block, rotation, velocity):
     return velocity**2 / 2 + p**2 * lift
 
 
-@given(rungs, half_width, slenderness, ratio, st.floats(0, 1, width=32))
+@given(kinds, half_width, slenderness, ratio, st.floats(0, 1, width=32))
 def test_energy_is_conserved_along_the_motion(model, b, lam, x, share):
     eps = float(jnp.finfo(jnp.result_type(float)).eps)
     block = jr.Block(b, lam)
@@ -36,7 +36,7 @@ def test_energy_is_conserved_along_the_motion(model, b, lam, x, share):
     np.testing.assert_allclose(found, velocity**2 / 2, rtol=1000 * eps / (1 - x))
 
 
-@given(rungs, half_width, slenderness, ratio)
+@given(kinds, half_width, slenderness, ratio)
 def test_motion_peaks_at_half_time_and_returns(model, b, lam, x):
     eps = float(jnp.finfo(jnp.result_type(float)).eps)
     tolerance = 500 * eps / (1 - x)
@@ -52,7 +52,7 @@ def test_motion_peaks_at_half_time_and_returns(model, b, lam, x):
     np.testing.assert_allclose(speed, -velocity, rtol=tolerance)
 
 
-@given(rungs, half_width, slenderness, ratio, st.floats(1.0009765625, 2, width=32))
+@given(kinds, half_width, slenderness, ratio, st.floats(1.0009765625, 2, width=32))
 def test_peak_grows_with_velocity_and_shrinks_with_size(model, b, lam, x, factor):
     block = jr.Block(b, lam)
     velocity = x * model.critical_velocity(block) / factor
@@ -70,13 +70,13 @@ def test_nonlinear_tends_to_linearized_as_slenderness_squared(question, x):
     lam = jnp.asarray([10.0, 100.0, 1000.0])
     block = jr.Block(0.4, lam)
     velocity = x * jr.Nonlinear().critical_velocity(block)
-    linearized, nonlinear = (getattr(model, question)(block, velocity) for model in RUNGS)
+    linearized, nonlinear = (getattr(model, question)(block, velocity) for model in MODELS)
     difference = np.asarray(abs(linearized / nonlinear - 1))
     rate = np.log10(difference[:-1] / difference[1:])
     np.testing.assert_allclose(rate, 2, atol=0.02)
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_the_verge(model):
     block = jr.Block(0.4, 5.0)
     velocity = jnp.asarray([0.999, 1.001]) * model.critical_velocity(block)
@@ -101,7 +101,7 @@ def test_the_linearized_motion_says_when_it_leaves_the_numbers():
     assert jnp.isfinite(jr.Nonlinear().motion(block, 0.1, time)[0]).all()
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 @pytest.mark.parametrize("question", ["peak_rotation", "half_cycle_duration"])
 def test_slopes_at_rest(model, question):
     """Both start from zero, the peak with the square of the velocity."""
@@ -114,7 +114,7 @@ def test_slopes_at_rest(model, question):
     np.testing.assert_allclose(slope, expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
     """With a parameter that all share: NaN times zero must not get in."""
 

@@ -11,8 +11,8 @@ import pytest
 import reference
 
 import jaxrock as jr
-from jaxrock.fidelity import CLOSED, PULSED, computed
-from jaxrock.model_error import Answers, linearized_is_enough
+from jaxrock.accuracy.choice import CLOSED, PULSED, computed
+from jaxrock.accuracy.simplification import Answers, linearized_is_enough
 
 pytestmark = pytest.mark.float64
 NUMBER, COMPARED = 2000, 60  # one number, since each takes seconds to compile
@@ -69,7 +69,7 @@ def given_in(precision):
 def test_prediction_against_mpmath(setting, precision):
     """What is predicted from a scene in float32 bounds what is computed from it in float64."""
     given, error, truths = given_in(precision)
-    predicted = error.total(setting.rung, setting.bits)
+    predicted = error.total(setting.level, setting.bits)
     found = computed(given, setting)
     ratios = []
     for name, truth in truths.items():
@@ -84,7 +84,7 @@ def test_prediction_against_mpmath(setting, precision):
             if 0 < off < mp.inf and bound < np.inf:
                 ratios.append(float(bound / off))
     # A sure bound on rounding is several times what usually happens; that of a model is exact.
-    assert np.median(ratios) < (1.1 if setting.rung == "linearized" else 15)
+    assert np.median(ratios) < (1.1 if setting.level == "linearized" else 15)
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_nothing_known_is_not_nothing_lost():
     assert error.duration_bound == (np.inf, np.inf, np.inf)
     assert error.total("nonlinear", 64) == (np.inf, np.inf, np.inf)
     choice = jr.choose(scene, 1e-1, jr.HalfSine, 0.3106879530163783)
-    assert choice.setting.rung == "pulsed"
+    assert choice.setting.level == "pulsed"
 
 
 def test_weak_long_pulses_are_not_predicted():

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jaxrock import paper
+from jaxrock.reports import paper
 
 pytestmark = pytest.mark.float64
 
@@ -62,7 +62,7 @@ def test_agreement_to_the_digits_printed(printed, computed, agrees):
 def test_mismatches_are_named(report):
     wrong = report.entries[0]._replace(computed=1.0)
     healed = next(e for e in report.entries if e.fault)._replace(computed=182.37)
-    claim = report.claims[0]._replace(holds=False)
+    claim = report.claims[0]._replace(valid=False)
     spoiled = paper.Report([wrong, healed], [claim], report.faults)
     assert len(spoiled.mismatches) == 3
     assert spoiled.mismatches[0].startswith("Table I, peak rotation")

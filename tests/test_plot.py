@@ -14,7 +14,8 @@ from matplotlib.patches import Polygon
 from PIL import Image
 
 import jaxrock as jr
-from jaxrock import plot, tradeoff
+from jaxrock import plot
+from jaxrock.accuracy import tradeoff
 from jaxrock.plot import (
     animate,
     plot_block,
@@ -34,8 +35,8 @@ from jaxrock.plot import (
     plot_tradeoff,
     plot_train,
 )
-from jaxrock.train import Rocker
-from jaxrock.train_rhythm import Train, shot
+from jaxrock.resonance.pulse_train import Rocker
+from jaxrock.resonance.timed_train import Train, shot
 
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 
@@ -80,7 +81,9 @@ def rocking():
 
 @pytest.fixture(scope="module")
 def scatter():
-    return jr.propagate(jr.rotation_ratio, WALL, {"intensity": 0.1, "restitution": 0.05})
+    return jr.sensitivity.propagate(
+        jr.rotation_ratio, WALL, {"intensity": 0.1, "restitution": 0.05}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +94,7 @@ def swing():
 
 def train(times, intensities, skips, delays):
     """A train as a search would give it; the objectives of two starts are made up."""
-    return jr.WorstTrain(
+    return jr.resonance.WorstTrain(
         times=np.asarray(times),
         intensities=np.asarray(intensities),
         impacts_between=np.asarray(skips),
@@ -137,7 +140,7 @@ def looks_of(ax):
 def calls(spectrum, response, boundaries, rocking, scatter, swing):
     """A call of every function that takes axes, and the number of entries in its legend."""
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
-    samples = jr.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
+    samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
     nine = jr.resonance_spectrum([3.0, 4.0], np.linspace(0.4, 1.2, 9), 0.6, 0.15)
     table = tradeoff_table()
     return {
@@ -165,7 +168,7 @@ def tradeoff_table():
     """Nine families of settings: more than there are markers."""
     rows = [
         {
-            **{"label": "", "rung": "lockstep", "bits": 64, "batch": 10**k, "solver": "-"},
+            **{"label": "", "level": "batch", "bits": 64, "batch": 10**k, "solver": "-"},
             **{"locate": "-", "tolerance": np.nan, "order": 8, "default": k == 2},
             **{"error": 10.0 ** (-k), "seconds": 10.0 ** (k - 9)},
             **{"spread": 0.1, "compilation": 1.0},
@@ -545,14 +548,14 @@ def test_distribution(scatter):
         "0.1 % without an answer",
     ]
     for line, mean, deviation in (
-        (ax.get_lines()[0], scatter.mean_first, scatter.deviation_first),
-        (ax.get_lines()[1], scatter.mean, scatter.deviation),
+        (ax.get_lines()[0], scatter.first_order_mean, scatter.first_order_standard_deviation),
+        (ax.get_lines()[1], scatter.mean, scatter.standard_deviation),
     ):
         place, share = line.get_data()
         assert place[share.argmax()] == pytest.approx(mean, abs=0.003)
         normal = (edges[1] - edges[0]) / (deviation * np.sqrt(2 * np.pi))
         assert share.max() == pytest.approx(normal, rel=1e-3)
-    assert plot_distribution(samples, scatter._replace(holds=False)).get_title()
+    assert plot_distribution(samples, scatter._replace(valid=False)).get_title()
     with pytest.raises(ValueError, match="samples must have at least one answer"):
         plot_distribution(np.full(3, np.nan))
 
@@ -581,7 +584,7 @@ def test_convergence():
 @pytest.mark.float64
 def test_tradeoff():
     ax = plot_tradeoff(tradeoff_table())
-    assert legend_of(ax)[0] == "lockstep"
+    assert legend_of(ax)[0] == "batch"
     assert legend_of(ax)[-1] == "default"
     ring = ax.get_lines()[-1]
     assert (ring.get_xdata().item(), ring.get_ydata().item()) == (1e-7, 1e-2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.printing import shown
+from jaxrock.host.printing import shown
 
 BLOCK = jr.Block(0.1, 5.0)
 
@@ -34,7 +34,7 @@ def test_a_value_and_its_unit(value, text):
         (lambda c: jr.Scene(BLOCK, c, 0.1), "restitution 0.7, pulses of 0.1 m/s"),
         (lambda c: jr.DrivenScene(BLOCK, c, jr.Sine(3.0, 0.5)), "one-sine pulse of 3 m/s2"),
         (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), "record of 2 samples, step 0.1 s"),
-        (lambda c: jr.Oscillator(6.0, c), "damping ratio 0.7"),
+        (lambda c: jr.resonance.Oscillator(6.0, c), "damping ratio 0.7"),
         (lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)), "linearizing             rotation"),
         (lambda c: jr.respond_batch(BLOCK, c, jr.Sine(3.0, 0.5)), "overturned          no"),
         (lambda c: jr.respond_to_train(BLOCK, c, [0.0], [0.1]), "overturned          no"),
@@ -51,22 +51,36 @@ def test_arguments_and_answers_print_themselves(thing, text):
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
-        (jr.SurvivalWindows(2.0, np.array([[3.0, np.inf]])), "stands again from 3 to inf"),
-        (jr.SurvivalWindows(np.inf, np.empty((0, 2))), "stands everywhere in the range"),
         (
-            jr.PulsedVerge(*jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])),
+            jr.overturning.SurvivalWindows(2.0, np.array([[3.0, np.inf]])),
+            "stands again from 3 to inf",
+        ),
+        (
+            jr.overturning.SurvivalWindows(np.inf, np.empty((0, 2))),
+            "stands everywhere in the range",
+        ),
+        (
+            jr.dynamics.PulsedThreshold(*jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])),
             "amplitude           2 m",
         ),
         (
-            jr.PulsedPhase(*jnp.arange(5.0), *jnp.array([True, True, False, False])),
+            jr.dynamics.PulsedPhase(*jnp.arange(5.0), *jnp.array([True, True, False, False])),
             "period              2 s",
         ),
         (
-            jr.Scatter(1.0, 0.1, 1.1, 0.2, {"intensity": 1.0}, True, 0.01, 0.02, 0.0),
+            jr.sensitivity.MomentEstimate(
+                1.0, 0.1, 1.1, 0.2, {"intensity": 1.0}, True, 0.01, 0.02, 0.0
+            ),
             "      intensity 1",
         ),
-        (jr.Probability(0.1, 0.2, 1.0, {"intensity": 1.0}, 0.0, True), "probability         0.1"),
-        (jr.GlobalSensitivities(("C",), *np.ones((3, 1)), 0.5, 0.1, 0.0), "0.5 +- 0.1"),
+        (
+            jr.sensitivity.ReliabilityResult(0.1, 0.2, 1.0, {"intensity": 1.0}, 0.0, True),
+            "probability         0.1",
+        ),
+        (
+            jr.sensitivity.DerivativeBasedMeasures(("C",), *np.ones((3, 1)), 0.5, 0.1, 0.0),
+            "0.5 +- 0.1",
+        ),
     ],
 )
 def test_results_that_are_never_traced(answer, text):

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from jaxrock import progress
+from jaxrock.host import progress
 
 
 class Terminal(io.StringIO):

@@ -49,16 +49,16 @@ def test_fixed_point_and_rate():
     phase = jr.pulsed_phase(BLOCK, C, pulse)
     velocity, errors = 0.0, []
     for _ in range(12):
-        velocity = jr.pulsed_next_velocity(BLOCK, C, pulse, velocity)
+        velocity = jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, velocity)
         errors.append(float(phase.velocity - velocity))
     rates = np.array(errors[1:]) / errors[:-1]
     assert rates[-1] == pytest.approx(float(phase.rate), rel=1e-2)
-    again = jr.pulsed_next_velocity(BLOCK, C, pulse, phase.velocity)
+    again = jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, phase.velocity)
     assert float(again) == pytest.approx(float(phase.velocity), rel=1e-9)
     assert float(again) == pytest.approx(
         scipy_landing(BLOCK, C, pulse, float(phase.velocity))[0], rel=1e-8
     )
-    slope = jax.grad(lambda v: jr.pulsed_next_velocity(BLOCK, C, pulse, v))(phase.velocity)
+    slope = jax.grad(lambda v: jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, v))(phase.velocity)
     assert float(slope) == pytest.approx(float(phase.rate), rel=1e-8)
 
 
@@ -142,7 +142,7 @@ def random_cases(rng, shape, number, lengths):
     length = 10 ** rng.uniform(*np.log10(lengths), number) / rate
     amplitude = 9.81 / slenderness * 10 ** rng.uniform(-0.5, 1, number)
     c = rng.uniform(0.2, 0.92, number)
-    return Cases(shape.__name__, b, slenderness, c, amplitude, length / shape.turns[-1])
+    return Cases(shape.__name__, b, slenderness, c, amplitude, length / shape.extremes[-1])
 
 
 def critical(block):
@@ -219,7 +219,7 @@ def test_random_pulses(shape):
             assert float(phase.peak_rotation) == pytest.approx(peak[0], rel=1e-6), case
         if found == "dies":
             # Nothing larger is stable: above it, landings are slower or none.
-            length = float(block.frequency_parameter) * duration * shape.turns[-1]
+            length = float(block.frequency_parameter) * duration * shape.extremes[-1]
             low = 1.001 * orbit[0] if orbit[0] else 0.02 * min(1, length) * critical(block)
             velocities = np.geomspace(low, 1.5 * critical(block), 60)
             gaps = landings(case.of(np.zeros(60, int)), velocities)[0] - velocities

@@ -10,8 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxrock import record_text
-from jaxrock.records import example_record, from_obspy, read_record
+from jaxrock.ground_motion import example_record, from_obspy, read_record, record_text
 
 G = 9.80665
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSAN FERNANDO 02/09/71, PACOIMA DAM, UNIT 1, 164\n"
@@ -619,6 +618,8 @@ def test_example_record(eps):
 
 def test_reading_needs_nothing_heavy():
     """In a process of its own: the tests import all of these."""
-    code = "import sys; before = set(sys.modules); import jaxrock.records; print(*sys.modules)"
+    code = (
+        "import sys; before = set(sys.modules); import jaxrock.ground_motion; print(*sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"pandas", "obspy", "xarray"} & set(done.stdout.split())

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import jaxrock as jr
 
-RUNGS = [jr.Linearized(), jr.Nonlinear()]
+MODELS = [jr.Linearized(), jr.Nonlinear()]
 
 
 def scene(restitution=0.7, intensity=0.15, half_width=0.4, slenderness=5.0):
@@ -42,7 +42,7 @@ def test_the_limit_is_a_fixed_point_of_the_map(eps):
     assert jr.half_cycle_velocity(one, jnp.inf) == limit
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_stabilized_quantities_follow_from_the_limit(model, eps):
     one = scene()
     limit = jr.stabilized_velocity(one)
@@ -59,7 +59,7 @@ def test_stabilized_quantities_follow_from_the_limit(model, eps):
         np.testing.assert_allclose(function(one, model), value, rtol=50 * eps)
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9, 0.99, 1.0])
 def test_overturning_half_cycle_is_the_first_to_reach_the_critical_velocity(model, restitution):
     intensity = np.geomspace(1e-3, 3, 60)
@@ -74,7 +74,7 @@ def test_overturning_half_cycle_is_the_first_to_reach_the_critical_velocity(mode
         assert value == (number if velocity >= critical else np.inf)
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_restitution_of_one_overturns(model):
     one = scene(1.0)
     assert jr.overturning_margin(one, model) == -jnp.inf
@@ -88,14 +88,14 @@ def answers_without_limit(shared):
     """Everything that is infinite or NaN without loss or without damping."""
     loss = jnp.asarray([0.5, 0.0, 0.5, 0.0])
     one = jr.Scene(jr.Block(shared, 5.0), 1 - loss, jnp.asarray([0.1, 0.1, 0.0, 0.0]))
-    oscillator = jr.Oscillator(6.0, shared * loss)
+    oscillator = jr.resonance.Oscillator(6.0, shared * loss)
     yield from (f(one) for f in (jr.rotation_ratio, jr.stabilized_period, jr.amplification))
     yield jr.overturning_margin(one)
     yield jr.stabilized_velocity(one)
     yield jr.half_cycle_velocity(one, jnp.inf)
     yield oscillator.amplification
     yield oscillator.half_cycle_velocity(shared, jnp.inf)
-    yield jr.equivalent_damping(shared * loss)
+    yield jr.resonance.equivalent_damping(shared * loss)
 
 
 def test_elements_without_limit_leave_the_derivatives_of_others_alone():
@@ -145,7 +145,7 @@ def test_without_pulses_nothing_moves(restitution):
         assert jnp.isnan(jr.amplification(one))
 
 
-@pytest.mark.parametrize("model", RUNGS, ids=repr)
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_sensitivities_have_the_shape_of_the_scene_and_the_known_signs(model):
     slopes = jax.grad(jr.rotation_ratio)(scene(), model)
     assert isinstance(slopes, jr.Scene)

@@ -35,7 +35,7 @@ def many(linearized):
     def run(b, s, c, v, amplitude, duration):
         r = jr.respond(
             jr.Block(b, s), c, jr.Rectangular(amplitude, 1e-3), duration, velocity=v, rtol=1e-11,
-            linearized=linearized, listed=32,
+            model="linearized" if linearized else "nonlinear", max_impacts=32,
         )  # fmt: skip
         return r.impact_times, r.impact_velocities, r.impacts, r.status, r.peak_rotation
 
@@ -89,7 +89,11 @@ def threshold(overturns, low, high, tolerance=1e-8):
 
 
 def falls(block, c, motion, linearized):
-    return bool(jr.respond(block, c, motion, motion.end, linearized=linearized).overturned)
+    return bool(
+        jr.respond(
+            block, c, motion, motion.end, model="linearized" if linearized else "nonlinear"
+        ).overturned
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +129,7 @@ def test_decay_of_free_rocking():
     """Housner 1963: r = C^2 = 0.7, from 0.8 alpha_c, linearized."""
     block, c = jr.Block(0.3, 8.0), np.sqrt(0.7)
     expected = [0.8, 0.4273, 0.2723, 0.181, 0.1228, 0.0842, 0.0582]
-    r = jr.respond(block, c, STILL, 60.0, rotation=0.8 * block.critical_angle, linearized=True)
+    r = jr.respond(block, c, STILL, 60.0, rotation=0.8 * block.critical_angle, model="linearized")
     x = np.abs(r.impact_velocities[:6]) * c / (block.critical_angle * block.frequency_parameter)
     np.testing.assert_allclose(1 - np.sqrt(1 - x**2), expected[1:], atol=6e-5)
 
@@ -135,7 +139,7 @@ def test_second_derivative_of_an_impact():
     block, x = jr.Block(0.3, 8.0), 0.5
 
     def lands(velocity):
-        r = jr.respond(block, 0.8, STILL, 1.5, velocity=velocity, linearized=True, listed=1)
+        r = jr.respond(block, 0.8, STILL, 1.5, velocity=velocity, model="linearized", max_impacts=1)
         return r.impact_times[0]
 
     critical = float(jr.Linearized().critical_velocity(block))
@@ -158,8 +162,10 @@ def test_two_impulses():
 
         def speed(intensity, duration=duration):
             pulse = jr.Rectangular(intensity / duration, duration)
-            landing = jr.pulsed_next_velocity(block, c, pulse, 0.0)
-            return np.isnan(landing) or np.isnan(jr.pulsed_next_velocity(block, c, pulse, landing))
+            landing = jr.dynamics.pulsed_next_velocity(block, c, pulse, 0.0)
+            return np.isnan(landing) or np.isnan(
+                jr.dynamics.pulsed_next_velocity(block, c, pulse, landing)
+            )
 
         found.append(threshold(speed, 0.5 * float(closed), 2 * float(closed)))
     assert 2 * found[1] - found[0] == pytest.approx(float(closed), rel=1e-4)
@@ -184,7 +190,7 @@ def test_record_against_independent_integration():
 def forced(parameters):
     b, slenderness, c, amplitude, duration = parameters
     r = jr.respond(
-        jr.Block(b, slenderness), c, jr.Ricker(amplitude, duration), 4.0, rtol=1e-11, listed=16
+        jr.Block(b, slenderness), c, jr.Ricker(amplitude, duration), 4.0, rtol=1e-11, max_impacts=16
     )
     found = jnp.stack([r.peak_rotation, r.margin])
     return found, found
@@ -217,7 +223,7 @@ def test_second_derivatives_under_a_record():
         b, slenderness, c, scale, step = parameters
         record = jr.Record(samples, step, scale=scale)
         end = record.end + 0.2
-        r = jr.respond(jr.Block(b, slenderness), c, record, end, rtol=1e-12, listed=16)
+        r = jr.respond(jr.Block(b, slenderness), c, record, end, rtol=1e-12, max_impacts=16)
         return jnp.stack([r.final_rotation, r.margin])
 
     def theirs(parameters):
@@ -235,7 +241,9 @@ def test_second_derivatives_of_a_critical_amplitude():
     def ours(parameters):
         b, slenderness, c, duration = parameters
         block = jr.Block(b, slenderness)
-        return jr.critical_amplitude(block, c, jr.Sine, duration, (1.2, 1.6), most=1).value
+        return jr.critical_amplitude(
+            block, c, jr.Sine, duration, (1.2, 1.6), max_boundaries=1
+        ).value
 
     def theirs(parameters):
         """Where the margin vanishes, by secants."""
@@ -297,7 +305,7 @@ def curvatures(of, at, part):
 
 @pytest.mark.float64
 @pytest.mark.parametrize(
-    ("rung", "restitution", "samples"),
+    ("kind", "restitution", "samples"),
     [
         ("batch", 0.8, 100),
         # More than a hundred impacts, until it rests.
@@ -305,14 +313,14 @@ def curvatures(of, at, part):
         pytest.param("adaptive", 0.6, 200, marks=pytest.mark.thorough),
     ],
 )
-def test_derivatives_under_a_record(rung, restitution, samples):
+def test_derivatives_under_a_record(kind, restitution, samples):
     """Kinks of the input: both integrators, and one that restarts at every sample."""
     shaking = np.asarray(jr.example_record("north").acceleration)[1200 : 1200 + samples]
 
     def ours(parameters):
         b, slenderness, c, scale, step = parameters
         scene = jr.Block(b, slenderness), c, jr.Record(shaking, step, scale=scale)
-        if rung == "batch":
+        if kind == "batch":
             r = jr.respond_batch(*scene)
         else:
             r = jr.respond(*scene, rtol=1e-11, atol=1e-13)
@@ -382,7 +390,7 @@ def test_lists_go_on(monkeypatch):
     times = np.linspace(0, 20, 100)
     whole = free()
     history = whole.history(times)
-    monkeypatch.setattr("jaxrock.response._LISTED", 8)
+    monkeypatch.setattr("jaxrock.dynamics.response._LISTED", 8)
     parts = free()
     assert whole.impacts > 5 * 8
     assert parts.impact_times.shape == (int(whole.impacts),)
@@ -409,7 +417,9 @@ def test_all_impacts_are_listed():
     block = jr.Block(0.2, 5.0)
     whole = jr.respond(block, 0.9, jr.example_record(), 60.0)
     assert whole.impacts > 1000
-    traced = jax.jit(lambda c: jr.respond(block, c, jr.example_record(), 60.0, listed=200))(0.9)
+    traced = jax.jit(lambda c: jr.respond(block, c, jr.example_record(), 60.0, max_impacts=200))(
+        0.9
+    )
     assert traced.status == jr.Status.LIST_FULL
     assert traced.impacts == whole.impacts
     assert float(traced.peak_rotation) == pytest.approx(float(whole.peak_rotation), rel=1e-9)
@@ -430,7 +440,7 @@ def test_the_shortest_pulses():
         ({"duration": 0.0}, "duration must be finite and greater than 0, got 0"),
         ({"rtol": 1e-17}, "rtol must be less than 1 and at least"),
         ({"atol": -1.0}, "atol must be at least 0"),
-        ({"listed": -1}, "listed must be at least 0"),
+        ({"max_impacts": -1}, "max_impacts must be at least 0"),
         ({"restitution": np.array([0.5, 0.6])}, "restitution must be scalar here"),
         ({"block": jr.Block(np.array([0.3, 0.4]), 4.0)}, "block must be scalar here"),
     ],

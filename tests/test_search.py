@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxrock.search import brackets, located
+from jaxrock.numerics.roots import brackets, located
 
 pytestmark = pytest.mark.float64
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.distributions import Distributions
-from jaxrock.sensitivity import _compared
+from jaxrock.sensitivity.distributions import Distributions
+from jaxrock.sensitivity.moments import _compared
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -58,19 +58,21 @@ def test_tornado():
 
 def test_scatter():
     variation = {"half_width": 0.03, "restitution": 0.01, "intensity": 0.04}
-    found = jr.propagate(jr.rotation_ratio, WALL, variation)
-    samples = jr.monte_carlo(jr.rotation_ratio, WALL, variation, 200_000)
+    found = jr.sensitivity.propagate(jr.rotation_ratio, WALL, variation)
+    samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, variation, 200_000)
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
-    assert found.deviation == pytest.approx(samples.std(), rel=1e-2)
-    assert found.holds
+    assert found.standard_deviation == pytest.approx(samples.std(), rel=1e-2)
+    assert found.valid
     # Near the verge the samples that overturn have no answer, which no derivative sees.
     near = jr.Scene(WALL.block, 0.7, 0.28)
     scatter = {"restitution": 0.05, "intensity": 0.1}
-    assert np.isnan(jr.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean() > 0.2
-    assert not jr.propagate(jr.rotation_ratio, near, scatter).holds
+    assert np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean() > 0.2
+    assert not jr.sensitivity.propagate(jr.rotation_ratio, near, scatter).valid
     # Second order is nearer than first.
-    assert abs(found.mean - samples.mean()) < 0.2 * abs(found.mean_first - samples.mean())
-    assert abs(found.deviation - samples.std()) < abs(found.deviation_first - samples.std())
+    assert abs(found.mean - samples.mean()) < 0.2 * abs(found.first_order_mean - samples.mean())
+    assert abs(found.standard_deviation - samples.std()) < abs(
+        found.first_order_standard_deviation - samples.std()
+    )
     assert sum(found.shares.values()) == pytest.approx(1)
 
 
@@ -145,11 +147,11 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
         missing = np.isnan(others).mean()
         others = others[np.isfinite(others)]
         off = [np.inf, np.inf]
-        if others.size and scatter.deviation > 0:
-            off = [others.mean() - scatter.mean, others.std() - scatter.deviation]
-            off = [abs(error) / scatter.deviation for error in off]
+        if others.size and scatter.standard_deviation > 0:
+            off = [others.mean() - scatter.mean, others.std() - scatter.standard_deviation]
+            off = [abs(error) / scatter.standard_deviation for error in off]
         well += max(off) <= 0.09 and not missing
-        if scatter.holds:
+        if scatter.valid:
             held += 1
             assert max(off) <= 0.1 + 0.01  # the noise of 20,000
             assert missing <= 5 / SAMPLES
@@ -164,15 +166,15 @@ def test_a_deviation_that_is_missed_by_a_third():
     def margin(scene):
         return jr.overturning_margin(scene, jr.Nonlinear())
 
-    found = jr.propagate(margin, scene, variation)
-    samples = jr.monte_carlo(margin, scene, variation, 100_000, seed=3)
-    missed = samples.std() / found.deviation - 1
+    found = jr.sensitivity.propagate(margin, scene, variation)
+    samples = jr.sensitivity.monte_carlo(margin, scene, variation, 100_000, seed=3)
+    missed = samples.std() / found.standard_deviation - 1
     assert missed > 0.2
-    assert not found.holds
-    assert found.deviation_error > 0.8 * missed
+    assert not found.valid
+    assert found.standard_deviation_error > 0.8 * missed
     assert found.left_out == 0
-    still = jr.propagate(margin, scene, {"intensity": 0.0})
-    assert (still.holds, still.deviation, still.mean_error) == (True, 0, 0)
+    still = jr.sensitivity.propagate(margin, scene, {"intensity": 0.0})
+    assert (still.valid, still.standard_deviation, still.mean_error) == (True, 0, 0)
 
 
 def test_scatter_is_what_was_asked_for():
@@ -227,9 +229,9 @@ def test_probability_of_overturning():
 
         scatter = dict.fromkeys(("half_width", "slenderness", "intensity"), 0.1)
         scatter["restitution"] = variation
-        found = jr.failure_probability(margin, scene, scatter)
-        share = (jr.monte_carlo(margin, scene, scatter, 100_000, seed=1) < 0).mean()
-        assert found.holds
+        found = jr.sensitivity.failure_probability(margin, scene, scatter)
+        share = (jr.sensitivity.monte_carlo(margin, scene, scatter, 100_000, seed=1) < 0).mean()
+        assert found.valid
         assert abs(found.probability - share) < 0.01
         seen.append(found.probability)
     assert min(seen) < 0.1
@@ -245,8 +247,8 @@ def test_probability_of_a_driven_fate():
         return jr.respond_batch(block, 0.9, pulse, pulse.end).margin
 
     at, scatter = {"amplitude": 5.0, "duration": 0.27}, {"amplitude": 0.1, "duration": 0.1}
-    found = jr.failure_probability(margin, at, scatter)
-    assert found.holds
+    found = jr.sensitivity.failure_probability(margin, at, scatter)
+    assert found.valid
     rng = np.random.default_rng(4)
     width = np.sqrt(np.log1p(0.1**2))
     many = {k: v * np.exp(width * rng.standard_normal(100_000)) for k, v in at.items()}
@@ -262,14 +264,16 @@ def test_where_the_method_does_not_hold_it_says_so():
     def margin(at):
         return (at["x"] - 1.05) * (at["x"] - 1.1) * (at["x"] - 0.95)
 
-    assert not jr.failure_probability(margin, {"x": 1.0}, {"x": 0.1}).holds
-    assert not jr.failure_probability(lambda at: 1.0 + 0 * at["x"], {"x": 1.0}, {"x": 0.1}).holds
+    assert not jr.sensitivity.failure_probability(margin, {"x": 1.0}, {"x": 0.1}).valid
+    assert not jr.sensitivity.failure_probability(
+        lambda at: 1.0 + 0 * at["x"], {"x": 1.0}, {"x": 0.1}
+    ).valid
 
 
 def test_global_sensitivities():
     """A sum, whose Sobol indices are the shares of the variance."""
     ranges = {"a": (0.0, 1.0), "b": (0.0, 3.0)}
-    found = jr.global_sensitivities(
+    found = jr.sensitivity.derivative_based_measures(
         lambda at: at["a"] + at["b"], {"a": 0.5, "b": 0.5}, ranges, samples=50_000
     )
     np.testing.assert_allclose(found.measure, 1)
@@ -280,14 +284,20 @@ def test_global_sensitivities():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: jr.propagate(jr.rotation_ratio, WALL, {"height": 0.1}), "none of half_width"),
-        (lambda: jr.propagate(jr.rotation_ratio, WALL, {"intensity": -1.0}), "at least 0"),
         (
-            lambda: jr.propagate(jr.rotation_ratio, WALL, {"restitution": 0.5}),
+            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"height": 0.1}),
+            "none of half_width",
+        ),
+        (
+            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"intensity": -1.0}),
+            "at least 0",
+        ),
+        (
+            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"restitution": 0.5}),
             "variation of restitution must be at most 0.468 at 0.7",
         ),
         (
-            lambda: jr.monte_carlo(
+            lambda: jr.sensitivity.monte_carlo(
                 lambda at: at["restitution"], {"restitution": 1.0}, {"restitution": 0.1}
             ),
             "variation of restitution must be 0 at 1",
@@ -295,11 +305,13 @@ def test_global_sensitivities():
         (lambda: jr.sensitivities(lambda s: jnp.ones(2), WALL), "answer must be one number"),
         (lambda: jr.sensitivities(jr.rotation_ratio, {"x": np.ones(2)}), "single numbers"),
         (
-            lambda: jr.global_sensitivities(jr.rotation_ratio, WALL, {"intensity": (1.0, 0.0)}),
+            lambda: jr.sensitivity.derivative_based_measures(
+                jr.rotation_ratio, WALL, {"intensity": (1.0, 0.0)}
+            ),
             "from a low value to a higher one",
         ),
         (
-            lambda: jr.failure_probability(jr.rotation_ratio, WALL, {"intensity": 0.0}),
+            lambda: jr.sensitivity.failure_probability(jr.rotation_ratio, WALL, {"intensity": 0.0}),
             "greater than 0 for at least one",
         ),
     ],

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from jaxrock import signals
-from jaxrock.files import CannotWrite, written_whole
+from jaxrock.host import signals
+from jaxrock.host.files import CannotWrite, written_whole
 
 HERE = Path(__file__).parent
 DONE = ["done", "done/first", "done/second", "done/third"]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock import slopes
+from jaxrock.sensitivity import array_slopes as slopes
 
-RUNGS = [jr.Linearized(), jr.Nonlinear()]
+MODELS = [jr.Linearized(), jr.Nonlinear()]
 
 
 def scenes(*shape):
@@ -17,7 +17,7 @@ def scenes(*shape):
     return jr.Scene(block, rng.uniform(0.3, 0.8, shape), 0.15)
 
 
-@pytest.mark.parametrize("model", RUNGS)
+@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("chunk", [4, 7, 21, 100])
 def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
     monkeypatch.setattr(slopes, "_CHUNK", chunk)
@@ -61,7 +61,7 @@ def test_slopes_of_slopes(monkeypatch):
     np.testing.assert_allclose(jax.jvp(slope, (c,), (jnp.ones_like(c),))[1], second, rtol=1e-12)
 
 
-@pytest.mark.parametrize("model", RUNGS)
+@pytest.mark.parametrize("model", MODELS)
 def test_nothing_between_goes_to_memory(model):
     """A million points: what XLA keeps beside inputs and outputs."""
 

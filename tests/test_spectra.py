@@ -6,7 +6,7 @@ import xarray
 from cf import assert_follows_cf
 
 import jaxrock as jr
-from jaxrock import spectra
+from jaxrock.spectra import closed_form as spectra
 
 GRID = {
     "slenderness": np.linspace(3, 10, 8),
@@ -50,7 +50,7 @@ def test_gravity_reaches_the_scenes():
 
 def test_labels():
     spectrum = jr.resonance_spectrum(**GRID)
-    assert spectrum.attrs["model"] == "Linearized"
+    assert spectrum.attrs["model"] == "linearized"
     assert spectrum.attrs["gravity"] == 9.81
     assert spectrum.attrs["source"].startswith("jaxrock 0.")
     for variable in (*spectrum.variables.values(),):
@@ -151,7 +151,7 @@ def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
     def fail(*_):
         raise RuntimeError("broken")
 
-    monkeypatch.setattr("jaxrock.spectra._evaluate", fail)
+    monkeypatch.setattr("jaxrock.spectra.closed_form._evaluate", fail)
     with pytest.raises(RuntimeError, match="broken"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "deep" / "er" / "spectrum.nc")
     assert list(tmp_path.iterdir()) == []
@@ -196,14 +196,14 @@ def test_each_point_by_its_rung(tmp_path, tolerance, sizes):
     )
     grid = (slenderness, width, [0.4, 0.9], intensity)
     auto = jr.resonance_spectrum(*grid, model="auto", tolerance=tolerance, store=tmp_path / "a.nc")
-    rungs = [jr.resonance_spectrum(*grid, model=m) for m in (jr.Linearized(), jr.Nonlinear())]
+    kinds = [jr.resonance_spectrum(*grid, model=m) for m in (jr.Linearized(), jr.Nonlinear())]
     with auto:
-        assert auto.rung.attrs["flag_meanings"] == "linearized nonlinear"
-        assert set(np.unique(auto.rung)) == {0, 1}
+        assert auto.model.attrs["flag_meanings"] == "linearized nonlinear"
+        assert set(np.unique(auto.model)) == {0, 1}
         for name in ("rotation_ratio", "peak_rotation", "period", "amplification"):
-            own = np.where(auto.rung == 1, rungs[1][name], rungs[0][name])
+            own = np.where(auto.model == 1, kinds[1][name], kinds[0][name])
             np.testing.assert_allclose(auto[name], own, rtol=1e-12)
-            np.testing.assert_allclose(auto[name], rungs[1][name], rtol=tolerance)
+            np.testing.assert_allclose(auto[name], kinds[1][name], rtol=tolerance)
         for name in ("critical_intensity", "overturning_half_cycle"):
-            np.testing.assert_allclose(auto[name], rungs[1][name], rtol=1e-12)
+            np.testing.assert_allclose(auto[name], kinds[1][name], rtol=1e-12)
         assert auto.attrs["tolerance"] == tolerance

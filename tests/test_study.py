@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import xarray
 
-from jaxrock import progress, record_text
-from jaxrock.cli import main
-from jaxrock.commands import Run
-from jaxrock.commands.critical import Critical
-from jaxrock.commands.options import Answer
-from jaxrock.commands.rocking_spectrum import RockingSpectrum
+from jaxrock.cli import Run, main
+from jaxrock.cli import study as study_file
+from jaxrock.cli.critical import Critical
+from jaxrock.cli.options import Answer
+from jaxrock.cli.rocking_spectrum import RockingSpectrum
+from jaxrock.ground_motion import record_text
 
 pytestmark = pytest.mark.float64
 
@@ -77,7 +77,7 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
     widht = 0.8
     pulse = "sinus"
     amplitude = "strong"
-    linearized = 1
+    model = 1
     [[job]]
     comand = "assess"
     [[job]]
@@ -105,7 +105,7 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
         "job 2 (respond): widht is unknown; allowed are out, force, width, height",
         "pulse must be one of rectangular, half-sine, sine, cosine, ricker, got 'sinus'",
         "amplitude must be a number, got 'strong'",
-        "linearized must be true or false, got 1",
+        "model must be one of linearized, nonlinear, got 1",
         "job 3: command must be one of assess, spectrum",
         "got only comand",
         "job 4 (critical): restitution must be between 0 and 1, got 2",
@@ -135,7 +135,7 @@ def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypat
 
     count(record_text, "read_regular", lambda path: path.name)
     count(RockingSpectrum, "check", lambda job: f"check {job.out.name}")
-    count(progress, "with_progress", lambda items, label: label)
+    count(study_file, "with_progress", lambda items, label: label)
     for command in (RockingSpectrum, Critical):  # their answers are for other tests
         answer = lambda job: Answer(f"{job.motion.samples}", {"scaled": float(job.motion.scale)})  # noqa: E731
         monkeypatch.setattr(command, "run", answer)
@@ -234,9 +234,9 @@ def test_a_study_is_a_regular_file(tmp_path, capsys):
             "half-cycles and half_cycles are the same",
         ),
         (
-            "[[job]]\ncommand = 'critical'\npulse = 'sine'\nalong = 'duration'\ntried = [-1, 2]\n"
+            "[[job]]\ncommand = 'critical'\npulse = 'sine'\nalong = 'duration'\nvalues = [-1, 2]\n"
             "amplitude = 3",
-            "job 1 (critical): tried must be finite and",
+            "job 1 (critical): values must be finite and",
         ),
         (
             "[[job]]\ncommand = 'critical'\nout = 'd'\n"

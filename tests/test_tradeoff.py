@@ -5,27 +5,27 @@ import pytest
 import xarray
 
 import jaxrock as jr
-from jaxrock import tradeoff
+from jaxrock.accuracy import tradeoff
 from jaxrock.plot import plot_tradeoff
 
 pytestmark = pytest.mark.float64
 
 ROWS = [
-    # rung, solver, batch, error, seconds, default
+    # kind, solver, batch, error, seconds, default
     ("nonlinear", "-", 1, 1e-2, 1e-5, 0),
     ("adaptive", "Tsit5", 1, 1e-6, 2e-3, 1),
     ("adaptive", "Heun", 1, 1e-5, 3e-3, 0),
     ("adaptive", "Tsit5", 1, 1e-10, 4e-3, 0),
     ("adaptive", "Bosh3", 1, np.inf, 1e-6, 0),
-    ("lockstep", "-", 1000, 1e-9, 7e-6, 1),
+    ("batch", "-", 1000, 1e-9, 7e-6, 1),
 ]
 
 
 def table():
     rows = [
         {
-            "label": f"{rung}, {solver}",
-            "rung": rung,
+            "label": f"{kind}, {solver}",
+            "level": kind,
             "bits": 64,
             "batch": batch,
             "solver": solver,
@@ -38,7 +38,7 @@ def table():
             "spread": 0.1,
             "compilation": 1.0,
         }
-        for rung, solver, batch, error, seconds, default in ROWS
+        for kind, solver, batch, error, seconds, default in ROWS
     ]
     return tradeoff.Tradeoff(tradeoff._dataset(rows, tradeoff.default_scene(), 1e-14))
 
@@ -48,7 +48,7 @@ def test_front():
     assert found.dataset.front.values.tolist() == [1, 1, 0, 1, 0, 1]
     assert found.dataset.behind.values[2] == pytest.approx(1.5)
     assert found.best(1e-4, batch=1) == "adaptive, Tsit5 (2 ms an answer)"
-    assert found.best(1e-4) == "lockstep, - (7 us an answer)"
+    assert found.best(1e-4) == "batch, - (7 us an answer)"
     assert found.best(1e-12) is None
     assert "for 1e-10 nothing is enough" in found.sentence(1000)
     assert found.notes() == ["never pays: the solver Bosh3, Heun"]
@@ -60,7 +60,7 @@ def test_plot(tmp_path):
     assert ax.get_xscale() == ax.get_yscale() == "log"
     assert "[s]" in ax.get_xlabel()
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert "lockstep (1,000 at once)" in labels
+    assert "batch (1,000 at once)" in labels
     assert "adaptive, Bosh3" not in labels
     table().dataset.to_netcdf(tmp_path / "tradeoff.nc")
     with xarray.open_dataset(tmp_path / "tradeoff.nc") as again:
@@ -69,11 +69,11 @@ def test_plot(tmp_path):
 
 def test_bad_input():
     with pytest.raises(ValueError, match="scene must be a single one"):
-        jr.measure_tradeoff(jr.Scene(jr.Block(np.array([0.4, 0.5]), 5.0), 0.7, 0.15))
+        jr.accuracy.measure_tradeoff(jr.Scene(jr.Block(np.array([0.4, 0.5]), 5.0), 0.7, 0.15))
     with pytest.raises(ValueError, match="repeats must be at least 1, got 0"):
-        jr.measure_tradeoff(repeats=0)
+        jr.accuracy.measure_tradeoff(repeats=0)
     with pytest.raises(ValueError, match="in which the block rocks and stands"):
-        jr.measure_tradeoff(jr.Scene(jr.Block(0.4, 5.0), 0.7, 5.0))
+        jr.accuracy.measure_tradeoff(jr.Scene(jr.Block(0.4, 5.0), 0.7, 5.0))
 
 
 @pytest.mark.thorough
@@ -81,14 +81,14 @@ def test_bad_input():
 def test_measured(resonance):
     """Errors do not depend on the machine: five orders between the ends, defaults as said."""
     scene = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15) if resonance else None
-    rows = jr.measure_tradeoff(scene, repeats=1).dataset
+    rows = jr.accuracy.measure_tradeoff(scene, repeats=1).dataset
     on_front = rows.error.values[rows.front.values == 1]
     assert on_front.max() / on_front.min() > 1e5
-    adaptive = rows.where((rows.default == 1) & (rows.rung == "adaptive"), drop=True)
+    adaptive = rows.where((rows.default == 1) & (rows.level == "adaptive"), drop=True)
     wide = adaptive.where(adaptive.bits == 64, drop=True)
     assert float(wide.error.max()) < 1e-8
     if not resonance:
-        lockstep = rows.where((rows.default == 1) & (rows.rung == "lockstep"), drop=True)
+        lockstep = rows.where((rows.default == 1) & (rows.level == "batch"), drop=True)
         assert float(lockstep.error.max()) < 1e-9
         end = rows.where(rows.locate == "end", drop=True)
         assert float(end.error.min()) > 1e-5  # first order, whatever the tolerance

@@ -10,7 +10,7 @@ import train_search
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
-from jaxrock import timing
+from jaxrock.resonance import train_timing as timing
 
 pytestmark = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -224,7 +224,7 @@ def test_constraints():
 
 def test_what_timing_costs():
     block, c, count = jr.Block(0.4, 4.0), 0.7, 3
-    costs = jr.timing_costs(block, c, count)
+    costs = jr.resonance.timing_costs(block, c, count)
     closed = float(jr.critical_intensity(block, c, count))
     single = float(jr.critical_intensity(block, c, 1))
     assert costs.pop("right after the impacts") == pytest.approx(closed, rel=1e-9)
@@ -240,7 +240,7 @@ def test_what_timing_costs():
 )
 @pytest.mark.parametrize("model", ["Linearized", "Nonlinear"])
 def test_what_timing_costs_without_jax(model, slenderness, c, count):
-    costs = jr.timing_costs(jr.Block(0.4, slenderness), c, count, getattr(jr, model)())
+    costs = jr.resonance.timing_costs(jr.Block(0.4, slenderness), c, count, getattr(jr, model)())
     for when, theirs in timed_without_jax(model, slenderness, c, count).items():
         assert costs[when] == pytest.approx(theirs, rel=1e-9), when
 
@@ -309,4 +309,4 @@ def test_bad_trains():
     with pytest.raises(ValueError, match="two lists of one length"):
         jr.respond_to_train(block, 0.7, [1.0], [0.1, 0.1])
     with pytest.raises(ValueError, match="count must be at least 2"):
-        jr.timing_costs(block, 0.7, 1)
+        jr.resonance.timing_costs(block, 0.7, 1)

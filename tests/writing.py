@@ -16,8 +16,8 @@ from pathlib import Path
 package = types.ModuleType("jaxrock")  # whose own imports take seconds
 package.__path__ = [sys.argv[1]]
 sys.modules["jaxrock"] = package
-files = importlib.import_module("jaxrock.files")
-signals = importlib.import_module("jaxrock.signals")
+files = importlib.import_module("jaxrock.host.files")
+signals = importlib.import_module("jaxrock.host.signals")
 
 
 def sleep():

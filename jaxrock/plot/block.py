@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.patches import Polygon
 
     from ..block import Block
-    from ..response import Response
+    from ..dynamics import Response
 
 
 @draws

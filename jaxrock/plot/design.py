@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import matplotlib.axes
     import xarray
 
-    from ..worst import WorstTrain
+    from ..resonance import WorstTrain
 
 _MARKS = (
     (0, INK, ".", "boundary: without an impact"),
@@ -75,7 +75,7 @@ def plot_overturning_map(
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlim(sides[0], sides[-1])
     ax.set_ylim(low, high)
-    angle = r"\alpha_c" if found.attrs["equation"] == "linearized" else r"\tan\alpha_c"
+    angle = r"\alpha_c" if found.attrs["model"] == "linearized" else r"\tan\alpha_c"
     c, slenderness = found.attrs["restitution"], found.attrs["slenderness"]
     ax.set_title(
         rf"{found.attrs['motion']}, $\lambda$ = {slenderness:g}, $C$ = {c:.3g}",

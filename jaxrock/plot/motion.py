@@ -9,7 +9,7 @@ from .axes import ACCENT, INK, NEUTRAL, RATIO, axes_or_new, draws, labelled
 if TYPE_CHECKING:
     import matplotlib.axes
 
-    from ..response import Response
+    from ..dynamics import Response
 
 
 @draws
@@ -56,7 +56,7 @@ def plot_phase(
     """
     import jax.numpy as jnp
 
-    from ..equation import Equation
+    from ..dynamics import Equation
 
     ax = axes_or_new(ax)
     block = response.scene.block
@@ -68,7 +68,7 @@ def plot_phase(
     velocity[1:][broken] = np.nan
     ax.plot(rotation / angle, velocity / (rate * angle), color=INK, linewidth=0.8, label="motion")
     lean = np.linspace(0, 1.5 * angle, 200)
-    equation = Equation.of(block, response.linearized)
+    equation = Equation.of(block, response.model)
     back = np.asarray(equation.returning_speed(jnp.asarray(lean))) / (rate * angle)
     for side in (-1, 1):
         for sign in (-1, 1):

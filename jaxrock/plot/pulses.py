@@ -7,15 +7,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..free import FreeRocking, Linearized
-from ..resonance import Scene, half_cycle_velocity, rotation_ratio
-from ..train import Rocker
+from ..resonance import (
+    Linearized,
+    ModelLike,
+    Rocker,
+    RockingModel,
+    Scene,
+    as_model,
+    half_cycle_velocity,
+    rotation_ratio,
+)
 from .axes import ACCENT, INK, NEUTRAL, RATIO, axes_or_new, draws, labelled
 
 if TYPE_CHECKING:
     import matplotlib.axes
 
-    from ..worst import WorstTrain
+    from ..resonance import WorstTrain
 
 _STRIP = 0.28  # of the height, for the pulses
 _POINTS = 60  # of a half-cycle
@@ -26,7 +33,7 @@ _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
 def plot_resonance(
     scene: Scene,
     half_cycles: int = 8,
-    model: FreeRocking = Linearized(),
+    model: ModelLike = Linearized(),
     ax: "matplotlib.axes.Axes | None" = None,
 ) -> "matplotlib.axes.Axes":
     """Draw the resonance input and, under it, the rotation over time (Fig. 2).
@@ -48,6 +55,7 @@ def plot_resonance(
     ValueError
         If `half_cycles` is less than 1, or the scene rests for lack of pulses.
     """
+    model = as_model(model)
     if half_cycles < 1:
         raise ValueError(f"half_cycles must be at least 1, got {half_cycles}")
     intensity = float(scene.intensity)
@@ -71,7 +79,7 @@ def plot_train(
     block: Block,
     restitution: float,
     train: "WorstTrain",
-    model: FreeRocking = Linearized(),
+    model: ModelLike = Linearized(),
     ax: "matplotlib.axes.Axes | None" = None,
 ) -> "matplotlib.axes.Axes":
     """Draw the pulses of a worst train and, under them, the rotation over time.
@@ -89,6 +97,7 @@ def plot_train(
     model : Linearized or Nonlinear
         That of the search.
     """
+    model = as_model(model)
     rocker = Rocker(block, jnp.asarray(restitution, float), model)
     unit = float(rocker.unit)
     flight = _Path(block, model)
@@ -123,7 +132,7 @@ def _struck(rocker: Rocker, x: Any, delay: Any, impulse: Any) -> tuple[Any, Any,
 class _Path:
     """Rotation ratio over time, half-cycle by half-cycle."""
 
-    def __init__(self, block: Block, model: FreeRocking):
+    def __init__(self, block: Block, model: RockingModel):
         self.block, self.model = block, model
         self.critical = float(model.critical_velocity(block))
         self.times: list[np.ndarray] = []

@@ -10,18 +10,18 @@ if TYPE_CHECKING:
     import matplotlib.axes
     import xarray
 
-    from ..sensitivity import Scatter, Swing
+    from ..sensitivity import MomentEstimate, TornadoBars
 
 
 @draws
 def plot_tornado(
-    swing: "Swing", ax: "matplotlib.axes.Axes | None" = None, label: str = "answer"
+    swing: "TornadoBars", ax: "matplotlib.axes.Axes | None" = None, label: str = "answer"
 ) -> "matplotlib.axes.Axes":
     """Draw what each number can do to an answer within its range.
 
     Parameters
     ----------
-    swing : Swing
+    swing : TornadoBars
         From `jaxrock.tornado`.
     label : str
         Of the answer, with its unit.
@@ -115,7 +115,7 @@ def plot_sensitivity_map(
 @draws
 def plot_distribution(
     samples: np.ndarray,
-    scatter: "Scatter | None" = None,
+    scatter: "MomentEstimate | None" = None,
     ax: "matplotlib.axes.Axes | None" = None,
     label: str = "answer",
 ) -> "matplotlib.axes.Axes":
@@ -126,9 +126,9 @@ def plot_distribution(
     Parameters
     ----------
     samples : ndarray, shape (samples,)
-        From `jaxrock.monte_carlo`; NaN where there is no answer.
-    scatter : Scatter, optional
-        From `jaxrock.propagate`.
+        From `jaxrock.sensitivity.monte_carlo`; NaN where there is no answer.
+    scatter : MomentEstimate, optional
+        From `jaxrock.sensitivity.propagate`.
     label : str
         Of the answer, with its unit.
 
@@ -148,15 +148,20 @@ def plot_distribution(
     if scatter is not None:
         place = np.linspace(edges[0], edges[-1], 400)
         for mean, deviation, look, name in (
-            (scatter.mean_first, scatter.deviation_first, ":", "normal, first order"),
-            (scatter.mean, scatter.deviation, "-", "normal, second order"),
+            (
+                scatter.first_order_mean,
+                scatter.first_order_standard_deviation,
+                ":",
+                "normal, first order",
+            ),
+            (scatter.mean, scatter.standard_deviation, "-", "normal, second order"),
         ):
             if deviation > 0:
                 share = np.exp(-0.5 * ((place - mean) / deviation) ** 2) / np.sqrt(2 * np.pi)
                 share *= (edges[1] - edges[0]) / deviation
                 colour = ACCENT if look == ":" else INK
                 ax.plot(place, share, look, color=colour, label=name)
-        if not scatter.holds:
+        if not scatter.valid:
             ax.set_title("neither order holds", fontsize="medium")
     missing = 100 * (1 - known.size / samples.size)
     if missing:
@@ -168,14 +173,14 @@ def plot_distribution(
 
 @draws
 def plot_shares(
-    scatter: "Scatter", ax: "matplotlib.axes.Axes | None" = None
+    scatter: "MomentEstimate", ax: "matplotlib.axes.Axes | None" = None
 ) -> "matplotlib.axes.Axes":
     """Draw which share of the variance of an answer comes from which number.
 
     Parameters
     ----------
-    scatter : Scatter
-        From `jaxrock.propagate`.
+    scatter : MomentEstimate
+        From `jaxrock.sensitivity.propagate`.
     """
     ax = axes_or_new(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
     shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])

@@ -24,14 +24,14 @@ def plot_tradeoff(
     Parameters
     ----------
     dataset : xarray.Dataset
-        Of `jaxrock.measure_tradeoff`.
+        Of `jaxrock.accuracy.measure_tradeoff`.
     """
     ax = axes_or_new(ax, figsize=(8, 5))
     rows = dataset.where(np.isfinite(dataset.error), drop=True)
     families: dict[str, list[int]] = {}
     for k in range(rows.setting.size):
         row = rows.isel(setting=k)
-        parts = [str(row.rung.item())] + [str(row.solver.item())] * (row.solver.item() != "-")
+        parts = [str(row.level.item())] + [str(row.solver.item())] * (row.solver.item() != "-")
         if row.locate.item() not in ("-", "step"):
             parts.append(f"to {row.locate.item()}")
         parts += ["float32"] * (int(row.bits) == 32)

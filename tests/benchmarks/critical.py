@@ -1,6 +1,6 @@
 """Critical pulses by the hundred thousand, beside a loop over SciPy's brentq.
 
-``python tests/benchmarks/critical.py``: on the closed-form rungs the intensity that just
+``python tests/benchmarks/critical.py``: on the closed-form kinds the intensity that just
 overturns in five half-cycles, in driven motion every critical amplitude of half-sine pulses
 in ratios from 1 to 10, where brentq looks for one in a bracket that it is given.
 """

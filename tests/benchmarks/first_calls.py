@@ -164,8 +164,9 @@ CASES = {
         lambda: of_scene("failure_probability", "overturning_margin", SCATTER),
         following=same(0.05),
     ),
-    "global_sensitivities": Case(
-        lambda: of_scene("global_sensitivities", "rotation_ratio", RANGES), following=same(0.05)
+    "derivative_based_measures": Case(
+        lambda: of_scene("derivative_based_measures", "rotation_ratio", RANGES),
+        following=same(0.05),
     ),
     "value_and_slopes": Case(slopes),
 }

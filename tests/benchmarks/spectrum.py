@@ -73,7 +73,7 @@ def peak_memory(function, arguments):
     return (both + memory.temp_size_in_bytes) / both
 
 
-def rung(name, by_hand, model, grid):
+def kind(name, by_hand, model, grid):
     on_device = [jnp.asarray(a) for a in grid]
     ratio = with_jaxrock(model)
     sloped = jr.value_and_slopes(ratio, (0, 1, 2, 3))
@@ -122,8 +122,8 @@ def main():
     """Print times and ratios, with the bar beside each ratio."""
     grid = [a.ravel() for a in np.meshgrid(*AXES, indexing="ij")]
     grid.append(np.full_like(grid[0], INTENSITY))
-    rung("linearized", linearized_by_hand, jr.Linearized(), grid)
-    rung("nonlinear", nonlinear_by_hand, jr.Nonlinear(), grid)
+    kind("linearized", linearized_by_hand, jr.Linearized(), grid)
+    kind("nonlinear", nonlinear_by_hand, jr.Nonlinear(), grid)
 
 
 if __name__ == "__main__":

@@ -11,9 +11,9 @@ from corners import (
     DIGITS_OF_WEAK,
     FLUSHED,
     FUNCTIONS,
+    MODELS,
     OF_DERIVATIVES,
     PRECISIONS,
-    RUNGS,
     STEP,
     Exact,
     Function,
@@ -62,7 +62,7 @@ def frozen_truth(name, precision, corner, row):
 def failures(name: str, precision: str, reverse: bool = False) -> dict[tuple[str, str], str]:
     """Corner and quantity of the cells that fail, with what is wrong."""
     function, dtype = FUNCTIONS[name], PRECISIONS[precision]
-    rows = [arguments(corner, function.rung, dtype) for corner in CORNERS]
+    rows = [arguments(corner, function.model_name, dtype) for corner in CORNERS]
     found = answers(function, jnp.asarray(np.array(rows), dtype), reverse)
     assert all(part.dtype == dtype for part in found)
     failed = {}
@@ -78,22 +78,22 @@ def failures(name: str, precision: str, reverse: bool = False) -> dict[tuple[str
     return failed
 
 
-def count_failures(rung: str, precision: str) -> dict[tuple[str, str], str]:
+def count_failures(model_name: str, precision: str) -> dict[tuple[str, str], str]:
     """The same of `overturning_half_cycle`, whose derivatives are 0.
 
     The velocity of that half-cycle reaches the critical one, and that of the one before does
     not, up to what rounding may change in them and in the count.
     """
-    dtype, model = PRECISIONS[precision], RUNGS[rung]
-    rows = [arguments(corner, rung, dtype) for corner in CORNERS]
+    dtype, model = PRECISIONS[precision], MODELS[model_name]
+    rows = [arguments(corner, model_name, dtype) for corner in CORNERS]
     function = Function(
-        lambda *a: jr.overturning_half_cycle(scene(*a), model), lambda *a: None, rung, "count"
+        lambda *a: jr.overturning_half_cycle(scene(*a), model), lambda *a: None, model_name, "count"
     )
     failed = {}
     found = answers(function, jnp.asarray(np.array(rows), dtype))
     for corner, row, value, gradient, hessian in zip(CORNERS, rows, *found, strict=True):
         with mp.workdps(DIGITS_OF_WEAK):
-            if not _is_overturning_half_cycle(value, tuple(map(mp.mpf, row)), rung):
+            if not _is_overturning_half_cycle(value, tuple(map(mp.mpf, row)), model_name):
                 failed[corner, "value"] = f"{value} is not the half-cycle"
         for what, derivatives in (("gradient", gradient), ("Hessian", hessian)):
             if (derivatives != 0).any():
@@ -101,10 +101,10 @@ def count_failures(rung: str, precision: str) -> dict[tuple[str, str], str]:
     return failed
 
 
-def _is_overturning_half_cycle(value, numbers, rung):
+def _is_overturning_half_cycle(value, numbers, model_name):
     eps = float(np.finfo(value.dtype).eps)
-    critical = getattr(reference, rung).critical_velocity(*numbers[:3])
-    limit, _ = speed_ratio(numbers, rung)
+    critical = getattr(reference, model_name).critical_velocity(*numbers[:3])
+    limit, _ = speed_ratio(numbers, model_name)
     slack = 11 * eps  # as of any value, see `speed_ratio`
     if value == np.inf:
         return limit < 1 + slack

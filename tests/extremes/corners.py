@@ -15,7 +15,7 @@ import jaxrock as jr
 
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 QUANTITIES = ("value", "gradient", "Hessian")
-RUNGS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
+MODELS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
 BASE = {"b": 0.4, "slenderness": 5.0, "gravity": 9.81, "restitution": 0.7, "intensity": 0.15}
 
 # Digits of the reference; where launches are as weak as the smallest numbers, their squares
@@ -34,7 +34,7 @@ def _corner(**numbers):
     return BASE | numbers
 
 
-# A corner may be given by words where it depends on the precision or on the rung.
+# A corner may be given by words where it depends on the precision or on the model.
 CORNERS = {
     "in the middle": _corner(),
     "C = 0": _corner(restitution=0.0),
@@ -65,7 +65,7 @@ CORNERS = {
 }
 
 
-def arguments(corner: str, rung: str, dtype: type) -> tuple[float, ...]:
+def arguments(corner: str, model_name: str, dtype: type) -> tuple[float, ...]:
     """b, slenderness, gravity, C and I as numbers of a precision."""
     numbers = CORNERS[corner]
     b, slenderness, gravity, restitution = (float(dtype(v)) for v in list(numbers.values())[:-1])
@@ -74,7 +74,7 @@ def arguments(corner: str, rung: str, dtype: type) -> tuple[float, ...]:
     intensity = numbers["intensity"]
     if isinstance(intensity, str):
         block = tuple(map(mp.mpf, (b, slenderness, gravity, restitution)))
-        exact = reference.critical_intensity(getattr(reference, rung), *block, mp.inf)
+        exact = reference.critical_intensity(getattr(reference, model_name), *block, mp.inf)
         critical = dtype(float(exact))
         intensity = {
             "subnormal": np.nextafter(dtype(0), dtype(1)),
@@ -91,7 +91,7 @@ def arguments(corner: str, rung: str, dtype: type) -> tuple[float, ...]:
 class Function(NamedTuple):
     ours: Callable  # of the five numbers
     theirs: Callable  # of the same in mpmath
-    rung: str
+    model_name: str
     kind: str  # what becomes of it where the block overturns, see `expected`
 
 
@@ -145,8 +145,8 @@ def _functions():
             "velocity",
         ),
     )
-    for rung, model in RUNGS.items():
-        theirs = getattr(reference, rung)
+    for model_name, model in MODELS.items():
+        theirs = getattr(reference, model_name)
         for name in (
             "stabilized_period",
             "stabilized_rotation",
@@ -155,23 +155,23 @@ def _functions():
             "overturning_margin",
         ):
             yield (
-                f"{rung} {name}",
+                f"{model_name} {name}",
                 Function(
                     lambda *a, f=getattr(jr, name), m=model: f(scene(*a), m),
                     lambda *a, f=reference.stabilized(name), t=theirs: f(t, *a),
-                    rung,
+                    model_name,
                     "margin" if name == "overturning_margin" else "standing",
                 ),
             )
         for count in (1, 10**6, mp.inf):
             yield (
-                f"{rung} critical_intensity({float(count):.4g})",
+                f"{model_name} critical_intensity({float(count):.4g})",
                 Function(
                     lambda b, s, g, c, i, n=float(count), m=model: jr.critical_intensity(
                         jr.Block(b, s, g), c, n, m
                     ),
                     lambda b, s, g, c, i, n=count, t=theirs: _critical_intensity(t, b, s, g, c, n),
-                    rung,
+                    model_name,
                     "finite",
                 ),
             )
@@ -200,12 +200,12 @@ class Exact(NamedTuple):
     hessian: list | None
 
 
-def speed_ratio(numbers, rung):
+def speed_ratio(numbers, model_name):
     """Stabilized over critical velocity, and by how much its rounding may change it."""
     b, slenderness, gravity, restitution, _ = numbers
     if restitution == 1:
         return mp.inf, mp.mpf(0)
-    critical = getattr(reference, rung).critical_velocity
+    critical = getattr(reference, model_name).critical_velocity
     x = velocity_of(*numbers, mp.inf) / critical(b, slenderness, gravity)
     # Units in the last place as of any value: 2 (1 + condition number). The elasticities are 1
     # of the pulse and of 1 - C, a half of width and gravity, at most 1.5 of the slenderness.
@@ -215,8 +215,8 @@ def speed_ratio(numbers, rung):
 def expected(function: Function, corner: str, dtype: type) -> Exact:
     weak = "smallest" in corner
     with mp.workdps(DIGITS_OF_WEAK if weak else DIGITS):
-        numbers = tuple(map(mp.mpf, arguments(corner, function.rung, dtype)))
-        x, roundings = speed_ratio(numbers, function.rung)
+        numbers = tuple(map(mp.mpf, arguments(corner, function.model_name, dtype)))
+        x, roundings = speed_ratio(numbers, function.model_name)
         undecided = abs(x - 1) <= roundings * float(np.finfo(dtype).eps)
         if x == mp.inf and function.kind != "finite":
             value = {"velocity": mp.inf, "margin": -mp.inf, "standing": mp.nan}[function.kind]

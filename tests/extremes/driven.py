@@ -232,7 +232,7 @@ def adaptive(numbers, followed):
         followed,
         velocity=velocity,
         rtol=1e-11 if numbers.dtype == np.float64 else None,
-        listed=8,
+        max_impacts=8,
     )
     impact = found.impact_times[0], found.impact_velocities[0]
     return jnp.stack([found.peak_rotation, found.margin, *impact, found.final_rotation])

@@ -1,0 +1,22 @@
+"""What a simpler model costs, the cheapest that is good enough, and the trade measured.
+
+Names beside those in ``__all__`` are for the other packages.
+"""
+
+from .choice import Choice, choose
+from .simplification import ModelError, model_error
+from .simplification import linearized_is_enough as linearized_is_enough
+from .tolerance import EstimatedResponse, respond_within
+from .tradeoff import Tradeoff, measure_tradeoff
+from .tradeoff import default_scene as default_scene
+
+__all__ = [
+    "Choice",
+    "EstimatedResponse",
+    "ModelError",
+    "Tradeoff",
+    "choose",
+    "measure_tradeoff",
+    "model_error",
+    "respond_within",
+]

@@ -1,0 +1,233 @@
+"""As much model as a scene requires: the cheapest setting that keeps a tolerance."""
+
+import functools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from ..dynamics import DrivenScene, critical_pulsed_amplitude, pulsed_phase
+from ..ground_motion import Pulse, Record
+from ..host import listed
+from ..resonance import Linearized, Nonlinear, Scene
+from ..validation import POSITIVE, Number, Reals, check
+from .simplification import Answers, ModelError, answers_of, model_error
+from .tolerance import ORDERS, respond_within
+
+
+class Setting(NamedTuple):
+    """What an answer is computed with."""
+
+    level: str  # linearized, nonlinear, pulsed, batch or adaptive
+    bits: int
+    order: int = 0  # of the batch
+
+    def __str__(self) -> str:
+        order = f" of order {self.order}" if self.order else ""
+        return f"{self.level}{order} in float{self.bits}"
+
+
+# From the cheapest on, as `measure_tradeoff` finds them.
+CLOSED = (
+    Setting("linearized", 32),
+    Setting("linearized", 64),
+    Setting("nonlinear", 32),
+    Setting("nonlinear", 64),
+)
+PULSED = Setting("pulsed", 64)
+# By which `pulsed_phase` is off at its default tolerance, as a change of the intensity.
+_PULSED_SLIP = 1e-8
+
+
+class Choice(eqx.Module):
+    """The cheapest setting that keeps a tolerance; see `choose`.
+
+    Attributes
+    ----------
+    index : Array of int
+        Which of the `settings`.
+    error : Array
+        What it is off by at most, relative, as predicted.
+    within_tolerance : Array of bool
+        Whether that is within the tolerance. Where it is not, the setting is the best one.
+    settings : tuple of Setting
+        All that were on offer, from the cheapest on: level, bits, and order of the batch.
+    tolerance : float
+        What was asked for, relative.
+    reasons : tuple of str
+        Of a single scene, what each simplification costs.
+    """
+
+    index: Int[Array, "..."]
+    error: Reals
+    within_tolerance: Bool[Array, "..."]
+    tolerance: float = eqx.field(static=True)
+    settings: tuple[Setting, ...] = eqx.field(static=True)
+    reasons: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def setting(self) -> Setting:
+        """The setting, of a single scene.
+
+        Raises
+        ------
+        ValueError
+            If there are several scenes.
+        """
+        if jnp.ndim(self.index):
+            raise ValueError(f"setting is that of a single scene, got {jnp.shape(self.index)}")
+        return self.settings[int(self.index)]
+
+    def __str__(self) -> str:
+        if isinstance(self.index, jax.core.Tracer):
+            return listed(self, index="", error="", within_tolerance="")
+        if jnp.ndim(self.index):
+            counts = np.bincount(np.ravel(self.index), minlength=len(self.settings))
+            lines = [
+                f"{count:6} {setting}"
+                for count, setting in zip(counts, self.settings, strict=True)
+                if count
+            ]
+            lost = int(np.sum(~np.asarray(self.within_tolerance)))
+            return "\n".join([*lines, f"{lost:6} of them beyond {self.tolerance:g}"])
+        verdict = f"{self.setting}: off by at most {float(self.error):.1e}"
+        if not self.within_tolerance:
+            verdict = f"nothing on offer keeps {self.tolerance:g}; the best is {verdict}"
+        return "\n".join([verdict, *self.reasons])
+
+
+def choose(
+    scene: Scene | DrivenScene,
+    tolerance: float,
+    shape: type[Pulse] | None = None,
+    duration: Number = 0.0,
+) -> Choice:
+    """The cheapest level of fidelity, precision and order that keep a tolerance.
+
+    Parameters
+    ----------
+    scene : Scene or DrivenScene
+        Elementwise: every element gets a setting of its own.
+    tolerance : float
+        Relative; on the rotation ratio, the period and the critical intensity of a `Scene`,
+        on the peak rotation of a `DrivenScene`. A setting that says stands where the block
+        overturns keeps none.
+    shape : type, optional
+        `Rectangular` or `HalfSine`, if the pulses of a `Scene` last.
+    duration : array_like, optional
+        Of those pulses [s].
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside of what is allowed.
+
+    Notes
+    -----
+    For a `Scene` from `model_error`, before anything is computed with the pulses as long as
+    they are. For a `DrivenScene` from a trial: orders 4 and 6, then 8 and 10 as far
+    as needed, which is the cheapest there is; the next order shows what one is off by. On
+    offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own precision.
+
+    Examples
+    --------
+    >>> import jax
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(jr.choose(wall, 0.01).setting)
+    linearized in float32
+    """
+    tolerance = float(tolerance)
+    check("tolerance", tolerance, POSITIVE)
+    if isinstance(scene, DrivenScene):
+        if shape is not None:
+            raise ValueError("shape goes with a Scene; the motion of a DrivenScene has its own")
+        return _choose_order(scene, tolerance)
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a Scene or a DrivenScene, got {scene!r:.60}")
+    wide = jnp.result_type(float) == jnp.float64
+    # Where 64 bits are on offer, costs are found in them, whatever the scene comes in.
+    given: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
+    predicted = model_error(given, shape, duration)
+    settings = tuple(setting for setting in CLOSED if wide or setting.bits == 32)
+    errors = [_largest(predicted.total(setting.level, setting.bits)) for setting in settings]
+    if shape is not None:
+        settings += (PULSED if wide else Setting("pulsed", 32),)
+        errors.append(_of_pulsed(predicted))
+    table = jnp.stack(errors)
+    keeps = table <= tolerance
+    index = jnp.where(keeps.any(axis=0), jnp.argmax(keeps, axis=0), jnp.argmin(table, axis=0))
+    error = jnp.take_along_axis(table, index[None], axis=0)[0]
+    reasons = () if index.ndim else _reasons(predicted, shape)
+    return Choice(index, error, keeps.any(axis=0), tolerance, settings, reasons)
+
+
+def _largest(errors: Answers) -> Reals:
+    return functools.reduce(jnp.maximum, jax.tree.leaves(errors))
+
+
+def _of_pulsed(predicted: ModelError) -> Reals:
+    """From what rounding to float32 does, which is a slip of the intensity, too."""
+    return (
+        _PULSED_SLIP
+        / float(jnp.finfo(jnp.float32).eps)
+        * _largest(predicted.rounding["nonlinear"][32])
+    )
+
+
+def _reasons(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...]:
+    def said(name: str, errors: Answers) -> str:
+        parts = []
+        for answer, error in errors._asdict().items():
+            size = "the fate" if jnp.isinf(error) else f"{100 * float(error):.2g} %"
+            parts.append(f"{size} of the {answer.replace('_', ' ')}")
+        return f"{name} costs " + ", ".join(parts)
+
+    lines = [said("linearizing", predicted.linearization)]
+    if shape is not None:
+        lines.append(said("taking the pulses as instantaneous", predicted.duration))
+        lines.append(said("not knowing that better", predicted.duration_bound))
+    lines.append(said("float32 at most", predicted.rounding["nonlinear"][32]))
+    return tuple(lines)
+
+
+def _choose_order(scene: DrivenScene, tolerance: float) -> Choice:
+    motion = scene.motion
+    if not isinstance(motion, Pulse | Record):
+        raise ValueError(f"motion must be a pulse or a Record, got a {type(motion).__name__}")
+    within = respond_within(scene.block, scene.restitution, motion, tolerance)
+    index = jnp.asarray(np.searchsorted(ORDERS, within.cheapest))
+    bits = int(jnp.finfo(within.response.margin.dtype).bits)
+    reason = f"the next order differs by {float(within.error):.1e}" if index.ndim == 0 else ""
+    return Choice(
+        index,
+        jnp.asarray(within.error),
+        jnp.asarray(within.within_tolerance),
+        tolerance,
+        tuple(Setting("batch", bits, order) for order in ORDERS),
+        (reason,) if reason else (),
+    )
+
+
+def computed(
+    scene: Scene, setting: Setting, shape: type[Pulse] | None = None, duration: Number = 0.0
+) -> Answers:
+    """The three answers about a single scene, with a setting of `choose`."""
+    dtype = jnp.float32 if setting.bits == 32 else jnp.float64
+    scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), scene)
+    if setting.level != "pulsed":
+        return answers_of(scene, Linearized() if setting.level == "linearized" else Nonlinear())
+    if shape is None:
+        raise ValueError("shape must be given for pulses that last")
+    pulse = shape(scene.intensity / (shape.area * jnp.asarray(duration, dtype)), duration)
+    phase = pulsed_phase(scene.block, scene.restitution, pulse)
+    verge = critical_pulsed_amplitude(scene.block, scene.restitution, shape, duration)
+    return Answers(phase.rotation_ratio, phase.period, verge.intensity)

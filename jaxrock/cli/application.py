@@ -1,0 +1,124 @@
+"""The command line: ``jaxrock assess``, ``spectrum``, ``respond``, and so on."""
+
+import contextlib
+import gc
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import jax
+import tyro
+
+from ..host import signals, with_clock
+from .commands import COMMANDS
+from .compiled_programs import kept
+from .options import Command, dumps
+from .study import Run
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command; what is not allowed or cannot be done ends it with exit code 2.
+
+    Without arguments it is the command of this process, which signals may end and which starts
+    from what others have compiled; see `jaxrock.signals` and `compiled_programs`. With them,
+    Ctrl-C raises `SystemExit` with exit code 130.
+    """
+    if arguments is None:
+        signals.watch()
+        gc.freeze()  # what was imported stays
+        gc.set_threshold(100_000, 20, 50)  # tracing makes many objects, of which few are garbage
+    jax.config.update("jax_enable_x64", True)
+    try:
+        code = _run(arguments)
+    except SystemExit as stop:  # after --help, or after what is no command
+        code = int(stop.code or 0)
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        code = 128 + signal.SIGINT
+    except (ValueError, OSError, MemoryError) as error:
+        _complain(f"error: {error}")
+        code = 2
+    if arguments is None:
+        signals.finish(code)
+    if code:
+        raise SystemExit(code)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    with _standard_output():
+        command: Command = tyro.extras.subcommand_cli_from_dict(
+            {**COMMANDS, "run": Run},
+            prog="jaxrock",
+            description="Rocking of rigid blocks: will it rock, how far, and what overturns it.",
+            args=arguments,
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+    of_this_process = arguments is None and not command.no_cache
+    with _surroundings(), kept() if of_this_process else contextlib.nullcontext():
+        _leave_lost_folder(command)
+        command.check()
+        with with_clock("jaxrock"):
+            answer = command.run()
+    with _standard_output():
+        print(dumps(answer.data) if command.as_json else answer.text)
+    for error in answer.errors:
+        _complain(f"error: {error}")
+    return answer.code
+
+
+def _complain(text: str) -> None:
+    with contextlib.suppress(OSError):  # the exit code says it as well
+        print(f"jaxrock: {text}", file=sys.stderr)
+
+
+def _leave_lost_folder(command: Command) -> None:
+    """JAX asks for the current folder, which may be gone: any other does where no path needs it."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        for name in ("out", "study", "record", "vertical"):
+            given = getattr(command, name, None)
+            path = Path(given or os.sep)
+            is_file = isinstance(given, Path) or path.suffix.lower() in (".at2", ".csv")
+            if is_file and not path.is_absolute():
+                raise ValueError(
+                    f"{name}: {given!s} starts at the current folder, which is gone"
+                ) from None
+        os.chdir(os.sep)
+
+
+@contextlib.contextmanager
+def _surroundings() -> Iterator[None]:
+    """Pictures go to files, whatever backend is asked for; a warning is a line like an error."""
+    before = os.environ.get("MPLBACKEND")
+    os.environ["MPLBACKEND"] = "agg"
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: _complain(f"warning: {message}")
+            yield
+    finally:
+        del os.environ["MPLBACKEND"]
+        os.environ.update({} if before is None else {"MPLBACKEND": before})
+
+
+@contextlib.contextmanager
+def _standard_output() -> Iterator[None]:
+    """Everything printed inside is written out, or an error says that it cannot be."""
+    stream = sys.stdout
+    if stream is None:  # closed by who started this process
+        yield
+        return
+    try:
+        try:
+            yield
+        finally:
+            stream.flush()
+    except OSError as error:
+        with contextlib.suppress(OSError):  # Python tries again at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        if isinstance(error, BrokenPipeError):  # as in `jaxrock ... | head`
+            raise SystemExit(128 + signal.SIGPIPE) from None
+        raise ValueError(f"standard output cannot be written to: {error.strerror}") from error

@@ -1,0 +1,34 @@
+"""Driven motion: one block through every impact, and many blocks side by side.
+
+Names beside those in ``__all__`` are for the other packages.
+"""
+
+from .batch import BatchResponse, respond_batch
+from .batch import compiler_options as compiler_options
+from .driven_scene import DrivenScene
+from .equation import Equation as Equation
+from .equation import uplift_acceleration as uplift_acceleration
+from .event_loop import Driven as Driven
+from .event_loop import follow as follow
+from .overturning_criterion import free_motion_margin
+from .response import SOLVERS as SOLVERS
+from .response import Response, Status, respond
+from .response import compiled as compiled
+from .segment import Method as Method
+from .steady_state import PulsedPhase, pulsed_next_velocity, pulsed_phase
+from .steady_state_limit import PulsedThreshold, critical_pulsed_amplitude
+
+__all__ = [
+    "BatchResponse",
+    "DrivenScene",
+    "PulsedPhase",
+    "PulsedThreshold",
+    "Response",
+    "Status",
+    "critical_pulsed_amplitude",
+    "free_motion_margin",
+    "pulsed_next_velocity",
+    "pulsed_phase",
+    "respond",
+    "respond_batch",
+]

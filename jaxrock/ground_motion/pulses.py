@@ -1,0 +1,238 @@
+"""Pulses of the shapes in the literature."""
+
+import abc
+import math
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..host import shown
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Number,
+    Reals,
+    as_real,
+    check,
+    quantity,
+)
+from .motion import Motion
+
+
+class Pulse(Motion):
+    """A single pulse of a given shape.
+
+    Parameters
+    ----------
+    amplitude : array_like
+        a_p, largest acceleration [m/s2], finite; negative for a pulse to the other side.
+    duration : array_like
+        Duration [s], greater than 0.
+    start : array_like, optional
+        Time at which it begins [s], at least 0.
+
+    Attributes
+    ----------
+    extremes : tuple of float
+        Where the acceleration turns, in durations from the start; the last one is the end.
+    area : float
+        Intensity over amplitude and duration [-].
+    angle : float
+        Angular frequency times duration [rad].
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> pulse = jr.HalfSine(amplitude=3.0, duration=0.5)
+    >>> print(f"{pulse.intensity:.3f} m/s, {pulse.horizontal(0.1):.3f} m/s2 after 0.1 s")
+    0.955 m/s, 1.763 m/s2 after 0.1 s
+    """
+
+    amplitude: Reals = quantity(FINITE)
+    duration: Reals = quantity(POSITIVE)
+    start: Reals = quantity(NON_NEGATIVE)
+
+    extremes: ClassVar[tuple[float, ...]]
+    area: ClassVar[float]
+    angle: ClassVar[float]
+
+    # Named again in every shape of pulse: type checkers would make another from the fields.
+    def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
+        self.amplitude = as_real("amplitude", amplitude)
+        self.duration = as_real("duration", duration)
+        self.start = as_real("start", start)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name} of {shown(self.amplitude, 'm/s2')}, duration"
+            f" {shown(self.duration, 's')}, from {shown(self.start, 's')} on"
+        )
+
+    @staticmethod
+    @abc.abstractmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude.
+
+        Parameters
+        ----------
+        phase : Array
+            Time since the start, in durations [-].
+
+        Returns
+        -------
+        share : Array, shape (...)
+            Of the amplitude [-].
+        """
+
+    @property
+    def end(self) -> Reals:
+        """Time from which on the ground is at rest [s]."""
+        return self.start + self.extremes[-1] * self.duration
+
+    @property
+    def intensity(self) -> Reals:
+        """Change of the ground velocity, I [m/s]."""
+        return self.area * self.amplitude * self.duration
+
+    @property
+    def frequency(self) -> Reals:
+        """Angular frequency of the pulse in the literature, omega_p [rad/s]."""
+        return self.angle / self.duration
+
+    def value(self, time: Reals) -> tuple[Reals, Reals]:
+        """Acceleration of the ground; see `Motion.value`."""
+        horizontal = self.amplitude * self.shape((time - self.start) / self.duration)
+        return horizontal, jnp.zeros_like(horizontal)
+
+    def knots(self) -> Float[Array, " knots"]:
+        """The `extremes` as times [s]; see `Motion.knots`."""
+        return self.start + self.duration * jnp.asarray(self.extremes, self.duration.dtype)
+
+    def next_kink(self, time: Reals) -> Reals:
+        """The next kink: inf, a pulse has none inside; see `Motion.next_kink`."""
+        return jnp.full_like(time, jnp.inf)
+
+    def scaled(self, factor: Number) -> "Pulse":
+        """The same pulse, stronger; see `Motion.scaled`."""
+        factor = as_real("factor", factor)
+        check("factor", factor, FINITE)
+        return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
+
+
+def pulse_class(shape: Any) -> type[Pulse]:
+    """The shape of a pulse as it is given to functions, or a `ValueError`."""
+    if not (isinstance(shape, type) and issubclass(shape, Pulse)):
+        raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
+    return shape
+
+
+class Rectangular(Pulse):
+    """Rectangular pulse: constant acceleration; see `Pulse` for the parameters.
+
+    Intensity ``a_p duration``; angular frequency pi / duration, as for half a period.
+    """
+
+    __init__ = Pulse.__init__
+    name = "rectangular pulse"
+    extremes = (0.0, 1.0)
+    area = 1.0
+    angle = math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.ones_like(phase)
+
+
+class HalfSine(Pulse):
+    """Half-sine pulse: half a period of a sine; see `Pulse` for the parameters.
+
+    Intensity ``2 a_p duration / pi``; angular frequency pi / duration.
+    """
+
+    __init__ = Pulse.__init__
+    name = "half-sine pulse"
+    extremes = (0.0, 0.5, 1.0)
+    area = 2 / math.pi
+    angle = math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.sin(math.pi * phase)
+
+
+class Sine(Pulse):
+    """One-sine pulse (type A, a forward pulse of velocity); see `Pulse` for the parameters.
+
+    A full period of a sine, so that its intensity is 0; angular frequency 2 pi / duration.
+    """
+
+    __init__ = Pulse.__init__
+    name = "one-sine pulse"
+    extremes = (0.0, 0.25, 0.75, 1.0)
+    area = 0.0
+    angle = 2 * math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.sin(2 * math.pi * phase)
+
+
+class Cosine(Pulse):
+    """One-cosine pulse (type B, forward and back); see `Pulse` for the parameters.
+
+    A full period of a cosine, so that its intensity is 0; angular frequency 2 pi /
+    duration.
+    """
+
+    __init__ = Pulse.__init__
+    name = "one-cosine pulse"
+    extremes = (0.0, 0.5, 1.0)
+    area = 0.0
+    angle = 2 * math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        return jnp.cos(2 * math.pi * phase)
+
+
+class Ricker(Pulse):
+    """Symmetric Ricker wavelet; see `Pulse` for the parameters.
+
+    ``a_p (1 - 2 pi^2 x^2) exp(-pi^2 x^2)`` with x = time / duration - 2, cut off two
+    durations before and after its peak, where it is 1e-15 of it. The duration is T_p, the
+    period at which its Fourier spectrum is largest; it acts for four of them. Intensity 0;
+    angular frequency 2 pi / duration.
+    """
+
+    __init__ = Pulse.__init__
+    name = "symmetric Ricker wavelet"
+    extremes = (0.0, 2 - math.sqrt(1.5) / math.pi, 2.0, 2 + math.sqrt(1.5) / math.pi, 4.0)
+    area = 0.0
+    angle = 2 * math.pi
+
+    @staticmethod
+    def shape(phase: Reals) -> Reals:
+        """Acceleration over amplitude."""
+        square = (math.pi * (phase - 2)) ** 2
+        return (1 - 2 * square) * jnp.exp(-square)
+
+
+PULSES: dict[str, type[Pulse]] = {
+    "rectangular": Rectangular,
+    "half-sine": HalfSine,
+    "sine": Sine,
+    "cosine": Cosine,
+    "ricker": Ricker,
+}

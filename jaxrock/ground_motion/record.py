@@ -1,0 +1,227 @@
+"""Records: samples of the ground acceleration, with straight lines between them."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..host import shown
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Number,
+    Numbers,
+    Reals,
+    as_array,
+    as_real,
+    check,
+    quantity,
+)
+from .motion import Motion
+
+_LONG = 2**16  # from so many samples on, room is made for multiples of that
+
+
+class Record(Motion):
+    """A recorded ground motion, linear between samples.
+
+    Parameters
+    ----------
+    acceleration : array_like, shape (..., samples)
+        Horizontal acceleration [m/s2], finite, at least two samples.
+    time_step : array_like
+        Time from one sample to the next [s], greater than 0.
+    vertical : array_like, shape (..., samples), optional
+        Vertical acceleration [m/s2], upward, of as many samples.
+    scale : array_like, optional
+        Factor on both [-]. What is differentiated to it costs one derivative; to the samples,
+        as many as there are.
+    start : array_like, optional
+        Time of the first sample [s], at least 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed, if the numbers of samples differ or
+        are less than two, or if an array is empty.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> record = jr.Record([0.0, 2.0, -1.0, 0.0], time_step=0.1)
+    >>> print(f"{record.horizontal(0.05):.2f} m/s2, ends at {record.end:.1f} s")
+    1.00 m/s2, ends at 0.3 s
+    """
+
+    vertical: Reals | None
+    acceleration: Reals = quantity(FINITE)
+    time_step: Reals = quantity(POSITIVE)
+    scale: Reals = quantity(FINITE)
+    start: Reals = quantity(NON_NEGATIVE)
+
+    name = "record"
+
+    def __init__(
+        self,
+        acceleration: Numbers,
+        time_step: Number,
+        vertical: Numbers | None = None,
+        scale: Number = 1.0,
+        start: Number = 0.0,
+    ):
+        self.acceleration = as_real("acceleration", acceleration)
+        self.time_step = as_real("time_step", time_step)
+        self.vertical = None if vertical is None else as_real("vertical", vertical)
+        self.scale = as_real("scale", scale)
+        self.start = as_real("start", start)
+        if self.acceleration.ndim == 0 or self.samples < 2:
+            raise ValueError(
+                "acceleration must have at least two samples, got an array of shape"
+                f" {self.acceleration.shape}"
+            )
+        for name in ("acceleration", "time_step", "vertical", "scale", "start"):
+            value = getattr(self, name)
+            if value is not None and value.size == 0:
+                raise ValueError(f"{name} must not be empty, got an array of shape {value.shape}")
+        if self.vertical is not None:
+            check("vertical", self.vertical, FINITE)
+            if self.vertical.ndim == 0 or self.vertical.shape[-1] != self.samples:
+                raise ValueError(
+                    f"vertical must have as many samples as acceleration, {self.samples},"
+                    f" got an array of shape {self.vertical.shape}"
+                )
+
+    def __str__(self) -> str:
+        return (
+            f"record of {self.samples} samples, step {shown(self.time_step, 's')}, from"
+            f" {shown(self.start, 's')} on: {shown(self.acceleration, 'm/s2')}, scale"
+            f" {shown(self.scale)}{'' if self.vertical is None else ', with vertical'}"
+        )
+
+    @property
+    def samples(self) -> int:
+        """Number of samples [-]."""
+        return self.acceleration.shape[-1]
+
+    @property
+    def end(self) -> Reals:
+        """Time of the last sample, from which on the ground is at rest [s]."""
+        return self.start + self._last * self.time_step
+
+    @property
+    def intensity(self) -> Reals:
+        """Change of the ground velocity, I [m/s]."""
+        record = self.bucketed()
+        return self.scale * _total(record.acceleration, record._last) * self.time_step
+
+    def value(self, time: Reals) -> tuple[Reals, Reals]:
+        """Acceleration of the ground; see `Motion.value`.
+
+        At a sample, with the derivative of the time before it: integrators end steps there.
+        """
+        position = (time - self.start) / self.time_step
+        index = jnp.ceil(position - self._rounding(position)) - 1
+        index = jnp.clip(index, 0, self._last - 1)
+        along = position - index
+        index = jax.lax.stop_gradient(index).astype(int)
+        horizontal = self.scale * _between(self.acceleration, index, along)
+        if self.vertical is None:
+            return horizontal, jnp.zeros_like(horizontal)
+        return horizontal, self.scale * _between(self.vertical, index, along)
+
+    def knots(self) -> Float[Array, " knots"]:
+        """The times of the samples [s]; see `Motion.knots`."""
+        numbers = jnp.arange(self.acceleration.shape[-1], dtype=self.time_step.dtype)
+        return self.start + self.time_step * jnp.minimum(numbers, self._last)
+
+    def next_kink(self, time: Reals) -> Reals:
+        """The time of the next sample [s], inf beyond the last one; see `Motion.next_kink`."""
+        position = (time - self.start) / self.time_step
+        index = jnp.maximum(jnp.floor(position + self._rounding(position)) + 1, 0)
+        kink = self.start + index * self.time_step
+        return jnp.where(index <= self._last, kink, jnp.inf)
+
+    @property
+    def _last(self) -> Any:
+        """Number of the last sample, counted from 0."""
+        return self.samples - 1
+
+    def _rounding(self, position: Reals) -> Any:
+        return 4 * (self._last + 1) * float(jnp.finfo(position.dtype).eps)
+
+    def bucketed(self) -> "Record":
+        """The record padded, unless a transformation is going on; see `Motion.bucketed`."""
+        traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
+        return self if traced else Padded(self)
+
+    def scaled(self, factor: Number) -> "Record":
+        """The same record, both components stronger; see `Motion.scaled`."""
+        factor = as_real("factor", factor)
+        check("factor", factor, FINITE)
+        return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
+
+
+@jax.jit
+def _total(samples: Reals, last: Any) -> Reals:
+    """By the trapezoidal rule, over the time step."""
+    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
+    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
+
+
+class Padded(Record):
+    """A record with zeros behind its end: records of many lengths are the same to a compiler.
+
+    Its knots go on at the end.
+    """
+
+    filled: Reals = quantity(NON_NEGATIVE)  # number of the last sample that counts
+
+    def __init__(self, record: Record):
+        """Pad a record that is concrete, without JAX, which would compile that."""
+        room, vertical = room_for(record.samples), record.vertical
+        self.acceleration = as_real("acceleration", padded(record.acceleration, room))
+        self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
+        self.time_step = record.time_step
+        self.scale = record.scale
+        self.start = record.start
+        self.filled = as_array(np.asarray(record._last, self.acceleration.dtype))
+
+    @property
+    def _last(self) -> Any:
+        return self.filled
+
+    def bucketed(self) -> "Padded":
+        """Itself."""
+        return self
+
+
+def room_for(samples: int) -> int:
+    """One of a few numbers, no less than that of the samples."""
+    if samples > _LONG:
+        return -(-samples // _LONG) * _LONG
+    return max(256, 1 << (samples - 1).bit_length())
+
+
+def padded(samples: Any, room: int) -> np.ndarray:
+    """Samples with zeros behind them."""
+    samples = np.asarray(samples)
+    whole = np.zeros((*samples.shape[:-1], room), samples.dtype)
+    whole[..., : samples.shape[-1]] = samples
+    return whole
+
+
+def _between(samples: Reals, index: Array, along: Reals) -> Reals:
+    """Linear interpolation in the last axis; leading axes broadcast with those of `index`."""
+    shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
+    samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
+    index = jnp.broadcast_to(index, shape)[..., None]
+    left, right = (
+        jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
+        for at in (index, index + 1)
+    )
+    return (1 - along) * left + along * right  # exact at both ends

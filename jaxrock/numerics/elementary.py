@@ -1,0 +1,249 @@
+"""Elementary functions whose automatic derivative would lose its digits or become NaN.
+
+Each is the plain expression, with a derivative that is accurate over the whole domain and
+can be differentiated again.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..validation import Number, Reals
+from .elliptic import carlson_rd
+
+
+def quotient(numerator: Reals, denominator: Reals) -> Reals:
+    """``numerator / denominator``, for one that is used several times.
+
+    XLA stores such a quotient in memory, but computes a product together with what uses it.
+    """
+    return numerator * (1 / denominator)
+
+
+@jax.custom_jvp
+def one_minus_square(x: Reals) -> Reals:
+    """``1 - x^2``, elementwise: accurate for x near 1, its derivative for small x."""
+    return (1 - x) * (1 + x)
+
+
+@one_minus_square.defjvp
+def _one_minus_square_jvp(primals, tangents):
+    (x,), (dx,) = primals, tangents
+    return one_minus_square(x), -2 * x * dx
+
+
+# (arctan(u) / u - 1) / u^2 as a polynomial in u^2, within 2e-17 of u^-2 for u from 0 to 1/2.
+_ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
+               0.11111110990139533, -0.09090904370311348, 0.07692198451257941,
+               -0.06665052856794013, 0.058664967492257074, -0.05157516225552972,
+               0.04283578705573422, -0.02895352123252625, 0.011152908092096216)  # fmt: skip
+
+
+@jax.custom_jvp
+def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
+    """Angle of a right triangle, from 0 to pi/2, of its legs; elementwise.
+
+    ``arctan2``, which XLA does not run on vectors of a processor, for numbers from 0 on.
+    """
+    short, long = jnp.minimum(opposite, adjacent), jnp.maximum(opposite, adjacent)
+    # arctan(s / l) = pi/4 + arctan((s - l) / (s + l)), where s - l is exact
+    near_diagonal, steep = short > 0.5 * long, opposite > adjacent
+    numerator = jnp.where(near_diagonal, short - long, short)
+    u = quotient(numerator, jnp.where(near_diagonal, short + long, long))
+    square = u * u
+    series = functools.reduce(lambda sum, term: sum * square + term, reversed(_ARCTANGENT))
+    part = u + u * (square * series)
+    whole = jnp.where(near_diagonal, jnp.pi / 4, jnp.where(steep, jnp.pi / 2, 0))
+    return whole + jnp.where(steep, -part, part)
+
+
+@angle.defjvp
+def _angle_jvp(primals, tangents):
+    (opposite, adjacent), (turned, stretched) = primals, tangents
+    slope = 1 / (opposite**2 + adjacent**2)
+    return angle(opposite, adjacent), (adjacent * turned - opposite * stretched) * slope
+
+
+@jax.custom_jvp
+def arcsin(q: Reals) -> Reals:
+    """Inverse sine for 0 <= q < 1, elementwise; see `angle`."""
+    # Of the half angle: a root that is used once does not go to memory.
+    return 2 * angle(q, 1 + jnp.sqrt(one_minus_square(q)))
+
+
+@arcsin.defjvp
+def _arcsin_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    return arcsin(q), dq / jnp.sqrt(one_minus_square(q))
+
+
+@jax.custom_jvp
+def arctan_ratio(z: Reals) -> Reals:
+    """``arctan(z) / z`` for z > 0; elementwise, its derivative accurate for small z."""
+    return angle(z, 1.0) / z
+
+
+@arctan_ratio.defjvp
+def _arctan_ratio_jvp(primals, tangents):
+    (z,), (dz,) = primals, tangents
+    y = 1 + z**2
+    return arctan_ratio(z), -2 / 3 * z * carlson_rd(jnp.ones_like(y), y, y) * dz
+
+
+@jax.custom_jvp
+def artanh_ratio(x: Reals) -> Reals:
+    """``artanh(x) / x`` for 0 <= x < 1; elementwise, its derivative accurate for small x."""
+    return _ratio(lambda t: jnp.log1p(2 * t / (1 - t)) / 2, x)
+
+
+@artanh_ratio.defjvp
+def _artanh_ratio_jvp(primals, tangents):
+    (x,), (dx,) = primals, tangents
+    y = one_minus_square(x)
+    return artanh_ratio(x), 2 / 3 * x * carlson_rd(jnp.ones_like(y), y, y) * dx
+
+
+@jax.custom_jvp
+def arcsin_ratio(q: Reals) -> Reals:
+    """``arcsin(q) / q`` for 0 <= q < 1; elementwise, its derivative accurate for small q."""
+    return _ratio(arcsin, q)
+
+
+@arcsin_ratio.defjvp
+def _arcsin_ratio_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    one = jnp.ones_like(q)
+    return arcsin_ratio(q), q / 3 * carlson_rd(one, one, one_minus_square(q)) * dq
+
+
+def _ratio(function, argument: Array) -> Array:
+    differs = argument**2 > jnp.finfo(argument.dtype).eps
+    divisor = jnp.where(differs, argument, 0.5)
+    return jnp.where(differs, function(divisor) / divisor, 1)
+
+
+def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
+    """``numerator / denominator`` of numbers from 0 on, elementwise.
+
+    Over 0 it is inf, or 0 if the numerator is 0 too, with derivative 0, so that such
+    elements leave the derivatives of others alone.
+    """
+    limited = denominator > 0
+    unlimited = jnp.where(numerator > 0, jnp.inf, 0)
+    limit = quotient(numerator, jnp.where(limited, denominator, 1))
+    return jnp.where(limited, limit, unlimited)
+
+
+def minus_log(ratio: Reals) -> Reals:
+    """``-log(ratio)`` for 0 <= ratio <= 1, elementwise; inf at 0, with derivative 0 there."""
+    positive = ratio > 0
+    return jnp.where(positive, -jnp.log(jnp.where(positive, ratio, 1)), jnp.inf)
+
+
+def share_of_one(ratio: Number, count: Number) -> Reals:
+    """The first term's share in ``1 + ratio + ... + ratio**(count - 1)``.
+
+    Parameters
+    ----------
+    ratio : array_like
+        C, between 0 and 1; elementwise.
+    count : array_like
+        n, a whole number from 1 on, or inf. Not differentiated.
+
+    Returns
+    -------
+    Array
+        ``(1 - C) / (1 - C^n)``: 1/n at C = 1, and 1 - C for unlimited n.
+    """
+    ratio = jnp.asarray(ratio)
+    count = jax.lax.stop_gradient(jnp.asarray(count).astype(ratio.dtype))
+    return _share_of_one(*jnp.broadcast_arrays(ratio, count))
+
+
+def decaying_share_of_one(decay: Number, count: Number) -> Reals:
+    """`share_of_one` of the ratio ``exp(-decay)``, accurate also where that is close to 1.
+
+    Parameters
+    ----------
+    decay : array_like
+        At least 0; elementwise.
+    count : array_like
+        n, a whole number from 1 on, or inf. Not differentiated.
+
+    Returns
+    -------
+    Array
+        ``expm1(-decay) / expm1(-n decay)``: 1/n at decay 0.
+    """
+    decay = jnp.asarray(decay)
+    count = jax.lax.stop_gradient(jnp.asarray(count).astype(decay.dtype))
+    return _decaying_share_of_one(*jnp.broadcast_arrays(decay, count))
+
+
+@jax.custom_jvp
+def _share_of_one(ratio: Array, count: Array) -> Array:
+    limit = 1 - ratio
+    several = (count > 1) & (count < jnp.inf) & (ratio > 0) & (ratio != 1)
+    safe = jnp.where(several, ratio, 0.5)
+    share = limit / -jnp.expm1(jnp.where(several, count, 2) * jnp.log(safe))
+    share = jnp.where(several, share, jnp.where(count == 1, 1, limit))
+    return jnp.where((ratio == 1) & (count < jnp.inf), 1 / count, share)
+
+
+@_share_of_one.defjvp
+def _share_of_one_jvp(primals, tangents):
+    (ratio, count), (dratio, _) = primals, tangents
+    share = _share_of_one(ratio, count)
+    several = (count > 1) & (count < jnp.inf)
+    n = jnp.where(several, count, 2)
+    # From the definition where C is small, by way of the logarithm elsewhere.
+    small = ratio < 0.4
+    low, high = jnp.where(small, ratio, 0.25), jnp.where(small, 0.5, ratio)
+    from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)
+    from_logarithm = -_logarithmic_slope(-jnp.log(high), n) / high
+    slope = share * jnp.where(small, from_definition, from_logarithm)
+    return share, jnp.where(several, slope, jnp.where(count == 1, 0, -1)) * dratio
+
+
+@jax.custom_jvp
+def _decaying_share_of_one(decay: Array, count: Array) -> Array:
+    decays = decay > 0
+    safe = jnp.where(decays, decay, 1)
+    return jnp.where(decays, jnp.expm1(-safe) / jnp.expm1(-count * safe), 1 / count)
+
+
+@_decaying_share_of_one.defjvp
+def _decaying_share_of_one_jvp(primals, tangents):
+    (decay, count), (ddecay, _) = primals, tangents
+    share = _decaying_share_of_one(decay, count)
+    finite = count < jnp.inf
+    slope = share * _logarithmic_slope(decay, jnp.where(finite, count, 2))
+    return share, jnp.where(finite, slope, jnp.exp(-decay)) * ddecay
+
+
+def _logarithmic_slope(decay: Array, count: Array) -> Array:
+    """``1 / expm1(decay) - count / expm1(count decay)``, (count - 1) / 2 at decay 0."""
+    near = decay < 1
+    low, high = jnp.where(near, decay, 0), jnp.where(near, 1, decay)
+    far_slope = _over_expm1(high) - count * _over_expm1(count * high)
+    return jnp.where(near, count * _gap(count * low) - _gap(low), far_slope)
+
+
+# x / expm1(x) - 1 + x / 2 = sum of B_2k x^2k / (2k)!, from k = 1 on.
+_BERNOULLI = (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600, 1 / 47900160, -691 / 1307674368000,
+              1 / 74724249600, -3617 / 10670622842880000, 43867 / 5109094217170944000)  # fmt: skip
+
+
+def _gap(x: Array) -> Array:
+    """``1 / x - 1 / expm1(x)`` for x >= 0; 1/2 at 0."""
+    near = x < 1
+    low, high = jnp.where(near, x, 0), jnp.where(near, 1, x)
+    series = jnp.polyval(jnp.asarray(_BERNOULLI[::-1], x.dtype), low**2)
+    return jnp.where(near, 0.5 - low * series, 1 / high - _over_expm1(high))
+
+
+def _over_expm1(x: Array) -> Array:
+    """``1 / expm1(x)``, without overflow in its derivatives."""
+    return jnp.exp(-x) / -jnp.expm1(-x)

@@ -1,0 +1,22 @@
+"""What just overturns a block: every boundary between standing and overturning.
+
+Names beside those in ``__all__`` are for the other packages.
+"""
+
+from .boundaries import Boundaries, overturning_boundaries
+from .boundaries import checked as checked
+from .pulse_thresholds import (
+    SurvivalWindows,
+    critical_amplitude,
+    critical_duration,
+    survival_windows,
+)
+
+__all__ = [
+    "Boundaries",
+    "SurvivalWindows",
+    "critical_amplitude",
+    "critical_duration",
+    "overturning_boundaries",
+    "survival_windows",
+]

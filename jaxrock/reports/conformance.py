@@ -1,0 +1,106 @@
+"""Cases by which other programs can be checked against the answers of this one.
+
+`write` puts into a folder
+
+- ``cases.json``: a header (``version``, ``conventions``, ``equations``, ``inputs``,
+  ``quantities``, ``fields``, all in words and formulas) and the list ``cases``;
+- ``cases.csv``: the same cases, one a line; a field that is null in the JSON is empty;
+- the ground motions that have no formula, as ``time_s,acceleration_m_per_s2`` with, where
+  there is one, ``vertical_m_per_s2``.
+
+A program that wants to be checked reads ``cases.json``, computes the ``quantity`` of each case
+from its other fields alone, and is right where its answer is within ``absolute + relative *
+abs(value)`` of the ``value``. With a ``variable``, what is asked for is the derivative of the
+quantity with respect to that field. ``from`` says how much a value is worth: a closed form,
+converged integrations, which ``spread`` tells apart, or a number printed in a publication.
+``tests/conformance_with_scipy.py`` is such a program: it does not import this package.
+
+The values are frozen, so that they also judge the program that wrote them:
+``tests/conformance_cases.py`` computes all of them again. None of the driven cases is chaotic, and
+no count of impacts includes a block coming to rest.
+"""
+
+import csv
+import json
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..ground_motion import Record, example_record
+
+RECORDS = ("ridgecrest_north.csv", "ridgecrest_east_and_up.csv", "piece.csv", "sampled_pulse.csv")
+FILES = ("cases.csv", "cases.json", *RECORDS)
+
+
+def table() -> dict[str, Any]:
+    """The header and the list of cases, each with all fields.
+
+    Returns
+    -------
+    dict
+        As in ``cases.json``.
+    """
+    resource = files("jaxrock") / "data" / "conformance.json"
+    found = json.loads(resource.read_text(encoding="utf-8"))
+    cases = [{field: case.get(field) for field in found["fields"]} for case in found["cases"]]
+    return {"version": version("jaxrock")} | found | {"cases": cases}
+
+
+def records() -> dict[str, Record]:
+    """The ground motions that are written as files, by name.
+
+    Returns
+    -------
+    dict
+    """
+    north = example_record("north")
+    time = np.arange(201) * 0.01
+    decaying = 6.0 * np.exp(-1.5 * time) * np.sin(2 * np.pi * time / 0.8)
+    piece = np.asarray(north.acceleration)[1200:1401]
+    motions = (north, example_record("east", vertical=True), Record(piece, 0.01))
+    return dict(zip(RECORDS, (*motions, Record(decaying, 0.01)), strict=True))
+
+
+def write(folder: Path) -> int:
+    """Write `FILES` into an existing folder.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    int
+        Number of cases.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    whole = table()
+    for name, motion in records().items():
+        _write_motion(folder / name, motion)
+    with open(folder / "cases.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(whole["fields"]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(whole["cases"])
+    text = json.dumps(whole, indent=1, allow_nan=False)
+    (folder / "cases.json").write_text(text + "\n", encoding="utf-8")
+    return len(whole["cases"])
+
+
+def _write_motion(path: Path, motion: Record) -> None:
+    columns = {
+        "time_s": np.arange(motion.samples) * float(motion.time_step),
+        "acceleration_m_per_s2": np.asarray(motion.acceleration),
+    }
+    if motion.vertical is not None:
+        columns["vertical_m_per_s2"] = np.asarray(motion.vertical)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))

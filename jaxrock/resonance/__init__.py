@@ -1,0 +1,67 @@
+"""The paper: free rocking, the half-cycle map and its limits, inverse design, pulse trains.
+
+Names beside those in ``__all__`` are for the other packages.
+"""
+
+from .elastic_oscillator import (
+    Oscillator,
+    damping_from_decay,
+    equivalent_damping,
+    equivalent_damping_as_printed,
+)
+from .free_rocking import Linearized, Nonlinear, RockingModel
+from .free_rocking import ModelLike as ModelLike
+from .free_rocking import as_model as as_model
+from .half_cycle_map import (
+    Scene,
+    amplification,
+    half_cycle_velocity,
+    launch_velocity,
+    next_velocity,
+    overturning_half_cycle,
+    overturning_margin,
+    rotation_ratio,
+    stabilized_period,
+    stabilized_rotation,
+    stabilized_velocity,
+)
+from .inverse_design import (
+    critical_intensity,
+    critical_restitution,
+    critical_slenderness,
+    critical_width,
+)
+from .pulse_train import Rocker as Rocker
+from .pulse_train import TrainResponse, respond_to_train
+from .train_timing import timing_costs
+from .worst_trains import WorstTrain, worst_train
+
+__all__ = [
+    "Linearized",
+    "Nonlinear",
+    "Oscillator",
+    "RockingModel",
+    "Scene",
+    "TrainResponse",
+    "WorstTrain",
+    "amplification",
+    "critical_intensity",
+    "critical_restitution",
+    "critical_slenderness",
+    "critical_width",
+    "damping_from_decay",
+    "equivalent_damping",
+    "equivalent_damping_as_printed",
+    "half_cycle_velocity",
+    "launch_velocity",
+    "next_velocity",
+    "overturning_half_cycle",
+    "overturning_margin",
+    "respond_to_train",
+    "rotation_ratio",
+    "stabilized_period",
+    "stabilized_rotation",
+    "stabilized_velocity",
+    "timing_costs",
+    "worst_train",
+]

@@ -1,0 +1,264 @@
+"""The elastic damped oscillator under the same input (section IV of the paper).
+
+For comparison only: what resonance does to a system that has a natural frequency. Each
+pulse comes when the oscillator passes zero, every half of its damped period.
+"""
+
+import jax.numpy as jnp
+
+from ..host import shown
+from ..numerics import decaying_share_of_one, minus_log, one_minus_square, quotient_or_infinite
+from ..validation import (
+    BELOW_ONE,
+    COUNT,
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Checked,
+    Number,
+    Reals,
+    as_real,
+    elementwise,
+    quantity,
+)
+
+
+class Oscillator(Checked):
+    """A linear elastic oscillator with viscous damping (Eq. 15).
+
+    Parameters
+    ----------
+    angular_frequency : array_like
+        omega, undamped [rad/s], greater than 0.
+    damping_ratio : array_like
+        xi, share of critical damping [-], at least 0 and below 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+    Examples
+    --------
+    >>> from jaxrock.resonance import Oscillator
+    >>> print(f"{Oscillator(angular_frequency=6.28, damping_ratio=0.05).amplification:.2f}")
+    6.87
+    """
+
+    angular_frequency: Reals = quantity(POSITIVE)
+    damping_ratio: Reals = quantity(BELOW_ONE)
+
+    def __init__(self, angular_frequency: Number, damping_ratio: Number):
+        self.angular_frequency = as_real("angular_frequency", angular_frequency)
+        self.damping_ratio = as_real("damping_ratio", damping_ratio)
+
+    def __str__(self) -> str:
+        return (
+            f"angular frequency {shown(self.angular_frequency, 'rad/s')},"
+            f" damping ratio {shown(self.damping_ratio)}"
+        )
+
+    @property
+    @elementwise()
+    def damped_frequency(self) -> Reals:
+        """Damped angular frequency, Omega = omega sqrt(1 - xi^2) (Eq. 16) [rad/s]."""
+        return self.angular_frequency * _damped_share(self)
+
+    @property
+    @elementwise()
+    def velocity_decay(self) -> Reals:
+        """Velocity kept over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
+
+        What the coefficient of restitution is to the block, except that the loss is spread
+        over the half-cycle.
+        """
+        return jnp.exp(-_decrement(self))
+
+    @property
+    @elementwise()
+    def amplification(self) -> Reals:
+        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-].
+
+        Infinite without damping.
+        """
+        share = decaying_share_of_one(_decrement(self), jnp.inf)
+        return quotient_or_infinite(jnp.ones_like(share), share)
+
+    @elementwise(velocity=FINITE, time=FINITE)
+    def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
+        """Displacement and velocity at a time after it passed zero (Eq. 16).
+
+        Parameters
+        ----------
+        velocity : array_like
+            Velocity at time zero [m/s], finite.
+        time : array_like
+            Time since then [s], finite.
+
+        Returns
+        -------
+        displacement, velocity : Array, shape (...)
+            Displacement [m] and velocity [m/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete argument is not finite; traced, it gives NaN.
+        """
+        loss = self.damping_ratio * self.angular_frequency
+        frequency = self.damped_frequency
+        decay = jnp.exp(-loss * time) * velocity
+        sine, cosine = jnp.sin(frequency * time), jnp.cos(frequency * time)
+        return decay * sine / frequency, decay * (cosine - loss / frequency * sine)
+
+    @elementwise(intensity=NON_NEGATIVE, half_cycle=COUNT)
+    def half_cycle_velocity(self, intensity: Number, half_cycle: Number) -> Reals:
+        """Velocity at the beginning of a half-cycle (Eqs. 14, 20 and 21).
+
+        From the recursion of Eq. 20; its closed sum lacks the last term, as that of Eq. 8.
+
+        Parameters
+        ----------
+        intensity : array_like
+            I, change of velocity in each pulse [m/s], finite and at least 0.
+        half_cycle : array_like
+            i, a whole number from 1 on, or inf for the limit.
+
+        Returns
+        -------
+        velocity : Array, shape (...)
+            ``I (1 - B^i) / (1 - B)`` [m/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete argument is out of range. Traced ones give NaN.
+        """
+        share = decaying_share_of_one(_decrement(self), half_cycle)
+        return quotient_or_infinite(jnp.asarray(intensity), share)
+
+    @elementwise(velocity=NON_NEGATIVE)
+    def quarter_cycle_displacement(self, velocity: Number) -> Reals:
+        """Displacement at a quarter of the damped period, as printed in Eq. 22.
+
+        Not the maximum, which comes earlier: see `peak_displacement`. The ratio of two such
+        displacements (Eq. 23) is that of the maxima.
+
+        Parameters
+        ----------
+        velocity : array_like
+            With which it passed zero [m/s], finite and at least 0.
+
+        Returns
+        -------
+        displacement : Array, shape (...)
+            ``v exp(-pi xi / (2 sqrt(1 - xi^2))) / Omega`` [m].
+
+        Raises
+        ------
+        ValueError
+            If a concrete velocity is out of range; traced, it gives NaN.
+        """
+        return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
+
+    @elementwise(velocity=NON_NEGATIVE)
+    def peak_displacement(self, velocity: Number) -> Reals:
+        """Largest displacement after it passed zero.
+
+        Parameters
+        ----------
+        velocity : array_like
+            Then [m/s], finite and at least 0.
+
+        Returns
+        -------
+        displacement : Array, shape (...)
+            That at ``tan(Omega t) = Omega / (xi omega)`` [m].
+
+        Raises
+        ------
+        ValueError
+            As `quarter_cycle_displacement`.
+        """
+        phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
+        decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
+        return decay / self.angular_frequency * velocity
+
+
+@elementwise(restitution=UNIT_INTERVAL)
+def equivalent_damping(restitution: Number) -> Reals:
+    """Viscous damping ratio equivalent to a coefficient of restitution, as its source means it.
+
+    Makris and Konstantinidis fit ``beta = -0.34 ln(r)`` with r the ratio of kinetic energies
+    over an impact, which is the square of the ratio of velocities C.
+
+    Parameters
+    ----------
+    restitution : array_like
+        C [-], between 0 and 1.
+
+    Returns
+    -------
+    damping_ratio : Array, shape (...)
+        ``-0.68 ln(C)`` [-]; inf for C = 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete restitution is out of range; traced, it gives NaN.
+    """
+    return 0.68 * minus_log(jnp.asarray(restitution))
+
+
+@elementwise(restitution=UNIT_INTERVAL)
+def equivalent_damping_as_printed(restitution: Number) -> Reals:
+    """Half of `equivalent_damping`, as printed in Eq. 13.
+
+    Parameters
+    ----------
+    restitution : array_like
+        As in `equivalent_damping`, with its errors.
+
+    Returns
+    -------
+    beta : Array, shape (...)
+        ``-0.34 ln(C)`` [-].
+
+    Raises
+    ------
+    ValueError
+        If it is out of range.
+    """
+    return 0.34 * minus_log(jnp.asarray(restitution))
+
+
+@elementwise(velocity_decay=UNIT_INTERVAL)
+def damping_from_decay(velocity_decay: Number) -> Reals:
+    """Damping ratio of a lightly damped oscillator from its velocity decay B (Eq. 19).
+
+    Parameters
+    ----------
+    velocity_decay : array_like
+        B [-], between 0 and 1; see `Oscillator.velocity_decay`.
+
+    Returns
+    -------
+    xi : Array, shape (...)
+        ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete decay is out of range; traced, it gives NaN.
+    """
+    return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
+
+
+def _damped_share(oscillator: Oscillator) -> Reals:
+    return jnp.sqrt(one_minus_square(oscillator.damping_ratio))
+
+
+def _decrement(oscillator: Oscillator) -> Reals:
+    """-ln(B)."""
+    return jnp.pi * oscillator.damping_ratio / _damped_share(oscillator)

@@ -1,0 +1,358 @@
+"""Rocking resonance: the half-cycle map under the paper's input, and where it settles.
+
+The input is an unlimited train of equal, alternating, instantaneous pulses: the first
+starts the motion, each further one comes right after an impact (Fig. 2).
+"""
+
+import jax
+import jax.numpy as jnp
+
+from ..block import Block
+from ..host import shown
+from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
+from ..validation import (
+    COUNT,
+    NON_NEGATIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Checked,
+    Number,
+    Reals,
+    as_real,
+    elementwise,
+    quantity,
+)
+from .free_rocking import Linearized, ModelLike, RockingModel, as_model
+
+
+class Scene(Checked):
+    """A block, what an impact leaves of its velocity, and the pulses that drive it.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    intensity : array_like
+        I, the change of ground velocity in each pulse [m/s], finite and at least 0. All
+        three broadcast.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+    Notes
+    -----
+    To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
+    if leaf.ndim else None, scene)``. Broadcasting needs no such thing.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> scene = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.rotation_ratio(scene):.4f}")
+    0.1232
+    """
+
+    block: Block
+    restitution: Reals = quantity(UNIT_INTERVAL)
+    intensity: Reals = quantity(NON_NEGATIVE)
+
+    def __init__(self, block: Block, restitution: Number, intensity: Number):
+        self.block = block
+        self.restitution = as_real("restitution", restitution)
+        self.intensity = as_real("intensity", intensity)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.block}\nrestitution {shown(self.restitution)},"
+            f" pulses of {shown(self.intensity, 'm/s')}"
+        )
+
+
+@elementwise()
+def launch_velocity(scene: Scene) -> Reals:
+    """Velocity at the beginning of the first half-cycle (Eq. 2).
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    velocity : Array, shape (...)
+        `Block.pulse_velocity` of the intensity [rad/s].
+    """
+    return scene.block.pulse_velocity(scene.intensity)
+
+
+@elementwise(velocity=NON_NEGATIVE)
+def next_velocity(scene: Scene, velocity: Number) -> Reals:
+    """The half-cycle map: one launch velocity to the next (Eq. 8, its recursion).
+
+    The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
+    pulse adds `launch_velocity`. Exact in both models.
+
+    Parameters
+    ----------
+    scene : Scene
+    velocity : array_like
+        Launch velocity of this half-cycle [rad/s], finite and at least 0.
+
+    Returns
+    -------
+    velocity : Array, shape (...)
+        Launch velocity of the next half-cycle [rad/s].
+
+    Raises
+    ------
+    ValueError
+        If a concrete velocity is not finite or negative; traced, it gives NaN.
+    """
+    return scene.restitution * velocity + launch_velocity(scene)
+
+
+@elementwise(half_cycle=COUNT)
+def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
+    """Launch velocity of a half-cycle (Eq. 8), whether or not an earlier one overturns.
+
+    The closed sum printed in Eq. 8 lacks its last term; this is what the recursion beside
+    it gives.
+
+    Parameters
+    ----------
+    scene : Scene
+    half_cycle : array_like
+        i, a whole number from 1 on, or inf for the limit.
+
+    Returns
+    -------
+    velocity : Array, shape (...)
+        ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete half-cycle is not a whole number from 1 on or inf; traced, it gives NaN.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> velocities = jr.half_cycle_velocity(wall, jnp.array([1.0, 2.0, 3.0]))
+    >>> print(*(f"{velocity:.3f}" for velocity in velocities), "rad/s")
+    0.054 0.092 0.118 rad/s
+    """
+    share = share_of_one(scene.restitution, half_cycle)
+    return quotient_or_infinite(launch_velocity(scene), share)
+
+
+@elementwise()
+def stabilized_velocity(scene: Scene) -> Reals:
+    """Limit of the launch velocity (Eq. 10), whether or not the block stands.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    velocity : Array, shape (...)
+        ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
+    """
+    return _unlimited(launch_velocity(scene), scene)
+
+
+@elementwise(model=as_model)
+def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
+    """Full period of the stabilized phase (Eq. 11).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+        Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
+
+    Returns
+    -------
+    period : Array, shape (...)
+        T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.stabilized_period(wall):.3f} s")
+    1.104 s
+    """
+    model = as_model(model)
+    x, intensity, stands = _stabilized(scene, model)
+    half = model._half_cycle_duration(scene.block, x, intensity)
+    return jnp.where(stands, 2 * half, jnp.nan)
+
+
+@elementwise(model=as_model)
+def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
+    """Peak rotation in the stabilized phase (Eq. 12).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+        Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
+
+    Returns
+    -------
+    rotation : Array, shape (...)
+        alpha*_max [rad]; NaN where the block overturns.
+    """
+    model = as_model(model)
+    x, intensity, stands = _stabilized(scene, model)
+    return jnp.where(stands, model._peak_rotation(scene.block, x, intensity), jnp.nan)
+
+
+@elementwise(model=as_model)
+def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
+    """Peak rotation in the stabilized phase over the critical angle (Figs. 6 to 8).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+        Linearized, it is as much too small as `stabilized_rotation`.
+
+    Returns
+    -------
+    ratio : Array, shape (...)
+        alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.rotation_ratio(wall):.4f}, {jr.rotation_ratio(wall, jr.Nonlinear()):.4f}")
+    0.1232, 0.1240
+    """
+    model = as_model(model)
+    x, _, stands = _stabilized(scene, model)
+    return jnp.where(stands, model._rotation_ratio(scene.block, x), jnp.nan)
+
+
+@elementwise(model=as_model)
+def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
+    """Stabilized peak rotation over the peak after the first pulse (zeta, Fig. 4).
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+        Linearized, it is right for weak pulses.
+
+    Returns
+    -------
+    zeta : Array, shape (...)
+        zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
+        it tends to ``1 / (1 - C)^2``.
+    """
+    model = as_model(model)
+    _, _, stands = _stabilized(scene, model)
+    stands = stands & (scene.restitution < 1)  # at 1 the amplification has no limit
+    x = launch_velocity(scene) / model._critical_velocity(scene.block)
+    growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
+    x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
+    return jnp.where(stands, model._peak_amplification(scene.block, x, growth), jnp.nan)
+
+
+@elementwise(model=as_model)
+def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
+    """Energy left to the barrier in the stabilized phase, as a share of the barrier.
+
+    Smooth through the verge of overturning, where the peak rotation has an infinite slope:
+    the quantity to search and to optimise on.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+        Linearized, v_c is 0.16 % too large at slenderness 5: the unsafe side.
+
+    Returns
+    -------
+    margin : Array, shape (...)
+        ``1 - (v* / v_c)^2`` [-]: 1 without pulses, positive while the block stands, at
+        most 0 where it has no stabilized phase, -inf for C = 1.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
+    >>> print(f"{jr.overturning_margin(wall):.3f}")
+    0.769
+    """
+    model = as_model(model)
+    x, limited = _limit(scene, model)
+    return jnp.where(limited, one_minus_square(x), -jnp.inf)
+
+
+@elementwise(model=as_model)
+def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Reals:
+    """The first half-cycle in which the block overturns.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Linearized or Nonlinear
+        Linearized, it may be too late: v_c is too large.
+
+    Returns
+    -------
+    half_cycle : Array, shape (...)
+        Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
+        floating-point number; inf where there is none. Its derivative is zero.
+    """
+    model = as_model(model)
+    scene = jax.lax.stop_gradient(scene)
+    launch, critical = launch_velocity(scene), model._critical_velocity(scene.block)
+    x, restitution = launch / critical, scene.restitution
+
+    def reaches(half_cycle: Reals) -> Booleans:
+        return launch / share_of_one(restitution, half_cycle) >= critical
+
+    # x (1 - C^i) / (1 - C) >= 1, solved for i ...
+    limited = (restitution > 0) & (restitution < 1)
+    base = jnp.where(limited, restitution, 0.5)
+    remainder = jnp.where(x > 0, (1 - restitution) / jnp.where(x > 0, x, 1), 2.0)
+    overturns = remainder < 1
+    count = jnp.log1p(-jnp.where(overturns, remainder, 0.5)) / jnp.log(base)
+    count = jnp.where(restitution == 1, 1 / jnp.where(x > 0, x, 1), count)
+    # ... and set right where the rounding of the solution went past a whole number.
+    count = jnp.maximum(jnp.ceil(count), 1)
+    count = jnp.where(reaches(jnp.maximum(count - 1, 1)), jnp.maximum(count - 1, 1), count)
+    count = jnp.where(reaches(count), count, count + 1)
+    return jnp.where(x >= 1, 1.0, jnp.where(overturns & (x > 0), count, jnp.inf))
+
+
+def _unlimited(first: Reals, scene: Scene) -> Reals:
+    """What pulses worth `first` each amount to in the long run: ``first / (1 - C)``."""
+    return quotient_or_infinite(first, 1 - scene.restitution)
+
+
+def _limit(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
+    """x* = v* / v_c, and whether it is finite (0 where it is not)."""
+    velocity = stabilized_velocity(scene)
+    limited = velocity < jnp.inf
+    velocity = jnp.where(limited, velocity, 0)
+    return quotient(velocity, model._critical_velocity(scene.block)), limited
+
+
+def _stabilized(scene: Scene, model: RockingModel) -> tuple[Reals, Reals, Booleans]:
+    """x*, the single pulse that launches as fast, and where the block stands.
+
+    The first two are 0 where it does not.
+    """
+    x, limited = _limit(scene, model)
+    stands = limited & (x < 1)
+    intensity = _unlimited(scene.intensity, scene)
+    return jnp.where(stands, x, 0), jnp.where(stands, intensity, 0), stands

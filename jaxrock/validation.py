@@ -1,0 +1,236 @@
+"""What an argument may be, said once.
+
+Every quantity has a `Domain`. Where its value is concrete, a value outside is a
+`ValueError` that names the argument, the value and what is allowed. Where it is
+traced (under ``jit``, ``vmap``, ``grad``) nothing can be raised, so the elements
+concerned become NaN, and a harmless value stands in for them while the function
+is evaluated: neither the neighbours nor their derivatives see them.
+"""
+
+import contextlib
+import contextvars
+import functools
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.dtypes
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Real
+
+Number = Real[ArrayLike, "..."]
+Numbers = Number | Sequence[Any]
+Reals = Float[Array, "..."]
+Booleans = Bool[Array, "..."]
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_T = TypeVar("_T")
+
+
+class Domain(NamedTuple):
+    """The values that an argument may have."""
+
+    allowed: str  # in words, for the error message
+    contains: Callable[[Any], Any]
+    stand_in: float  # taken in the place of a value outside
+
+
+POSITIVE = Domain("finite and greater than 0", lambda x: (x > 0) & (x < jnp.inf), 1.0)
+NON_NEGATIVE = Domain("finite and at least 0", lambda x: (x >= 0) & (x < jnp.inf), 0.0)
+FINITE = Domain("finite", lambda x: abs(x) < jnp.inf, 0.0)
+UNIT_INTERVAL = Domain("between 0 and 1", lambda x: (x >= 0) & (x <= 1), 0.5)
+BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0.5)
+COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0)
+GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
+
+
+def as_array(value: Any) -> Array:
+    """`value` as an array; nothing is compiled for one in NumPy or a list, whatever its shape."""
+    if isinstance(value, list | tuple):
+        leaves = jax.tree.leaves(value)
+        if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            value = np.asarray(value)
+    if isinstance(value, np.ndarray | np.generic):
+        dtype = jax.dtypes.canonicalize_dtype(value.dtype)
+        return jnp.asarray(np.asarray(value, dtype), dtype)
+    return jnp.asarray(value)
+
+
+def as_real(name: str, value: Any) -> Array:
+    """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
+    try:
+        array = as_array(float(value) if isinstance(value, int | float) else value)
+    except (TypeError, ValueError, OverflowError):
+        array = None
+    if array is not None and jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if array is not None and jnp.issubdtype(array.dtype, jnp.integer):
+        with jax.numpy_dtype_promotion("standard"):
+            return array * 1.0  # weakly typed, so that it takes the precision of the rest
+    raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
+
+
+def of_one_precision(tree: _T) -> _T:
+    """The numbers of a pytree in the precision that JAX's rules give all of them together."""
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*jax.tree.leaves(tree))
+
+    def converted(leaf: Any) -> Any:
+        if isinstance(leaf, jax.core.Tracer):
+            return jnp.asarray(leaf, dtype)
+        if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
+            return leaf
+        return as_array(np.asarray(leaf, dtype))
+
+    return jax.tree.map(converted, tree)
+
+
+def check(name: str, value: Any, domain: Domain) -> None:
+    """Raise `ValueError` if `value` is concrete and anywhere outside `domain`."""
+    if isinstance(value, jax.core.Tracer):
+        return
+    values = np.asarray(value)
+    with np.errstate(invalid="ignore"):
+        outside = ~np.asarray(domain.contains(values))
+    if outside.any():
+        first = f"{float(values[outside].flat[0]):.9g}"
+        if values.ndim:
+            first = f"{first} (first of {outside.sum()} such elements out of {outside.size})"
+        raise ValueError(f"{name} must be {domain.allowed}, got {first}")
+
+
+def quantity(domain: Domain) -> Any:
+    """A field of a `Checked` module that has to lie in `domain`."""
+    return eqx.field(metadata={"domain": domain})
+
+
+class Checked(eqx.Module):
+    """A module whose `quantity` fields are checked when it is made from concrete values."""
+
+    def __check_init__(self):
+        self.check()
+
+    def check(self) -> None:
+        """Check all fields, also those of the modules inside.
+
+        Raises
+        ------
+        ValueError
+            If a concrete value lies outside of its domain.
+        """
+        for field in self.__dataclass_fields__.values():
+            value = getattr(self, field.name)
+            if "domain" in field.metadata:
+                check(field.name, value, field.metadata["domain"])
+            elif isinstance(value, Checked):
+                value.check()
+
+
+_M = TypeVar("_M", bound=Checked)
+
+# What guards have put in the place of arguments while a function is traced: it needs no guard
+# again in the functions called there, where it would be in the way of the compiler.
+_guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.ContextVar(
+    "_guarded", default=None
+)
+
+
+@contextlib.contextmanager
+def guarding() -> Iterator[None]:
+    """What is guarded inside is not guarded again there."""
+    token = _guarded.set([])
+    try:
+        yield
+    finally:
+        _guarded.reset(token)
+
+
+def within(value: Any, domain: Domain) -> tuple[Any, Any]:
+    """A value in the domain, and where it is the one given."""
+    guarded = _guarded.get()
+    if guarded and any(value is known and domain is its_own for known, its_own in guarded):
+        return value, True
+    valid = domain.contains(value)
+    value = jnp.where(valid, value, domain.stand_in)
+    if guarded is not None:
+        guarded.append((value, domain))
+    return value, valid
+
+
+def module_within(module: _M) -> tuple[_M, Any]:
+    """A module whose quantities are in their domains, and where they are the ones given."""
+    valid: Any = True
+    for name, field in module.__dataclass_fields__.items():
+        value = getattr(module, name)
+        if "domain" in field.metadata:
+            stand_in, ok = within(value, field.metadata["domain"])
+        elif isinstance(value, Checked):
+            stand_in, ok = module_within(value)
+        else:
+            continue
+        module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, stand_in)
+        valid = valid & ok
+    return module, valid
+
+
+def elementwise(
+    **domains: Domain | Callable[[Any], Any],
+) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Guard an elementwise function.
+
+    Arguments named in `domains`, and all `Checked` modules, are checked where they
+    are concrete; a function in the place of a domain converts its argument. The
+    decorated function sees valid elements only; results are NaN where an argument was
+    not valid, with derivative zero, so that a masked sum over a batch has the
+    derivative of the elements that are summed.
+    """
+
+    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        signature = inspect.signature(function)
+
+        def masked(arguments: dict[str, Any]) -> Any:
+            valid: Any = True
+            for name, value in arguments.items():
+                if isinstance(value, Checked):
+                    arguments[name], ok = module_within(value)
+                elif isinstance(domain := domains.get(name), Domain):
+                    arguments[name], ok = within(value, domain)
+                else:
+                    continue
+                valid = valid & ok
+            evaluate: Callable[..., Any] = function
+            result = evaluate(**arguments)
+            if valid is True:
+                return result
+            return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
+
+        # Compiled as a whole, since a call outside of `jit` would else compile and dispatch
+        # every operation by itself; inlined where it is traced.
+        @functools.partial(jax.jit, inline=True)
+        def outermost(arguments: dict[str, Any]) -> Any:
+            with guarding():
+                return masked(arguments)
+
+        @functools.wraps(function)
+        def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            for name, value in bound.arguments.items():
+                if isinstance(value, Checked):
+                    value.check()
+                elif isinstance(domain := domains.get(name), Domain):
+                    bound.arguments[name] = as_real(name, value)
+                    check(name, bound.arguments[name], domain)
+                elif domain is not None:
+                    bound.arguments[name] = domain(value)
+            compute = outermost if _guarded.get() is None else masked
+            return compute(bound.arguments)
+
+        return guarded
+
+    return decorate

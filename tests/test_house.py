@@ -1,0 +1,67 @@
+"""The rooms of the package: who may import whom, and through which door."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import jaxrock as jr
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "jaxrock"
+PLAN = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+ROOMS = re.findall(
+    r"^  (\w+)(?:/|\.py) ", PLAN.partition("jaxrock/\n")[2].partition("```")[0], re.M
+)
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room_of(path):
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports(path):
+    """Each relative import: how many levels up, and from which module."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            for name in [node.module] if node.module else [alias.name for alias in node.names]:
+                yield node.level, name
+
+
+def test_the_plan_shows_every_room():
+    rooms = {room_of(path) for path in FILES} - {"__init__", "__main__"}
+    assert rooms | {"data"} == set(ROOMS)
+    assert len(ROOMS) == len(set(ROOMS))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_upwards_through_faces(path):
+    depth, room = len(path.relative_to(PACKAGE).parts), room_of(path)
+    for level, name in imports(path):
+        if level < depth:  # inside of the room
+            assert path.name == "__init__.py" or "." not in name
+            continue
+        assert "." not in name, f"{name} is entered past its face"
+        if room in ROOMS:
+            assert ROOMS.index(name) < ROOMS.index(room), f"{name} stands below {room}"
+
+
+def test_files_are_of_a_size_to_be_read():
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    assert max(lines.values()) <= 600
+    assert sum(lines.values()) <= 18_000
+
+
+def test_what_is_listed_is_there_and_nothing_of_the_inside():
+    assert dir(jr) == sorted(jr.__all__)
+    assert all(hasattr(jr, name) for name in dir(jr))
+    named = [name for name in dir(jr) if not isinstance(getattr(jr, name), type(jr))]
+    assert len(named) <= 60
+
+
+def test_former_names_lead_to_the_new_ones():
+    with pytest.warns(DeprecationWarning, match=r"jaxrock\.sensitivity\.MomentEstimate"):
+        assert jr.Scatter is jr.sensitivity.MomentEstimate
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = jr.nothing
