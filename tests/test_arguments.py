@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
+from jaxrock.resonance import as_model
 from jaxrock.validation import as_real
 
 BLOCK = jr.Block(0.4, 5.0)
@@ -116,6 +117,36 @@ def test_integers_take_the_precision_of_the_rest():
     scene = jr.Scene(jr.Block(single, np.arange(3, 6)), np.float32(0.5), np.float32(0.1))
     assert jr.rotation_ratio(scene).dtype == np.float32
     assert jr.Block(1, 5).half_height == 5
+
+
+SCENE = jr.Scene(BLOCK, 0.7, 0.1)
+PULSE = jr.HalfSine(4.0, 0.4)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda model: jr.rotation_ratio(SCENE, model),
+        lambda model: jr.critical_intensity(BLOCK, 0.7, model=model),
+        lambda model: jr.critical_slenderness(BLOCK, 0.7, 0.1, model=model),
+        lambda model: jr.dynamics.free_motion_margin(BLOCK, 0.7, 0.01, 0.1, model),
+        lambda model: jr.respond_to_train(BLOCK, 0.7, [0.0, 0.3], [0.1, -0.1], model).peak_rotation,
+        lambda model: jr.respond_batch(BLOCK, 0.7, PULSE, model=model).peak_rotation,
+        lambda model: jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, model=model).rotation_ratio.values,
+    ],
+)
+def test_a_model_is_given_itself_or_by_its_name(answer):
+    linearized, nonlinear = answer(jr.Linearized()), answer(jr.Nonlinear())
+    np.testing.assert_array_equal(answer("linearized"), linearized)
+    np.testing.assert_array_equal(answer("nonlinear"), nonlinear)
+    assert (linearized != nonlinear).all()
+
+
+def test_what_is_no_model_is_said_in_one_sentence():
+    with pytest.raises(ValueError, match=r"model must be Linearized\(\), Nonlinear\(\), \"linear"):
+        as_model("cubic")
+    with pytest.raises(ValueError, match="got <class"):
+        as_model(jr.Linearized)
 
 
 def test_peak_amplification_leaves_blocks_that_overturn_out():

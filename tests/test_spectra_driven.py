@@ -78,7 +78,7 @@ def test_each_block_at_its_order():
     record = jr.example_record().scaled(1.5)
     grid = (np.linspace(1.0, 6.0, 12), np.array([4.0, 8.0]), [0.9])
     usual = jr.rocking_spectrum(record, *grid)
-    auto = jr.rocking_spectrum(record, *grid, model="auto", tolerance=1e-5)
+    auto = jr.rocking_spectrum(record, *grid, tolerance=1e-5)
     assert auto.attrs["tolerance"] == 1e-5
     kept = auto.within_tolerance.values == 1
     assert kept.mean() > 0.8
