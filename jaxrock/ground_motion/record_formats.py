@@ -39,11 +39,12 @@ Lines = list[tuple[int, str]]  # with their numbers, counted from 1 on
 Statements = list[tuple[int | None, str, float]]  # line, unless the caller's; words; value
 
 _HEADER_LINES = 20  # at most, usually four
-_POINTS_AND_STEP = (
+_POINTS_AND_STEP = (  # the third group is what follows the name DT
     re.compile(r"\bNPTS\s*=\s*(?P<points>[^\s,]+)[\s,]+DT\s*=\s*(?P<step>\S.*)()$"),
     re.compile(r"\bDT\s*=\s*(?P<step>\S.*?)[\s,]+NPTS\s*=\s*(?P<points>[^\s,]+)()"),
     re.compile(r"^\s*(?P<points>[^\s,]+)[\s,]+(?P<step>[^\s,]+)[\s,]+NPTS[\s,]+DT\b(.*)$"),
 )
+_NUMBER = re.compile(rf"{NUMBER}|[-+]?(nan|inf(inity)?)", re.IGNORECASE)
 _QUANTITY = re.compile(r"\b(acceleration|velocity|displacement)(\s+time\b)?", re.IGNORECASE)
 # Fixed columns run together where a sign fills the field; each number has its decimal point.
 _FIELD = rf"(?=[-+]?\d*\.){NUMBER}"
@@ -235,18 +236,10 @@ def _column_names(text: Text) -> tuple[int, list[str]]:
     for number, line in enumerate(text.lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
             names = [name.strip() for name in _fields(line)]
-            if all(map(_is_number, names)):
+            if all(_NUMBER.fullmatch(name) for name in names):
                 raise text.fault(f"names of the columns were expected, got {short(line)}", number)
             return number, names
     raise text.fault("a line with the names of the columns was expected, all are comments")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _checked_columns(

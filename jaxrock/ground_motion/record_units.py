@@ -56,10 +56,7 @@ _KNOWN = (
 _OTHER = rf"(?:counts?|volts?|mv|[ck]m|[mck]?m{_GAP}(?:/|per|p|_){_GAP}{_S})"
 _ANY = rf"(?:{_KNOWN}|{_OTHER})"
 _START, _END = r"(?<![a-z0-9])", r"(?![a-z0-9/^*])"
-_FACTORS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "gal": 0.01, "g": _G} | {
-    "percent": _UNITS["%g"],
-    "milli": _UNITS["mg"],
-}
+_NAMES = {"m": "m/s2", "cm": "cm/s2", "mm": "mm/s2", "percent": "%g", "milli": "mg"}
 
 _UNIT = _pattern(_KNOWN)
 _UNIT_IN_NAME = _pattern(f"{_START}{_ANY}{_END}")
@@ -99,7 +96,7 @@ _STEP = _pattern(
     r"\b(?:dt|delta[\s_-]*t|time[\s_-]*(?:step|interval|increment)|delta(?=\s*[=:])"
     rf"|sampl(?:e|ing)[\s_-]*(?:interval|period|step|spacing)){_STEP_UNIT}{_VALUE}"
 )
-_FREQUENCY = _pattern(rf"\bsampl(?:e|ing)[\s_-]*(?:rate|frequency){_STEP_UNIT}{_VALUE}")
+_RATE = _pattern(rf"\bsampl(?:e|ing)[\s_-]*(?:rate|frequency){_STEP_UNIT}{_VALUE}")
 _PER_SECOND = rf"(?:hz|hertz|sps|(?:samples?|1)\s*(?:/|per)\s*{_S})(?![a-z])"
 _HERTZ = _pattern(rf"\s*[\[(]?\s*{_PER_SECOND}")
 _SAMPLES = _pattern(rf"(?P<number>{NUMBER})\s*(?!hz|hertz|1){_PER_SECOND}")
@@ -174,14 +171,12 @@ def steps_in_text(line: str) -> list[Stated]:
     """The time steps [s] that a line of text states, also as a number of samples per second."""
     line = _plain(line)
     stated = []
-    for pattern in (_STEP, _FREQUENCY):
+    for pattern in (_STEP, _RATE):
         if match := pattern.search(line):
-            words = match[0][: match.start("rest") - match.start()] + _first_word(match["rest"])
-            step = _step(match) if pattern is _STEP else _step_of_frequency(match)
-            stated.append(Stated(words.strip(), step))
-    for match in _SAMPLES.finditer(line):
-        stated.append(Stated(match[0], _inverse(as_number(match["number"]))))
-    return stated
+            words = match[0].removesuffix(match["rest"]) + _first_word(match["rest"])
+            stated.append(Stated(words.strip(), _step(match, pattern is _RATE)))
+    rates = ((match[0], as_number(match["number"])) for match in _SAMPLES.finditer(line))
+    return stated + [Stated(words, _inverse(rate)) for words, rate in rates]
 
 
 def step_unit(rest: str) -> float:
@@ -219,9 +214,9 @@ def _plain(text: str) -> str:
 
 
 def _stated(match: re.Match[str], group: str | int = 0) -> Stated:
-    groups = match.groupdict()
-    values = [factor for name, factor in _FACTORS.items() if groups.get(name)]
     words = match[group] if "(" in match[group] else match[group].rstrip(")]}")
+    groups = {name for name, part in match.groupdict().items() if part} - {"unit"}
+    values = [_UNITS[_NAMES.get(name, name)] for name in groups]
     return Stated(words, values[0] if values else math.nan)
 
 
@@ -230,19 +225,15 @@ def _time_unit(word: str) -> float:
     return next(units, math.nan)
 
 
-def _step(match: re.Match[str]) -> float:
-    key = match["inside"] or match["after"]
-    return as_number(match["number"]) * (_time_unit(key) if key else step_unit(match["rest"]))
-
-
-def _step_of_frequency(match: re.Match[str]) -> float:
-    number, key = as_number(match["number"]), match["inside"] or match["after"]
-    if _HERTZ.match(key or match["rest"]):
+def _step(match: re.Match[str], is_rate: bool) -> float:
+    """The time step [s] of a match of `_STEP` or `_RATE`."""
+    number, key, rest = as_number(match["number"]), match["inside"] or match["after"], match["rest"]
+    if is_rate and _HERTZ.match(key or rest):
         return _inverse(number)
-    if key or _first_word(match["rest"]):
-        return _step(match)  # "sampling rate of 10 msec"
-    # Without a unit, a number of samples per second, if it can be one.
-    return _inverse(number) if number >= 1 else math.nan
+    if is_rate and not key and not _first_word(rest):
+        # Without a unit, a number of samples per second, if it can be one.
+        return _inverse(number) if number >= 1 else math.nan
+    return number * (_time_unit(key) if key else step_unit(rest))
 
 
 def _first_word(text: str) -> str:
