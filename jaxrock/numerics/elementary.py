@@ -140,8 +140,8 @@ def minus_log(ratio: Reals) -> Reals:
 def share_of_one(ratio: Number, count: Number) -> Reals:
     """The first term's share in ``1 + C + ... + C^(n - 1)``: ``(1 - C) / (1 - C^n)``.
 
-    For a ratio C from 0 to 1, where it is 1/n, and a count n from 1 on; for inf it is 1 - C. It is
-    not differentiated with respect to the count.
+    For a ratio C between 0 and 1 and a count n from 1 to inf, with respect to which it is not
+    differentiated. It is 1/n at C = 1.
     """
     ratio = jnp.asarray(ratio)
     count = jax.lax.stop_gradient(jnp.asarray(count).astype(ratio.dtype))
