@@ -22,7 +22,7 @@ from .record_units import (
     as_number,
     factor_of,
     in_si,
-    listed,
+    quoted,
     short,
     step_unit,
     steps_in_text,
@@ -212,7 +212,7 @@ def read_csv(
         raise text.fault(f"unit must be given for a .csv file: {ALLOWED}")
     times = {name: seconds for name in names if (seconds := times_in(name)) is not None}
     if len(times) > 1:
-        raise text.fault(f"one column of times was expected, got {listed(times)}", top)
+        raise text.fault(f"one column of times was expected, got {quoted(times)}", top)
     column = _checked_columns(text, top, names, times, column, vertical)
     wanted = [column] if vertical is None else [column, vertical]
     factors = [_column_factor(text, top, unit, name, stated) for name in wanted]
@@ -225,7 +225,7 @@ def read_csv(
         steps = [(None, f"column {name!r} has a step of {step:.6g} s", step), *steps]
     step = _step(text, steps, time_step)
     if step is None:
-        among = f"no column of times is among {listed(names)}"
+        among = f"no column of times is among {quoted(names)}"
         raise text.fault(f"time_step must be given, since {among}", top)
     components = [in_si(factor, row) for factor, row in zip(factors, values, strict=False)]
     return components[0], None if vertical is None else components[1], step
@@ -256,7 +256,7 @@ def _checked_columns(
         if len(others) != 1:
             raise text.fault(
                 "column must be given, the name of the horizontal acceleration:"
-                f" {listed(others) or 'no column is left for it'}",
+                f" {quoted(others) or 'no column is left for it'}",
                 top,
             )
         column = others[0]
@@ -269,7 +269,7 @@ def _checked_columns(
         if name in times:
             raise text.fault(f"{argument} is {name!r}, which is taken for the times", top)
         if count != 1:
-            among = f"there are {count} such columns among {listed(names)}"
+            among = f"there are {count} such columns among {quoted(names)}"
             raise text.fault(f"{argument} is {name!r}, but {among}", top)
         if _NOT_ACCELERATION.search(name):
             raise text.fault(f"acceleration was expected, not column {name!r}", top)

@@ -72,16 +72,20 @@ _UNITS_IN_TEXT = [
     )
 ]
 _AMOUNT = _pattern(r"(?:\d[\d.]*(?:e[-+]?\d+)?\s*|\bper\s*|\b(?:pga|peak|max(?:imum)?)\b[^,;]*)$")
-_DECLARED = _pattern(r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[])[\s:=(\[]*(?=\S)")
-
 _TIME_UNITS = {
-    _pattern(_S): 1.0,
-    _pattern(r"m(?:illi)?s(?:ecs?|econds?)?"): 1e-3,
-    _pattern(r"(?:u|\u03bc|micro)s(?:ecs?|econds?)?"): 1e-6,
-    _pattern(r"n(?:ano)?s(?:ecs?|econds?)?"): 1e-9,
-    _pattern(r"min(?:ute)?s?"): 60.0,
-    _pattern(r"h(?:(?:ou)?rs?)?"): 3600.0,
+    _S: 1.0,
+    r"m(?:illi)?s(?:ecs?|econds?)?": 1e-3,
+    r"(?:u|\u03bc|micro)s(?:ecs?|econds?)?": 1e-6,
+    r"n(?:ano)?s(?:ecs?|econds?)?": 1e-9,
+    r"min(?:ute)?s?": 60.0,
+    r"h(?:(?:ou)?rs?)?": 3600.0,
 }
+_TIME = f"(?:{'|'.join(_TIME_UNITS)})"
+# "units of g", "UNITS: s, cm/s2", or of something that is not understood, but of no time.
+_DECLARED = _pattern(
+    r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[])[\s:=(\[]*"
+    rf"(?:{_TIME}\s*[,;]\s*)?(?P<unit>{_ANY}{_END}|(?!(?:time|{_TIME})(?![a-z0-9]))[^\s,;)\].:]+)"
+)
 _WORD = r"[^\W\d_]++"
 _TIMES = _pattern(
     r"(?:(?:elapsed|relative|record)[\s_]*)?(?:t|times?)(?:[\s_]*[\[(](?P<inside>[^\])]*)[\])]"
@@ -91,7 +95,7 @@ _TIMES = _pattern(
 # Fortran may write 1.0-100 for 1e-100.
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
 _STEP_UNIT = rf"(?![a-z0-9])(?:\s*[\[(]\s*(?P<inside>{_WORD})\s*[\])]|_(?P<after>{_WORD}))?"
-_VALUE = rf"\s*(?:[=:]|\bis\b|\bof\b)?\s*(?P<number>{NUMBER})(?P<rest>.*)"
+_VALUE = rf"\s*(?:[=:]|\bis\b|\bof\b)?\s*(?P<number>{NUMBER})(?P<tail>.*)"
 _STEP = _pattern(
     r"\b(?:dt|delta[\s_-]*t|time[\s_-]*(?:step|interval|increment)|delta(?=\s*[=:])"
     rf"|sampl(?:e|ing)[\s_-]*(?:interval|period|step|spacing)){_STEP_UNIT}{_VALUE}"
@@ -136,23 +140,15 @@ def units_in_name(name: str) -> list[Stated]:
 def units_in_text(line: str) -> list[Stated]:
     """The units of acceleration that a line of text states, from left to right."""
     line = _plain(line)
-    stated = {}
-    for pattern in _UNITS_IN_TEXT:
-        for match in pattern.finditer(line):
-            if not _AMOUNT.search(line[: match.start("unit")]):
-                stated.setdefault(match.start("unit"), _stated(match, "unit"))
-    declared = _DECLARED.search(line)
-    if stated or not declared:
-        return [stated[start] for start in sorted(stated)]
-    # What follows "units:" or "units of" may be a list: "s, cm/s2".
-    text = line[declared.end() :]
-    parts = [_UNIT_IN_NAME.match(part.strip()) for part in re.split("[,;]", text)]
-    units = [_stated(match) for match in parts if match]
-    if units:
-        return [unit for unit in units if not math.isnan(unit.value)] or units
-    word = re.split(r"[\s,;)\]]", text, maxsplit=1)[0].rstrip(".:")
-    about_time = word.lower() == "time" or not math.isnan(_time_unit(word))
-    return [] if about_time else [Stated(word, math.nan)]
+    stated = {
+        match.start("unit"): _stated(match, "unit")
+        for pattern in reversed(_UNITS_IN_TEXT)
+        for match in pattern.finditer(line)
+        if not _AMOUNT.search(line[: match.start("unit")])
+    }
+    if not stated and (match := _DECLARED.search(line)):
+        return [_stated(match, "unit")]
+    return [stated[start] for start in sorted(stated)]
 
 
 def times_in(name: str) -> float | None:
@@ -173,15 +169,15 @@ def steps_in_text(line: str) -> list[Stated]:
     stated = []
     for pattern in (_STEP, _RATE):
         if match := pattern.search(line):
-            words = match[0].removesuffix(match["rest"]) + _first_word(match["rest"])
+            words = match[0].removesuffix(match["tail"]) + _first_word(match["tail"])
             stated.append(Stated(words.strip(), _step(match, pattern is _RATE)))
     rates = ((match[0], as_number(match["number"])) for match in _SAMPLES.finditer(line))
     return stated + [Stated(words, _inverse(rate)) for words, rate in rates]
 
 
-def step_unit(rest: str) -> float:
+def step_unit(tail: str) -> float:
     """The unit [s] of a number from the text after it: 1 if there is none, NaN if not clear."""
-    match = _UNIT_OF_STEP.match(rest)
+    match = _UNIT_OF_STEP.match(tail)
     if match is None:
         return math.nan
     # In "DT= .01 NPTS= 400" the word belongs to what follows.
@@ -194,7 +190,7 @@ def as_number(word: str) -> float:
     return float(word if "e" in word else re.sub(r"(?<=[\d.])(?=[-+])", "e", word))
 
 
-def listed(names: Iterable[str]) -> str:
+def quoted(names: Iterable[str]) -> str:
     """The first of several names, for a message."""
     names = [*names]
     return ", ".join([short(name) for name in names[:12]]) + (", ..." if names[12:] else "")
@@ -205,7 +201,7 @@ def short(word: str) -> str:
     return repr(word if len(word) <= 60 else f"{word[:57]}...")
 
 
-ALLOWED = f"one of {listed(_UNITS)}"
+ALLOWED = f"one of {quoted(_UNITS)}"
 
 
 def _plain(text: str) -> str:
@@ -221,19 +217,19 @@ def _stated(match: re.Match[str], group: str | int = 0) -> Stated:
 
 
 def _time_unit(word: str) -> float:
-    units = (seconds for pattern, seconds in _TIME_UNITS.items() if pattern.fullmatch(word))
+    units = (seconds for unit, seconds in _TIME_UNITS.items() if _pattern(unit).fullmatch(word))
     return next(units, math.nan)
 
 
 def _step(match: re.Match[str], is_rate: bool) -> float:
     """The time step [s] of a match of `_STEP` or `_RATE`."""
-    number, key, rest = as_number(match["number"]), match["inside"] or match["after"], match["rest"]
-    if is_rate and _HERTZ.match(key or rest):
+    number, key, tail = as_number(match["number"]), match["inside"] or match["after"], match["tail"]
+    if is_rate and _HERTZ.match(key or tail):
         return _inverse(number)
-    if is_rate and not key and not _first_word(rest):
+    if is_rate and not key and not _first_word(tail):
         # Without a unit, a number of samples per second, if it can be one.
         return _inverse(number) if number >= 1 else math.nan
-    return number * (_time_unit(key) if key else step_unit(rest))
+    return number * (_time_unit(key) if key else step_unit(tail))
 
 
 def _first_word(text: str) -> str:

@@ -34,15 +34,15 @@ class Brackets(NamedTuple):
     complete: Any
 
 
-def brackets(followed: MarginAndMode, values: Any, halvings: int) -> Brackets:
+def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Brackets:
     """All sign changes for increasing values of shape (cases, values).
 
-    An interval is halved up to `halvings` times where a sign change might hide in it.
+    An interval is halved up to `levels` times where a sign change might hide in it.
     """
     cases = len(values)
     rows = max(1, _TOGETHER // values.shape[1])
     parts = [
-        _brackets(followed, values[start : start + rows], start, halvings)
+        _brackets(margin_and_mode, values[start : start + rows], start, levels)
         for start in range(0, max(cases, 1), rows)
     ]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
@@ -58,18 +58,18 @@ class _Samples(NamedTuple):
     mode: Any
 
 
-def _brackets(followed: MarginAndMode, values: Any, first: int, halvings: int) -> Brackets:
+def _brackets(margin_and_mode: MarginAndMode, values: Any, first: int, levels: int) -> Brackets:
     """The brackets of as many cases as are searched together, from case `first` on."""
     cases, places = values.shape
     case = np.repeat(np.arange(cases), places)
     value = values.reshape(-1)
-    place = np.tile(np.arange(places) << halvings, cases)
-    samples = _Samples(case, place, value, *followed(first + case, value))
-    for level in reversed(range(halvings)):
+    place = np.tile(np.arange(places) << levels, cases)
+    samples = _Samples(case, place, value, *margin_and_mode(first + case, value))
+    for level in reversed(range(levels)):
         left = _suspicious(samples, 2 << level)
         case, place = samples.case[left], samples.place[left] + (1 << level)
         value = 0.5 * (samples.value[left] + samples.value[left + 1])
-        middle = _Samples(case, place, value, *followed(first + case, value))
+        middle = _Samples(case, place, value, *margin_and_mode(first + case, value))
         columns = zip(samples, middle, strict=True)
         samples = _Samples(*(np.insert(old, left + 1, new) for old, new in columns))
     case, margin = samples.case, samples.margin
@@ -130,15 +130,15 @@ def _suspicious(samples: _Samples, width: int) -> Any:
 
 
 def brackets_traced(
-    followed: MarginAndMode, values: Any, halvings: int, max_boundaries: int
+    margin_and_mode: MarginAndMode, values: Any, levels: int, max_boundaries: int
 ) -> Brackets:
     """The first sign changes of each case in a transformation: every interval is halved."""
-    share = jnp.arange(1 << halvings, dtype=values.dtype) / (1 << halvings)
+    share = jnp.arange(1 << levels, dtype=values.dtype) / (1 << levels)
     inner = values[:, :-1, None] + (values[:, 1:, None] - values[:, :-1, None]) * share[None, None]
     value = jnp.concatenate([inner.reshape(len(values), -1), values[:, -1:]], axis=1)
     cases, places = value.shape
     index = jnp.broadcast_to(jnp.arange(cases)[:, None], value.shape)
-    margin = followed(index.reshape(-1), value.reshape(-1))[0].reshape(value.shape)
+    margin = margin_and_mode(index.reshape(-1), value.reshape(-1))[0].reshape(value.shape)
     complete = ~jnp.isnan(margin).any(axis=1)
     negative = margin < 0
     change = (negative[:, 1:] != negative[:, :-1]) & complete[:, None]
