@@ -84,7 +84,7 @@ _TIME = f"(?:{'|'.join(_TIME_UNITS)})"
 # "units of g", "UNITS: s, cm/s2", or of something that is not understood, but of no time.
 _DECLARED = _pattern(
     r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[])[\s:=(\[]*"
-    rf"(?:{_TIME}\s*[,;]\s*)?(?P<unit>{_ANY}{_END}|(?!(?:time|{_TIME})(?![a-z0-9]))[^\s,;)\].:]+)"
+    rf"(?:{_TIME}\s*[,;]\s*)?(?P<unit>{_ANY}{_END}|(?!(?:time|{_TIME})(?![a-z0-9]))[^\s,;)\]]+)"
 )
 _WORD = r"[^\W\d_]++"
 _TIMES = _pattern(
