@@ -148,7 +148,7 @@ class HalfSine(Pulse):
 
 
 class Sine(Pulse):
-    """A period of a sine (type A, a forward velocity pulse), of intensity 0; see `Pulse`."""
+    """A period of a sine (type A, forward), of intensity 0; see `Pulse`."""
 
     __init__ = Pulse.__init__
     name = "one-sine pulse"
@@ -159,10 +159,7 @@ class Sine(Pulse):
 
 
 class Cosine(Pulse):
-    """A period of a cosine (type B, a forward-and-back velocity pulse); see `Pulse`.
-
-    Its intensity is 0.
-    """
+    """A period of a cosine (type B, forward and back), of intensity 0; see `Pulse`."""
 
     __init__ = Pulse.__init__
     name = "one-cosine pulse"

@@ -8,7 +8,7 @@ import contextlib
 import csv
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -213,8 +213,14 @@ def read_csv(
     times = {name: seconds for name in names if (seconds := times_in(name)) is not None}
     if len(times) > 1:
         raise text.fault(f"one column of times was expected, got {quoted(times)}", top)
-    column = _checked_columns(text, top, names, times, column, vertical)
+    if column is None:
+        others = [name for name in names if name not in (*times, vertical)]
+        column = _only_column(text, top, others)
+    if column == vertical:
+        raise text.fault(f"column and vertical are the same, {column!r}", top)
     wanted = [column] if vertical is None else [column, vertical]
+    for argument, name in zip(("column", "vertical"), wanted, strict=False):
+        _check_column(text, top, names, argument, name)
     factors = [_column_factor(text, top, unit, name, stated) for name in wanted]
     values = _columns(text, top, names, [*wanted, *times])
     steps = _stated(steps_in_text, comments, "a comment")
@@ -242,51 +248,37 @@ def _column_names(text: Text) -> tuple[int, list[str]]:
     raise text.fault("a line with the names of the columns was expected, all are comments")
 
 
-def _checked_columns(
-    text: Text,
-    top: int,
-    names: list[str],
-    times: Iterable[str],
-    column: str | None,
-    vertical: str | None,
-) -> str:
-    """The name of the column of horizontal acceleration; both names are checked."""
-    if column is None:
-        others = [name for name in names if name not in (*times, vertical)]
-        if len(others) != 1:
-            raise text.fault(
-                "column must be given, the name of the horizontal acceleration:"
-                f" {quoted(others) or 'no column is left for it'}",
-                top,
-            )
-        column = others[0]
-    if column == vertical:
-        raise text.fault(f"column and vertical are the same, {column!r}", top)
-    for argument, name in (("column", column), ("vertical", vertical)):
-        if name is None:
-            continue
-        count = names.count(name)
-        if name in times:
-            raise text.fault(f"{argument} is {name!r}, which is taken for the times", top)
-        if count != 1:
-            among = f"there are {count} such columns among {quoted(names)}"
-            raise text.fault(f"{argument} is {name!r}, but {among}", top)
-        if _NOT_ACCELERATION.search(name):
-            raise text.fault(f"acceleration was expected, not column {name!r}", top)
-    return column
+def _only_column(text: Text, top: int, names: list[str]) -> str:
+    """The one column that can be the horizontal acceleration."""
+    if len(names) != 1:
+        raise text.fault(
+            "column must be given, the name of the horizontal acceleration:"
+            f" {quoted(names) or 'no column is left for it'}",
+            top,
+        )
+    return names[0]
 
 
-def _column_factor(
-    text: Text, top: int, unit: str | None, name: str, comments: Statements
-) -> float:
-    """The unit of a column in m/s2, from the caller, its name or the comments."""
+def _check_column(text: Text, top: int, names: list[str], argument: str, name: str) -> None:
+    count = names.count(name)
+    if times_in(name) is not None:
+        raise text.fault(f"{argument} is {name!r}, which is taken for the times", top)
+    if count != 1:
+        among = f"there are {count} such columns among {quoted(names)}"
+        raise text.fault(f"{argument} is {name!r}, but {among}", top)
+    if _NOT_ACCELERATION.search(name):
+        raise text.fault(f"acceleration was expected, not column {name!r}", top)
+
+
+def _column_factor(text: Text, top: int, unit: str | None, name: str, said: Statements) -> float:
+    """The unit of a column in m/s2, from the caller, its name or what comments `said`."""
     statements = _of_caller(unit)
     if unit is not None or name.lower() != "a_g":  # which may mean ground acceleration as well
         statements += _stated(units_in_name, [(top, name)], f"column {name!r}")
     factor = _agreed(text, statements)
     # Comments may speak of several columns: one that agrees is enough.
-    if factor is None or not any(math.isclose(factor, value) for _, _, value in comments):
-        factor = _agreed(text, statements[:1] + comments)
+    if factor is None or not any(math.isclose(factor, value) for _, _, value in said):
+        factor = _agreed(text, statements[:1] + said)
     if factor is None:
         raise text.fault(f"unit must be given for a .csv file: {ALLOWED}")
     return factor

@@ -29,15 +29,12 @@ def end(number: int) -> None:
     try:
         abandon()
     finally:
-        say("interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}")
+        name = signal.Signals(number).name
+        reason = "interrupted" if name == "SIGINT" else f"ended by {name}"
+        start = "\n" if os.isatty(2) else ""  # after ^C or a clock
+        with contextlib.suppress(OSError):  # standard error may be closed
+            os.write(2, f"{start}jaxrock: {reason}\n".encode())
         os._exit(128 + number)
-
-
-def say(text: str) -> None:
-    """Write a line to standard error, if possible, from any thread."""
-    start = "\n" if os.isatty(2) else ""  # after ^C or a clock
-    with contextlib.suppress(OSError):
-        os.write(2, f"{start}jaxrock: {text}\n".encode())
 
 
 def watch() -> None:
