@@ -1,10 +1,10 @@
 """What an argument may be, said once.
 
-Every quantity has a `Domain`. Where its value is concrete, a value outside is a
-`ValueError` that names the argument, the value and what is allowed. Where it is
-traced (under ``jit``, ``vmap``, ``grad``) nothing can be raised, so the elements
-concerned become NaN, and a harmless value stands in for them while the function
-is evaluated: neither the neighbours nor their derivatives see them.
+Every quantity has a `Domain`. A concrete value outside of it is a `ValueError` that names the
+argument, the value and what is allowed. Where the value is traced (under ``jit``, ``vmap``,
+``grad``) nothing can be raised: the elements concerned become NaN, and a harmless value stands in
+for them while the function is evaluated, so that neither their neighbours nor the derivatives
+of these are affected.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ import contextvars
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -37,7 +37,7 @@ class Domain(NamedTuple):
 
     allowed: str  # in words, for the error message
     contains: Callable[[Any], Any]
-    stand_in: float  # taken in the place of a value outside
+    stand_in: float  # replaces a value outside
 
 
 POSITIVE = Domain("finite and greater than 0", lambda x: (x > 0) & (x < jnp.inf), 1.0)
@@ -50,7 +50,8 @@ GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
 def as_array(value: Any) -> Array:
-    """`value` as an array; nothing is compiled for one in NumPy or a list, whatever its shape."""
+    """`value` as an array."""
+    # By way of NumPy where possible: JAX would compile a conversion for every shape.
     if isinstance(value, list | tuple):
         leaves = jax.tree.leaves(value)
         if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
@@ -71,12 +72,12 @@ def as_real(name: str, value: Any) -> Array:
         return array
     if array is not None and jnp.issubdtype(array.dtype, jnp.integer):
         with jax.numpy_dtype_promotion("standard"):
-            return array * 1.0  # weakly typed, so that it takes the precision of the rest
+            return array * 1.0  # weakly typed: it takes the precision of other arguments
     raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
 
 
 def of_one_precision(tree: _T) -> _T:
-    """The numbers of a pytree in the precision that JAX's rules give all of them together."""
+    """A pytree of numbers, all in the precision that JAX promotes them to together."""
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*jax.tree.leaves(tree))
 
@@ -105,23 +106,23 @@ def check(name: str, value: Any, domain: Domain) -> None:
 
 
 def quantity(domain: Domain) -> Any:
-    """A field of a `Checked` module that has to lie in `domain`."""
+    """A field of a `Checked` module whose value has to be in `domain`."""
     return eqx.field(metadata={"domain": domain})
 
 
 class Checked(eqx.Module):
-    """A module whose `quantity` fields are checked when it is made from concrete values."""
+    """A module whose concrete `quantity` fields are checked when it is made."""
 
     def __check_init__(self):
         self.check()
 
     def check(self) -> None:
-        """Check all fields, also those of the modules inside.
+        """Check all fields, also those of `Checked` fields.
 
         Raises
         ------
         ValueError
-            If a concrete value lies outside of its domain.
+            If a concrete value is outside of its domain.
         """
         for field in self.__dataclass_fields__.values():
             value = getattr(self, field.name)
@@ -133,8 +134,8 @@ class Checked(eqx.Module):
 
 _M = TypeVar("_M", bound=Checked)
 
-# What guards have put in the place of arguments while a function is traced: it needs no guard
-# again in the functions called there, where it would be in the way of the compiler.
+# The guarded values of the function being traced. Functions that it calls need not guard them
+# again, which would only hinder the compiler. None outside of a guarded function.
 _guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.ContextVar(
     "_guarded", default=None
 )
@@ -142,7 +143,7 @@ _guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.
 
 @contextlib.contextmanager
 def guarding() -> Iterator[None]:
-    """What is guarded inside is not guarded again there."""
+    """A scope in which no value is guarded twice."""
     token = _guarded.set([])
     try:
         yield
@@ -150,10 +151,14 @@ def guarding() -> Iterator[None]:
         _guarded.reset(token)
 
 
-def within(value: Any, domain: Domain) -> tuple[Any, Any]:
-    """A value in the domain, and where it is the one given."""
+def within(value: Any, domain: Any) -> tuple[Any, Any]:
+    """The value with stand-ins outside of the domain, if it has one, and where it is valid."""
+    if isinstance(value, Checked):
+        return module_within(value)
     guarded = _guarded.get()
-    if guarded and any(value is known and domain is its_own for known, its_own in guarded):
+    if not isinstance(domain, Domain) or any(
+        value is other and domain is its_domain for other, its_domain in guarded or ()
+    ):
         return value, True
     valid = domain.contains(value)
     value = jnp.where(valid, value, domain.stand_in)
@@ -163,31 +168,25 @@ def within(value: Any, domain: Domain) -> tuple[Any, Any]:
 
 
 def module_within(module: _M) -> tuple[_M, Any]:
-    """A module whose quantities are in their domains, and where they are the ones given."""
+    """The module with stand-ins for quantities outside of their domains, and where it is valid."""
     valid: Any = True
     for name, field in module.__dataclass_fields__.items():
-        value = getattr(module, name)
-        if "domain" in field.metadata:
-            stand_in, ok = within(value, field.metadata["domain"])
-        elif isinstance(value, Checked):
-            stand_in, ok = module_within(value)
-        else:
-            continue
-        module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, stand_in)
-        valid = valid & ok
+        value, ok = within(getattr(module, name), field.metadata.get("domain"))
+        if ok is not True:
+            module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, value)
+            valid = valid & ok
     return module, valid
 
 
 def elementwise(
     **domains: Domain | Callable[[Any], Any],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Guard an elementwise function.
+    """Guard the arguments of an elementwise function.
 
-    Arguments named in `domains`, and all `Checked` modules, are checked where they
-    are concrete; a function in the place of a domain converts its argument. The
-    decorated function sees valid elements only; results are NaN where an argument was
-    not valid, with derivative zero, so that a masked sum over a batch has the
-    derivative of the elements that are summed.
+    Arguments named in `domains`, and all `Checked` modules, are checked where they are concrete; a
+    function in the place of a domain converts its argument. The decorated function sees valid
+    elements only. Where an argument is not valid, results are NaN with derivative zero, so that a
+    masked sum over a batch has the derivative of the elements that are summed.
     """
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -196,21 +195,14 @@ def elementwise(
         def masked(arguments: dict[str, Any]) -> Any:
             valid: Any = True
             for name, value in arguments.items():
-                if isinstance(value, Checked):
-                    arguments[name], ok = module_within(value)
-                elif isinstance(domain := domains.get(name), Domain):
-                    arguments[name], ok = within(value, domain)
-                else:
-                    continue
-                valid = valid & ok
-            evaluate: Callable[..., Any] = function
-            result = evaluate(**arguments)
+                arguments[name], ok = within(value, domains.get(name))
+                valid = valid if ok is True else valid & ok
+            result = cast("Callable[..., Any]", function)(**arguments)
             if valid is True:
                 return result
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
 
-        # Compiled as a whole, since a call outside of `jit` would else compile and dispatch
-        # every operation by itself; inlined where it is traced.
+        # Outside of `jit`, one program instead of one for every operation; inlined where traced.
         @functools.partial(jax.jit, inline=True)
         def outermost(arguments: dict[str, Any]) -> Any:
             with guarding():

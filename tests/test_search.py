@@ -22,14 +22,14 @@ def margin(case, value):
 
 
 def test_brackets_and_places():
-    asked = []
+    sizes = []
 
-    def followed(case, value):
-        asked.append(value.size)
+    def margin_and_mode(case, value):
+        sizes.append(value.size)
         return margin(case, value)
 
-    tried = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
-    found = brackets(followed, tried, 6)
+    values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
+    found = brackets(margin_and_mode, values, 6)
     assert found.count.tolist() == [3, 1, 2, 0, 0]
     assert found.complete.tolist() == [True, True, True, True, False]
     assert found.negative_first.tolist() == [False, False, True, False, True]
@@ -39,7 +39,7 @@ def test_brackets_and_places():
     np.testing.assert_allclose(falls, stands, rtol=1e-15)
     assert (left >= 0).all()
     # Far from all that, nothing is halved: every point would have been 5,125.
-    assert sum(asked) < 5 * 17 + 6 * 40
+    assert sum(sizes) < 5 * 17 + 6 * 40
 
 
 def test_nothing_hides_without_halving():

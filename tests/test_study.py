@@ -17,7 +17,7 @@ from jaxrock.cli import study as study_file
 from jaxrock.cli.critical import Critical
 from jaxrock.cli.options import Answer
 from jaxrock.cli.rocking_spectrum import RockingSpectrum
-from jaxrock.ground_motion import record_text
+from jaxrock.ground_motion import record_formats
 
 pytestmark = pytest.mark.float64
 
@@ -133,7 +133,7 @@ def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypat
 
         monkeypatch.setattr(owner, name, counting)
 
-    count(record_text, "read_regular", lambda path: path.name)
+    count(record_formats, "read_regular", lambda path: path.name)
     count(RockingSpectrum, "check", lambda job: f"check {job.out.name}")
     count(study_file, "with_progress", lambda items, label: label)
     for command in (RockingSpectrum, Critical):  # their answers are for other tests
@@ -157,7 +157,7 @@ def test_a_record_that_is_faulty_is_read_once(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_text("t,acc_g\n0,x\n")
     read = []
     monkeypatch.setattr(
-        record_text, "read_regular", lambda path: read.append(path) or path.read_bytes()
+        record_formats, "read_regular", lambda path: read.append(path) or path.read_bytes()
     )
     text = "".join(f"[[job]]\ncommand = 'rocking-spectrum'\nout = '{i}'\n" for i in range(3))
     with pytest.raises(ValueError, match=r"(?s)(job \d .*column 'acc_g' must be a num.*){3}"):

@@ -1,11 +1,11 @@
-"""Ground motions: pulses of the shapes in the literature, and records.
+"""What all ground motions have in common.
 
 The sign is the paper's (Eq. 1): a positive acceleration pushes the block to positive
 rotations. Most of the literature has it the other way round.
 
-A motion is zero before its start and after its end, and in between is smooth from one
-kink to the next. The integrators ask for a motion through `value`, which continues what is
-inside over both ends, so that none of their steps ever sees a jump.
+A motion is zero before its start and after its end; in between it is smooth from one kink to the
+next. The integrators call `value`, which continues the motion smoothly beyond both ends, so that
+no integration step contains a jump.
 """
 
 import abc
@@ -13,29 +13,19 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..validation import (
-    NON_NEGATIVE,
-    Booleans,
-    Checked,
-    Number,
-    Numbers,
-    Reals,
-    as_real,
-    check,
-)
+from ..validation import NON_NEGATIVE, Booleans, Checked, Number, Numbers, Reals, as_real, check
 
 
 class Motion(Checked):
-    """What all ground motions have in common; see `Rectangular`, ..., `Ricker`, `Record`.
+    """A ground motion: a `Pulse` of some shape, or a `Record`.
 
     Attributes
     ----------
     name : str
-        Of the kind of motion, in words.
+        Kind of motion, in words.
     start : Array
         Time up to which the ground is at rest [s].
     """
@@ -52,11 +42,11 @@ class Motion(Checked):
     @property
     @abc.abstractmethod
     def intensity(self) -> Reals:
-        """Change of the ground velocity, the integral of the acceleration [m/s]."""
+        """Change of the ground velocity, the integral of the acceleration, I [m/s]."""
 
     @abc.abstractmethod
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground, continued beyond start and end.
+        """Acceleration of the ground, continued smoothly beyond start and end.
 
         Parameters
         ----------
@@ -66,12 +56,12 @@ class Motion(Checked):
         Returns
         -------
         horizontal, vertical : Array, shape (...)
-            Accelerations [m/s2], the vertical one upward.
+            Accelerations [m/s2], the vertical one positive upward.
         """
 
     @abc.abstractmethod
     def knots(self) -> Float[Array, " knots"]:
-        """Between which the horizontal acceleration is monotone.
+        """Times between which the horizontal acceleration is monotone.
 
         Returns
         -------
@@ -81,27 +71,27 @@ class Motion(Checked):
 
     @abc.abstractmethod
     def next_kink(self, time: Reals) -> Reals:
-        """The next time inside at which the acceleration has a kink.
+        """The next time inside the motion at which its acceleration has a kink.
 
         Parameters
         ----------
         time : Array
-            Times [s]; within rounding of a kink they count as past it.
+            Times [s]. A time within rounding of a kink counts as later than it.
 
         Returns
         -------
         kink : Array, shape (...)
-            Time [s]; inf if there is none.
+            Time [s]; inf if no kink follows.
         """
 
     @abc.abstractmethod
     def scaled(self, factor: Number) -> "Motion":
-        """The same motion, stronger.
+        """The motion with all accelerations multiplied by a factor.
 
         Parameters
         ----------
         factor : array_like
-            How many times as strong [-], finite.
+            Finite [-].
 
         Returns
         -------
@@ -114,12 +104,12 @@ class Motion(Checked):
         """
 
     def shifted(self, delay: Number) -> "Motion":
-        """The same motion, later.
+        """The motion, starting later.
 
         Parameters
         ----------
         delay : array_like
-            How much later [s].
+            Delay [s].
 
         Returns
         -------
@@ -128,7 +118,7 @@ class Motion(Checked):
         Raises
         ------
         ValueError
-            If it would begin before time 0.
+            If the motion would begin before time 0.
         """
         start = self.start + as_real("delay", delay)
         check("start", start, NON_NEGATIVE)
@@ -140,37 +130,37 @@ class Motion(Checked):
         Parameters
         ----------
         time : array_like
-            At which it is asked for [s].
+            Times [s].
 
         Returns
         -------
         acceleration : Array, shape (...)
             Signed [m/s2]; 0 before the start and from the end on.
         """
-        return self._within(time)[0]
+        return _acceleration(self.bucketed(), as_real("time", time))[0]
 
     def upward(self, time: Numbers) -> Reals:
-        """Vertical acceleration of the ground.
+        """Vertical acceleration of the ground, positive upward; otherwise as `horizontal`.
 
         Parameters
         ----------
         time : array_like
-            As in `horizontal`.
+            Times [s].
 
         Returns
         -------
-        upward : Array, shape (...)
-            Acceleration [m/s2]; 0 before the start and from the end on.
+        acceleration : Array, shape (...)
+            Signed [m/s2].
         """
-        return self._within(time)[1]
+        return _acceleration(self.bucketed(), as_real("time", time))[1]
 
     def acts(self, time: Reals) -> Booleans:
-        """Whether a time is from the start on and before the end.
+        """Whether the ground moves: from the start on and before the end.
 
         Parameters
         ----------
         time : Array
-            Of any shape [s].
+            Times [s].
 
         Returns
         -------
@@ -179,21 +169,18 @@ class Motion(Checked):
         return (time >= self.start) & (time < self.end)
 
     def bucketed(self) -> "Motion":
-        """The same motion in one of few shapes, so that few programs are compiled for all.
+        """The motion in one of few shapes, so that records of many lengths share a program.
 
         Returns
         -------
         Motion
-            Itself, but for a record that is concrete: that is padded with zeros.
+            A concrete record padded with zeros; any other motion itself.
         """
         return self
 
-    def _within(self, time: Numbers) -> tuple[Reals, Reals]:
-        return _asked(self.bucketed(), as_real("time", time))
-
 
 @eqx.filter_jit
-def _asked(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
+def _acceleration(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
     acts = motion.acts(time)
     inside = jnp.where(acts, time, motion.start)
     return jax.tree.map(lambda a: jnp.where(acts, a, 0), motion.value(inside))

@@ -9,26 +9,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..host import shown
-from ..validation import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Number,
-    Reals,
-    as_real,
-    check,
-    quantity,
-)
+from ..validation import FINITE, NON_NEGATIVE, POSITIVE, Number, Reals, as_real, check, quantity
 from .motion import Motion
 
 
 class Pulse(Motion):
-    """A single pulse of a given shape.
+    """A single pulse; `Rectangular`, `HalfSine`, `Sine`, `Cosine` and `Ricker` are its shapes.
 
     Parameters
     ----------
     amplitude : array_like
-        a_p, largest acceleration [m/s2], finite; negative for a pulse to the other side.
+        a_p, the largest acceleration [m/s2], finite; negative for a pulse to the other side.
     duration : array_like
         Duration [s], greater than 0.
     start : array_like, optional
@@ -37,11 +28,11 @@ class Pulse(Motion):
     Attributes
     ----------
     extremes : tuple of float
-        Where the acceleration turns, in durations from the start; the last one is the end.
+        Where the acceleration has its extremes, in durations from the start; last the end.
     area : float
         Intensity over amplitude and duration [-].
     angle : float
-        Angular frequency times duration [rad].
+        Angular frequency times duration [rad]: pi for half a period, 2 pi for a full one.
 
     Raises
     ------
@@ -64,7 +55,7 @@ class Pulse(Motion):
     area: ClassVar[float]
     angle: ClassVar[float]
 
-    # Named again in every shape of pulse: type checkers would make another from the fields.
+    # Repeated in every subclass: type checkers would generate another one from the fields.
     def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
         self.amplitude = as_real("amplitude", amplitude)
         self.duration = as_real("duration", duration)
@@ -88,8 +79,8 @@ class Pulse(Motion):
 
         Returns
         -------
-        share : Array, shape (...)
-            Of the amplitude [-].
+        ratio : Array, shape (...)
+            Dimensionless acceleration [-].
         """
 
     @property
@@ -117,103 +108,73 @@ class Pulse(Motion):
         return self.start + self.duration * jnp.asarray(self.extremes, self.duration.dtype)
 
     def next_kink(self, time: Reals) -> Reals:
-        """The next kink: inf, a pulse has none inside; see `Motion.next_kink`."""
+        """Always inf, since a pulse has no kink inside; see `Motion.next_kink`."""
         return jnp.full_like(time, jnp.inf)
 
     def scaled(self, factor: Number) -> "Pulse":
-        """The same pulse, stronger; see `Motion.scaled`."""
+        """The pulse of another amplitude; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
 
 
 def pulse_class(shape: Any) -> type[Pulse]:
-    """The shape of a pulse as it is given to functions, or a `ValueError`."""
+    """The argument `shape` of a function, checked to be a class of pulses."""
     if not (isinstance(shape, type) and issubclass(shape, Pulse)):
         raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
     return shape
 
 
 class Rectangular(Pulse):
-    """Rectangular pulse: constant acceleration; see `Pulse` for the parameters.
-
-    Intensity ``a_p duration``; angular frequency pi / duration, as for half a period.
-    """
+    """Constant acceleration, of intensity ``a_p duration``; see `Pulse` for the parameters."""
 
     __init__ = Pulse.__init__
     name = "rectangular pulse"
     extremes = (0.0, 1.0)
     area = 1.0
-    angle = math.pi
-
-    @staticmethod
-    def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude."""
-        return jnp.ones_like(phase)
+    angle = math.pi  # as for half a period
+    shape = staticmethod(lambda phase: jnp.ones_like(phase))
 
 
 class HalfSine(Pulse):
-    """Half-sine pulse: half a period of a sine; see `Pulse` for the parameters.
-
-    Intensity ``2 a_p duration / pi``; angular frequency pi / duration.
-    """
+    """Half a period of a sine, of intensity ``2 a_p duration / pi``; see `Pulse`."""
 
     __init__ = Pulse.__init__
     name = "half-sine pulse"
     extremes = (0.0, 0.5, 1.0)
     area = 2 / math.pi
     angle = math.pi
-
-    @staticmethod
-    def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude."""
-        return jnp.sin(math.pi * phase)
+    shape = staticmethod(lambda phase: jnp.sin(math.pi * phase))
 
 
 class Sine(Pulse):
-    """One-sine pulse (type A, a forward pulse of velocity); see `Pulse` for the parameters.
-
-    A full period of a sine, so that its intensity is 0; angular frequency 2 pi / duration.
-    """
+    """A period of a sine (type A, forward), of intensity 0; see `Pulse`."""
 
     __init__ = Pulse.__init__
     name = "one-sine pulse"
     extremes = (0.0, 0.25, 0.75, 1.0)
     area = 0.0
     angle = 2 * math.pi
-
-    @staticmethod
-    def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude."""
-        return jnp.sin(2 * math.pi * phase)
+    shape = staticmethod(lambda phase: jnp.sin(2 * math.pi * phase))
 
 
 class Cosine(Pulse):
-    """One-cosine pulse (type B, forward and back); see `Pulse` for the parameters.
-
-    A full period of a cosine, so that its intensity is 0; angular frequency 2 pi /
-    duration.
-    """
+    """A period of a cosine (type B, forward and back), of intensity 0; see `Pulse`."""
 
     __init__ = Pulse.__init__
     name = "one-cosine pulse"
     extremes = (0.0, 0.5, 1.0)
     area = 0.0
     angle = 2 * math.pi
-
-    @staticmethod
-    def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude."""
-        return jnp.cos(2 * math.pi * phase)
+    shape = staticmethod(lambda phase: jnp.cos(2 * math.pi * phase))
 
 
 class Ricker(Pulse):
     """Symmetric Ricker wavelet; see `Pulse` for the parameters.
 
-    ``a_p (1 - 2 pi^2 x^2) exp(-pi^2 x^2)`` with x = time / duration - 2, cut off two
-    durations before and after its peak, where it is 1e-15 of it. The duration is T_p, the
-    period at which its Fourier spectrum is largest; it acts for four of them. Intensity 0;
-    angular frequency 2 pi / duration.
+    ``a_p (1 - 2 pi^2 x^2) exp(-pi^2 x^2)`` with x = time / duration - 2, cut off two durations
+    before and after its peak, where it has fallen to 1e-15 of it. The duration is T_p, the period
+    at which its Fourier spectrum is largest; the wavelet acts for four of them. Its intensity is 0.
     """
 
     __init__ = Pulse.__init__

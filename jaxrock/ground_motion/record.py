@@ -24,7 +24,7 @@ from ..validation import (
 )
 from .motion import Motion
 
-_LONG = 2**16  # from so many samples on, room is made for multiples of that
+_LONG = 2**16  # records longer than this are padded to multiples of it, shorter ones to powers of 2
 
 
 class Record(Motion):
@@ -37,18 +37,18 @@ class Record(Motion):
     time_step : array_like
         Time from one sample to the next [s], greater than 0.
     vertical : array_like, shape (..., samples), optional
-        Vertical acceleration [m/s2], upward, of as many samples.
+        Vertical acceleration [m/s2], positive upward, with the same number of samples.
     scale : array_like, optional
-        Factor on both [-]. What is differentiated to it costs one derivative; to the samples,
-        as many as there are.
+        Factor on both components [-]. A gradient with respect to it costs one derivative, one with
+        respect to the samples as many as there are.
     start : array_like, optional
         Time of the first sample [s], at least 0.
 
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed, if the numbers of samples differ or
-        are less than two, or if an array is empty.
+        If a concrete value is outside of what is allowed, if the numbers of samples differ or are
+        less than two, or if an array is empty.
 
     Examples
     --------
@@ -79,18 +79,17 @@ class Record(Motion):
         self.vertical = None if vertical is None else as_real("vertical", vertical)
         self.scale = as_real("scale", scale)
         self.start = as_real("start", start)
-        if self.acceleration.ndim == 0 or self.samples < 2:
+        shape = self.acceleration.shape
+        if not shape or shape[-1] < 2:
             raise ValueError(
-                "acceleration must have at least two samples, got an array of shape"
-                f" {self.acceleration.shape}"
+                f"acceleration must have at least two samples, got an array of shape {shape}"
             )
-        for name in ("acceleration", "time_step", "vertical", "scale", "start"):
-            value = getattr(self, name)
+        for name, value in vars(self).items():
             if value is not None and value.size == 0:
                 raise ValueError(f"{name} must not be empty, got an array of shape {value.shape}")
         if self.vertical is not None:
             check("vertical", self.vertical, FINITE)
-            if self.vertical.ndim == 0 or self.vertical.shape[-1] != self.samples:
+            if self.vertical.shape[-1:] != shape[-1:]:
                 raise ValueError(
                     f"vertical must have as many samples as acceleration, {self.samples},"
                     f" got an array of shape {self.vertical.shape}"
@@ -117,22 +116,22 @@ class Record(Motion):
     def intensity(self) -> Reals:
         """Change of the ground velocity, I [m/s]."""
         record = self.bucketed()
-        return self.scale * _total(record.acceleration, record._last) * self.time_step
+        return self.scale * _sum(record.acceleration, record._last) * self.time_step
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
         """Acceleration of the ground; see `Motion.value`.
 
-        At a sample, with the derivative of the time before it: integrators end steps there.
+        A sample belongs to the interval before it, since integration steps end there.
         """
         position = (time - self.start) / self.time_step
         index = jnp.ceil(position - self._rounding(position)) - 1
         index = jnp.clip(index, 0, self._last - 1)
         along = position - index
         index = jax.lax.stop_gradient(index).astype(int)
-        horizontal = self.scale * _between(self.acceleration, index, along)
+        horizontal = self.scale * _interpolated(self.acceleration, index, along)
         if self.vertical is None:
             return horizontal, jnp.zeros_like(horizontal)
-        return horizontal, self.scale * _between(self.vertical, index, along)
+        return horizontal, self.scale * _interpolated(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
         """The times of the samples [s]; see `Motion.knots`."""
@@ -148,41 +147,42 @@ class Record(Motion):
 
     @property
     def _last(self) -> Any:
-        """Number of the last sample, counted from 0."""
+        """Index of the last sample."""
         return self.samples - 1
 
     def _rounding(self, position: Reals) -> Any:
+        """Bound on the rounding of a position, in samples; it grows with the length."""
         return 4 * (self._last + 1) * float(jnp.finfo(position.dtype).eps)
 
     def bucketed(self) -> "Record":
-        """The record padded, unless a transformation is going on; see `Motion.bucketed`."""
+        """The record padded, unless it is traced; see `Motion.bucketed`."""
         traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
         return self if traced else Padded(self)
 
     def scaled(self, factor: Number) -> "Record":
-        """The same record, both components stronger; see `Motion.scaled`."""
+        """The record with another `scale`; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
 
 
 @jax.jit
-def _total(samples: Reals, last: Any) -> Reals:
-    """By the trapezoidal rule, over the time step."""
+def _sum(samples: Reals, last: Any) -> Reals:
+    """The integral over the time step, by the trapezoidal rule."""
     at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
     return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
 
 
 class Padded(Record):
-    """A record with zeros behind its end: records of many lengths are the same to a compiler.
+    """A concrete record with zeros after its end, so that many lengths share a program.
 
-    Its knots go on at the end.
+    Knots after the end are repeated at the end.
     """
 
-    filled: Reals = quantity(NON_NEGATIVE)  # number of the last sample that counts
+    filled: Reals = quantity(NON_NEGATIVE)  # index of the last sample of the record itself
 
     def __init__(self, record: Record):
-        """Pad a record that is concrete, without JAX, which would compile that."""
+        # In NumPy: JAX would compile the padding for every length.
         room, vertical = room_for(record.samples), record.vertical
         self.acceleration = as_real("acceleration", padded(record.acceleration, room))
         self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
@@ -201,21 +201,19 @@ class Padded(Record):
 
 
 def room_for(samples: int) -> int:
-    """One of a few numbers, no less than that of the samples."""
+    """The padded length for a number of samples, one of few."""
     if samples > _LONG:
         return -(-samples // _LONG) * _LONG
     return max(256, 1 << (samples - 1).bit_length())
 
 
 def padded(samples: Any, room: int) -> np.ndarray:
-    """Samples with zeros behind them."""
+    """Samples with zeros after them, up to a length."""
     samples = np.asarray(samples)
-    whole = np.zeros((*samples.shape[:-1], room), samples.dtype)
-    whole[..., : samples.shape[-1]] = samples
-    return whole
+    return np.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, room - samples.shape[-1])])
 
 
-def _between(samples: Reals, index: Array, along: Reals) -> Reals:
+def _interpolated(samples: Reals, index: Array, along: Reals) -> Reals:
     """Linear interpolation in the last axis; leading axes broadcast with those of `index`."""
     shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
     samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))

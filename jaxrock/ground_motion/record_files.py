@@ -1,8 +1,8 @@
-"""Reading recorded ground motions: PEER's .AT2 files, .csv files and obspy traces.
+"""Recorded ground motions from PEER's .AT2 files, .csv files and obspy's traces.
 
 Nothing is guessed, corrected or resampled: the unit and the time step are stated by the file or
-by the caller and never contradict each other, signs are kept, and what is not as it should be
-is a `ValueError` of one sentence.
+by the caller, and may not contradict each other; signs are preserved. What is wrong is a
+`ValueError` of one sentence.
 """
 
 import math
@@ -17,10 +17,8 @@ import numpy as np
 
 from ..validation import POSITIVE, as_real, check
 from .record import Record
-from .record_at2 import read_at2
-from .record_csv import read_csv
-from .record_header import unit_factor
-from .record_text import factor_of, in_si, read_text
+from .record_formats import read_at2, read_csv, read_text
+from .record_units import factor_of, in_si, unit_factor
 
 StrPath = str | os.PathLike[str]
 
@@ -35,48 +33,43 @@ def read_record(
 ) -> Record:
     """Read a recorded ground motion from a file.
 
-    An ``.AT2`` file, as the PEER databases give them, holds one component. Its header says
-    the number of values, the time step and as a rule the unit, g.
+    An ``.AT2`` file, as the PEER databases have them, holds one component. Its header states the
+    number of values, the time step and usually the unit, g. A ``.csv`` file has columns separated
+    by commas below a line with their names, and perhaps lines that begin with # above it.
+    Its time step comes from a column of times (named ``time``, ``t``, ``time_s``, ``time [ms]`` or
+    the like), from a line like ``# time step 0.01 s``, or from `time_step`.
 
-    A ``.csv`` file has columns separated by commas, below one line with their names; lines
-    that begin with # may stand before it. The time step comes from a column of times (named
-    ``time``, ``t``, ``time_s``, ``time [ms]`` or the like), from a line like
-    ``# time step 0.01 s``, or from `time_step`. Only the columns that are asked for are read.
-
-    What a file says about its unit and its time step (in its header, in comments, in the names
-    of its columns such as ``acc_g`` or ``acc [cm/s^2]``) is used, and has to agree with itself
-    and with `unit` and `time_step`. What it says in other units than these is an error.
+    What a file states about its unit and its time step (in its header, in comments, in names of
+    columns such as ``acc_g`` or ``acc [cm/s^2]``) is used. It has to agree with itself and with
+    `unit` and `time_step`; a statement that is not understood is an error.
 
     Parameters
     ----------
     path : str or path
-        The file, ``.AT2`` or ``.csv``; a regular file, neither a pipe nor a device.
+        An ``.AT2`` or ``.csv`` file; neither a pipe nor a device.
     unit : str, optional
         Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"gal"``, ``"g"``,
-        ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on.
-        It must be given unless the file states it. g is standard gravity, 9.80665 m/s2.
+        ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on; g
+        is standard gravity, 9.80665 m/s2. Needed unless the file states it.
     column : str, optional
-        Name of the column of horizontal acceleration, in a .csv file. It must be given where
-        there is more than one that it could be.
+        Column of the horizontal acceleration in a .csv file. Needed unless it is the only one.
     vertical : str or path, optional
-        The vertical acceleration, positive upward: the name of its column in a .csv file, or
-        a second .AT2 file.
+        The vertical acceleration, positive upward: its column in a .csv file, or a second .AT2
+        file.
     time_step : float, optional
-        Time from one sample to the next [s]. It must be given if the file does not state it;
-        if it does, they must agree.
+        Time from one sample to the next [s]. Needed unless the file states it.
 
     Returns
     -------
     Record
-        Accelerations of shape (samples,) in m/s2 and the time step in s, from time 0 on.
+        Accelerations of shape (samples,) [m/s2] and the time step [s], from time 0 on.
 
     Raises
     ------
     ValueError
-        If the file cannot be read, is neither of the two formats or contradicts itself or the
-        arguments, if
-        anything in it is missing or not a finite number, if the time step is not uniform, or
-        if there are less than two samples. It names the file and the line.
+        With file and line: if the file cannot be read, is of another format or contradicts itself
+        or the arguments, if anything is missing or not a finite number, if the time step is not
+        uniform, or if there are less than two samples.
 
     Examples
     --------
@@ -87,22 +80,26 @@ def read_record(
     >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
     6001 samples, 0.01 s apart
     """
-    path = Path(path)
+    path, suffix = Path(path), Path(path).suffix.lower()
     if time_step is not None:
         check("time_step", as_real("time_step", time_step), POSITIVE)
         time_step = float(time_step)
     if unit is not None:
         factor_of(unit)
-    suffix = path.suffix.lower()
+    upward = None
     if suffix == ".csv":
-        horizontal, upward, step = read_csv(read_text(path), unit, column, vertical, time_step)
+        name = None if vertical is None else str(vertical)
+        horizontal, upward, step = read_csv(read_text(path), unit, column, name, time_step)
     elif suffix == ".at2":
         if column is not None:
             raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
         horizontal, step = read_at2(read_text(path), unit, time_step)
-        upward = None
         if vertical is not None:
-            upward = _read_other_at2(Path(vertical), unit, path, horizontal.size, step)
+            first, second = repr(str(path)), repr(str(vertical))
+            if Path(vertical).suffix.lower() != ".at2":
+                raise ValueError(f"vertical must be an .AT2 file, as {first} is, got {second}")
+            upward, upward_step = read_at2(read_text(Path(vertical)), unit)
+            _check_same_sampling(second, first, upward, upward_step, horizontal, step)
     else:
         raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
     return _record(repr(str(path)), horizontal, step, upward)
@@ -112,8 +109,8 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     """Take a ground motion from a trace of obspy, or of gmprocess.
 
     Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
-    ``stats.starttime`` and the unit as gmprocess states it, ``stats.standard["units"]``. It
-    must be acceleration already; counts of an instrument are for obspy's ``remove_response``.
+    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``. It must
+    be an acceleration already; counts of an instrument are for obspy's ``remove_response``.
 
     Parameters
     ----------
@@ -122,7 +119,7 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     unit : str
         Unit of the accelerations, as for `read_record`.
     vertical : obspy.Trace, optional
-        Vertical acceleration, positive upward: as long, as dense and from the same time on.
+        Vertical acceleration, positive upward, with the same sampling and start.
 
     Returns
     -------
@@ -132,15 +129,15 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     Raises
     ------
     ValueError
-        If it is not one trace, has gaps or anything but finite real numbers, is shorter than
-        two samples, or has no valid time step; if the traces do not match; if the unit is not
-        known or not that of a trace.
+        If it is not one trace, has gaps, values other than finite real numbers, less than two
+        samples or no valid time step; if the traces differ in sampling or start; if the unit is
+        unknown or not that of a trace.
     """
     horizontal, step = _trace("trace", trace, unit)
     if vertical is None:
         return _record("trace", horizontal, step)
-    upward, other_step = _trace("vertical", vertical, unit)
-    _same_sampling("vertical", "trace", (upward.size, other_step), (horizontal.size, step))
+    upward, upward_step = _trace("vertical", vertical, unit)
+    _check_same_sampling("vertical", "trace", upward, upward_step, horizontal, step)
     starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
     if None not in starts and starts[0] != starts[1]:
         raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
@@ -148,17 +145,17 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
 
 
 def example_record(component: str = "north", *, vertical: bool = False) -> Record:
-    """A real ground motion: the Ridgecrest earthquake at China Lake, California.
+    """The Ridgecrest earthquake as recorded at China Lake, California.
 
     Moment magnitude 7.1, 2019-07-06 03:19:53 UTC, station CI.CLC of the Southern California
-    Seismic Network: 60 s of uncorrected acceleration, 100 samples per second, of which only
-    the mean before was removed. Distributed by the Center for Engineering Strong Motion
-    Data; taken from the demonstration data of gmprocess 2.8.0 by the U.S. Geological Survey.
+    Seismic Network: 60 s of uncorrected acceleration, minus the mean before the event.
+    Distributed by the Center for Engineering Strong Motion Data; taken from the demonstration
+    data of gmprocess 2.8.0 by the U.S. Geological Survey.
 
     Parameters
     ----------
     component : {"north", "east"}
-        The horizontal component, positive to where its name says.
+        The horizontal component, positive in the direction of its name.
     vertical : bool
         Whether to include the vertical component.
 
@@ -191,17 +188,6 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
         )
 
 
-def _read_other_at2(
-    path: Path, unit: str | None, first: Path, points: int, step: float
-) -> np.ndarray:
-    if path.suffix.lower() != ".at2":
-        raise ValueError(f"vertical must be an .AT2 file, as {str(first)!r} is, got {str(path)!r}")
-    values, other_step = read_at2(read_text(path), unit)
-    names = repr(str(path)), repr(str(first))
-    _same_sampling(*names, (values.size, other_step), (points, step))
-    return values
-
-
 def _trace(argument: str, trace: Any, unit: str) -> tuple[np.ndarray, float]:
     """The accelerations [m/s2] and the time step [s] of a trace."""
     stats: Any = getattr(trace, "stats", None)
@@ -214,7 +200,7 @@ def _trace(argument: str, trace: Any, unit: str) -> tuple[np.ndarray, float]:
     standard = getattr(stats, "standard", None)  # of gmprocess
     stated = standard.get("units") if isinstance(standard, Mapping) else None
     factor = factor_of(unit)
-    if stated and not math.isclose(factor, unit_factor(stated) or math.nan):
+    if stated and not math.isclose(factor, unit_factor(stated)):
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
     data = trace.data
     if np.ma.is_masked(data):
@@ -236,13 +222,13 @@ def _trace(argument: str, trace: Any, unit: str) -> tuple[np.ndarray, float]:
     return in_si(factor, data.astype(float)), float(stats.delta)
 
 
-def _same_sampling(
-    name: str, first: str, sampling: tuple[int, float], expected: tuple[int, float]
+def _check_same_sampling(
+    name: str, other: str, values: np.ndarray, step: float, expected: np.ndarray, its_step: float
 ) -> None:
-    if sampling[0] != expected[0]:
-        raise ValueError(f"{name} has {sampling[0]} samples, but {first} has {expected[0]}")
-    if not math.isclose(sampling[1], expected[1], rel_tol=1e-6):
-        raise ValueError(f"{name} has a step of {sampling[1]} s, but {first} of {expected[1]} s")
+    if values.size != expected.size:
+        raise ValueError(f"{name} has {values.size} samples, but {other} has {expected.size}")
+    if not math.isclose(step, its_step, rel_tol=1e-6):
+        raise ValueError(f"{name} has a step of {step} s, but {other} of {its_step} s")
 
 
 def _record(

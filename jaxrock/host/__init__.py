@@ -1,22 +1,13 @@
 """The machine outside: files, signals, threads, progress, printing."""
 
-from . import signals
-from .files import check_free, read_regular, written_whole
-from .labelled import labelled
-from .printing import listed, shown, table
-from .progress import with_clock, with_progress
-from .threads import mapped
-
-__all__ = [
-    "check_free",
-    "labelled",
-    "listed",
-    "mapped",
-    "read_regular",
-    "shown",
-    "signals",
-    "table",
-    "with_clock",
-    "with_progress",
-    "written_whole",
-]
+from . import signals as signals
+from .files import check_free as check_free
+from .files import read_regular as read_regular
+from .files import written_whole as written_whole
+from .labelled import labelled as labelled
+from .printing import listed as listed
+from .printing import shown as shown
+from .printing import table as table
+from .progress import with_clock as with_clock
+from .progress import with_progress as with_progress
+from .threads import mapped as mapped

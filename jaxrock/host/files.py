@@ -14,13 +14,13 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # not on Windows, where leftovers stay
+except ImportError:  # on Windows, where scratch folders of killed processes stay
     fcntl = None
 
 _PREFIX = ".unfinished-"
 _NAME = re.compile(re.escape(_PREFIX) + "[a-z0-9_]{8}")  # as `tempfile` makes them
 _LOCK = ".lock"  # in a scratch folder; held by the process that fills it
-_ours = threading.RLock()  # held while a scratch folder is made, moved or removed
+_changing = threading.RLock()  # held while a scratch folder is made, moved or removed
 _unfinished: list["_Scratch"] = []
 
 
@@ -32,11 +32,12 @@ def read_regular(path: Path) -> bytes:
 
 
 class CannotWrite(ValueError):
-    """A folder that cannot be written to; `reason` says why."""
+    """A folder that cannot be written to, because of the `reason` that an error gives."""
 
-    def __init__(self, argument: str, folder: Path, reason: object):
-        super().__init__(f"{argument}: the folder {str(folder)!r} cannot be written to: {reason}")
-        self.reason = reason
+    def __init__(self, argument: str, folder: Path, error: Exception):
+        self.reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
+        where = f"{argument}: the folder {str(folder)!r}"
+        super().__init__(f"{where} cannot be written to: {self.reason}")
 
 
 def check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bool) -> None:
@@ -53,7 +54,7 @@ def check_free(argument: str, folder: Path, names: Sequence[str], overwrite: boo
             if parent.exists() and not parent.is_dir():
                 raise NotADirectoryError(f"{str(parent)!r} is a file")
     except OSError as error:
-        raise CannotWrite(argument, folder, error.strerror or error) from error
+        raise CannotWrite(argument, folder, error) from error
 
 
 @contextlib.contextmanager
@@ -62,47 +63,32 @@ def written_whole(
 ) -> Iterator[Path]:
     """Let the body write the files `names` into a scratch folder, then move them to `folder`.
 
-    A missing folder is made. If the body raises, nothing is left behind; what processes left
-    there that were killed is removed first.
-
-    Raises
-    ------
-    ValueError
-        Naming the `argument` that said where to write: if a file exists and `overwrite` is
-        false, or if anything cannot be written.
-
-    Warns
-    -----
-    UserWarning
-        Naming what processes that were killed had left.
+    A missing folder is made. If the body raises, nothing is left behind. Scratch folders of
+    processes that were killed are removed first, with a warning that names them. A `ValueError`
+    names the `argument` that said where to write: if a file exists and `overwrite` is false, or
+    if anything cannot be written.
     """
     check_free(argument, folder, names, overwrite)
     scratch, moved = None, []
     try:
-        with _ours:
-            made = [path for path in (folder, *folder.parents) if not path.exists()]
-            scratch = _Scratch(made)
+        with _changing:
+            scratch = _Scratch([path for path in (folder, *folder.parents) if not path.exists()])
             folder.mkdir(parents=True, exist_ok=True)
             _sweep(folder)
-            scratch.make(folder)
-        assert scratch.path is not None
-        yield scratch.path
-        with _ours:  # all or none, also for `abandon`
+            path = scratch.make(folder)
+        yield path
+        with _changing:  # all or none, even if `abandon` is called meanwhile
             for name in names:
-                os.replace(scratch.path / name, folder / name)
+                os.replace(path / name, folder / name)
                 moved.append(folder / name)
             scratch.made = []
-    except OSError as error:
-        raise CannotWrite(argument, folder, error.strerror or error) from error
-    except CannotWrite as error:  # from the body, which writes into the scratch folder
-        raise CannotWrite(argument, folder, error.reason) from error
-    except RuntimeError as error:
-        if str(error).startswith("NetCDF:"):  # how it reports a full disk, among others
-            raise CannotWrite(argument, folder, error) from error
-        raise
+    except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
+        if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
+            raise  # netCDF4 reports a full disk, among others, as "NetCDF: ..."
+        raise CannotWrite(argument, folder, error) from error
     finally:
         if scratch is not None:
-            with _ours:
+            with _changing:
                 for path in moved if scratch.made else []:  # in a folder that was not there before
                     path.unlink()
                 scratch.remove()
@@ -111,10 +97,10 @@ def written_whole(
 def abandon() -> None:
     """Remove what this process has not finished writing, and let it write nothing from now on.
 
-    For a process that is about to end, from any thread: others wait at the next file that they
-    would make, move or remove. Files that are being moved to their place still get there, all.
+    For a process that is about to end, from any thread: others wait at the next scratch folder
+    that they would make, move or remove. A move that has begun is completed.
     """
-    _ours.acquire(timeout=10)  # seconds; a file system that hangs must not keep it alive
+    _changing.acquire(timeout=10)  # seconds; a file system that hangs must not keep it alive
     for scratch in reversed(_unfinished):
         scratch.remove(patience=2)
 
@@ -128,24 +114,22 @@ class _Scratch:
         self._lock: int | None = None
         _unfinished.append(self)
 
-    def make(self, folder: Path) -> None:
-        """Make it in `folder`, locked: the lock is what says that its process is alive."""
+    def make(self, folder: Path) -> Path:
+        """Make it in `folder`, locked: the lock tells others that its process is alive."""
         while True:
             self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
             try:
                 self._lock = _locked(self.path)
-            except BlockingIOError:  # taken for a leftover in just this moment
+            except BlockingIOError:  # another process has just taken it for a leftover
                 continue
-            except _NoLocks:
-                self._lock = None  # nobody can tell whether its process is alive
             except OSError:
                 self.path.rmdir()
                 self.path = None
                 raise
-            return
+            return self.path
 
     def remove(self, patience: float = 0.0) -> None:
-        """Remove it with what is in it, and the folders made for it if nothing else is there."""
+        """Remove it with its content, and the folders made for it if nothing else is there."""
         if self not in _unfinished:
             return
         _unfinished.remove(self)
@@ -157,22 +141,13 @@ class _Scratch:
                 path.rmdir()
 
 
-class _NoLocks(OSError):
-    """Files cannot be locked here."""
+def _locked(folder: Path) -> int | None:
+    """A descriptor that holds the lock of a scratch folder until closed; None without locks.
 
-
-def _locked(folder: Path) -> int:
-    """A descriptor that holds the lock of a scratch folder until it is closed.
-
-    Raises
-    ------
-    BlockingIOError
-        If a process that is alive holds it, or has just removed the folder.
-    OSError
-        If there are no locks here, or the file cannot be opened.
+    A `BlockingIOError` if a process that is alive holds it, or has just removed the folder.
     """
     if fcntl is None:
-        raise _NoLocks
+        return None
     path = folder / _LOCK
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
@@ -180,64 +155,58 @@ def _locked(folder: Path) -> int:
         raise BlockingIOError from None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if not os.path.samestat(os.fstat(lock), os.stat(path)):
-            raise BlockingIOError
+        if os.path.samestat(os.fstat(lock), os.stat(path)):
+            return lock
     except OSError as error:
-        os.close(lock)
-        taken = isinstance(error, BlockingIOError | FileNotFoundError)
-        raise (BlockingIOError if taken else _NoLocks) from error
-    return lock
+        if not isinstance(error, BlockingIOError | FileNotFoundError):
+            os.close(lock)
+            return None
+    os.close(lock)
+    raise BlockingIOError
 
 
 def _sweep(folder: Path) -> None:
     """Remove the scratch folders of processes that were killed, and name them."""
     try:
-        found = [path for path in sorted(folder.iterdir()) if _NAME.fullmatch(path.name)]
-    except PermissionError:  # one may write there, but not see what there is
+        leftovers = [path for path in sorted(folder.iterdir()) if _NAME.fullmatch(path.name)]
+    except PermissionError:  # a folder may be writable, but not readable
         return
-    for path in found:
-        if path.is_symlink():
-            continue
-        try:
-            lock = _locked(path)
-        except OSError:  # its process is alive, or nobody can tell, or it is no folder
-            continue
-        reason = _remove(path, lock)
-        how = f"could not be removed: {reason}" if reason else "is now removed"
-        warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=3)
+    for path in leftovers:
+        lock = None
+        with contextlib.suppress(OSError):  # its process is alive, or it is no folder
+            lock = None if path.is_symlink() else _locked(path)
+        if lock is not None:
+            reason = _remove(path, lock)
+            how = f"could not be removed: {reason}" if reason else "is now removed"
+            warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=3)
 
 
 def _remove(folder: Path, lock: int | None, patience: float = 0.0) -> str | None:
-    """Remove a scratch folder and give its lock back, or say why that cannot be."""
-    reason = _removed(folder, patience)
+    """Remove a scratch folder and release its lock, or say why that is not possible.
+
+    For `patience`, in seconds, try again: another thread may still write into it.
+    """
+    until = time.monotonic() + patience
+    while (reason := _removed(folder)) and time.monotonic() < until:
+        time.sleep(0.01)
     if lock is not None:
         os.close(lock)
-    # Now there is a file descriptor more, and on a network nobody has a file of it open.
+    # Now one more file descriptor is free, and no file in it is open, which a network needs.
     return reason and _removed(folder)
 
 
-def _removed(folder: Path, patience: float = 0.0) -> str | None:
-    """Remove a folder, or say why that cannot be.
-
-    Within `patience`, in seconds, try again: another thread may still write into it. Of the
-    file descriptors it takes one at a time, unlike `shutil.rmtree`: they may be what is short.
-    """
-    until = time.monotonic() + patience
-    while True:
-        try:
-            for path, folders, files in os.walk(folder, topdown=False, onerror=_raise):
-                for name in files:
-                    os.unlink(os.path.join(path, name))
-                for name in folders:
-                    os.rmdir(os.path.join(path, name))
-            os.rmdir(folder)
-            return None
-        except OSError as error:
-            if not folder.exists():
-                return None
-            if time.monotonic() >= until:
-                return error.strerror
-            time.sleep(0.01)
+def _removed(folder: Path) -> str | None:
+    # Takes one file descriptor at a time, unlike `shutil.rmtree`: they may have run out.
+    try:
+        for path, folders, files in os.walk(folder, topdown=False, onerror=_raise):
+            for name in files:
+                os.unlink(os.path.join(path, name))
+            for name in folders:
+                os.rmdir(os.path.join(path, name))
+        os.rmdir(folder)
+    except OSError as error:
+        return error.strerror if folder.exists() else None
+    return None
 
 
 def _raise(error: OSError) -> None:

@@ -1,4 +1,4 @@
-"""Labelled datasets, such that files made of them follow the CF conventions."""
+"""Labelled datasets that follow the CF conventions when they are written to files."""
 
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -9,8 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray
 
-# The first version with whole numbers of 64 bits, which NumPy's are.
-CONVENTIONS = "CF-1.9"
+_CONVENTIONS = "CF-1.9"  # the first version with integers of 64 bits, which NumPy's are
 
 Labelled = tuple[Any, Any, Mapping[str, Any]]  # dimensions, values, attributes
 
@@ -21,18 +20,15 @@ def labelled(
     coordinates: Mapping[str, Labelled],
     attributes: Mapping[str, Any],
 ) -> "xarray.Dataset":
-    """A dataset with what CF asks for.
-
-    Coordinates have no value that stands for a missing one. The attribute Conventions is left
-    out where a coordinate goes up and down, which CF does not allow.
-    """
+    """A dataset with what CF asks for."""
     import xarray
 
-    none_missing = {"_FillValue": None}
-    placed = {name: (*described, none_missing) for name, described in coordinates.items()}
-    found = xarray.Dataset(variables, placed)
-    ways = [np.sign(np.diff(values)) for values in found.indexes.values()]
-    if all(way.size == 0 or (way[0] and (way == way[0]).all()) for way in ways):
-        found.attrs["Conventions"] = CONVENTIONS
+    no_fill_value = {"_FillValue": None}  # coordinates have no missing values
+    described = {name: (*entry, no_fill_value) for name, entry in coordinates.items()}
+    dataset = xarray.Dataset(variables, described)
+    # CF does not allow coordinates that are not monotone: then it does not claim to follow it.
+    signs = [np.sign(np.diff(values)) for values in dataset.indexes.values()]
+    if all(sign.size == 0 or (sign[0] and (sign == sign[0]).all()) for sign in signs):
+        dataset.attrs["Conventions"] = _CONVENTIONS
     about = {"title": title, "source": f"jaxrock {version('jaxrock')}"}
-    return found.assign_attrs({**about, **attributes})
+    return dataset.assign_attrs({**about, **attributes})

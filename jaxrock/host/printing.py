@@ -1,4 +1,4 @@
-"""What `print` shows of arguments and answers: every number with its unit, arrays as ranges."""
+"""What `print` shows of arguments and results: numbers with units, arrays as ranges."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def shown(value: Any, unit: str = "") -> str:
-    """A number and its unit; of an array the range, of what is traced the type."""
+    """A number with its unit; the range of an array, the type of a traced value."""
     if isinstance(value, jax.core.Tracer):
         return f"traced {jax.typeof(value)}"
     if isinstance(value, dict):
@@ -22,16 +22,16 @@ def shown(value: Any, unit: str = "") -> str:
     unit = f" {unit}" if unit else ""
     if not values.ndim:
         return f"{values:.6g}{unit}"
-    known = values[~np.isnan(values)]
-    if not known.size:
+    present = values[~np.isnan(values)]
+    if not present.size:
         return f"none of {values.size}"
-    ends = dict.fromkeys(f"{end:.6g}" for end in (known.min(), known.max()))
-    missing = values.size - known.size
+    ends = dict.fromkeys(f"{end:.6g}" for end in (present.min(), present.max()))
+    missing = values.size - present.size
     return " to ".join(ends) + unit + (f", NaN in {missing} of {values.size}" if missing else "")
 
 
 def table(first: str, names: Sequence[str], **columns: Any) -> str:
-    """A line, and below it one for each name, with a column of numbers for each label."""
+    """A table: the first line, then one for each name, with a column for each keyword."""
     labels = (label.replace("_", " ") for label in columns)
     lines = [first, f"{'':20}" + "".join(f"{label:>14}" for label in labels)]
     for name, *row in zip(names, *columns.values(), strict=True):
@@ -39,9 +39,9 @@ def table(first: str, names: Sequence[str], **columns: Any) -> str:
     return "\n".join(lines)
 
 
-def listed(answer: Any, **units: str) -> str:
-    """The fields of an answer that are named, with their units, one a line."""
+def listed(result: Any, **units: str) -> str:
+    """The named fields of a result with their units, one per line."""
     return "\n".join(
-        f"{name.replace('_', ' '):20}{shown(getattr(answer, name), unit)}"
+        f"{name.replace('_', ' '):20}{shown(getattr(result, name), unit)}"
         for name, unit in units.items()
     )

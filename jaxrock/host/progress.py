@@ -1,4 +1,4 @@
-"""Showing that something goes on: from two seconds on, and only on a terminal."""
+"""Signs of life of what takes longer than two seconds, on a terminal only."""
 
 import contextlib
 import sys
@@ -12,7 +12,7 @@ _showing = threading.Lock()
 
 
 def with_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
-    """`items`, showing how many are done if they take long and standard error is a terminal."""
+    """Iterate over `items`, with a progress bar if it takes long and stderr is a terminal."""
     from tqdm import tqdm
 
     return tqdm(items, desc=label, delay=_SILENT, disable=None, leave=False)
@@ -20,9 +20,9 @@ def with_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
 
 @contextlib.contextmanager
 def with_clock(label: str) -> Iterator[None]:
-    """Show the time that the body has taken if it takes long and standard error is a terminal.
+    """Show the time taken by the body if it is long and stderr is a terminal.
 
-    Of several inside of each other only the outermost shows it.
+    Of several nested ones only the outermost does.
     """
     if not sys.stderr.isatty() or not _showing.acquire(blocking=False):
         yield

@@ -1,10 +1,10 @@
-"""Ending when told to: Ctrl-C, SIGTERM and SIGHUP end a command at once, with one line.
+"""Ctrl-C, SIGTERM and SIGHUP end a command at once, with one line.
 
-Python turns Ctrl-C into an exception in the main thread, wherever that is. JAX calls Python
-from C++: what is raised in its hook on the garbage collector is printed and forgotten, what is
-raised in a callback becomes another error, and while a program is compiled or runs nothing is
-raised at all. So here nothing is ever raised: a thread of its own hears of the signal, removes
-what is not finished, and ends the process.
+Python turns Ctrl-C into an exception in the main thread, wherever that is. Under JAX it gets lost:
+in JAX's hook on the garbage collector it is printed and forgotten, in a callback it becomes
+another error, and while a program is compiled or runs nothing is raised at all. So nothing is ever
+raised here: a thread of its own waits for the signal, removes unfinished files and ends the
+process.
 """
 
 import atexit
@@ -20,34 +20,27 @@ from pathlib import Path
 from .files import abandon
 
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
-_heard: list[socket.socket] = []  # both ends of where signals are heard; empty until they are
+_heard: list[socket.socket] = []  # the pair through which signals arrive; empty before `watch`
 _finished: list[int] = []  # the exit code, once it is known
 
 
 def end(number: int) -> None:
-    """End this process: remove what is not finished, say why in one line, exit as shells do.
-
-    The exit code is 128 and the number of the signal.
-    """
+    """Remove unfinished files, say in one line why, and exit with 128 plus the signal's number."""
     try:
         abandon()
     finally:
-        say("interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}")
+        name = signal.Signals(number).name
+        reason = "interrupted" if name == "SIGINT" else f"ended by {name}"
+        start = "\n" if os.isatty(2) else ""  # after ^C or a clock
+        with contextlib.suppress(OSError):  # standard error may be closed
+            os.write(2, f"{start}jaxrock: {reason}\n".encode())
         os._exit(128 + number)
 
 
-def say(text: str) -> None:
-    """A line on standard error, if that can be written to, from any thread."""
-    start = "\n" if os.isatty(2) else ""  # after ^C or a clock
-    with contextlib.suppress(OSError):
-        os.write(2, f"{start}jaxrock: {text}\n".encode())
-
-
 def watch() -> None:
-    """From now on let signals end this process; those that it was started to ignore do not.
+    """From now on signals end this process, except those that it was started to ignore.
 
-    Nothing happens outside of the main thread, or if there are too few file descriptors:
-    Python's own ways stay.
+    Outside of the main thread, or with too few file descriptors, Python's handlers stay.
     """
     if _heard or threading.current_thread() is not threading.main_thread():
         return
@@ -67,9 +60,9 @@ def watch() -> None:
 
 
 def finish(code: int) -> None:
-    """Have this process end with an exit code once all that is to be done at exit is done.
+    """Let this process end right after its exit handlers, with an exit code.
 
-    Without what Python and C++ would then still take apart, when nobody hears of signals.
+    What Python and C++ would destroy after them is left alone: signals are not heard then.
     """
     _finished.append(code)
 
@@ -94,9 +87,9 @@ def _is_command() -> bool:
     program = sys.argv[0] if sys.argv else ""
     if program != "-m":
         return Path(program).stem == "jaxrock"
-    given = sys.orig_argv
-    return given[given.index("-m") + 1 :][:1] == ["jaxrock"] if "-m" in given else False
+    arguments = sys.orig_argv
+    return "-m" in arguments and arguments[arguments.index("-m") + 1 :][:1] == ["jaxrock"]
 
 
-if _is_command():  # before JAX and all else is imported, which takes a second
+if _is_command():  # before the import of JAX, which takes a second
     watch()

@@ -12,28 +12,23 @@ _R = TypeVar("_R")
 
 
 def _settings() -> dict[str, Any]:
-    """What JAX has a context manager for, as it is in this thread."""
-    full = [name for name in jax.config.values if name.startswith("jax_")]
-    short = {name.removeprefix("jax_"): name for name in full}
-    return {s: getattr(jax.config, name) for s, name in short.items() if hasattr(jax, s)}
+    """The settings of this thread that a context manager of JAX can change."""
+    names = [name.removeprefix("jax_") for name in jax.config.values if name.startswith("jax_")]
+    return {name: getattr(jax.config, f"jax_{name}") for name in names if hasattr(jax, name)}
 
 
 def mapped(function: Callable[[_T], _R], items: Iterable[_T], workers: int) -> list[_R]:
     """The results of a function, computed by threads, in the order of the items.
 
-    A setting made by a context manager, such as ``with jax.enable_x64(True):``, holds in its
-    own thread only. Here the workers take over those of the caller.
+    A setting made by a context manager, such as ``with jax.enable_x64(True):``, applies to its own
+    thread only. The workers take over the settings of the caller.
     """
-    items = list(items)
-    if len(items) < 2:
-        return [function(item) for item in items]
     settings = _settings()
 
     def under_settings(item: _T) -> _R:
         with contextlib.ExitStack() as stack:
-            own = _settings()
-            for name in own:
-                if settings[name] != own[name]:
+            for name, value in _settings().items():
+                if settings[name] != value:
                     stack.enter_context(getattr(jax, name)(settings[name]))
             return function(item)
 

@@ -1,38 +1,19 @@
 """Nothing about rocking: elementary functions, elliptic integrals, roots."""
 
-from .elementary import (
-    angle,
-    arcsin,
-    arcsin_ratio,
-    arctan_ratio,
-    artanh_ratio,
-    decaying_share_of_one,
-    minus_log,
-    one_minus_square,
-    quotient,
-    quotient_or_infinite,
-    share_of_one,
-)
-from .elliptic import carlson_rf, jacobi
-from .implicit import through_jacobian
-from .roots import brackets, brackets_traced, located
-
-__all__ = [
-    "angle",
-    "arcsin",
-    "arcsin_ratio",
-    "arctan_ratio",
-    "artanh_ratio",
-    "brackets",
-    "brackets_traced",
-    "carlson_rf",
-    "decaying_share_of_one",
-    "jacobi",
-    "located",
-    "minus_log",
-    "one_minus_square",
-    "quotient",
-    "quotient_or_infinite",
-    "share_of_one",
-    "through_jacobian",
-]
+from .elementary import angle as angle
+from .elementary import arcsin as arcsin
+from .elementary import arcsin_ratio as arcsin_ratio
+from .elementary import arctan_ratio as arctan_ratio
+from .elementary import artanh_ratio as artanh_ratio
+from .elementary import decaying_share_of_one as decaying_share_of_one
+from .elementary import minus_log as minus_log
+from .elementary import one_minus_square as one_minus_square
+from .elementary import quotient as quotient
+from .elementary import quotient_or_infinite as quotient_or_infinite
+from .elementary import share_of_one as share_of_one
+from .elliptic import carlson_rf as carlson_rf
+from .elliptic import jacobi as jacobi
+from .implicit import through_jacobian as through_jacobian
+from .roots import brackets as brackets
+from .roots import brackets_traced as brackets_traced
+from .roots import located as located

@@ -1,7 +1,7 @@
 """Elementary functions whose automatic derivative would lose its digits or become NaN.
 
-Each is the plain expression, with a derivative that is accurate over the whole domain and
-can be differentiated again.
+Each is the plain expression, elementwise, with a derivative that is accurate over the whole domain
+and can be differentiated again.
 """
 
 import functools
@@ -15,16 +15,14 @@ from .elliptic import carlson_rd
 
 
 def quotient(numerator: Reals, denominator: Reals) -> Reals:
-    """``numerator / denominator``, for one that is used several times.
-
-    XLA stores such a quotient in memory, but computes a product together with what uses it.
-    """
+    """``numerator / denominator`` for a result that is used several times."""
+    # XLA would store a quotient in memory, but fuses a product with what uses it.
     return numerator * (1 / denominator)
 
 
 @jax.custom_jvp
 def one_minus_square(x: Reals) -> Reals:
-    """``1 - x^2``, elementwise: accurate for x near 1, its derivative for small x."""
+    """``1 - x^2``: accurate for x near 1, its derivative for small x."""
     return (1 - x) * (1 + x)
 
 
@@ -43,10 +41,8 @@ _ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
 
 @jax.custom_jvp
 def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
-    """Angle of a right triangle, from 0 to pi/2, of its legs; elementwise.
-
-    ``arctan2``, which XLA does not run on vectors of a processor, for numbers from 0 on.
-    """
+    """``arctan2`` for numbers from 0 on: the angle of a right triangle, from 0 to pi/2."""
+    # XLA does not vectorize its own arctan2 on processors.
     short, long = jnp.minimum(opposite, adjacent), jnp.maximum(opposite, adjacent)
     # arctan(s / l) = pi/4 + arctan((s - l) / (s + l)), where s - l is exact
     near_diagonal, steep = short > 0.5 * long, opposite > adjacent
@@ -68,8 +64,8 @@ def _angle_jvp(primals, tangents):
 
 @jax.custom_jvp
 def arcsin(q: Reals) -> Reals:
-    """Inverse sine for 0 <= q < 1, elementwise; see `angle`."""
-    # Of the half angle: a root that is used once does not go to memory.
+    """Inverse sine for 0 <= q < 1."""
+    # From the half angle, in which the root is used only once and never stored in memory.
     return 2 * angle(q, 1 + jnp.sqrt(one_minus_square(q)))
 
 
@@ -81,7 +77,7 @@ def _arcsin_jvp(primals, tangents):
 
 @jax.custom_jvp
 def arctan_ratio(z: Reals) -> Reals:
-    """``arctan(z) / z`` for z > 0; elementwise, its derivative accurate for small z."""
+    """``arctan(z) / z`` for z > 0, its derivative accurate for small z."""
     return angle(z, 1.0) / z
 
 
@@ -94,7 +90,7 @@ def _arctan_ratio_jvp(primals, tangents):
 
 @jax.custom_jvp
 def artanh_ratio(x: Reals) -> Reals:
-    """``artanh(x) / x`` for 0 <= x < 1; elementwise, its derivative accurate for small x."""
+    """``artanh(x) / x`` for 0 <= x < 1, its derivative accurate for small x."""
     return _ratio(lambda t: jnp.log1p(2 * t / (1 - t)) / 2, x)
 
 
@@ -107,7 +103,7 @@ def _artanh_ratio_jvp(primals, tangents):
 
 @jax.custom_jvp
 def arcsin_ratio(q: Reals) -> Reals:
-    """``arcsin(q) / q`` for 0 <= q < 1; elementwise, its derivative accurate for small q."""
+    """``arcsin(q) / q`` for 0 <= q < 1, its derivative accurate for small q."""
     return _ratio(arcsin, q)
 
 
@@ -125,10 +121,9 @@ def _ratio(function, argument: Array) -> Array:
 
 
 def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
-    """``numerator / denominator`` of numbers from 0 on, elementwise.
+    """``numerator / denominator`` of numbers from 0 on; ``x / 0`` is inf, but ``0 / 0`` is 0.
 
-    Over 0 it is inf, or 0 if the numerator is 0 too, with derivative 0, so that such
-    elements leave the derivatives of others alone.
+    The derivative is 0 there, so that such elements do not spoil the derivatives of others.
     """
     limited = denominator > 0
     unlimited = jnp.where(numerator > 0, jnp.inf, 0)
@@ -137,25 +132,16 @@ def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
 
 
 def minus_log(ratio: Reals) -> Reals:
-    """``-log(ratio)`` for 0 <= ratio <= 1, elementwise; inf at 0, with derivative 0 there."""
+    """``-log(ratio)`` for 0 <= ratio <= 1; inf at 0, with derivative 0 there."""
     positive = ratio > 0
     return jnp.where(positive, -jnp.log(jnp.where(positive, ratio, 1)), jnp.inf)
 
 
 def share_of_one(ratio: Number, count: Number) -> Reals:
-    """The first term's share in ``1 + ratio + ... + ratio**(count - 1)``.
+    """The first term's share in ``1 + C + ... + C^(n - 1)``: ``(1 - C) / (1 - C^n)``.
 
-    Parameters
-    ----------
-    ratio : array_like
-        C, between 0 and 1; elementwise.
-    count : array_like
-        n, a whole number from 1 on, or inf. Not differentiated.
-
-    Returns
-    -------
-    Array
-        ``(1 - C) / (1 - C^n)``: 1/n at C = 1, and 1 - C for unlimited n.
+    For a ratio C between 0 and 1 and a count n from 1 to inf, with respect to which it is not
+    differentiated. It is 1/n at C = 1.
     """
     ratio = jnp.asarray(ratio)
     count = jax.lax.stop_gradient(jnp.asarray(count).astype(ratio.dtype))
@@ -163,20 +149,7 @@ def share_of_one(ratio: Number, count: Number) -> Reals:
 
 
 def decaying_share_of_one(decay: Number, count: Number) -> Reals:
-    """`share_of_one` of the ratio ``exp(-decay)``, accurate also where that is close to 1.
-
-    Parameters
-    ----------
-    decay : array_like
-        At least 0; elementwise.
-    count : array_like
-        n, a whole number from 1 on, or inf. Not differentiated.
-
-    Returns
-    -------
-    Array
-        ``expm1(-decay) / expm1(-n decay)``: 1/n at decay 0.
-    """
+    """`share_of_one` of the ratio ``exp(-decay)``, accurate also where that is close to 1."""
     decay = jnp.asarray(decay)
     count = jax.lax.stop_gradient(jnp.asarray(count).astype(decay.dtype))
     return _decaying_share_of_one(*jnp.broadcast_arrays(decay, count))
@@ -198,7 +171,7 @@ def _share_of_one_jvp(primals, tangents):
     share = _share_of_one(ratio, count)
     several = (count > 1) & (count < jnp.inf)
     n = jnp.where(several, count, 2)
-    # From the definition where C is small, by way of the logarithm elsewhere.
+    # From the definition where C is small, from the logarithm elsewhere.
     small = ratio < 0.4
     low, high = jnp.where(small, ratio, 0.25), jnp.where(small, 0.5, ratio)
     from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)

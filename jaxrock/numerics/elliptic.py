@@ -1,8 +1,8 @@
 """Elliptic integrals and functions, which JAX lacks.
 
-Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the series to
-order 7) and Jacobi's sn, cn, dn by the arithmetic-geometric mean (DLMF 22.20(ii)). All
-are elementwise and differentiable any number of times.
+Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the series to order 7)
+and Jacobi's sn, cn, dn by the arithmetic-geometric mean (DLMF 22.20(ii)). All are elementwise and
+differentiable any number of times.
 """
 
 import functools
@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..validation import Reals
 
@@ -22,12 +22,8 @@ def _duplicated(
 ) -> tuple[tuple[Array, ...], list[Array], Array]:
     """Duplicate the arguments of R_F until they are as good as equal.
 
-    Returns them, the part of R_D that has then been split off with the argument of each
-    index in `slopes` as its last, and the factor of what is left of it.
-
-    A duplication about halves the logarithm of the ratio of the arguments while that is
-    large, then divides their relative differences by four: so many are enough for ratios
-    up to 1/eps. Where fewer are, it stops, since each further one would only round.
+    Returns them; for each index in `slopes` the part of R_D, with that argument last, that has
+    been split off; and the factor of what is left of R_D.
     """
     arguments = tuple(jnp.broadcast_arrays(*arguments))
     kind = jnp.finfo(arguments[0].dtype)
@@ -39,7 +35,8 @@ def _duplicated(
 
     def duplicated(_: Any, state: tuple) -> tuple:
         arguments, parts, factor = state
-        apart = widest * factor > sum(arguments) / 3  # a duplication divides differences by four
+        # A duplication divides the differences by four; one too many would only add rounding.
+        apart = widest * factor > sum(arguments) / 3
         roots = [jnp.sqrt(t) for t in arguments]
         shift = roots[0] * (roots[1] + roots[2]) + roots[1] * roots[2]
         terms = [3 * factor / (roots[i] * (arguments[i] + shift)) for i in slopes]
@@ -47,8 +44,10 @@ def _duplicated(
         new = (new, [p + t for p, t in zip(parts, terms, strict=True)], factor / 4)
         return jax.tree.map(lambda n, old: jnp.where(apart, n, old), new, state)
 
-    # In a loop, since XLA would compute each duplication of an unrolled one again within the
-    # next: ten times the code to compile, and two to three times as slow.
+    # In a loop, since XLA would compute each duplication of an unrolled one again within the next:
+    # ten times the code to compile, and two to three times as slow. So many duplications are
+    # enough for ratios of the arguments up to 1/eps: each about halves the logarithm of the ratio
+    # while that is large.
     count = 11 if kind.bits > 32 else 7
     return jax.lax.fori_loop(0, count, duplicated, (arguments, parts, factor))
 
@@ -86,17 +85,10 @@ def _rd_series(x: Array, y: Array, z: Array) -> Array:
 
 @jax.custom_jvp
 def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
-    """Carlson's R_F(x, y, z), the symmetric integral of the first kind (DLMF 19.16.1).
+    """Carlson's integral of the first kind, R_F(x, y, z) (DLMF 19.16.1).
 
-    Parameters
-    ----------
-    x, y, z : array_like
-        Arguments, greater than 0, their ratios within 1/eps of the dtype; elementwise.
-
-    Returns
-    -------
-    integral : Array, shape (...)
-        Homogeneous of degree -1/2; ``R_F(x, x, x) = 1 / sqrt(x)``.
+    The arguments are greater than 0, their ratios within 1/eps of the dtype. Of degree -1/2, with
+    ``R_F(x, x, x) = 1 / sqrt(x)``.
     """
     arguments, _, _ = _duplicated((x, y, z))
     return _rf_series(*arguments)
@@ -121,39 +113,20 @@ carlson_rf.defjvp(_carlson_rf_jvp, symbolic_zeros=True)
 
 
 def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
-    """Carlson's R_D(x, y, z), the elliptic integral of the second kind (DLMF 19.16.5).
+    """Carlson's integral of the second kind, R_D(x, y, z) (DLMF 19.16.5).
 
-    Parameters
-    ----------
-    x, y, z : array_like
-        As in `carlson_rf`.
-
-    Returns
-    -------
-    integral : Array, shape (...)
-        Symmetric in x and y only, of degree -3/2; ``R_D(x, x, x) = x**(-3/2)``.
+    The arguments are as in `carlson_rf`. Symmetric in x and y only, of degree -3/2, with
+    ``R_D(x, x, x) = x**(-3/2)``.
     """
     arguments, (part,), factor = _duplicated((x, y, z), (2,))
     return part + factor * _rd_series(*arguments)
 
 
-def jacobi(
-    argument: Reals, complement: Reals
-) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-    """Jacobi's elliptic functions sn, cn and dn (DLMF 22.2).
+def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
+    """Jacobi's elliptic functions ``sn(u|m), cn(u|m), dn(u|m)`` (DLMF 22.2).
 
-    Parameters
-    ----------
-    argument : array_like
-        u, any real number; elementwise.
-    complement : array_like
-        1 - m, the complement of the parameter, which is what is known exactly when m is
-        close to 1. Negative values (m > 1) are allowed.
-
-    Returns
-    -------
-    sn, cn, dn : Array, shape (...)
-        ``sn(u|m), cn(u|m), dn(u|m)``.
+    Of an argument u, any real number, and the complement 1 - m of the parameter, which is what is
+    known exactly when m is close to 1. A negative complement (m > 1) is allowed.
     """
     # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges.
     eps = jnp.finfo(jnp.result_type(argument, complement)).eps

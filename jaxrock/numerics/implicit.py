@@ -1,8 +1,7 @@
-"""Derivatives of what only runs forward.
+"""Derivatives in both modes of what has only a forward-mode one: a loop of unknown length.
 
-A loop of unknown length has a forward-mode derivative and no reverse-mode one. Here the
-Jacobian to whatever is perturbed is computed forward, once, and then applied: a linear map,
-which both modes can use.
+The Jacobian with respect to whatever is perturbed is computed forward, once, and then applied: a
+linear map, which both modes can use.
 """
 
 from collections.abc import Callable
@@ -15,9 +14,9 @@ from jax.flatten_util import ravel_pytree
 
 
 def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give `function` derivatives in both modes, at the cost of one a perturbed number.
+    """A function with derivatives in both modes with respect to its positional arguments.
 
-    Its positional arguments are differentiated, its keyword arguments are not.
+    They cost one forward derivative per perturbed number.
     """
     wrapped = eqx.filter_custom_jvp(function)
 
@@ -35,13 +34,13 @@ def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
         def along(basis: Any) -> Any:
             return jax.jvp(run, (numbers,), (basis,), has_aux=True)
 
-        if numbers.size == 1:  # of one number, a program that is a third smaller
-            values, slopes, rest = along(jnp.ones_like(numbers))
+        if numbers.size == 1:  # without `vmap`, a program that is a third smaller
+            values, slopes, static = along(jnp.ones_like(numbers))
             jacobian = jax.tree.map(lambda slope: slope[None], slopes)
         else:
             eye = jnp.eye(numbers.size, dtype=numbers.dtype)
-            values, jacobian, rest = jax.vmap(along, out_axes=(None, 0, None))(eye)
+            values, jacobian, static = jax.vmap(along, out_axes=(None, 0, None))(eye)
         applied = jax.tree.map(lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian)
-        return eqx.combine(values, rest), applied
+        return eqx.combine(values, static), applied
 
     return wrapped

@@ -299,7 +299,7 @@ def _boundaries(
     mode = library.where(beyond.overturned, beyond.mode, at_falls.mode)
     highest = at_stands.peak_rotation
     toppled = (left > eps**0.25) & (highest > 0.5 * math.pi - eps**0.25)
-    known = found.there & library.isfinite(left) & beyond.complete
+    known = found.valid & library.isfinite(left) & beyond.complete
 
     def table(entries: Any, missing: Any) -> Any:
         empty = library.full((size, listed), missing, library.asarray(entries).dtype)
@@ -320,7 +320,7 @@ def _boundaries(
         "count": library.asarray(found.count).reshape(shape),
         "overturns_first": library.asarray(found.negative_first).reshape(shape),
         "complete": library.asarray(found.complete).reshape(shape)
-        & table(known | ~found.there, True).all(axis=-1),
+        & table(known | ~found.valid, True).all(axis=-1),
     }
     return Boundaries(**jax.tree.map(jnp.asarray, answers))
 
