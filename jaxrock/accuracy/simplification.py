@@ -196,41 +196,41 @@ def _model_error(
     precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
     variants = [scene]
     variants += _around(scene, 1 + shift, _VELOCITY * unit + _ROUNDINGS * float(own.eps))
-    for precision in precisions.values():
-        round_to = functools.partial(
-            jax.lax.reduce_precision,
-            exponent_bits=precision.nexp,
-            mantissa_bits=precision.nmant,
+    for kind in precisions.values():
+        rounded = jax.tree.map(
+            lambda leaf, kind=kind: jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant), scene
         )
-        variants += _around(jax.tree.map(round_to, scene), 1.0, _ROUNDINGS * float(precision.eps))
+        variants += _around(rounded, 1.0, _ROUNDINGS * float(kind.eps))
     # All variants at once, since each closed form takes long to compile.
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants)
-    answers: dict[str, list[Answers]] = {}
-    rounding: dict[str, dict[int, Answers]] = {}
-    for model in (Linearized(), Nonlinear()):
-        computed = answers_of(stacked, model)
-        exact, *others = (
-            jax.tree.map(lambda leaf, k=k: leaf[k], computed) for k in range(len(variants))
-        )
-        answers[model.name] = [exact, *others[:3]]
-        bounds = {
-            bits: jax.tree.map(
-                functools.partial(_rounding_bound, float(precision.eps)),
-                exact,
-                *others[3 * k + 3 : 3 * k + 6],
-            )
-            for k, (bits, precision) in enumerate(precisions.items())
-        }
-        if 64 not in bounds:  # which grow at least as fast as the unit of the last place
-            finer = float(jnp.finfo(jnp.float64).eps) / float(own.eps)
-            bounds[64] = jax.tree.map(lambda bound, finer=finer: finer * bound, bounds[32])
-        rounding[model.name] = bounds
-    nonlinear = answers["nonlinear"]
-    estimate, bound = _duration_costs(
-        scene, pulse, nonlinear, unit, known, rounding["nonlinear"][int(own.bits)]
+    linearized, nonlinear = (
+        jnp.stack(jax.tree.leaves(answers_of(stacked, model)), axis=1)
+        for model in (Linearized(), Nonlinear())
     )
-    linearization = jax.tree.map(_relative, answers["linearized"][0], nonlinear[0])
-    return ModelError(linearization, estimate, bound, rounding)
+
+    def rounding(answers: Reals) -> dict[int, Reals]:
+        bounds: dict[int, Reals] = {}
+        for k, (bits, kind) in enumerate(precisions.items()):
+            rounded, less, more = answers[4 + 3 * k : 7 + 3 * k]
+            moved = jnp.maximum(
+                jnp.abs(_relative(less, rounded)), jnp.abs(_relative(more, rounded))
+            )
+            bound = jnp.abs(_relative(rounded, answers[0])) + moved
+            bounds[bits] = bound + _ROUNDINGS * float(kind.eps)
+        if 64 not in bounds:  # which grow at least as fast as the unit of the last place
+            bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(own.eps) * bounds[32]
+        return bounds
+
+    roundings = {"linearized": rounding(linearized), "nonlinear": rounding(nonlinear)}
+    estimate, bound = _duration_costs(
+        scene, pulse, nonlinear[:4], unit, known, roundings["nonlinear"][int(own.bits)]
+    )
+    linearization = _relative(linearized[0], nonlinear[0])
+    by_model = {
+        model: {bits: Answers(*bound) for bits, bound in by_bits.items()}
+        for model, by_bits in roundings.items()
+    }
+    return ModelError(Answers(*linearization), Answers(*estimate), Answers(*bound), by_model)
 
 
 def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
@@ -239,60 +239,34 @@ def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
     return [_with_intensity(scene, scene.intensity * each) for each in factors]
 
 
-def _rounding_bound(eps: float, exact: Reals, rounded: Reals, less: Reals, more: Reals) -> Reals:
-    moved = jnp.maximum(jnp.abs(_relative(less, rounded)), jnp.abs(_relative(more, rounded)))
-    return jnp.abs(_relative(rounded, exact)) + moved + _ROUNDINGS * eps
-
-
 def _duration_costs(
-    scene: Scene,
-    pulse: tuple[Reals, Number, Number, Number],
-    nonlinear: list[Answers],
-    unit: Reals,
-    known: Booleans,
-    rounding: Answers,
-) -> tuple[Answers, Answers]:
-    """Estimate of what instantaneous pulses cost, and the bound on its error."""
+    scene: Scene, pulse: Any, answers: Reals, unit: Reals, known: Booleans, rounding: Reals
+) -> tuple[Reals, Reals]:
+    """Estimates of what instantaneous pulses cost, and bounds on their errors.
+
+    From the answers at the intensity itself, and at that which has the effect of pulses of finite
+    duration by the estimate, and by its lower and upper bound.
+    """
     duration, centroid, *_ = pulse
-    instantaneous, *finite = nonlinear
     later = 2 * duration * (1 - scene.restitution) * centroid
-    critical = instantaneous.critical_intensity
+    critical = answers[0, 2]
     limit = Nonlinear().critical_velocity(scene.block)
     shift, unit_at_limit, known_at_limit = _shift(_with_intensity(scene, critical), limit, *pulse)
-    finite = [
-        Answers(
-            answers.rotation_ratio,
-            answers.period * (1 + sign * _TIME * unit) + later,
-            critical * (1 - shift + sign * _CRITICAL * unit_at_limit),
-        )
-        for sign, answers in zip((0.0, -1.0, 1.0), finite, strict=True)
-    ]
-    where = (known, known, known_at_limit)
-    by_answer = zip(*map(jax.tree.leaves, (instantaneous, *finite, where, rounding)), strict=True)
-    costs = [_cost(duration > 0, *leaves) for leaves in by_answer]
-    estimates, bounds = zip(*costs, strict=True)
-    return Answers(*estimates), Answers(*bounds)
 
+    def cost(sign: float, at: Reals) -> tuple[Reals, Booleans]:
+        period = at[1] * (1 + sign * _TIME * unit) + later
+        intensity = critical * (1 - shift + sign * _CRITICAL * unit_at_limit)
+        finite = jnp.stack([at[0], period, intensity])
+        return _relative(answers[0], finite), jnp.isfinite(finite)
 
-def _cost(
-    lasts: Booleans,
-    instantaneous: Reals,
-    finite: Reals,
-    less: Reals,
-    more: Reals,
-    known: Booleans,
-    rounding: Reals,
-) -> tuple[Reals, Reals]:
-    """Relative cost of taking pulses as instantaneous, and bound from `less` and `more`."""
-    estimate = _relative(instantaneous, finite)
-    spread = [
-        jnp.where(jnp.isfinite(estimate), jnp.abs(_relative(instantaneous, other) - estimate), 0)
-        for other in (less, more)
-    ]
-    # If none is finite the block overturns in any case, and nothing is left to lose.
-    some = functools.reduce(jnp.logical_or, map(jnp.isfinite, (instantaneous, finite, less, more)))
-    bound = jnp.where(some, jnp.maximum(*spread) + rounding, 0)
-    bound = jnp.where(known, bound, jnp.inf)
+    (estimate, some), (low, low_some), (high, high_some) = map(cost, (0.0, -1.0, 1.0), answers[1:])
+    spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
+    bound = jnp.where(jnp.isfinite(estimate), spread, 0) + rounding
+    # If no answer is finite the block overturns in any case, and nothing is left to lose.
+    some = jnp.isfinite(answers[0]) | some | low_some | high_some
+    known = jnp.stack([known, known, known_at_limit])
+    bound = jnp.where(known, jnp.where(some, bound, 0), jnp.inf)
+    lasts = jnp.stack([duration > 0] * 3)
     return jnp.where(lasts & known, estimate, 0), jnp.where(lasts, bound, 0)
 
 
