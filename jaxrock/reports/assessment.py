@@ -104,14 +104,11 @@ def _programs(types: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], 
 
 def _described(scene: Scene) -> dict[str, Any]:
     block = scene.block
+    names = ["slenderness", "half_diagonal", "critical_angle", "frequency_parameter", "gravity"]
     return {
         "width": 2 * block.half_width,
         "height": 2 * block.half_height,
-        "slenderness": block.slenderness,
-        "half_diagonal": block.half_diagonal,
-        "critical_angle": block.critical_angle,
-        "frequency_parameter": block.frequency_parameter,
-        "gravity": block.gravity,
+        **{name: getattr(block, name) for name in names},
         "restitution": scene.restitution,
         "housner_restitution": housner_restitution(block),
         "intensity": scene.intensity,
