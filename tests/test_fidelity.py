@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_model_error import NUMBER, apart, each, lasting_scenes, scenes
+from test_model_error import NUMBER, apart, computed, each, lasting_scenes, scenes
 
 import jaxrock as jr
-from jaxrock.accuracy.choice import CLOSED, computed
+from jaxrock.accuracy.choice import CLOSED
 
 pytestmark = pytest.mark.float64
 
@@ -19,8 +19,8 @@ def errors():
     truth = computed(given, CLOSED[-1])  # which is good to 1e-12: test_accuracy
     return given, np.array(
         [
-            np.max([apart(ours, t) for ours, t in zip(computed(given, s), truth, strict=True)], 0)
-            for s in CLOSED
+            np.max(jax.tree.leaves(jax.tree.map(apart, computed(given, setting), truth)), 0)
+            for setting in CLOSED
         ]
     )
 
@@ -43,10 +43,7 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
     given, duration, truth, lifted = lasting_scenes(6, NUMBER, shape)
     found = [computed(given, setting) for setting in CLOSED]
     true = np.array(
-        [
-            np.max([apart(ours, exact) for ours, exact in zip(answers, truth, strict=True)], 0)
-            for answers in found
-        ]
+        [np.max(jax.tree.leaves(jax.tree.map(apart, answers, truth)), 0) for answers in found]
     )
     for tolerance in (1e-1, 3e-2, 1e-3):
         choice = jr.choose(given, tolerance, shape, duration)

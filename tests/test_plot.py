@@ -169,7 +169,7 @@ def tradeoff_table():
     rows = [
         {
             **{"label": "", "level": "batch", "bits": 64, "batch": 10**k, "solver": "-"},
-            **{"locate": "-", "tolerance": np.nan, "order": 8, "default": k == 2},
+            **{"tolerance": np.nan, "order": 8, "default": k == 2},
             **{"error": 10.0 ** (-k), "seconds": 10.0 ** (k - 9)},
             **{"spread": 0.1, "compilation": 1.0},
         }

@@ -1,7 +1,7 @@
 """As much model as a scene requires: the cheapest setting that keeps a tolerance."""
 
 import functools
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
@@ -10,16 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ..dynamics import DrivenScene, critical_pulsed_amplitude, pulsed_phase
+from ..dynamics import DrivenScene
 from ..ground_motion import Pulse, Record
 from ..host import listed
-from ..resonance import Linearized, Nonlinear, Scene
+from ..resonance import Scene
 from ..validation import POSITIVE, Number, Reals, check
-from .simplification import Answers, ModelError, answers_of, model_error
+from .simplification import Answers, ModelError, model_error
 from .tolerance import ORDERS, respond_within
 
 
-class Setting(NamedTuple):
+@dataclass(frozen=True)
+class Setting:
     """What an answer is computed with."""
 
     level: str  # linearized, nonlinear, pulsed, batch or adaptive
@@ -32,14 +33,8 @@ class Setting(NamedTuple):
 
 
 # From the cheapest on, as `measure_tradeoff` finds them.
-CLOSED = (
-    Setting("linearized", 32),
-    Setting("linearized", 64),
-    Setting("nonlinear", 32),
-    Setting("nonlinear", 64),
-)
-PULSED = Setting("pulsed", 64)
-# By which `pulsed_phase` is off at its default tolerance, as a change of the intensity.
+CLOSED = tuple(Setting(level, bits) for level in ("linearized", "nonlinear") for bits in (32, 64))
+# The error of `pulsed_phase` at its default tolerance, as a change of the intensity.
 _PULSED_SLIP = 1e-8
 
 
@@ -51,13 +46,13 @@ class Choice(eqx.Module):
     index : Array of int
         Which of the `settings`.
     error : Array
-        What it is off by at most, relative, as predicted.
+        Bound on its relative error, as predicted.
     within_tolerance : Array of bool
         Whether that is within the tolerance. Where it is not, the setting is the best one.
+    tolerance : float
+        The relative tolerance.
     settings : tuple of Setting
         All that were on offer, from the cheapest on: level, bits, and order of the batch.
-    tolerance : float
-        What was asked for, relative.
     reasons : tuple of str
         Of a single scene, what each simplification costs.
     """
@@ -87,13 +82,10 @@ class Choice(eqx.Module):
             return listed(self, index="", error="", within_tolerance="")
         if jnp.ndim(self.index):
             counts = np.bincount(np.ravel(self.index), minlength=len(self.settings))
-            lines = [
-                f"{count:6} {setting}"
-                for count, setting in zip(counts, self.settings, strict=True)
-                if count
-            ]
-            lost = int(np.sum(~np.asarray(self.within_tolerance)))
-            return "\n".join([*lines, f"{lost:6} of them beyond {self.tolerance:g}"])
+            by_setting = zip(counts, self.settings, strict=True)
+            lines = [f"{count:6} {setting}" for count, setting in by_setting if count]
+            beyond = int(np.sum(~np.asarray(self.within_tolerance)))
+            return "\n".join([*lines, f"{beyond:6} of them beyond {self.tolerance:g}"])
         verdict = f"{self.setting}: off by at most {float(self.error):.1e}"
         if not self.within_tolerance:
             verdict = f"nothing on offer keeps {self.tolerance:g}; the best is {verdict}"
@@ -114,10 +106,10 @@ def choose(
         Elementwise: every element gets a setting of its own.
     tolerance : float
         Relative; on the rotation ratio, the period and the critical intensity of a `Scene`,
-        on the peak rotation of a `DrivenScene`. A setting that says stands where the block
+        on the peak rotation of a `DrivenScene`. A setting by which a block stands that
         overturns keeps none.
     shape : type, optional
-        `Rectangular` or `HalfSine`, if the pulses of a `Scene` last.
+        `Rectangular` or `HalfSine`, the pulses of a `Scene`; instantaneous unless given.
     duration : array_like, optional
         Of those pulses [s].
 
@@ -132,10 +124,10 @@ def choose(
 
     Notes
     -----
-    For a `Scene` from `model_error`, before anything is computed with the pulses as long as
-    they are. For a `DrivenScene` from a trial: orders 4 and 6, then 8 and 10 as far
-    as needed, which is the cheapest there is; the next order shows what one is off by. On
-    offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own precision.
+    The setting for a `Scene` follows from `model_error`, before anything is computed under
+    pulses of finite duration. That for a `DrivenScene` follows from a trial at orders 4, 6 and 8,
+    and 10 if needed, which is the cheapest there is; the error of an order shows in the next.
+    On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own precision.
 
     Examples
     --------
@@ -154,14 +146,16 @@ def choose(
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene or a DrivenScene, got {scene!r:.60}")
     wide = jnp.result_type(float) == jnp.float64
-    # Where 64 bits are on offer, costs are found in them, whatever the scene comes in.
-    given: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
-    predicted = model_error(given, shape, duration)
+    # Costs are computed in 64 bits where they are on offer, whatever the scene has.
+    exact: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
+    predicted = model_error(exact, shape, duration)
     settings = tuple(setting for setting in CLOSED if wide or setting.bits == 32)
     errors = [_largest(predicted.total(setting.level, setting.bits)) for setting in settings]
     if shape is not None:
-        settings += (PULSED if wide else Setting("pulsed", 32),)
-        errors.append(_of_pulsed(predicted))
+        settings += (Setting("pulsed", 64 if wide else 32),)
+        # Rounding to float32 is a slip of the intensity, too, and shows what that does.
+        slip = _PULSED_SLIP / float(jnp.finfo(jnp.float32).eps)
+        errors.append(slip * _largest(predicted.rounding["nonlinear"][32]))
     table = jnp.stack(errors)
     keeps = table <= tolerance
     index = jnp.where(keeps.any(axis=0), jnp.argmax(keeps, axis=0), jnp.argmin(table, axis=0))
@@ -174,28 +168,20 @@ def _largest(errors: Answers) -> Reals:
     return functools.reduce(jnp.maximum, jax.tree.leaves(errors))
 
 
-def _of_pulsed(predicted: ModelError) -> Reals:
-    """From what rounding to float32 does, which is a slip of the intensity, too."""
-    return (
-        _PULSED_SLIP
-        / float(jnp.finfo(jnp.float32).eps)
-        * _largest(predicted.rounding["nonlinear"][32])
-    )
-
-
 def _reasons(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...]:
-    def said(name: str, errors: Answers) -> str:
-        parts = []
-        for answer, error in errors._asdict().items():
-            size = "the fate" if jnp.isinf(error) else f"{100 * float(error):.2g} %"
-            parts.append(f"{size} of the {answer.replace('_', ' ')}")
-        return f"{name} costs " + ", ".join(parts)
-
-    lines = [said("linearizing", predicted.linearization)]
+    causes = {"linearizing": predicted.linearization}
     if shape is not None:
-        lines.append(said("taking the pulses as instantaneous", predicted.duration))
-        lines.append(said("not knowing that better", predicted.duration_bound))
-    lines.append(said("float32 at most", predicted.rounding["nonlinear"][32]))
+        causes["taking the pulses as instantaneous"] = predicted.duration
+        causes["not knowing that better"] = predicted.duration_bound
+    causes["float32 at most"] = predicted.rounding["nonlinear"][32]
+    lines: list[str] = []
+    for cause, errors in causes.items():
+        parts = (
+            f"{'the outcome' if jnp.isinf(error) else f'{100 * float(error):.2g} %'}"
+            f" of the {answer.replace('_', ' ')}"
+            for answer, error in vars(errors).items()
+        )
+        lines.append(f"{cause} costs {', '.join(parts)}")
     return tuple(lines)
 
 
@@ -206,28 +192,11 @@ def _choose_order(scene: DrivenScene, tolerance: float) -> Choice:
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     index = jnp.asarray(np.searchsorted(ORDERS, within.cheapest))
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
-    reason = f"the next order differs by {float(within.error):.1e}" if index.ndim == 0 else ""
     return Choice(
         index,
-        jnp.asarray(within.error),
-        jnp.asarray(within.within_tolerance),
+        within.error,
+        within.within_tolerance,
         tolerance,
         tuple(Setting("batch", bits, order) for order in ORDERS),
-        (reason,) if reason else (),
+        () if index.ndim else (f"the next order differs by {float(within.error):.1e}",),
     )
-
-
-def computed(
-    scene: Scene, setting: Setting, shape: type[Pulse] | None = None, duration: Number = 0.0
-) -> Answers:
-    """The three answers about a single scene, with a setting of `choose`."""
-    dtype = jnp.float32 if setting.bits == 32 else jnp.float64
-    scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), scene)
-    if setting.level != "pulsed":
-        return answers_of(scene, Linearized() if setting.level == "linearized" else Nonlinear())
-    if shape is None:
-        raise ValueError("shape must be given for pulses that last")
-    pulse = shape(scene.intensity / (shape.area * jnp.asarray(duration, dtype)), duration)
-    phase = pulsed_phase(scene.block, scene.restitution, pulse)
-    verge = critical_pulsed_amplitude(scene.block, scene.restitution, shape, duration)
-    return Answers(phase.rotation_ratio, phase.period, verge.intensity)

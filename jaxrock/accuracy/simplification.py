@@ -1,11 +1,11 @@
 """What simplifying a scene costs, predicted from closed forms.
 
-The truth is the nonlinear equation under pulses as long as they are. Three things are
-cheaper: linearizing, taking pulses as instantaneous, and single precision.
+The truth is the nonlinear equation under pulses of finite duration. Three things are cheaper:
+linearizing, taking pulses as instantaneous, and single precision.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -35,19 +35,19 @@ from ..validation import (
     of_one_precision,
 )
 
-# What just lifts the block over the mean strength of the pulse, up to which the cost of its
-# duration is known, and the slenderness from which on; and the bounds on what is left, of
-# which the largest found by a search are 0.239, 0.267 and 0.159.
-_LONGEST, _STOCKIEST = 0.8, 0.5
+# The estimate of what a duration costs is known up to this ratio of the acceleration that just
+# lifts the block to the mean one of the pulse, and from this slenderness on.
+_MAX_UPLIFT_RATIO, _MIN_SLENDERNESS = 0.8, 0.5
+# Bounds on its remainder; the largest values found by a search are 0.239, 0.267 and 0.159.
 _VELOCITY, _TIME, _CRITICAL = 0.3, 0.35, 0.2
 # Under a half-sine a block launched with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity
 # comes back at once; that velocity may be half of what is estimated.
-_FALLS = 0.2
+_FALLS_BACK = 0.2
 # Rounding of the closed forms, as a change of the intensity in units of the last place.
 _ROUNDINGS = 3.5
 
 
-class Answers(NamedTuple):
+class Answers(eqx.Module):
     """The three answers about which errors are stated.
 
     Attributes
@@ -61,22 +61,20 @@ class Answers(NamedTuple):
     critical_intensity: Reals
 
     def __str__(self) -> str:
-        named = self._asdict().items()
-        return ", ".join(f"{name.replace('_', ' ')} {shown(answer)}" for name, answer in named)
+        return ", ".join(f"{name.replace('_', ' ')} {shown(v)}" for name, v in vars(self).items())
 
 
 class ModelError(eqx.Module):
-    """What simplifying a scene costs; see `model_error`. All are relative.
+    """What simplifying a scene costs, relative; see `model_error`.
 
     Attributes
     ----------
     linearization : Answers
         `Linearized` over `Nonlinear`, less 1: exact up to rounding.
     duration : Answers
-        Instantaneous pulses over pulses that last, less 1: to first order in the duration.
+        Instantaneous pulses over pulses of finite duration, less 1: to first order in it.
     duration_bound : Answers
-        What the estimate of `duration` may be off by, with rounding; inf where nothing is
-        known.
+        Bound on the error of `duration`, with rounding; inf where nothing is known.
     rounding : dict
         For the models "linearized" and "nonlinear" and 32 and 64 bits: bound on what rounding
         costs, of the arguments (if they are given in a higher precision) and on the way. Of
@@ -101,10 +99,10 @@ class ModelError(eqx.Module):
         return "\n".join(f"{name:24}{errors}" for name, errors in rows.items())
 
     def total(self, model: str, bits: int) -> Answers:
-        """Bound on the error of a model in a precision.
+        """Bound on the error of a model in a precision; inf where nothing is known.
 
-        With the rounding of what the costs were found from, so that it is no better than
-        the precision the scene was given in.
+        It includes the rounding of `linearization` itself, so that it is no better than the
+        precision the scene was given in.
 
         Parameters
         ----------
@@ -116,23 +114,21 @@ class ModelError(eqx.Module):
         Returns
         -------
         Answers
-            Relative; inf where nothing is known.
         """
-        given = int(jnp.finfo(self.linearization.period.dtype).bits)
+        own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)
         roundings = [self.rounding[model][bits]]
-        if model == "linearized":  # which was compared with the other in the precision given
-            roundings += [by_bits[given] for by_bits in self.rounding.values()]
+        if model == "linearized":
+            roundings += [by_bits[own_bits] for by_bits in self.rounding.values()]
 
-        def added(simpler: Reals, duration: Reals, unsure: Reals, *roundings: Reals) -> Reals:
+        def added(simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals) -> Reals:
             simpler = simpler if model == "linearized" else jnp.zeros_like(simpler)
             both = jnp.abs(simpler + duration + simpler * duration)
-            unsure = unsure + functools.reduce(jnp.add, roundings)
+            bound = bound + functools.reduce(jnp.add, roundings)
             known = jnp.isfinite(simpler + duration)
-            return jnp.where(known, both + unsure * (1 + simpler), jnp.inf)
+            return jnp.where(known, both + bound * (1 + simpler), jnp.inf)
 
-        return jax.tree.map(
-            added, self.linearization, self.duration, self.duration_bound, *roundings
-        )
+        costs = self.linearization, self.duration, self.duration_bound
+        return jax.tree.map(added, *costs, *roundings)
 
 
 def model_error(
@@ -144,7 +140,7 @@ def model_error(
     ----------
     scene : Scene
     shape : type, optional
-        `Rectangular` or `HalfSine`, if the pulses last: those that have an intensity.
+        `Rectangular` or `HalfSine`, the pulses that have an intensity; instantaneous unless given.
     duration : array_like, optional
         Of the pulses [s], at least 0.
 
@@ -162,8 +158,8 @@ def model_error(
 
     Notes
     -----
-    To first order in the duration d of the pulses, those that last settle at a velocity that
-    is ``1 + e (w v* I / g - (1 - C) m)`` times that of instantaneous ones, with ``e = d g
+    To first order in the duration d of the pulses, the velocity at which the block settles
+    is ``1 + e (w v* I / g - (1 - C) m)`` times that under instantaneous ones, with ``e = d g
     tan(alpha_c) / I`` (what just lifts the block over the mean acceleration of the pulse), m
     the centroid of the pulse in durations and ``w = C m + (1 - C) n``, n the integral of the
     pulse times the second integral of itself. The remainder, bounded by
@@ -184,7 +180,9 @@ def model_error(
     if shape is None and not isinstance(duration, jax.core.Tracer) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
     # Broadcast here, so that what is compiled depends on the shape of the result alone.
-    return _model_error(*_together(scene, duration), centroid, work, slack)
+    leaves, structure = jax.tree.flatten(of_one_precision((scene, duration)))
+    scene, duration = jax.tree.unflatten(structure, jnp.broadcast_arrays(*leaves))
+    return _model_error(scene, duration, centroid, work, slack)
 
 
 @elementwise(duration=NON_NEGATIVE)
@@ -193,138 +191,112 @@ def _model_error(
 ) -> ModelError:
     duration = jnp.asarray(duration)
     pulse = (duration, centroid, work, slack)
-    shift, unsure, known = _shift(scene, stabilized_velocity(scene), *pulse)
-    given = jnp.finfo(duration.dtype)
-    slip = _VELOCITY * unsure + _ROUNDINGS * float(given.eps)
-    variants = {
-        "given": scene,
-        "lasting": _scaled(scene, 1 + shift),
-        "weaker": _scaled(scene, 1 + shift - slip),
-        "stronger": _scaled(scene, 1 + shift + slip),
-    }
-    precisions = {32: jnp.finfo(jnp.float32), int(given.bits): given}
-    for bits, kind in precisions.items():
+    shift, unit, known = _shift(scene, stabilized_velocity(scene), *pulse)
+    own = jnp.finfo(duration.dtype)
+    precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
+    variants = [scene]
+    variants += _around(scene, 1 + shift, _VELOCITY * unit + _ROUNDINGS * float(own.eps))
+    for kind in precisions.values():
         rounded = jax.tree.map(
             lambda leaf, kind=kind: jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant), scene
         )
-        slip = _ROUNDINGS * float(kind.eps)
-        variants |= {
-            f"{bits}": rounded,
-            f"{bits}-": _scaled(rounded, 1 - slip),
-            f"{bits}+": _scaled(rounded, 1 + slip),
-        }
-
-    # All at once, since each closed form takes long to compile.
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants.values())
-
-    def answered(model: RockingModel) -> dict[str, Answers]:
-        found = answers_of(stacked, model)
-        return {
-            name: jax.tree.map(lambda leaf, k=k: leaf[k], found) for k, name in enumerate(variants)
-        }
-
-    nonlinear, linearized = answered(Nonlinear()), answered(Linearized())
-
-    def rounding(found: dict[str, Answers], bits: int) -> Answers:
-        if bits not in precisions:  # which grows at least as fast as the slip
-            finer = float(jnp.finfo(jnp.float64).eps) / float(given.eps)
-            return jax.tree.map(lambda bound: finer * bound, rounding(found, int(given.bits)))
-        eps = float(precisions[bits].eps)
-
-        def bound(exact: Reals, rounded: Reals, less: Reals, more: Reals) -> Reals:
-            moved = jnp.maximum(jnp.abs(_apart(less, rounded)), jnp.abs(_apart(more, rounded)))
-            return jnp.abs(_apart(rounded, exact)) + moved + _ROUNDINGS * eps
-
-        names = ("given", f"{bits}", f"{bits}-", f"{bits}+")
-        return jax.tree.map(bound, *(found[name] for name in names))
-
-    linearized_rounding, nonlinear_rounding = (
-        {bits: rounding(found, bits) for bits in (32, 64)} for found in (linearized, nonlinear)
+        variants += _around(rounded, 1.0, _ROUNDINGS * float(kind.eps))
+    # All variants at once, since each closed form takes long to compile.
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants)
+    linearized, nonlinear = (
+        jnp.stack(jax.tree.leaves(answers_of(stacked, model)), axis=1)
+        for model in (Linearized(), Nonlinear())
     )
+
+    def rounding(answers: Reals) -> dict[int, Reals]:
+        bounds: dict[int, Reals] = {}
+        for k, (bits, kind) in enumerate(precisions.items()):
+            rounded, less, more = answers[4 + 3 * k : 7 + 3 * k]
+            moved = jnp.maximum(
+                jnp.abs(_relative(less, rounded)), jnp.abs(_relative(more, rounded))
+            )
+            bound = jnp.abs(_relative(rounded, answers[0])) + moved
+            bounds[bits] = bound + _ROUNDINGS * float(kind.eps)
+        if 64 not in bounds:  # which grow at least as fast as the unit of the last place
+            bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(own.eps) * bounds[32]
+        return bounds
+
+    roundings = {"linearized": rounding(linearized), "nonlinear": rounding(nonlinear)}
     estimate, bound = _duration_costs(
-        scene, pulse, nonlinear, unsure, known, nonlinear_rounding[int(given.bits)]
+        scene, pulse, nonlinear[:4], unit, known, roundings["nonlinear"][int(own.bits)]
     )
-    return ModelError(
-        linearization=jax.tree.map(_apart, linearized["given"], nonlinear["given"]),
-        duration=estimate,
-        duration_bound=bound,
-        rounding={"linearized": linearized_rounding, "nonlinear": nonlinear_rounding},
-    )
+    linearization = _relative(linearized[0], nonlinear[0])
+    by_model = {
+        model: {bits: Answers(*bound) for bits, bound in by_bits.items()}
+        for model, by_bits in roundings.items()
+    }
+    return ModelError(Answers(*linearization), Answers(*estimate), Answers(*bound), by_model)
+
+
+def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
+    """Scenes of the intensity times a factor, and of less and more."""
+    factors = (factor, factor - slip, factor + slip)
+    return [_with_intensity(scene, scene.intensity * each) for each in factors]
 
 
 def _duration_costs(
-    scene: Scene,
-    pulse: tuple[Reals, Number, Number, Number],
-    nonlinear: dict[str, Answers],
-    unsure: Reals,
-    known: Booleans,
-    rounding: Answers,
-) -> tuple[Answers, Answers]:
-    """What instantaneous pulses cost and what that may be off by, from the variants."""
+    scene: Scene, pulse: Any, answers: Reals, unit: Reals, known: Booleans, rounding: Reals
+) -> tuple[Reals, Reals]:
+    """Estimates of what instantaneous pulses cost, and bounds on their errors.
+
+    From the answers at the intensity itself, and at that which has the effect of pulses of finite
+    duration by the estimate, and by its lower and upper bound.
+    """
     duration, centroid, *_ = pulse
     later = 2 * duration * (1 - scene.restitution) * centroid
-    now, then, less, more = (nonlinear[n] for n in ("given", "lasting", "weaker", "stronger"))
-    critical = now.critical_intensity
-    at_verge = Nonlinear().critical_velocity(scene.block)
-    by, unsure_there, known_there = _shift(_with_intensity(scene, critical), at_verge, *pulse)
-    periods = (
-        then.period + later,
-        less.period * (1 - _TIME * unsure) + later,
-        more.period * (1 + _TIME * unsure) + later,
-    )
-    intensities = tuple(
-        critical * (1 - by + sign * _CRITICAL * unsure_there) for sign in (0.0, -1.0, 1.0)
-    )
-    costs = (
-        _cost(
-            now.rotation_ratio,
-            (then.rotation_ratio, less.rotation_ratio, more.rotation_ratio),
-            known,
-            duration > 0,
-            rounding.rotation_ratio,
-        ),
-        _cost(now.period, periods, known, duration > 0, rounding.period),
-        _cost(critical, intensities, known_there, duration > 0, rounding.critical_intensity),
-    )
-    estimates, bounds = zip(*costs, strict=True)
-    return Answers(*estimates), Answers(*bounds)
+    critical = answers[0, 2]
+    limit = Nonlinear().critical_velocity(scene.block)
+    shift, unit_at_limit, known_at_limit = _shift(_with_intensity(scene, critical), limit, *pulse)
+
+    def cost(sign: float, at: Reals) -> tuple[Reals, Booleans]:
+        period = at[1] * (1 + sign * _TIME * unit) + later
+        intensity = critical * (1 - shift + sign * _CRITICAL * unit_at_limit)
+        finite = jnp.stack([at[0], period, intensity])
+        return _relative(answers[0], finite), jnp.isfinite(finite)
+
+    (estimate, some), (low, low_some), (high, high_some) = map(cost, (0.0, -1.0, 1.0), answers[1:])
+    spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
+    bound = jnp.where(jnp.isfinite(estimate), spread, 0) + rounding
+    # If no answer is finite the block overturns in any case, and nothing is left to lose.
+    some = jnp.isfinite(answers[0]) | some | low_some | high_some
+    known = jnp.stack([known, known, known_at_limit])
+    bound = jnp.where(known, jnp.where(some, bound, 0), jnp.inf)
+    lasts = jnp.stack([duration > 0] * 3)
+    return jnp.where(lasts & known, estimate, 0), jnp.where(lasts, bound, 0)
 
 
-@jax.jit
-def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
-    """Where the block stands and linearizing costs no answer more than the tolerance.
+def _shift(
+    scene: Scene, velocity: Reals, duration: Reals, centroid: Number, work: Number, slack: Number
+) -> tuple[Reals, Reals, Booleans]:
+    """Relative change of the velocity due to the duration, unit of its bounds, whether known."""
+    block, c, intensity = scene.block, scene.restitution, scene.intensity
+    lasts = (duration > 0) & (intensity > 0)
+    e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
+    # A pulse that starts weak lets a slow block fall back to the ground before it pushes.
+    known = lasts & (e <= _MAX_UPLIFT_RATIO) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
+    known = known & (block.slenderness >= _MIN_SLENDERNESS)
+    e = jnp.where(known, e, 0)
+    pushed = jnp.where(known, velocity, 0) * intensity / block.gravity
+    shift = e * ((c * centroid + (1 - c) * work) * pushed - (1 - c) * centroid)
+    return shift, e**2 * (1 - c + pushed), known
 
-    For less than either closed form takes: what it costs grows with the velocity, so that
-    there is one up to which it is little, and in units of the critical velocity that follows
-    from the slenderness alone.
-    """
-    block = eqx.tree_at(lambda b: b.half_width, scene.block, jnp.ones_like(scene.block.slenderness))
-    block = eqx.tree_at(lambda b: b.gravity, block, jnp.ones_like(scene.block.slenderness))
-    linearized, nonlinear = Linearized(), Nonlinear()
-    over = nonlinear.critical_velocity(block) / linearized.critical_velocity(block)
-    single = nonlinear.critical_velocity(block) / block.pulse_velocity(1.0)
-    least = 16 * float(jnp.finfo(over.dtype).eps)
-    allowed = jnp.asarray(tolerance, over.dtype) - least
 
-    def little(x: Reals) -> Booleans:
-        ratios = (m._rotation_ratio(block, v) for m, v in ((linearized, x * over), (nonlinear, x)))
-        durations = (
-            m._half_cycle_duration(block, v, x * single)
-            for m, v in ((linearized, x * over), (nonlinear, x))
-        )
-        costs = jnp.maximum(jnp.abs(_apart(*ratios)), jnp.abs(_apart(*durations)))
-        return jnp.maximum(costs, jnp.abs(1 / over - 1)) <= allowed
+def _relative(value: Reals, reference: Reals) -> Reals:
+    """``value / reference - 1``: 0 where neither exists, inf where one does, 0 for 0 / 0."""
+    exists, reference_exists = jnp.isfinite(value), jnp.isfinite(reference)
+    compared = exists & reference_exists & (reference != 0)
+    ratio = jnp.where(compared, value, 1) / jnp.where(compared, reference, 1)
+    same = (exists == reference_exists) & (compared | (value == reference) | ~exists)
+    return jnp.where(same, ratio - 1, jnp.inf)
 
-    def halved(_: Any, between: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
-        low, high = between
-        middle = 0.5 * (low + high)
-        enough = little(middle)
-        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
 
-    one = jnp.ones_like(over)
-    fastest, _ = jax.lax.fori_loop(0, 40, halved, (0 * one, one))
-    fastest = jnp.where(little(1e-3 * one), fastest, -1.0)
-    return stabilized_velocity(scene) <= fastest * nonlinear.critical_velocity(scene.block)
+def _with_intensity(scene: Scene, intensity: Reals) -> Scene:
+    return eqx.tree_at(lambda s: s.intensity, scene, intensity)
 
 
 def answers_of(scene: Scene, model: RockingModel) -> Answers:
@@ -333,66 +305,47 @@ def answers_of(scene: Scene, model: RockingModel) -> Answers:
     return Answers(rotation_ratio(scene, model), stabilized_period(scene, model), critical)
 
 
-def _with_intensity(scene: Scene, intensity: Reals) -> Scene:
-    return eqx.tree_at(lambda s: s.intensity, scene, intensity)
+@jax.jit
+def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
+    """Where the block stands and linearizing costs no answer more than the tolerance.
 
+    Cheaper than either closed form: the cost grows with the velocity, so that it is within the
+    tolerance up to one velocity, which in units of the critical one depends on the slenderness
+    alone.
+    """
+    one = jnp.ones_like(scene.block.slenderness)
+    block = eqx.tree_at(lambda b: (b.half_width, b.gravity), scene.block, (one, one))
+    linearized, nonlinear = Linearized(), Nonlinear()
+    critical = nonlinear.critical_velocity(block)
+    over = critical / linearized.critical_velocity(block)
+    single = critical / block.pulse_velocity(1.0)
+    allowed = jnp.asarray(tolerance, over.dtype) - 16 * float(jnp.finfo(over.dtype).eps)
 
-def _scaled(scene: Scene, factor: Any) -> Scene:
-    return _with_intensity(scene, scene.intensity * factor)
+    def enough(x: Reals) -> Booleans:
+        """Whether it is at a velocity in units of the critical one."""
+        sides = ((linearized, x * over), (nonlinear, x))
+        ratios = (model._rotation_ratio(block, v) for model, v in sides)
+        durations = (model._half_cycle_duration(block, v, x * single) for model, v in sides)
+        costs = jnp.maximum(jnp.abs(_relative(*ratios)), jnp.abs(_relative(*durations)))
+        return jnp.maximum(costs, jnp.abs(1 / over - 1)) <= allowed
 
+    def halved(_: Any, interval: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
+        low, high = interval
+        middle = 0.5 * (low + high)
+        within = enough(middle)
+        return jnp.where(within, middle, low), jnp.where(within, high, middle)
 
-def _together(scene: Scene, duration: Reals) -> tuple[Scene, Reals]:
-    leaves, form = jax.tree.flatten(of_one_precision((scene, duration)))
-    leaves = jnp.broadcast_arrays(*leaves)
-    return jax.tree.unflatten(form, leaves)
-
-
-def _apart(value: Reals, of: Reals) -> Reals:
-    """``value / of - 1``: 0 where neither exists, inf where one does, 0 for 0 / 0."""
-    here, there = jnp.isfinite(value), jnp.isfinite(of)
-    compared = here & there & (of != 0)
-    ratio = jnp.where(compared, value, 1) / jnp.where(compared, of, 1)
-    return jnp.where((here == there) & (compared | (value == of) | ~here), ratio - 1, jnp.inf)
-
-
-def _shift(
-    scene: Scene, velocity: Reals, duration: Reals, centroid: Number, work: Number, slack: Number
-) -> tuple[Reals, Reals, Booleans]:
-    """Relative change of the velocity if pulses last, unit of its bounds, whether known."""
-    block, c, intensity = scene.block, scene.restitution, scene.intensity
-    lasts = (duration > 0) & (intensity > 0)
-    e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
-    # One that starts weak lets a slow block fall back to the ground before it pushes.
-    known = lasts & (e <= _LONGEST) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
-    known = known & (block.slenderness >= _STOCKIEST)
-    e = jnp.where(known, e, 0)
-    pushed = jnp.where(known, velocity, 0) * intensity / block.gravity
-    shift = e * ((c * centroid + (1 - c) * work) * pushed - (1 - c) * centroid)
-    return shift, e**2 * (1 - c + pushed), known
-
-
-def _cost(
-    now: Reals, lasting: tuple[Reals, ...], known: Booleans, lasts: Booleans, rounding: Reals
-) -> tuple[Reals, Reals]:
-    """What `now` is off by if the first that is `lasting` is right, or else one of the others."""
-    then, less, more = lasting
-    estimate = _apart(now, then)
-    spread = [
-        jnp.where(jnp.isfinite(estimate), jnp.abs(_apart(now, other) - estimate), 0)
-        for other in (less, more)
-    ]
-    # Where nothing is left to lose: the block overturns in any case.
-    some = jnp.isfinite(now) | jnp.isfinite(then) | jnp.isfinite(less) | jnp.isfinite(more)
-    unsure = jnp.where(some, jnp.maximum(*spread) + rounding, 0)
-    unsure = jnp.where(known, unsure, jnp.inf)
-    return jnp.where(lasts & known, estimate, 0), jnp.where(lasts, unsure, 0)
+    one = jnp.ones_like(over)
+    fastest, _ = jax.lax.fori_loop(0, 40, halved, (0 * one, one))
+    fastest = jnp.where(enough(1e-3 * one), fastest, -1.0)
+    return stabilized_velocity(scene) <= fastest * nonlinear.critical_velocity(scene.block)
 
 
 @functools.cache
 def _moments(shape: type[Pulse]) -> tuple[float, float, float]:
-    """Centroid of a pulse, the integral of it times its second integral, and `_FALLS`.
+    """Centroid of a pulse, the integral of it times its second integral, and `_FALLS_BACK`.
 
-    Of a pulse of duration 1 and intensity 1.
+    Of a pulse of duration 1 and intensity 1; the last is 0 for one that starts with a jump.
     """
     if not (isinstance(shape, type) and issubclass(shape, Pulse)) or shape.area == 0:
         raise ValueError(f"shape must be Rectangular or HalfSine, got {shape!r}")
@@ -405,5 +358,5 @@ def _moments(shape: type[Pulse]) -> tuple[float, float, float]:
     # The second integral of f up to t is the integral of (t - u) f(u).
     twice = [np.sum(weight * t * t * (1 - node) * strength(t * node)) for t in node]
     pulse = weight * strength(node)
-    slack = 0.0 if strength(np.zeros(1))[0] > 0 else _FALLS
+    slack = 0.0 if strength(np.zeros(1))[0] > 0 else _FALLS_BACK
     return float(np.sum(pulse * node)), float(np.sum(pulse * np.array(twice))), slack

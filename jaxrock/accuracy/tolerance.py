@@ -1,10 +1,11 @@
 """Driven motion of many blocks to a tolerance: each at the order that it needs."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..block import Block
 from ..dynamics import BatchResponse, respond_batch
@@ -14,18 +15,18 @@ from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
 
 ORDERS = (4, 6, 8, 10)
-# What the others are compared with. One and the next may be off by the same, by chance: 4 and 6
-# were so twice in a thousand short pulses, so no order vouches for the one it is compared with.
+# The order that the others are compared with. One and the next may be off by the same, by
+# chance: 4 and 6 were so twice in a thousand short pulses, so no two neighbours are compared.
 _MAIN = 8
-_SAFETY = 1.25  # an order is off by what a higher one differs by, and by what that is off by
+_SAFETY = 1.25  # an order is off by what a higher one differs by, and by the error of that one
 # In units of eps: what rounding amounts to, as a slip of the input, and the tolerance below
 # which it counts, too, after the impacts have amplified it.
 _ROUNDING, _DELICATE = 64, 2**32
-# What no order gets below: pulses are taken as quintics.
+# The error that no order gets below: pulses are taken as quintics.
 _FLOORS = {Record: 1e-12, Pulse: 1e-9}
 
 
-class EstimatedResponse(NamedTuple):
+class EstimatedResponse(eqx.Module):
     """Responses and how good they are; see `respond_within`.
 
     Attributes
@@ -35,21 +36,21 @@ class EstimatedResponse(NamedTuple):
     order : Array of int
         Of the Taylor polynomials: 8, or 10 where that was needed to keep the tolerance.
     error : Array
-        By how much the peak rotation is off at most, relative: what a lower order differs by
-        (for tolerances below 1e-6 also what rounding, amplified by the impacts, does), and at
-        least 1e-9 under a pulse; inf where that has another outcome.
+        Estimated bound on the relative error of the peak rotation: the difference to a lower
+        order (for tolerances below 1e-6 also that due to rounding, amplified by the impacts),
+        and at least 1e-9 under a pulse; inf where the other order has another outcome.
     cheapest : Array of int
         The lowest order that keeps the tolerance, too: cheaper, next time.
     within_tolerance : Array of bool
-        Whether the tolerance is kept. Where it is not the response is chaotic, or asks for
-        more than the precision has.
+        Whether the tolerance is kept. Where it is not the response is chaotic, or the precision
+        cannot deliver it.
     """
 
     response: BatchResponse
-    order: Int[np.ndarray, "..."]
-    error: Float[np.ndarray, "..."]
-    cheapest: Int[np.ndarray, "..."]
-    within_tolerance: Bool[np.ndarray, "..."]
+    order: Int[Array, "..."]
+    error: Float[Array, "..."]
+    cheapest: Int[Array, "..."]
+    within_tolerance: Bool[Array, "..."]
 
     def __str__(self) -> str:
         return f"{self.response}\n{listed(self, order='', error='', within_tolerance='')}"
@@ -64,16 +65,14 @@ def respond_within(
     *,
     model: ModelLike = Nonlinear(),
 ) -> EstimatedResponse:
-    """Response of many blocks, each computed at two orders or more, and how well they agree.
+    """Response of many blocks, each at two orders or more, and how well these agree.
 
     Parameters
     ----------
-    blocks, restitution, motion, model
+    blocks, restitution, motion, duration, model
         As in `respond_batch`, where everything broadcasts.
     tolerance : float
         On the peak rotation, relative.
-    duration : array_like, optional
-        As in `respond_batch`: to the end of the motion unless given.
 
     Returns
     -------
@@ -88,92 +87,85 @@ def respond_within(
     -----
     The estimate covers what depends on the order: the truncation of the Taylor polynomials and
     of the times of impacts found from them, as it grows through the impacts, and, for
-    tolerances below 1e-6, rounding of the input. What all orders have in common it cannot
-    see. That is the model itself, a pulse taken as quintics (in the 1e-9 that it is never
-    below), and the rule by which a block comes to rest, which leaves no higher bounce out.
-    The tests compare it with an integrator of another kind.
+    tolerances below 1e-6, rounding of the input. It cannot see what all orders have in common:
+    the model itself, the quintics that stand for a pulse (for which the error is at least 1e-9),
+    and the rule by which a block comes to rest. The tests compare it with an integrator of
+    another kind.
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     restitution = as_real("restitution", restitution)
     if duration is not None:
         duration = as_real("duration", duration)
-    everything = (blocks, restitution, motion, duration)
+    arguments = (blocks, restitution, motion, duration)
     model = as_model(model)
-    now = respond_batch(*everything, model=model, order=_MAIN)
-    shape = now.complete.shape
+    main = respond_batch(*arguments, model=model, order=_MAIN)
+    shape = main.complete.shape
+    eps = float(np.finfo(main.margin.dtype).eps)
     floor = next(least for kind, least in _FLOORS.items() if isinstance(motion, kind))
-    eps = float(np.finfo(now.margin.dtype).eps)
     floor = max(floor, _ROUNDING * eps)
-    found = jax.tree.map(lambda leaf: np.array(leaf).reshape(-1), now)
-    order = np.full(found.complete.shape, _MAIN)
-    error = np.full(found.complete.shape, np.inf)
-    cheapest = np.full(found.complete.shape, ORDERS[-1])
-    rounding = np.zeros(found.complete.shape)
+    best = jax.tree.map(lambda leaf: np.array(leaf).reshape(-1), main)
+    order = np.full(best.complete.shape, _MAIN)
+    cheapest = np.full(best.complete.shape, ORDERS[-1])
+    error = np.full(best.complete.shape, np.inf)
+    rounding = np.zeros(best.complete.shape)
     for other in (order for order in ORDERS if order != _MAIN):
         (open_,) = np.nonzero(error > tolerance)
         if not open_.size:
             break
-        part = _part(everything, shape, open_)
-        main = jax.tree.map(lambda leaf, k=open_: leaf[k], found)
-        now = _run(part, model, other)
+        part = _part(arguments, shape, open_)
+        before = jax.tree.map(lambda leaf, k=open_: leaf[k], best)
+        after = _run(part, model, other)
         if other == ORDERS[0] and tolerance < _DELICATE * eps:
             block, c, shaking, end = part
             slipped = block, c, shaking.scaled(1 + _ROUNDING * eps), end
-            rounding[open_] = _apart(main, _run(slipped, model, _MAIN))
-        differs = np.maximum(_apart(main, now), rounding[open_])
-        error[open_] = np.maximum(_SAFETY * differs, floor)
+            rounding[open_] = _difference(before, _run(slipped, model, _MAIN))
+        difference = np.maximum(_difference(before, after), rounding[open_])
+        error[open_] = np.maximum(_SAFETY * difference, floor)
         cheapest[open_] = np.where(error[open_] <= tolerance, min(other, _MAIN), ORDERS[-1])
         if other > _MAIN:
             order[open_] = other
-            for leaf, new in zip(jax.tree.leaves(found), jax.tree.leaves(now), strict=True):
+            for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
                 leaf[open_] = new
-
-    def shaped(leaf: np.ndarray) -> np.ndarray:
-        return leaf.reshape(shape)
-
+    result = (best, order, error, cheapest, (error <= tolerance) & best.complete)
     return EstimatedResponse(
-        jax.device_put(jax.tree.map(shaped, found)),
-        shaped(order),
-        shaped(error),
-        shaped(cheapest),
-        shaped((error <= tolerance) & found.complete),
+        *jax.device_put(jax.tree.map(lambda leaf: leaf.reshape(shape), result))
     )
 
 
 def _run(part: tuple[Any, ...], model: RockingModel, order: int) -> BatchResponse:
     """The responses of a flat part of a batch."""
-    now = respond_batch(*part, model=model, order=order)
-    return jax.tree.map(lambda leaf: np.broadcast_to(leaf, part[1].shape), now)
+    response = respond_batch(*part, model=model, order=order)
+    return jax.tree.map(lambda leaf: np.broadcast_to(leaf, part[1].shape), response)
 
 
-def _apart(before: BatchResponse, after: BatchResponse) -> np.ndarray:
-    """By how much two responses differ, as `EstimatedResponse.error` has it."""
+def _difference(before: BatchResponse, after: BatchResponse) -> np.ndarray:
+    """Relative difference of two responses, as in `EstimatedResponse.error`."""
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.abs(before.peak_rotation / after.peak_rotation - 1)
-    off = np.where(before.peak_rotation == after.peak_rotation, 0, off)
-    off = np.where(after.overturned, 0, off)
+    off = np.where((before.peak_rotation == after.peak_rotation) | after.overturned, 0, off)
     same = (before.overturned == after.overturned) & before.complete & after.complete
     return np.where(same, off, np.inf)
 
 
-def _part(everything: tuple[Any, ...], shape: tuple[int, ...], index: Any) -> tuple[Any, ...]:
+def _part(arguments: tuple[Any, ...], shape: tuple[int, ...], index: Any) -> tuple[Any, ...]:
     """The arguments of some blocks of a batch, flat; samples that all share stay as they are."""
-    blocks, restitution, motion, duration = everything
+    blocks, restitution, motion, duration = arguments
     shape = shape or (1,)
     where = np.unravel_index(index, shape)
 
-    def taken(leaf: Any, lasting: int = 0) -> np.ndarray:
-        leaf = np.asarray(leaf)
-        last = leaf.shape[leaf.ndim - lasting :]
-        if last == leaf.shape and lasting:
-            return leaf
-        return np.broadcast_to(leaf, (*shape, *last))[where]
+    def taken(leaf: Any) -> np.ndarray:
+        return np.broadcast_to(leaf, shape)[where]
+
+    def samples_taken(samples: Any) -> np.ndarray:
+        samples = np.asarray(samples)
+        if samples.ndim == 1:
+            return samples
+        return np.broadcast_to(samples, (*shape, samples.shape[-1]))[where]
 
     if isinstance(motion, Record):
-        vertical = None if motion.vertical is None else taken(motion.vertical, 1)
-        shared = (taken(leaf) for leaf in (motion.time_step, motion.scale, motion.start))
-        time_step, scale, start = shared
-        motion = Record(taken(motion.acceleration, 1), time_step, vertical, scale, start)
+        vertical = None if motion.vertical is None else samples_taken(motion.vertical)
+        time_step, scale, start = map(taken, (motion.time_step, motion.scale, motion.start))
+        motion = Record(samples_taken(motion.acceleration), time_step, vertical, scale, start)
     else:
         motion = jax.tree.map(taken, motion)
     end = None if duration is None else taken(duration)

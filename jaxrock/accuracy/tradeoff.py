@@ -1,55 +1,71 @@
-"""Speed against accuracy, measured: every dial turned, on the machine at hand.
+"""Speed against accuracy, measured on the machine at hand.
 
-A work-precision diagram holds error against time. Here the dials are the level of fidelity, the
-solver, its tolerance or order, how an impact is located, the precision and the size of the batch;
-the truth is the closed form where there is one, and else the adaptive integrator at a
-tolerance where a stricter one changes nothing any more.
+A work-precision diagram shows error against time. The dials are the level of fidelity, the
+precision, the size of the batch and its order, the adaptive solver and its tolerance. Errors are
+relative to the nonlinear closed form where there is one, and else to the adaptive integrator at
+a tolerance so strict that a stricter one changes nothing.
 """
 
 import functools
+import itertools
 import math
 import time
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from ..block import Block
-from ..dynamics import SOLVERS, Driven, Method, Response, compiled, follow, respond_batch
+from ..dynamics import Driven, DrivenScene, Method, Response, compiled, follow, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import labelled, with_progress
 from ..resonance import (
-    Linearized,
     Nonlinear,
+    RockingModel,
     Scene,
+    as_model,
     rotation_ratio,
     stabilized_period,
     stabilized_velocity,
 )
-from .choice import CLOSED, DrivenScene
+from ..validation import Reals
+from .choice import CLOSED
 from .simplification import model_error
 
 if TYPE_CHECKING:
     import xarray
 
 _SAMPLE = 8  # scenes by which errors are taken
-_TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-11), 32: (1e-3, 1e-4, 1e-5)}
-_LOW_ORDER = {"Bosh3": 1e-8, "Heun": 1e-6}  # below, a step is so short that it takes minutes
-_MODELS = {"linearized": Linearized(), "nonlinear": Nonlinear()}
+_ORDERS = (*((64, order) for order in (3, 4, 5, 6, 8, 10, 12)), (32, 4), (32, 6))
+_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-11)
+_ADAPTIVE = (
+    *((64, solver, rtol) for solver in ("Tsit5", "Dopri8") for rtol in _TOLERANCES),
+    *((32, "Tsit5", rtol) for rtol in (1e-3, 1e-4, 1e-5)),
+)
+_LONG_NAMES = {
+    "error": "largest relative error",
+    "seconds": "time per answer, median",
+    "spread": "between the quartiles of the time, relative",
+    "compilation": "time of the first call, with compilation",
+    "behind": "time over that of the fastest that is no less accurate",
+    "front": "1 on the front of its batch",
+    "front_of_level": "1 on the front of its batch and level",
+}
 
 
-class _Contender(NamedTuple):
+@dataclass(frozen=True)
+class _Contender:
+    """A setting of the dials, and the function that answers with it about a scene."""
+
     level: str
     bits: int
     batch: int
-    answers: Callable[[], Any]  # of the sample, its last axis
-    timed: Callable[[], Any]
+    answer: Callable[[Any], Any]
     solver: str = "-"
-    locate: str = "-"
     tolerance: float = math.nan
     order: int = 0
     default: bool = False
@@ -58,53 +74,48 @@ class _Contender(NamedTuple):
     def label(self) -> str:
         """The setting in words, without the size of the batch."""
         parts = [self.level, f"float{self.bits}"]
-        if self.solver != "-":
-            parts += [self.solver, f"rtol {self.tolerance:.0e}"]
-            parts += {"interpolant": ["on interpolant"], "end": ["at step end"]}.get(
-                self.locate, []
-            )
-        if self.order:
-            parts.append(f"order {self.order}")
+        parts += [self.solver, f"rtol {self.tolerance:.0e}"] if self.solver != "-" else []
+        parts += [f"order {self.order}"] if self.order else []
         return ", ".join(parts)
 
 
-class Tradeoff(NamedTuple):
-    """What `measure_tradeoff` found.
+@dataclass(frozen=True)
+class Tradeoff:
+    """What `measure_tradeoff` measures.
 
     Attributes
     ----------
     dataset : xarray.Dataset
-        Along the dimension setting the variables label, level, solver, locate, tolerance,
-        order, bits, batch, default, error, seconds (an answer, median), spread (relative,
-        between the quartiles), compilation (seconds), behind (time over that of the fastest
-        setting of the same batch that is no less accurate) and front: 1 where that is itself.
+        Along the dimension setting the variables label, level, solver, tolerance, order, bits,
+        batch, default, error, seconds (per answer, median), spread (relative, between the
+        quartiles), compilation (seconds), behind (time over that of the fastest setting of the
+        same batch that is no less accurate) and front: 1 where that is the setting itself.
         `front_of_level` compares within the level of fidelity.
     """
 
     dataset: "xarray.Dataset"
 
     def best(self, tolerance: float, batch: int | None = None) -> str | None:
-        """The fastest setting that keeps a tolerance.
+        """The fastest setting that keeps a relative tolerance, in words.
 
         Parameters
         ----------
         tolerance : float
-            Relative.
         batch : int, optional
             Among the settings measured at this size of batch; of all unless given.
 
         Returns
         -------
         str or None
-            In words; None if there is none.
+            None if no setting keeps it.
         """
-        found = self.dataset.where(self.dataset.error <= tolerance, drop=True)
+        enough = self.dataset.to_dataframe().query("error <= @tolerance")
         if batch is not None:
-            found = found.where(found.batch == batch, drop=True)
-        if not found.setting.size:
+            enough = enough.query("batch == @batch")
+        if enough.empty:
             return None
-        row = found.isel(setting=int(np.argmin(found.seconds.values)))
-        return f"{row.label.item()} ({_duration(float(row.seconds))} an answer)"
+        fastest = enough.sort_values("seconds").iloc[0]
+        return f"{fastest.label} ({_with_unit(fastest.seconds)} per answer)"
 
     def sentence(self, batch: int | None = None) -> str:
         """For which accuracy to use what, on this machine.
@@ -118,56 +129,42 @@ class Tradeoff(NamedTuple):
         -------
         str
         """
-        parts: list[str] = []
-        for tolerance in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10):
-            best = self.best(tolerance, batch)
-            parts.append(f"for {tolerance:.0e} " + (f"use {best}" if best else "nothing is enough"))
-        return "; ".join(parts) + "."
+        tolerances = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
+        best = {f"{tolerance:.0e}": self.best(tolerance, batch) for tolerance in tolerances}
+        uses = (f"for {t} {f'use {b}' if b else 'nothing is enough'}" for t, b in best.items())
+        return "; ".join(uses) + "."
 
     def notes(self) -> list[str]:
-        """Which values of a dial are on no front, by what was measured.
+        """Which values of a dial are on no front, a sentence for each such dial.
 
         Returns
         -------
         list of str
-            A sentence for each such dial.
         """
-        rows = self.dataset
-        lines = []
-        dials = {
-            "level": "the level of fidelity",
-            "solver": "the solver",
-            "locate": "locating impacts on the",
-            "bits": "float",
-        }
-        for dial, name in dials.items():
-            values = [v for v in np.unique(rows[dial].values) if v != "-"]
-            never = [str(v) for v in values if not int(rows.front_of_level[rows[dial] == v].sum())]
-            if dial == "level":
-                never = [str(v) for v in values if not int(rows.front[rows[dial] == v].sum())]
-            if never and len(never) < len(values):
-                lines.append(f"never pays: {name} {', '.join(never)}")
+        rows, lines = self.dataset.to_dataframe(), []
+        for dial, name, front in (
+            ("level", "the level of fidelity", "front"),
+            ("solver", "the solver", "front_of_level"),
+            ("bits", "float", "front_of_level"),
+        ):
+            values = rows.query(f"{dial} != '-'")[dial].unique()
+            never = sorted(set(values) - set(rows.query(f"{front} == 1")[dial]))
+            if 0 < len(never) < len(values):
+                lines.append(f"never pays: {name} {', '.join(map(str, never))}")
         return lines
 
     def __str__(self) -> str:
         lines = [f"{'error':>8}  {'time':>9}  {'batch':>6}  setting"]
-        rows = self.dataset
-        for batch in np.unique(rows.batch.values):
-            front = rows.where((rows.front == 1) & (rows.batch == batch), drop=True)
-            front = front.sortby("seconds")
-            for k in range(front.setting.size):
-                row = front.isel(setting=k)
-                lines.append(
-                    f"{float(row.error):8.1e}  {_duration(float(row.seconds)):>9}"
-                    f"  {int(row.batch):6}  {row.label.item()}"
-                )
-        for batch in np.unique(rows.batch.values):
+        rows = self.dataset.to_dataframe()
+        for _, row in rows.query("front == 1").sort_values(["batch", "seconds"]).iterrows():
+            time = _with_unit(row.seconds)
+            lines.append(f"{row.error:8.1e}  {time:>9}  {row.batch:6}  {row.label}")
+        for batch in np.unique(rows.batch):
             lines.append(f"batches of {batch}: {self.sentence(int(batch))}")
-        for k in np.flatnonzero(rows.default.values):
-            row = rows.isel(setting=int(k))
+        for _, row in rows.query("default == 1").iterrows():
             lines.append(
-                f"default in batches of {int(row.batch)}: {row.label.item()}, error"
-                f" {float(row.error):.1e}, {float(row.behind):.2f} times the fastest as accurate"
+                f"default in batches of {row.batch}: {row.label}, error {row.error:.1e},"
+                f" {row.behind:.2f} times the fastest as accurate"
             )
         return "\n".join([*lines, *self.notes()])
 
@@ -206,41 +203,35 @@ def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int =
         scene = default_scene()
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single one")
-    if isinstance(scene, Scene):
-        truth, floor = _truth_of_scene(scene)
-        contenders = list(_for_scene(scene, [1, 1000, 100_000]))
-    else:
-        truth, floor = _truth_of_driven(scene)
-        contenders = list(_for_driven(scene, [1, 1000]))
+    truth, floor = _truth(scene)
     if not (np.isfinite(truth) & (truth > 0)).all():
         raise ValueError("scene must be one in which the block rocks and stands")
-    answers, compilation = [], []
-    for contender in with_progress(contenders, "compiling"):
-        begin = time.perf_counter()
-        answers.append(np.asarray(jax.device_get(contender.answers()), float))
-        jax.block_until_ready(contender.timed())
-        compilation.append(time.perf_counter() - begin)
-    # In turn, so that what else the machine does meets all alike.
-    taken = np.empty((repeats, len(contenders)))
-    for repeat in with_progress(range(repeats), "timing"):
-        for k, contender in enumerate(contenders):
-            begin = time.perf_counter()
-            jax.block_until_ready(contender.timed())
-            taken[repeat, k] = time.perf_counter() - begin
-    low, middle, high = np.quantile(taken, [0.25, 0.5, 0.75], axis=0)
-    rows = []
-    for k, contender in enumerate(contenders):
-        error = float(np.max(np.abs(answers[k] / truth - 1)))
-        rows.append(
-            {
-                "label": contender.label,
-                **{n: v for n, v in contender._asdict().items() if n not in ("answers", "timed")},
-                "error": max(error, floor) if math.isfinite(error) else math.inf,
-                "seconds": middle[k] / contender.batch,
-                "spread": (high[k] - low[k]) / middle[k],
-                "compilation": compilation[k],
-            }
+    rows: list[dict[str, Any]] = []
+    calls: list[Callable[[], Any]] = []
+    for contender in with_progress(_contenders(scene), "compiling"):
+        sample, timed = (
+            _varied(scene, number, contender.bits, singly=contender.level == "adaptive")
+            for number in (_SAMPLE, contender.batch)
         )
+        calls.append(functools.partial(contender.answer, timed[0]))
+        begin = time.perf_counter()
+        answers = np.stack([contender.answer(one) for one in sample], axis=-1, dtype=float)
+        jax.block_until_ready(calls[-1]())
+        compilation = time.perf_counter() - begin
+        error = float(np.max(np.abs(answers.reshape(truth.shape) / truth - 1)))
+        error = max(error, floor) if math.isfinite(error) else math.inf
+        dials = {name: value for name, value in vars(contender).items() if name != "answer"}
+        rows.append({"label": contender.label, **dials, "error": error, "compilation": compilation})
+    # In turn, so that what else the machine does meets all alike.
+    seconds = np.empty((repeats, len(calls)))
+    for repeat in with_progress(range(repeats), "timing"):
+        for k, call in enumerate(calls):
+            begin = time.perf_counter()
+            jax.block_until_ready(call())
+            seconds[repeat, k] = time.perf_counter() - begin
+    quartiles = np.quantile(seconds, [0.25, 0.5, 0.75], axis=0).T
+    for row, (low, median, high) in zip(rows, quartiles, strict=True):
+        row |= {"seconds": median / row["batch"], "spread": (high - low) / median}
     return Tradeoff(_dataset(rows, scene, floor))
 
 
@@ -250,257 +241,144 @@ def default_scene() -> DrivenScene:
     return DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(amplitude, duration))
 
 
-def _spread(block: Any, number: int) -> Any:
-    """Blocks of nearly the same size; the first of them the one given, if it is alone."""
-    factor = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
-    return eqx.tree_at(lambda b: b.half_width, block, block.half_width * factor)
+def _contenders(scene: Scene | DrivenScene) -> list[_Contender]:
+    """Every setting of the dials that the scene has."""
+    driven = isinstance(scene, DrivenScene)
+    sizes = (1, 1000) if driven else (1, 1000, 100_000)
+    table: list[_Contender] = []
+    if not driven or (isinstance(scene.motion, Pulse) and type(scene.motion).area):
+        for setting, size in itertools.product(CLOSED, sizes):
+            answer = functools.partial(_closed_form, model=as_model(setting.level))
+            default = not driven and setting == CLOSED[0]  # in JAX's own precision
+            table.append(_Contender(setting.level, setting.bits, size, answer, default=default))
+    durations = {bits: _in(bits, _duration(scene)) for bits in (32, 64)}
+    for (bits, order), size in itertools.product(_ORDERS if driven else (), sizes):
+        answer = functools.partial(_batch, duration=durations[bits], order=order)
+        default = (bits, order, size) == (64, 8, sizes[-1])
+        table.append(_Contender("batch", bits, size, answer, order=order, default=default))
+    for bits, solver, rtol in _ADAPTIVE:
+        follow_one = _peak if driven else _half_cycle
+        relative, method = _in(bits, rtol), Method(solver)
+        answer = functools.partial(
+            follow_one, duration=durations[bits], rtol=relative, method=method
+        )
+        default = (bits, solver, rtol) in ((64, "Tsit5", 1e-8), (32, "Tsit5", 1e-5))
+        table.append(_Contender("adaptive", bits, 1, answer, solver, rtol, default=default))
+    return table
+
+
+def _duration(scene: Scene | DrivenScene) -> Any:
+    """To the end of a record; else until the block has come to rest, or has struck for sure."""
+    if isinstance(scene, Scene):
+        return 1000 / scene.block.frequency_parameter
+    pulse = isinstance(scene.motion, Pulse)
+    return scene.motion.end + (20 / scene.block.frequency_parameter if pulse else 0)
+
+
+def _varied(scene: Scene | DrivenScene, number: int, bits: int, singly: bool = False) -> list[Any]:
+    """One scene of blocks whose sizes are up to 5 % apart, or a scene of each."""
+    factors = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
+    widths = scene.block.half_width * factors
+    return [
+        _in(bits, eqx.tree_at(lambda s: s.block.half_width, scene, width))
+        for width in (widths if singly else [widths])
+    ]
 
 
 def _in(bits: int, tree: Any) -> Any:
-    return jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, jnp.float64 if bits == 64 else jnp.float32), tree
-    )
+    dtype = jnp.float64 if bits == 64 else jnp.float32
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
 
 
-def _one(tree: Any, k: int) -> Any:
-    return eqx.tree_at(lambda s: s.block.half_width, tree, tree.block.half_width[k])
+@functools.partial(jax.jit, static_argnames="model")
+def _closed_form(scene: Scene | DrivenScene, model: RockingModel) -> Reals:
+    """Rotation ratio and period; under a pulse, taken as instantaneous, the peak rotation."""
+    if isinstance(scene, Scene):
+        return jnp.stack([rotation_ratio(scene, model), stabilized_period(scene, model)])
+    intensity = cast(Pulse, scene.motion).intensity
+    return model.peak_rotation(scene.block, scene.block.pulse_velocity(intensity))
 
 
-@functools.cache
-def _closed_form(level: str) -> Callable[[Scene], Array]:
-    model = _MODELS[level]
-    return jax.jit(lambda s: jnp.stack([rotation_ratio(s, model), stabilized_period(s, model)]))
+def _batch(scene: DrivenScene, duration: Reals, order: int) -> Reals:
+    block, restitution, motion = scene.block, scene.restitution, scene.motion
+    return respond_batch(block, restitution, motion, duration, order=order).peak_rotation
 
 
-def _truth_of_scene(scene: Scene) -> tuple[np.ndarray, float]:
-    spread = eqx.tree_at(lambda s: s.block, scene, _spread(scene.block, _SAMPLE))
-    rounding = model_error(scene).rounding["nonlinear"][64]
-    return np.asarray(_closed_form("nonlinear")(spread)), float(max(rounding[:2]))
+@eqx.filter_jit
+def _half_cycle(scene: Scene, duration: Reals, rtol: Reals, method: Method) -> Reals:
+    """Rotation ratio and period of the stabilized half-cycle, from one impact to the next."""
+    zero = jnp.zeros_like(scene.restitution)
+    still = DrivenScene(scene.block, scene.restitution, Rectangular(zero, zero + 1))
+    driven = _driven(still, duration, stabilized_velocity(scene))
+    settings = {"rtol": rtol, "atol": 1e-9 * rtol, "model": Nonlinear(), "method": method}
+    end = follow(driven, once=True, forced=False, **settings)
+    return jnp.stack([end.peak / scene.block.critical_angle, 2 * end.struck[0]])
 
 
-def _for_scene(scene: Scene, sizes: list[int]) -> Iterator[_Contender]:
-    def spread(number: int, bits: int) -> Scene:
-        return _in(bits, eqx.tree_at(lambda s: s.block, scene, _spread(scene.block, number)))
-
-    for level, bits, *_ in CLOSED:
-        for size in sizes:
-            run = _closed_form(level)
-            sample, many = spread(_SAMPLE, bits), spread(size, bits)
-            yield _Contender(
-                level,
-                bits,
-                size,
-                lambda run=run, sample=sample: run(sample),
-                lambda run=run, many=many: run(many),
-                default=(level, bits) == ("linearized", 32),  # which is JAX's own precision
-            )
-
-    def flight(scene: Scene, rtol: Array, method: Method) -> Array:
-        """The stabilized half-cycle, from one impact to the next."""
-        still = jnp.zeros_like(scene.restitution)
-        driven = Driven(
-            block=scene.block,
-            restitution=scene.restitution,
-            motion=Rectangular(still, still + 1),
-            duration=still + 1000 / scene.block.frequency_parameter,
-            rotation=still,
-            velocity=stabilized_velocity(scene),
-        )
-        end = follow(
-            driven,
-            rtol=rtol,
-            atol=1e-9 * rtol,
-            model=Nonlinear(),
-            once=True,
-            forced=False,
-            method=method,
-        )
-        return jnp.stack([end.peak / scene.block.critical_angle, 2 * end.struck[0]])
-
-    run = eqx.filter_jit(flight)
-    for bits, tolerance, method, default in _adaptive():
-        rtol = _in(bits, tolerance)
-
-        def answers(bits: int = bits, rtol: Any = rtol, method: Method = method) -> Any:
-            sample = spread(_SAMPLE, bits)
-            return np.stack([run(_one(sample, k), rtol, method) for k in range(_SAMPLE)], axis=-1)
-
-        one = _one(spread(1, bits), 0)
-        yield _Contender(
-            "adaptive",
-            bits,
-            1,
-            answers,
-            lambda one=one, rtol=rtol, method=method: run(one, rtol, method),
-            solver=method.solver,
-            locate=method.locate,
-            tolerance=tolerance,
-            default=default,
-        )
+# Compiled with all of its answers: the peak alone would be had for less than a user pays.
+@eqx.filter_jit
+def _response(scene: DrivenScene, duration: Reals, rtol: Reals, method: Method) -> Response:
+    driven = _driven(scene, duration, jnp.zeros_like(scene.restitution))
+    return compiled(driven, rtol, 1e-9 * rtol, Nonlinear(), 0, method)
 
 
-def _adaptive() -> Iterator[tuple[int, float, Method, bool]]:
-    """Precision, tolerance and method of what the adaptive integrator is to show."""
-    methods = [(64, Method(solver)) for solver in SOLVERS]
-    methods += [(64, Method(locate=locate)) for locate in ("interpolant", "end")]
-    methods += [(32, Method())]
-    for bits, method in methods:
-        for tolerance in _TOLERANCES[bits]:
-            if tolerance >= _LOW_ORDER.get(method.solver, 0):
-                usual = 1e-8 if bits == 64 else 1e-5
-                yield bits, tolerance, method, method == Method() and tolerance == usual
+def _peak(scene: DrivenScene, duration: Reals, rtol: Reals, method: Method) -> Reals:
+    return _response(scene, duration, rtol, method).peak_rotation
 
 
-def _driven(scene: DrivenScene, bits: int) -> Driven:
-    zero = jnp.zeros(())
-    driven = Driven(
+def _driven(scene: DrivenScene, duration: Reals, velocity: Reals) -> Driven:
+    return Driven(
         block=scene.block,
         restitution=scene.restitution,
         motion=scene.motion,
-        duration=_duration_of(scene),
-        rotation=zero,
-        velocity=zero,
+        duration=duration,
+        rotation=jnp.zeros_like(velocity),
+        velocity=velocity,
     )
-    return _in(bits, driven)
 
 
-def _duration_of(scene: DrivenScene) -> Any:
-    """To the end of a record; after a pulse until the block has come to rest, or nearly."""
-    if isinstance(scene.motion, Pulse):
-        return scene.motion.end + 20 / jnp.min(scene.block.frequency_parameter)
-    return scene.motion.end
+def _truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
+    """Answers about the sample, and the relative error below which nothing is told apart."""
+    if isinstance(scene, Scene):
+        (sample,) = _varied(scene, _SAMPLE, 64)
+        rounding = model_error(scene).rounding["nonlinear"][64]
+        floor = max(float(rounding.rotation_ratio), float(rounding.period))
+        return np.asarray(_closed_form(sample, Nonlinear())), floor
+    duration, method = _duration(scene), Method("Tsit5")
+    sample = _varied(scene, _SAMPLE, 64, singly=True)
+    peaks = []
+    for rtol in (1e-9, 1e-10, 1e-11, 1e-12):
+        found = [_response(one, duration, jnp.asarray(rtol), method) for one in sample]
+        peaks.append(np.array([np.nan if r.overturned else r.peak_rotation for r in found]))
+    # A stricter tolerance changes less and less, until rounding takes over.
+    changes = [float(np.max(np.abs(b / a - 1))) for a, b in itertools.pairwise(peaks)]
+    best = int(np.argmin(changes))
+    return peaks[best + 1], max(changes[best], 4 * float(np.finfo(float).eps))
 
 
-def _response(scene: DrivenScene, bits: int, rtol: float, method: Method) -> Response:
-    relative, absolute = _in(bits, (rtol, 1e-9 * rtol))
-    return compiled(_driven(scene, bits), relative, absolute, Nonlinear(), 0, method)
+def _dataset(
+    rows: list[dict[str, Any]], scene: Scene | DrivenScene, floor: float
+) -> "xarray.Dataset":
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    error, seconds, batch, level = (columns[n] for n in ("error", "seconds", "batch", "level"))
 
-
-def _truth_of_driven(scene: DrivenScene) -> tuple[np.ndarray, float]:
-    """Peaks at a tolerance at which a stricter one changes nothing, and what it does change."""
-    spread = eqx.tree_at(lambda s: s.block, scene, _spread(scene.block, _SAMPLE))
-
-    def peaks(rtol: float) -> np.ndarray:
-        responses = [_response(_one(spread, k), 64, rtol, Method()) for k in range(_SAMPLE)]
-        if any(bool(r.overturned) or int(r.status) > 1 for r in responses):
-            return np.full(_SAMPLE, np.nan)
-        return np.array([float(r.peak_rotation) for r in responses])
-
-    truth, change = peaks(1e-9), math.inf
-    for rtol in (1e-10, 1e-11, 1e-12):
-        stricter = peaks(rtol)
-        with np.errstate(invalid="ignore"):
-            now = float(np.max(np.abs(stricter / truth - 1)))
-        if not now < change:
-            break
-        truth, change = stricter, now
-    return truth, max(change, 4 * float(np.finfo(float).eps))
-
-
-def _for_driven(scene: DrivenScene, sizes: list[int]) -> Iterator[_Contender]:
-    motion, duration = scene.motion, _duration_of(scene)
-    if isinstance(motion, Pulse) and type(motion).area:
-        for level, bits, *_ in CLOSED:
-            peak = jax.jit(
-                lambda b, i, model=_MODELS[level]: model.peak_rotation(b, b.pulse_velocity(i))
-            )
-            for size in sizes:
-                sample, many, intensity = _in(
-                    bits,
-                    (_spread(scene.block, _SAMPLE), _spread(scene.block, size), motion.intensity),
-                )
-                yield _Contender(
-                    level,
-                    bits,
-                    size,
-                    lambda peak=peak, sample=sample, i=intensity: peak(sample, i),
-                    lambda peak=peak, many=many, i=intensity: peak(many, i),
-                )
-    dials = [(64, order) for order in (3, 4, 5, 6, 8, 10, 12)] + [(32, 4), (32, 6)]
-    for bits, order in dials:
-        for size in sizes:
-
-            def run(number: int, bits: int = bits, order: int = order) -> Any:
-                blocks, c, shaking, length = _in(
-                    bits, (_spread(scene.block, number), scene.restitution, motion, duration)
-                )
-                return respond_batch(blocks, c, shaking, length, order=order).peak_rotation
-
-            yield _Contender(
-                "batch",
-                bits,
-                size,
-                functools.partial(run, _SAMPLE),
-                functools.partial(run, size),
-                order=order,
-                default=(bits, order, size) == (64, 8, sizes[-1]),
-            )
-    spread = eqx.tree_at(lambda s: s.block, scene, _spread(scene.block, _SAMPLE))
-    for bits, tolerance, method, default in _adaptive():
-
-        def answers(bits: int = bits, tolerance: float = tolerance, method: Method = method) -> Any:
-            blocks = (_one(spread, k) for k in range(_SAMPLE))
-            found = (_response(block, bits, tolerance, method) for block in blocks)
-            return np.array([float(response.peak_rotation) for response in found])
-
-        yield _Contender(
-            "adaptive",
-            bits,
-            1,
-            answers,
-            functools.partial(_response, scene, bits, tolerance, method),
-            solver=method.solver,
-            locate=method.locate,
-            tolerance=tolerance,
-            default=default,
-        )
-
-
-def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Dataset":
-    error = np.array([row["error"] for row in rows])
-    seconds = np.array([row["seconds"] for row in rows])
-    batch = np.array([row["batch"] for row in rows])
-    level = np.array([row["level"] for row in rows])
-
-    def behind(groups: np.ndarray) -> np.ndarray:
+    def behind(same_group: np.ndarray) -> np.ndarray:
         """Time over that of the fastest setting which is no less accurate."""
-        enough = (error[:, None] <= error) & (groups[:, None] == groups)
+        enough = (error[:, None] <= error) & same_group
         return seconds / np.where(enough, seconds[:, None], np.inf).min(axis=0)
 
-    def front(groups: np.ndarray) -> np.ndarray:
-        return ((behind(groups) == 1) & np.isfinite(error)).astype(np.int8)
-
-    units = {"seconds": "s", "compilation": "s"}
-    meaning = {
-        "seconds": "time an answer, median",
-        "compilation": "time of the first call, with compilation",
-        "error": "largest relative error",
-        "spread": "between the quartiles of the time, relative",
-    }
+    same_batch = batch[:, None] == batch
+    same_level = same_batch & (level[:, None] == level)
+    columns["default"] = columns["default"].astype(np.int8)
+    columns["behind"] = behind(same_batch)
+    for name, group in (("front", same_batch), ("front_of_level", same_level)):
+        columns[name] = ((behind(group) == 1) & np.isfinite(error)).astype(np.int8)
     variables = {}
-    for name in rows[0]:
-        values = np.array([row[name] for row in rows])
-        if values.dtype == bool:
-            values = values.astype(np.int8)
-        attributes = {"long_name": meaning.get(name, name)}
-        attributes |= {} if values.dtype.kind == "U" else {"units": units.get(name, "1")}
+    for name, values in columns.items():
+        attributes = {"long_name": _LONG_NAMES.get(name, name)}
+        if values.dtype.kind != "U":
+            attributes["units"] = "s" if name in ("seconds", "compilation") else "1"
         variables[name] = ("setting", values, attributes)
-    both = np.array([f"{r} {b}" for r, b in zip(level, batch, strict=True)])
-    variables["behind"] = (
-        "setting",
-        behind(batch),
-        {"long_name": "time over that of the fastest that is no less accurate", "units": "1"},
-    )
-    variables["front"] = (
-        "setting",
-        front(batch),
-        {"long_name": "1 on the front of its batch", "units": "1"},
-    )
-    variables["front_of_level"] = (
-        "setting",
-        front(both),
-        {"long_name": "1 on the front of its batch and level", "units": "1"},
-    )
     attributes = {
         "scene": type(scene).__name__,
         "reference_error": floor,
@@ -510,7 +388,7 @@ def _dataset(rows: list[dict[str, Any]], scene: Any, floor: float) -> "xarray.Da
     return labelled("Speed against accuracy", variables, {}, attributes)
 
 
-def _duration(seconds: float) -> str:
+def _with_unit(seconds: float) -> str:
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"

@@ -1,8 +1,8 @@
 """``jaxrock tradeoff``."""
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ..accuracy import default_scene, measure_tradeoff
 from ..dynamics import DrivenScene
@@ -34,7 +34,7 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
         return [f"tradeoff.{kind}" for kind in ("nc", "csv", "png")]
 
     @property
-    def scene(self) -> Any:
+    def scene(self) -> Scene | DrivenScene:
         """What is measured."""
         if self.intensity is not None:
             if self.shaken:
@@ -57,16 +57,13 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
         """Measure it."""
         from ..plot import plot_tradeoff
 
-        found = measure_tradeoff(self.scene, repeats=self.repeats)
-        table = found.dataset.to_dataframe()
+        tradeoff = measure_tradeoff(self.scene, repeats=self.repeats)
+        table = tradeoff.dataset.to_dataframe()
         with self.written() as scratch:
-            found.dataset.to_netcdf(scratch / self.names[0])
+            tradeoff.dataset.to_netcdf(scratch / self.names[0])
             table.to_csv(scratch / self.names[1], index=False)
-            picture(
-                lambda ax: plot_tradeoff(found.dataset, ax),
-                scratch / self.names[2],
-                figsize=(8, 5),
-            )
+            draw = functools.partial(plot_tradeoff, tradeoff.dataset)
+            picture(draw, scratch / self.names[2], figsize=(8, 5))
         rows = table.to_dict("records")
-        data = {"rows": rows, "sentence": found.sentence(), "notes": found.notes()}
-        return self.finished(str(found), data)
+        data = {"rows": rows, "sentence": tradeoff.sentence(), "notes": tradeoff.notes()}
+        return self.finished(str(tradeoff), data)

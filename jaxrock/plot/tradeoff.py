@@ -31,27 +31,23 @@ def plot_tradeoff(
     families: dict[str, list[int]] = {}
     for k in range(rows.setting.size):
         row = rows.isel(setting=k)
-        parts = [str(row.level.item())] + [str(row.solver.item())] * (row.solver.item() != "-")
-        if row.locate.item() not in ("-", "step"):
-            parts.append(f"to {row.locate.item()}")
-        parts += ["float32"] * (int(row.bits) == 32)
-        size = int(row.batch)
-        families.setdefault(
-            ", ".join(parts) + (f" ({size:,} at once)" if size > 1 else ""), []
-        ).append(k)
+        level, solver, size = row.level.item(), row.solver.item(), int(row.batch)
+        name = level if solver == "-" else f"{level}, {solver}"
+        name += ", float32" if row.bits == 32 else ""
+        families.setdefault(name + (f" ({size:,} at once)" if size > 1 else ""), []).append(k)
     for number, (name, members) in enumerate(sorted(families.items())):
-        colour, look = f"C{number % 10}", ("-", "--", ":", "-.")[number // len(_MARKERS) % 4]
         marker = _MARKERS[number % len(_MARKERS)]
-        part = rows.isel(setting=members).sortby("error")
-        time, error, front = (part[v].values for v in ("seconds", "error", "front"))
-        line = f"{marker}{look}"
-        ax.plot(time, error, line, color=colour, lw=0.8, ms=5, fillstyle="none", label=name)
+        line, colour = ("-", "--", ":", "-.")[number // len(_MARKERS) % 4], f"C{number % 10}"
+        family = rows.isel(setting=members).sortby("error")
+        time, error, front = (family[v].values for v in ("seconds", "error", "front"))
+        look = {"color": colour, "lw": 0.8, "ms": 5, "fillstyle": "none", "label": name}
+        ax.plot(time, error, marker + line, **look)
         ax.plot(time[front == 1], error[front == 1], marker, color=colour, markersize=5)
-    usual = rows.where(rows.default == 1, drop=True)
-    if usual.setting.size:
+    default = rows.where(rows.default == 1, drop=True)
+    if default.setting.size:
         ring = {"fillstyle": "none", "markersize": 12, "label": "default"}
-        ax.plot(usual.seconds, usual.error, "ko", **ring)
+        ax.plot(default.seconds, default.error, "ko", **ring)
     ax.set_xscale("log")
     ax.set_yscale("log")
     legend_beside(ax, fontsize="x-small")
-    return labelled(ax, "time an answer [s]", "largest relative error [-]")
+    return labelled(ax, "time per answer [s]", "largest relative error [-]")

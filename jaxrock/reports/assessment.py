@@ -37,14 +37,14 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     scene : Scene
         A single scene: all its values are numbers.
     tolerance : float, optional
-        Say as well which equation and precision keep it; see `choose`.
+        Relative; adds which equation and precision keep it; see `choose`.
 
     Returns
     -------
     dict
-        Nested, of numbers with NaN where a quantity does not exist; ``scene`` holds what both
-        models share, ``models`` the answers of each, ``linearization_error`` what `Linearized`
-        says relative to `Nonlinear`, less 1; with a tolerance ``choice``, of numbers and text.
+        Nested, of numbers, NaN where a quantity does not exist: ``scene``, which the models
+        share, ``models`` with the answers of each, ``linearization_error``, the ratio of
+        `Linearized` to `Nonlinear` less 1, and with a tolerance ``choice``, also of text.
 
     Raises
     ------
@@ -54,18 +54,23 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
-    form = tuple(jax.typeof(leaf) for leaf in jax.tree.leaves(scene))
-    found = [program(scene) for program in _programs(form, jax.tree.structure(scene))]
-    given, linearized, nonlinear = jax.tree.map(float, jax.device_get(found))
-    for answers in (linearized, nonlinear):
-        by_label = answers["critical_intensity"]  # which JAX has sorted as text
-        answers["critical_intensity"] = {label: by_label[label] for label in HALF_CYCLES}
+    types = tuple(jax.typeof(leaf) for leaf in jax.tree.leaves(scene))
+    answers = [program(scene) for program in _programs(types, jax.tree.structure(scene))]
+    described, linearized, nonlinear = jax.tree.map(float, jax.device_get(answers))
+    for model in (linearized, nonlinear):  # whose labels JAX has sorted as text
+        by_label = model["critical_intensity"]
+        model["critical_intensity"] = {label: by_label[label] for label in HALF_CYCLES}
     compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
     result: dict[str, Any] = {
-        "scene": given,
+        "scene": described,
         "models": {"linearized": linearized, "nonlinear": nonlinear},
         "linearization_error": {
-            key: jax.tree.map(_apart, linearized[key], nonlinear[key]) for key in compared
+            key: jax.tree.map(
+                lambda simple, full: simple / full - 1 if full else math.nan,
+                linearized[key],
+                nonlinear[key],
+            )
+            for key in compared
         },
     }
     if tolerance is not None:
@@ -81,33 +86,29 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     return result
 
 
-def _apart(ours: float, full: float) -> float:
-    return ours / full - 1 if full else math.nan
-
-
 @functools.cache
-def _programs(form: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], Any]]:
-    """What there is to compute about a scene of this form, compiled side by side.
+def _programs(types: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], Any]]:
+    """The programs for a scene of these types, compiled side by side.
 
-    It runs once: what counts is how long it takes to compile.
+    Each runs once, so what counts is how long it takes to compile.
     """
-    scene = jax.tree.unflatten(structure, form)
-    parts = [_given, *(functools.partial(_answers, model=m) for m in (Linearized(), Nonlinear()))]
+    scene = jax.tree.unflatten(structure, types)
+    parts = [
+        _described,
+        *(functools.partial(_answers, model=m) for m in (Linearized(), Nonlinear())),
+    ]
     lowered = [jax.jit(part).lower(scene) for part in parts]
     options: Any = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
     return mapped(lambda part: part.compile(compiler_options=options), lowered, len(lowered))
 
 
-def _given(scene: Scene) -> dict[str, Any]:
+def _described(scene: Scene) -> dict[str, Any]:
     block = scene.block
+    names = ["slenderness", "half_diagonal", "critical_angle", "frequency_parameter", "gravity"]
     return {
         "width": 2 * block.half_width,
         "height": 2 * block.half_height,
-        "slenderness": block.slenderness,
-        "half_diagonal": block.half_diagonal,
-        "critical_angle": block.critical_angle,
-        "frequency_parameter": block.frequency_parameter,
-        "gravity": block.gravity,
+        **{name: getattr(block, name) for name in names},
         "restitution": scene.restitution,
         "housner_restitution": housner_restitution(block),
         "intensity": scene.intensity,
@@ -119,13 +120,17 @@ def _given(scene: Scene) -> dict[str, Any]:
 def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     block, velocity = scene.block, launch_velocity(scene)
     ratio, slopes = jax.value_and_grad(rotation_ratio)(scene, model)
-    quantities = {
-        "restitution": (scene.restitution, slopes.restitution),
-        "slenderness": (block.slenderness, slopes.block.slenderness),
-        "half_width": (block.half_width, slopes.block.half_width),
-        "intensity": (scene.intensity, slopes.intensity),
-    }
-    stands = overturning_margin(scene, model) > 0
+    margin = overturning_margin(scene, model)
+    derivatives, elasticities = {}, {}
+    for name, value, slope in (
+        ("restitution", scene.restitution, slopes.restitution),
+        ("slenderness", block.slenderness, slopes.block.slenderness),
+        ("half_width", block.half_width, slopes.block.half_width),
+        ("intensity", scene.intensity, slopes.intensity),
+    ):
+        derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
+        elasticities[name] = jnp.where(margin > 0, slope * value / ratio, jnp.nan)
+    peak = model.peak_rotation(block, velocity)
     half_cycles = jnp.asarray([float(n.replace("unlimited", "inf")) for n in HALF_CYCLES])
     critical = critical_intensity(block, scene.restitution, half_cycles, model)
     # A single pulse is what is left of all without restitution; compiled once for both.
@@ -134,11 +139,11 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     return {
         "critical_velocity": model.critical_velocity(block),
         "single_pulse": {
-            "peak_rotation": model.peak_rotation(block, velocity),
-            "rotation_ratio": model.peak_rotation(block, velocity) / block.critical_angle,
+            "peak_rotation": peak,
+            "rotation_ratio": peak / block.critical_angle,
             "half_cycle_duration": periods[0] / 2,
         },
-        "overturning_margin": overturning_margin(scene, model),
+        "overturning_margin": margin,
         "overturning_half_cycle": overturning_half_cycle(scene, model),
         "stabilized": {
             "peak_rotation": ratio * block.critical_angle,
@@ -147,82 +152,80 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
             "amplification": amplification(scene, model),
         },
         "critical_intensity": dict(zip(HALF_CYCLES, critical, strict=True)),
-        "derivatives": {
-            name: jnp.where(stands, slope, jnp.nan) for name, (_, slope) in quantities.items()
-        },
-        "elasticities": {
-            name: jnp.where(stands, slope * value / ratio, jnp.nan)
-            for name, (value, slope) in quantities.items()
-        },
+        "derivatives": derivatives,
+        "elasticities": elasticities,
     }
 
 
 def text(result: dict[str, Any]) -> str:
     """The answers of `assess` as a page to read."""
-    given, models = result["scene"], result["models"]
+    scene, models = result["scene"], result["models"]
+    columns = (models["linearized"], models["nonlinear"], result["linearization_error"])
     lines = [
-        f"Block {given['width']:.6g} m wide, {given['height']:.6g} m high"
-        f" (slenderness {given['slenderness']:.6g}), C = {given['restitution']:.6g},"
-        f" pulses of {given['intensity']:.6g} m/s",
+        f"Block {scene['width']:.6g} m wide, {scene['height']:.6g} m high"
+        f" (slenderness {scene['slenderness']:.6g}), C = {scene['restitution']:.6g},"
+        f" pulses of {scene['intensity']:.6g} m/s",
         "",
-        *_rows(
-            [
-                ("half-diagonal R", given["half_diagonal"], "m"),
-                ("critical angle alpha_c", given["critical_angle"], "rad"),
-                ("frequency parameter p", given["frequency_parameter"], "1/s"),
-                ("Housner's restitution", given["housner_restitution"], "-"),
-                ("launch velocity (Eq. 2)", given["launch_velocity"], "rad/s"),
-            ]
-        ),
-        "",
-        f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}",
     ]
-
-    def row(label: str, *path: str, units: str = "-") -> None:
-        found = []
-        for values in (models["linearized"], models["nonlinear"], result["linearization_error"]):
-            for key in path:
-                values = values.get(key, math.nan) if isinstance(values, dict) else math.nan
-            found.append(values)
-        error = f"{100 * found[2]:+.2f} %" if math.isfinite(found[2]) else ""
-        numbers = (_number(value) for value in found[:2])
-        if path == ("overturning_half_cycle",):
-            numbers = (number.replace("inf", "never") for number in numbers)
-        columns = "".join(f"{number:>14}" for number in numbers) + f"{error:>10}"
-        lines.append(f"  {f'{label} [{units}]':32}{columns}".rstrip())
-
-    row("critical velocity", "critical_velocity", units="rad/s")
-    lines.append("after one pulse")
-    row("peak rotation", "single_pulse", "peak_rotation", units="rad")
-    row("peak / alpha_c", "single_pulse", "rotation_ratio")
-    row("half-cycle", "single_pulse", "half_cycle_duration", units="s")
-    lines.append("pulses without end")
-    row("overturning margin", "overturning_margin")
-    row("overturns in half-cycle", "overturning_half_cycle")
-    row("peak rotation", "stabilized", "peak_rotation", units="rad")
-    row("rotation ratio", "stabilized", "rotation_ratio")
-    row("period T*", "stabilized", "period", units="s")
-    row("amplification zeta", "stabilized", "amplification")
-    lines.append("critical intensity, in half-cycles")
-    for n in HALF_CYCLES:
-        row(n, "critical_intensity", n, units="m/s")
-    lines.append("derivative of the rotation ratio to")
-    symbols = {"restitution": "C", "slenderness": "lambda", "half_width": "b", "intensity": "I"}
-    units = {"half_width": "1/m", "intensity": "s/m"}
-    for name, symbol in symbols.items():
-        row(f"{name} {symbol}", "derivatives", name, units=units.get(name, "-"))
-    lines.append("elasticity of the rotation ratio to")
-    for name, symbol in symbols.items():
-        row(f"{name} {symbol}", "elasticities", name)
-    lines.append("")
-    lines.append(_verdict(models["nonlinear"]))
+    lines += [f"  {label:32}{_number(scene[key]):>14}" for label, key in _SCENE_ROWS]
+    lines += ["", f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}"]
+    for label, *path in _ROWS:
+        if not path:
+            lines.append(label)
+            continue
+        values = [_at(column, path) for column in columns]
+        numbers = [_number(value) for value in values[:2]]
+        if path == ["overturning_half_cycle"]:
+            numbers = [number.replace("inf", "never") for number in numbers]
+        error = f"{100 * values[2]:+.2f} %" if math.isfinite(values[2]) else ""
+        lines.append(f"  {label:32}{numbers[0]:>14}{numbers[1]:>14}{error:>10}".rstrip())
+    lines += ["", _verdict(models["nonlinear"])]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
     return "\n".join(lines)
 
 
-def _rows(rows: list[tuple[str, float, str]]) -> list[str]:
-    return [f"  {f'{label} [{units}]':32}{_number(value):>14}" for label, value, units in rows]
+_SCENE_ROWS = (
+    ("half-diagonal R [m]", "half_diagonal"),
+    ("critical angle alpha_c [rad]", "critical_angle"),
+    ("frequency parameter p [1/s]", "frequency_parameter"),
+    ("Housner's restitution [-]", "housner_restitution"),
+    ("launch velocity (Eq. 2) [rad/s]", "launch_velocity"),
+)
+# Label and where in the answers of a model; headings without.
+_ROWS = (
+    ("critical velocity [rad/s]", "critical_velocity"),
+    ("after one pulse",),
+    ("peak rotation [rad]", "single_pulse", "peak_rotation"),
+    ("peak / alpha_c [-]", "single_pulse", "rotation_ratio"),
+    ("half-cycle [s]", "single_pulse", "half_cycle_duration"),
+    ("pulses without end",),
+    ("overturning margin [-]", "overturning_margin"),
+    ("overturns in half-cycle [-]", "overturning_half_cycle"),
+    ("peak rotation [rad]", "stabilized", "peak_rotation"),
+    ("rotation ratio [-]", "stabilized", "rotation_ratio"),
+    ("period T* [s]", "stabilized", "period"),
+    ("amplification zeta [-]", "stabilized", "amplification"),
+    ("critical intensity, in half-cycles",),
+    *((f"{count} [m/s]", "critical_intensity", count) for count in HALF_CYCLES),
+    ("derivative of the rotation ratio with respect to",),
+    ("restitution C [-]", "derivatives", "restitution"),
+    ("slenderness lambda [-]", "derivatives", "slenderness"),
+    ("half_width b [1/m]", "derivatives", "half_width"),
+    ("intensity I [s/m]", "derivatives", "intensity"),
+    ("elasticity of the rotation ratio with respect to",),
+    ("restitution C [-]", "elasticities", "restitution"),
+    ("slenderness lambda [-]", "elasticities", "slenderness"),
+    ("half_width b [-]", "elasticities", "half_width"),
+    ("intensity I [-]", "elasticities", "intensity"),
+)
+
+
+def _at(values: Any, path: list[str]) -> float:
+    """The value at a path in nested answers; NaN if there is none."""
+    for key in path:
+        values = values.get(key, {})
+    return values if isinstance(values, float) else math.nan
 
 
 def _number(value: float) -> str:

@@ -36,26 +36,15 @@ FILES = ("cases.csv", "cases.json", *RECORDS)
 
 
 def table() -> dict[str, Any]:
-    """The header and the list of cases, each with all fields.
-
-    Returns
-    -------
-    dict
-        As in ``cases.json``.
-    """
+    """The content of ``cases.json``, each case with all fields."""
     resource = files("jaxrock") / "data" / "conformance.json"
-    found = json.loads(resource.read_text(encoding="utf-8"))
-    cases = [{field: case.get(field) for field in found["fields"]} for case in found["cases"]]
-    return {"version": version("jaxrock")} | found | {"cases": cases}
+    stored = json.loads(resource.read_text(encoding="utf-8"))
+    cases = [{field: case.get(field) for field in stored["fields"]} for case in stored["cases"]]
+    return {"version": version("jaxrock")} | stored | {"cases": cases}
 
 
 def records() -> dict[str, Record]:
-    """The ground motions that are written as files, by name.
-
-    Returns
-    -------
-    dict
-    """
+    """The ground motions that are written as files, by name."""
     north = example_record("north")
     time = np.arange(201) * 0.01
     decaying = 6.0 * np.exp(-1.5 * time) * np.sin(2 * np.pi * time / 0.8)
@@ -65,32 +54,17 @@ def records() -> dict[str, Record]:
 
 
 def write(folder: Path) -> int:
-    """Write `FILES` into an existing folder.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    int
-        Number of cases.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be written.
-    """
-    whole = table()
+    """Write `FILES` into an existing folder; the number of cases."""
+    content = table()
     for name, motion in records().items():
         _write_motion(folder / name, motion)
     with open(folder / "cases.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(whole["fields"]), lineterminator="\n")
+        writer = csv.DictWriter(file, list(content["fields"]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(whole["cases"])
-    text = json.dumps(whole, indent=1, allow_nan=False)
+        writer.writerows(content["cases"])
+    text = json.dumps(content, indent=1, allow_nan=False)
     (folder / "cases.json").write_text(text + "\n", encoding="utf-8")
-    return len(whole["cases"])
+    return len(content["cases"])
 
 
 def _write_motion(path: Path, motion: Record) -> None:
