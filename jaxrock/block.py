@@ -22,18 +22,14 @@ class Block(Checked):
 
     Parameters
     ----------
-    half_width : array_like
-        b, half the width of the base [m], greater than 0. All three broadcast.
-    slenderness : array_like
-        lambda = a / b, height over width [-], greater than 0.
-    gravity : array_like, optional
-        g, acceleration of gravity [m/s2], greater than 0.
+    half_width, slenderness, gravity : array_like
+        b, half the width of the base [m], lambda = a / b, height over width [-], and g,
+        acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
 
     Raises
     ------
     ValueError
-        If a concrete value is not finite and greater than 0. Traced values outside
-        give NaN.
+        If a concrete argument is out of range.
 
     Examples
     --------
@@ -64,12 +60,8 @@ class Block(Checked):
 
         Parameters
         ----------
-        width : array_like
-            2b [m], greater than 0.
-        height : array_like
-            2a [m], greater than 0.
-        gravity : array_like, optional
-            g [m/s2], greater than 0.
+        width, height, gravity : array_like
+            2b [m], 2a [m] and g [m/s2], finite and greater than 0.
 
         Returns
         -------
@@ -78,7 +70,7 @@ class Block(Checked):
         Raises
         ------
         ValueError
-            If a concrete value is not finite and greater than 0.
+            If a concrete argument is out of range.
         """
         width, height = as_real("width", width), as_real("height", height)
         check("width", width, POSITIVE)
@@ -94,32 +86,31 @@ class Block(Checked):
     @property
     @elementwise()
     def half_diagonal(self) -> Reals:
-        """From the centre to a corner, R = sqrt(a^2 + b^2) = b sqrt(1 + lambda^2) [m]."""
+        """Distance from the centre to a corner, R = sqrt(a^2 + b^2) [m]."""
         return self.half_width * diagonal_ratio(self)
 
     @property
     @elementwise()
     def critical_angle(self) -> Reals:
-        """Rotation of unstable balance, alpha_c = arctan(1 / lambda) [rad]."""
+        """Rotation of unstable equilibrium, alpha_c = arctan(1 / lambda) [rad]."""
         return angle(1.0, self.slenderness)
 
     @property
     @elementwise()
     def frequency_parameter(self) -> Reals:
-        """Rate at which free rocking grows or decays, p = sqrt(3 g / (4 R)) [1/s]."""
+        """p = sqrt(3 g / (4 R)) [1/s], which sets the time scale of free rocking."""
         return jnp.sqrt(0.75 * self.gravity / (self.half_width * diagonal_ratio(self)))
 
     @elementwise(intensity=NON_NEGATIVE)
     def pulse_velocity(self, intensity: Number) -> Reals:
         """Angular velocity that an instantaneous pulse gives to the block at rest (Eq. 2).
 
-        Conservation of angular momentum about the corner, the same for slender and stocky
-        blocks and independent of gravity.
+        By conservation of angular momentum about the corner, for any slenderness.
 
         Parameters
         ----------
         intensity : array_like
-            I, change of the ground velocity [m/s], finite and at least 0.
+            I, change of the ground velocity [m/s], at least 0.
 
         Returns
         -------
@@ -129,7 +120,7 @@ class Block(Checked):
         Raises
         ------
         ValueError
-            If a concrete intensity is not finite or negative; traced, it gives NaN.
+            If a concrete argument is out of range.
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return 0.75 * shape * intensity / self.half_width
@@ -142,10 +133,10 @@ def diagonal_ratio(block: Block) -> Reals:
 
 @elementwise()
 def housner_restitution(block: Block) -> Reals:
-    """Housner's coefficient of restitution, a ratio of angular velocities.
+    """Housner's coefficient of restitution, a ratio of angular velocities (Housner 1963).
 
-    Angular momentum about the new corner is conserved in the impact (Housner 1963).
-    Below a slenderness of 0.707 it is negative: such a block does not rock on.
+    From the angular momentum about the new corner, which the impact conserves. Negative
+    below a slenderness of 0.707: such a block does not rock on.
 
     Parameters
     ----------
@@ -163,4 +154,5 @@ def housner_restitution(block: Block) -> Reals:
     0.942
     """
     square = block.slenderness**2
+    # Near slenderness 0.707 the first form cancels, for tall blocks the second.
     return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)

@@ -1,7 +1,7 @@
 """The elastic damped oscillator under the same input (section IV of the paper).
 
-For comparison only: what resonance does to a system that has a natural frequency. Each
-pulse comes when the oscillator passes zero, every half of its damped period.
+For comparison: what resonance does to a system that has a natural frequency. Each pulse
+comes when the oscillator passes zero, every half of its damped period.
 """
 
 import jax.numpy as jnp
@@ -29,15 +29,14 @@ class Oscillator(Checked):
 
     Parameters
     ----------
-    angular_frequency : array_like
-        omega, undamped [rad/s], greater than 0.
-    damping_ratio : array_like
-        xi, share of critical damping [-], at least 0 and below 1.
+    angular_frequency, damping_ratio : array_like
+        omega, undamped [rad/s], greater than 0, and xi, share of critical damping [-], at
+        least 0 and below 1.
 
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+        If a concrete argument is out of range.
 
     Examples
     --------
@@ -68,20 +67,16 @@ class Oscillator(Checked):
     @property
     @elementwise()
     def velocity_decay(self) -> Reals:
-        """Velocity kept over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
+        """Ratio of velocities over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
 
-        What the coefficient of restitution is to the block, except that the loss is spread
-        over the half-cycle.
+        What the coefficient of restitution is to the block.
         """
         return jnp.exp(-_decrement(self))
 
     @property
     @elementwise()
     def amplification(self) -> Reals:
-        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-].
-
-        Infinite without damping.
-        """
+        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-]; inf undamped."""
         share = decaying_share_of_one(_decrement(self), jnp.inf)
         return quotient_or_infinite(jnp.ones_like(share), share)
 
@@ -91,20 +86,18 @@ class Oscillator(Checked):
 
         Parameters
         ----------
-        velocity : array_like
-            Velocity at time zero [m/s], finite.
-        time : array_like
-            Time since then [s], finite.
+        velocity, time : array_like
+            At zero displacement [m/s], and time since then [s].
 
         Returns
         -------
         displacement, velocity : Array, shape (...)
-            Displacement [m] and velocity [m/s].
+            [m] and [m/s].
 
         Raises
         ------
         ValueError
-            If a concrete argument is not finite; traced, it gives NaN.
+            If a concrete argument is out of range.
         """
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
@@ -120,10 +113,8 @@ class Oscillator(Checked):
 
         Parameters
         ----------
-        intensity : array_like
-            I, change of velocity in each pulse [m/s], finite and at least 0.
-        half_cycle : array_like
-            i, a whole number from 1 on, or inf for the limit.
+        intensity, half_cycle : array_like
+            I, change of velocity in each pulse [m/s], at least 0; i, from 1 on, or inf.
 
         Returns
         -------
@@ -133,7 +124,7 @@ class Oscillator(Checked):
         Raises
         ------
         ValueError
-            If a concrete argument is out of range. Traced ones give NaN.
+            If a concrete argument is out of range.
         """
         share = decaying_share_of_one(_decrement(self), half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
@@ -142,13 +133,12 @@ class Oscillator(Checked):
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
         """Displacement at a quarter of the damped period, as printed in Eq. 22.
 
-        Not the maximum, which comes earlier: see `peak_displacement`. The ratio of two such
-        displacements (Eq. 23) is that of the maxima.
+        Not the maximum, which comes earlier: see `peak_displacement`.
 
         Parameters
         ----------
         velocity : array_like
-            With which it passed zero [m/s], finite and at least 0.
+            Where the displacement is 0 [m/s], at least 0.
 
         Returns
         -------
@@ -158,28 +148,28 @@ class Oscillator(Checked):
         Raises
         ------
         ValueError
-            If a concrete velocity is out of range; traced, it gives NaN.
+            If a concrete argument is out of range.
         """
         return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
-        """Largest displacement after it passed zero.
+        """Largest displacement, where ``tan(Omega t) = Omega / (xi omega)``.
 
         Parameters
         ----------
         velocity : array_like
-            Then [m/s], finite and at least 0.
+            Where the displacement is 0 [m/s], at least 0.
 
         Returns
         -------
         displacement : Array, shape (...)
-            That at ``tan(Omega t) = Omega / (xi omega)`` [m].
+            [m].
 
         Raises
         ------
         ValueError
-            As `quarter_cycle_displacement`.
+            If a concrete argument is out of range.
         """
         phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
         decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
@@ -201,12 +191,12 @@ def equivalent_damping(restitution: Number) -> Reals:
     Returns
     -------
     damping_ratio : Array, shape (...)
-        ``-0.68 ln(C)`` [-]; inf for C = 0.
+        ``-0.68 ln(C)`` [-], inf for C = 0.
 
     Raises
     ------
     ValueError
-        If a concrete restitution is out of range; traced, it gives NaN.
+        If a concrete argument is out of range.
     """
     return 0.68 * minus_log(jnp.asarray(restitution))
 
@@ -218,7 +208,7 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
     Parameters
     ----------
     restitution : array_like
-        As in `equivalent_damping`, with its errors.
+        C [-], between 0 and 1.
 
     Returns
     -------
@@ -228,19 +218,19 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
     Raises
     ------
     ValueError
-        If it is out of range.
+        If a concrete argument is out of range.
     """
     return 0.34 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(velocity_decay=UNIT_INTERVAL)
 def damping_from_decay(velocity_decay: Number) -> Reals:
-    """Damping ratio of a lightly damped oscillator from its velocity decay B (Eq. 19).
+    """Damping ratio of a lightly damped oscillator from its velocity decay (Eq. 19).
 
     Parameters
     ----------
     velocity_decay : array_like
-        B [-], between 0 and 1; see `Oscillator.velocity_decay`.
+        B [-], between 0 and 1.
 
     Returns
     -------
@@ -250,7 +240,7 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
     Raises
     ------
     ValueError
-        If a concrete decay is out of range; traced, it gives NaN.
+        If a concrete argument is out of range.
     """
     return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
 
