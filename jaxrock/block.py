@@ -98,7 +98,7 @@ class Block(Checked):
     @property
     @elementwise()
     def frequency_parameter(self) -> Reals:
-        """p = sqrt(3 g / (4 R)) [1/s], which sets the time scale of free rocking."""
+        """Rate of free rocking near equilibrium, p = sqrt(3 g / (4 R)) [1/s]."""
         return jnp.sqrt(0.75 * self.gravity / (self.half_width * diagonal_ratio(self)))
 
     @elementwise(intensity=NON_NEGATIVE)

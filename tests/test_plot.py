@@ -442,7 +442,7 @@ def test_train(model):
     outcome = jax.jit(functools.partial(shot, timed=True))(rocker, shape, jnp.asarray(0.5))
     intensities = 0.5 * float(rocker.unit) * weights * np.asarray(outcome.sides)
     times = np.asarray(outcome.times)
-    ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.late), model)
+    ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.delays), model)
     time, ratio = ax.get_lines()[0].get_data()
     assert (np.diff(time) >= 0).all()
     expected = jr.respond_to_train(WALL.block, 0.7, times, intensities, model)

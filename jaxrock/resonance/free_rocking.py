@@ -321,7 +321,7 @@ def as_model(model: Any) -> RockingModel:
 
 
 def _barrier(x: Reals) -> Reals:
-    """k = sqrt(1 - x^2)."""
+    """Square root of the missing energy, k = sqrt(1 - x^2)."""
     return jnp.sqrt(one_minus_square(x))
 
 
@@ -331,7 +331,7 @@ def _weight_of(intensity: Reals, block: Block) -> Reals:
 
 
 def _tangent_of_half(block: Block) -> Reals:
-    """tau = tan(alpha_c / 2) = 1 / (h + lambda)."""
+    """Tangent of half the critical angle, tau = 1 / (h + lambda)."""
     return 1 / (diagonal_ratio(block) + block.slenderness)
 
 
@@ -345,5 +345,5 @@ def _cosine_of_half(block: Block) -> Reals:
 
 
 def _stiffening(block: Block, x: Reals) -> Reals:
-    """w = sqrt(1 + tau^2 x^2), which is 1 in the linearized equation."""
+    """What is 1 in the linearized equation, w = sqrt(1 + tau^2 x^2)."""
     return jnp.sqrt(1 + (_tangent_of_half(block) * x) ** 2)

@@ -90,7 +90,7 @@ def timing_costs(
 @jax.jit
 def _one(rocker: Rocker, train: Train, strength: jax.Array) -> tuple[jax.Array, jax.Array]:
     outcome = shot(rocker, train, strength, timed=True)
-    return outcome.x, outcome.late
+    return outcome.x, outcome.delays
 
 
 def _needed(rocker: Rocker, train: Train, late: float | None) -> float:
