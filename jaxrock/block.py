@@ -26,11 +26,6 @@ class Block(Checked):
         b, half the width of the base [m], lambda = a / b, height over width [-], and g,
         acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
 
-    Raises
-    ------
-    ValueError
-        If a concrete argument is out of range.
-
     Examples
     --------
     >>> import jaxrock as jr
@@ -70,7 +65,7 @@ class Block(Checked):
         Raises
         ------
         ValueError
-            If a concrete argument is out of range.
+            If a concrete value is not finite and greater than 0.
         """
         width, height = as_real("width", width), as_real("height", height)
         check("width", width, POSITIVE)
@@ -116,11 +111,6 @@ class Block(Checked):
         -------
         velocity : Array, shape (...)
             ``3 lambda I / (4 b (1 + lambda^2))`` [rad/s].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is out of range.
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return 0.75 * shape * intensity / self.half_width

@@ -281,7 +281,7 @@ def test_timing_that_did_not_converge_is_nan(monkeypatch):
     block = jr.Block(0.4, 4.0)
     nothing_left = timing.timing_costs(block, 0.0, 3)["right before the impacts"]
     assert nothing_left == pytest.approx(float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12)
-    monkeypatch.setattr(timing, "_ROUNDS", 1)
+    monkeypatch.setattr(timing, "_MAX_CORRECTIONS", 1)
     assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
 
 

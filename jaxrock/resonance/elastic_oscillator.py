@@ -33,11 +33,6 @@ class Oscillator(Checked):
         omega, undamped [rad/s], greater than 0, and xi, share of critical damping [-], at
         least 0 and below 1.
 
-    Raises
-    ------
-    ValueError
-        If a concrete argument is out of range.
-
     Examples
     --------
     >>> from jaxrock.resonance import Oscillator
@@ -93,11 +88,6 @@ class Oscillator(Checked):
         -------
         displacement, velocity : Array, shape (...)
             [m] and [m/s].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is out of range.
         """
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
@@ -120,11 +110,6 @@ class Oscillator(Checked):
         -------
         velocity : Array, shape (...)
             ``I (1 - B^i) / (1 - B)`` [m/s].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is out of range.
         """
         share = decaying_share_of_one(_decrement(self), half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
@@ -144,11 +129,6 @@ class Oscillator(Checked):
         -------
         displacement : Array, shape (...)
             ``v exp(-pi xi / (2 sqrt(1 - xi^2))) / Omega`` [m].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is out of range.
         """
         return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
 
@@ -165,11 +145,6 @@ class Oscillator(Checked):
         -------
         displacement : Array, shape (...)
             [m].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is out of range.
         """
         phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
         decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
@@ -192,11 +167,6 @@ def equivalent_damping(restitution: Number) -> Reals:
     -------
     damping_ratio : Array, shape (...)
         ``-0.68 ln(C)`` [-], inf for C = 0.
-
-    Raises
-    ------
-    ValueError
-        If a concrete argument is out of range.
     """
     return 0.68 * minus_log(jnp.asarray(restitution))
 
@@ -214,11 +184,6 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
     -------
     beta : Array, shape (...)
         ``-0.34 ln(C)`` [-].
-
-    Raises
-    ------
-    ValueError
-        If a concrete argument is out of range.
     """
     return 0.34 * minus_log(jnp.asarray(restitution))
 
@@ -236,11 +201,6 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
     -------
     xi : Array, shape (...)
         ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
-
-    Raises
-    ------
-    ValueError
-        If a concrete argument is out of range.
     """
     return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
 

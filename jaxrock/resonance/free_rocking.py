@@ -93,11 +93,6 @@ class RockingModel(eqx.Module):
         -------
         rotation : Array, shape (...)
             Peak rotation [rad]; NaN where the launch overturns the block.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity is out of range.
         """
         return self._where_standing(self._peak_rotation, block, velocity)
 
@@ -114,11 +109,6 @@ class RockingModel(eqx.Module):
         -------
         duration : Array, shape (...)
             Time [s]; NaN where the launch overturns the block.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity is out of range.
         """
         return self._where_standing(self._half_cycle_duration, block, velocity)
 
@@ -139,11 +129,6 @@ class RockingModel(eqx.Module):
         rotation, velocity : Array, shape (...)
             [rad] and [rad/s]; NaN where the linearized motion, which grows without bound,
             leaves the range of floating-point numbers.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity or time is out of range.
         """
         x = velocity / self._critical_velocity(block)
         x, time = jnp.broadcast_arrays(x, time)
@@ -166,11 +151,6 @@ class RockingModel(eqx.Module):
         amplification : Array, shape (...)
             ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
             velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity or growth is out of range.
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1

@@ -61,7 +61,7 @@ def shot(
         x = jnp.where(number == impacts, xs, 0).sum()
         moves = x > 0
         earliest = jnp.where((impacts == 0) & moves, flight.q / jnp.where(moves, x, 1), 1)
-        delay = lacking = jnp.zeros_like(x)
+        delay = duration = passed = lacking = jnp.zeros_like(x)
         required = jnp.zeros_like(impacts)
         if timed:
             durations = rocker.duration(xs)
@@ -102,7 +102,7 @@ def shot(
     x = jnp.where(flight.q < 0, rocker.restitution * flight.x, flight.x)
     of_first = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
     columns = (jnp.append(b, a.astype(b.dtype)) for b, a in zip(of_first, later, strict=True))
-    return Outcome(x, *columns, train.weight)
+    return Outcome(x, *columns, weights=train.weight)
 
 
 def _cosine_after(
