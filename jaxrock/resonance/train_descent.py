@@ -38,20 +38,15 @@ class Search(NamedTuple):
     ended: Any  # whether nothing is left to correct
 
 
-class Constraints(NamedTuple):
-    """On the times of the pulses [s]."""
-
-    spacing: Any
-    latest: Any
-
-
 class Problem(NamedTuple):
     """What all starts have in common."""
 
     rocker: Rocker
-    constraints: Constraints | None
     goal: Goal
-    max_impacts: int
+    max_impacts: int  # between two pulses
+    constrained: bool  # whether the times of the pulses are
+    spacing: Any  # [s]
+    latest: Any  # [s]
 
     @property
     def seeks_bound(self) -> bool:
@@ -65,7 +60,7 @@ class Problem(NamedTuple):
             _train(search, self.goal),
             jnp.exp(search.log_bound),
             timed=timed,
-            spacing=self.constraints.spacing if self.constraints else 0.0,
+            spacing=self.spacing,
             count=search.count,
             max_impacts=self.max_impacts,
         )
@@ -73,12 +68,12 @@ class Problem(NamedTuple):
     def lagrangian(self, free: Any, log_bound: Any, search: Search) -> tuple[Any, tuple[Any, Any]]:
         """Augmented Lagrangian; the final velocity, and what is violated where positive."""
         search = _with(search, free)._replace(log_bound=log_bound)
-        outcome = self.outcome(search, timed=self.constraints is not None)
+        outcome = self.outcome(search, timed=self.constrained)
         loss = -jnp.log(jnp.maximum(outcome.x, 1e-30))
-        if self.constraints is None:
+        if not self.constrained:
             return loss, (outcome.x, jnp.zeros_like(search.multipliers))
-        late = outcome.times[-1] - self.constraints.latest
-        violations = jnp.append(outcome.lacking[1:], late) * self.rocker.block.frequency_parameter
+        violations = jnp.append(outcome.lacking[1:], outcome.times[-1] - self.latest)
+        violations = violations * self.rocker.block.frequency_parameter
         penalties = _penalties(violations)
         pressed = jnp.maximum(search.multipliers + penalties * violations, 0)
         added = (pressed**2 - search.multipliers**2) / (2 * penalties)
@@ -202,7 +197,7 @@ def _solved(search: Search, problem: Problem, rounds: Any) -> tuple[Search, Any]
     def descend_and_correct(carry: Any) -> Any:
         search, path, number, low, high = carry
         angles = jnp.arccos(jnp.cos(search.angles))
-        if problem.constraints is not None:
+        if problem.constrained:
             # Off the ends of the half-cycles, where the gradient is 0 whatever is violated.
             pushed = (number > 0) & (search.loss > eps**0.5)
             angles = jnp.where(pushed, jnp.clip(angles, 0.1, jnp.pi - 0.1), angles)
@@ -237,13 +232,13 @@ def _corrected(
         new = search.log_bound + change
         outside = ((new <= low) | (new >= high)) & (low > -40) & (high - low > 1e-6)
         change = jnp.where(early | outside, 0.5 * (low + high) - search.log_bound, change)
-    if problem.constraints is not None:
+    if problem.constrained:
         added = _penalties(descent.violations) * descent.violations
         multipliers = jnp.maximum(search.multipliers + added, 0)
         if problem.seeks_bound:
             multipliers = jnp.where(early, 0, multipliers)
     # With constraints only as exactly as the descents end.
-    near = 8 * root_eps**2 if problem.constraints is None else 0.01 * root_eps
+    near = 0.01 * root_eps if problem.constrained else 8 * root_eps**2
     steady = abs(multipliers - search.multipliers).max() < 10 * root_eps
     search = search._replace(
         log_bound=search.log_bound + change,

@@ -1,6 +1,6 @@
 """The worst train of all sequences of impacts and pulses: moves between descents."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ def searched(searches: Search, problem: Problem, fewest: int) -> tuple[Search, n
 
     `fewest` impacts lie between two pulses, at least.
     """
-    if problem.constraints is not None:
+    if problem.constrained:
         searches = _in_time(searches, problem)
     searches, path = _solved(searches, problem)
     history = [path]
@@ -108,7 +108,6 @@ def _moved(searches: Search, fewest: int, problem: Problem) -> list[Search]:
     """Trains with a pulse where no descent leads, since there are valleys between."""
     early, late = 0.3, np.pi - 0.3  # in a half-cycle; at its very ends the gradient is 0
     last = searches.angles.shape[1] - 1
-    constrained = problem.constraints is not None
 
     def placed(trains: Search, k: int, impacts: Any, angle: float | None = None) -> Search:
         """Pulse k after so many impacts; early outward, or late inward."""
@@ -122,14 +121,16 @@ def _moved(searches: Search, fewest: int, problem: Problem) -> list[Search]:
         )
 
     moves = []
-    required = np.asarray(outcomes(searches, problem).required) if constrained else None
+    required = searches.impacts
+    if problem.constrained:
+        required = np.asarray(outcomes(searches, problem).required)
     for k in range(1, last + 1):
         impacts, angles = searches.impacts[:, k], searches.angles[:, k]
         reversed_ = searches._replace(sizes=_with_column(searches.sizes, k, -searches.sizes[:, k]))
         mirrored = reversed_._replace(angles=_with_column(searches.angles, k, np.pi - angles))
         moves += [reversed_, mirrored]
         moves += [placed(searches, k, impacts + by) for by in (1, -1)]
-        if required is None:
+        if not problem.constrained:
             continue
         moves += [placed(searches, k, impacts + by, early) for by in (-1, 0, 1)]
         moves += [placed(searches, k, impacts + by, late) for by in (-1, 0)]
@@ -142,7 +143,7 @@ def _moved(searches: Search, fewest: int, problem: Problem) -> list[Search]:
             for by in (-1, 1):
                 trains = placed(searches, k, impacts + by, early)
                 moves += [placed(trains, k + 1, after + then, early) for then in (-1, 1)]
-    if constrained and last:
+    if problem.constrained and last:
         moves.append(searches._replace(count=np.maximum(searches.count - 1, 1)))
     return moves
 
@@ -153,22 +154,15 @@ def _with_column(array: np.ndarray, k: int, values: Any) -> np.ndarray:
     return array
 
 
-class Evaluation(NamedTuple):
-    """What the trains of all searches do, arrays of shape (starts, ...)."""
-
-    outcome: Outcome
-    impulses: np.ndarray  # I of each pulse, outward positive [m/s]
-    objectives: np.ndarray
-    feasible: np.ndarray
-
-
-def evaluated(searches: Search, problem: Problem) -> Evaluation:
-    """What the trains do, their pulses and objectives, and whether they keep the constraints."""
+def evaluated(
+    searches: Search, problem: Problem
+) -> tuple[Outcome, np.ndarray, np.ndarray, np.ndarray]:
+    """What the trains do, their pulses [m/s], objectives, and which keep the constraints."""
     outcome = jax.device_get(outcomes(searches, problem))
     rate = float(problem.rocker.block.frequency_parameter)
     feasible = outcome.lacking.max(axis=1) * rate < tolerance(searches)
-    if problem.constraints is not None:
-        feasible &= outcome.times[:, -1] < float(problem.constraints.latest) + tolerance(searches)
+    if problem.constrained:
+        feasible &= outcome.times[:, -1] < float(problem.latest) + tolerance(searches)
     impulses = np.exp(searches.log_bound)[:, None] * outcome.weights * float(problem.rocker.unit)
     impulses[:, 0] = abs(impulses[:, 0])
     counted = np.arange(impulses.shape[1]) < searches.count[:, None]
@@ -177,7 +171,7 @@ def evaluated(searches: Search, problem: Problem) -> Evaluation:
     if problem.seeks_bound:
         largest = problem.goal == "smallest largest"
         objectives = magnitudes.max(axis=1) if largest else magnitudes.sum(axis=1)
-    return Evaluation(outcome, impulses, objectives, feasible)
+    return outcome, impulses, objectives, feasible
 
 
 def best_start(searches: Search, problem: Problem) -> int:
@@ -185,25 +179,22 @@ def best_start(searches: Search, problem: Problem) -> int:
 
     Objectives are equal if they differ by less than the tolerance of the constraints.
     """
-    evaluation = evaluated(searches, problem)
-    sign = 1 if problem.seeks_bound else -1
-    losses = np.where(evaluation.feasible, sign * evaluation.objectives, np.inf)
+    _, _, objectives, feasible = evaluated(searches, problem)
+    losses = np.where(feasible, objectives if problem.seeks_bound else -objectives, np.inf)
     equal = losses <= losses.min() + tolerance(searches) * abs(losses.min())
     ended = equal & np.asarray(searches.ended)
     return int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))
 
 
-def with_time_to_verify(
-    searches: Search, problem: Problem, spacing: float, latest: float
-) -> tuple[Search, Problem]:
+def with_time_to_verify(searches: Search, problem: Problem) -> tuple[Search, Problem]:
     """The same searches, ended so early that the best train may be raised to verify it.
 
     The impacts of a raised train come later: by how much depends on the train, and any more
     time than that would make the pulses larger than need be.
     """
-    constraints, count = problem.constraints, searches.angles.shape[1]
-    assert constraints is not None
-    raised = 1.01 * trial_of(searches.angles.dtype)  # 1 % for the margins around impacts
+    latest, dtype = float(problem.latest), searches.angles.dtype
+    shortest = (searches.angles.shape[1] - 1) * float(problem.spacing)
+    raised = 1.01 * trial_of(dtype)  # 1 % for the margins around impacts
     # As exactly as the multipliers keep the limit.
     inexact = tolerance(searches) / (LATE_PENALTY * float(problem.rocker.block.frequency_parameter))
     for _ in range(3):
@@ -214,9 +205,8 @@ def with_time_to_verify(
         )
         if raised_end <= latest:
             break
-        earlier = max(latest - (raised_end - end) - inexact, (count - 1) * spacing)
-        constraints = constraints._replace(latest=jnp.asarray(earlier, searches.angles.dtype))
-        problem = problem._replace(constraints=constraints)
+        earlier = max(latest - (raised_end - end) - inexact, shortest)
+        problem = problem._replace(latest=jnp.asarray(earlier, dtype))
         searches, _ = _solved(searches, problem)
     return searches, problem
 

@@ -22,7 +22,7 @@ from ..validation import (
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow
 from .timed_train import MAX_IMPACTS
-from .train_descent import Constraints, Goal, Problem, Search, outcomes
+from .train_descent import Goal, Problem, Search, outcomes
 from .train_moves import best_start, evaluated, searched, trial_of, with_time_to_verify
 
 _MAX_IMPACTS_APART = 20  # between two pulses, if they have to be apart
@@ -158,25 +158,20 @@ def worst_train(
     check("restitution", restitution, UNIT_INTERVAL)
     block.check()
     _check_search(count, starts, goal, largest, impacts_between)
-    check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
-    if not latest >= 0:
-        raise ValueError(f"latest must be at least 0, got {latest:g}")
-    if (count - 1) * spacing > latest:
-        raise ValueError(
-            f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
-            f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
-        )
+    _check_times(count, spacing, latest)
     block, restitution = of_one_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
-    dtype, constraints = restitution.dtype, None
-    if spacing > 0 or latest < math.inf:
-        # A constraint that is not there must not be infinite.
-        far = min(latest, 1e6 * count / float(block.frequency_parameter))
-        constraints = Constraints(jnp.asarray(spacing, dtype), jnp.asarray(far, dtype))
-    rocker = Rocker(block, restitution, as_model(model))
-    max_impacts = _MAX_IMPACTS_APART if spacing > 0 else MAX_IMPACTS
-    problem = Problem(rocker, constraints, goal, max_impacts)
+    dtype, rocker = restitution.dtype, Rocker(block, restitution, as_model(model))
+    problem = Problem(
+        rocker=rocker,
+        goal=goal,
+        max_impacts=_MAX_IMPACTS_APART if spacing > 0 else MAX_IMPACTS,
+        constrained=spacing > 0 or latest < math.inf,
+        spacing=jnp.asarray(spacing, dtype),
+        # In a Lagrangian even a constraint that is not there must not be infinite.
+        latest=jnp.asarray(min(latest, 1e6 * count / float(block.frequency_parameter)), dtype),
+    )
 
     bound = 0.5 if goal == "smallest total" else 0.9 / count
     bounds = np.full(starts, largest / float(rocker.unit) if largest else bound)
@@ -186,16 +181,16 @@ def worst_train(
     begin = _random_starts(np.log(bounds).astype(dtype), count, impacts_between, seed)
     searches, history = searched(begin, problem, impacts_between)
     if latest < math.inf:
-        searches, problem = with_time_to_verify(searches, problem, spacing, latest)
+        searches, problem = with_time_to_verify(searches, problem)
     return _result(searches, problem, history, spacing, latest)
 
 
 def _check_search(
     count: int, starts: int, goal: str, largest: float | None, impacts_between: int
 ) -> None:
-    for name, value in (("count", count), ("starts", starts)):
-        if value < 1:
-            raise ValueError(f"{name} must be at least 1, got {value}")
+    if min(count, starts) < 1:
+        name, value = ("count", count) if count < 1 else ("starts", starts)
+        raise ValueError(f"{name} must be at least 1, got {value}")
     if goal not in get_args(Goal):
         raise ValueError(
             f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
@@ -206,6 +201,17 @@ def _check_search(
         check("largest", as_real("largest", largest), POSITIVE)
     if not 0 <= impacts_between <= MAX_IMPACTS:
         raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
+
+
+def _check_times(count: int, spacing: float, latest: float) -> None:
+    check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
+    if not latest >= 0:
+        raise ValueError(f"latest must be at least 0, got {latest:g}")
+    if (count - 1) * spacing > latest:
+        raise ValueError(
+            f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
+            f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
+        )
 
 
 def _random_starts(log_bounds: np.ndarray, count: int, fewest: int, seed: int) -> Search:
