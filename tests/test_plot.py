@@ -1,5 +1,6 @@
 """What the figures show: their lines against the answers, limits, labels and legends."""
 
+import dataclasses
 import functools
 import inspect
 import re
@@ -577,7 +578,7 @@ def test_convergence():
     assert ax.get_yscale() == "log"
     assert ax.get_title() == "smallest largest: 2 starts"
     none = train([0.0], [0.4], [0], [0.0])
-    none = none._replace(objectives=np.full_like(none.objectives, np.nan))
+    none = dataclasses.replace(none, objectives=np.full_like(none.objectives, np.nan))
     assert plot_convergence(none).get_title() == "smallest largest: 2 starts"
 
 

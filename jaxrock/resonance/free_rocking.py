@@ -34,8 +34,8 @@ class RockingModel(eqx.Module):
     """What both models can answer; see `Linearized` and `Nonlinear`.
 
     A model is written in terms of x and of the pulse that gives the launch velocity to the
-    block at rest. The derivatives with respect to the velocity would cancel: it depends on
-    slenderness and width in the opposite way as peak and duration.
+    block at rest. In terms of the velocity derivatives would cancel: slenderness and width act
+    on it in the opposite way as on peak and duration.
     """
 
     name: ClassVar[str]  # in datasets and options

@@ -4,6 +4,8 @@ The input is an unlimited train of equal, alternating, instantaneous pulses: the
 the motion, each further one comes right after an impact (Fig. 2).
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 
@@ -165,9 +167,9 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     >>> print(f"{jr.stabilized_period(wall):.3f} s")
     1.104 s
     """
-    model = as_model(model)
-    x, intensity, stands = _stabilized(scene, model)
-    return jnp.where(stands, 2 * model._half_cycle_duration(scene.block, x, intensity), jnp.nan)
+    return 2 * _where_stabilized(
+        scene, model, lambda m, x, i: m._half_cycle_duration(scene.block, x, i)
+    )
 
 
 @elementwise(model=as_model)
@@ -184,9 +186,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     rotation : Array, shape (...)
         alpha*_max [rad]; NaN where the block overturns.
     """
-    model = as_model(model)
-    x, intensity, stands = _stabilized(scene, model)
-    return jnp.where(stands, model._peak_rotation(scene.block, x, intensity), jnp.nan)
+    return _where_stabilized(scene, model, lambda m, x, i: m._peak_rotation(scene.block, x, i))
 
 
 @elementwise(model=as_model)
@@ -210,9 +210,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     >>> print(f"{jr.rotation_ratio(wall):.4f}, {jr.rotation_ratio(wall, jr.Nonlinear()):.4f}")
     0.1232, 0.1240
     """
-    model = as_model(model)
-    x, _, stands = _stabilized(scene, model)
-    return jnp.where(stands, model._rotation_ratio(scene.block, x), jnp.nan)
+    return _where_stabilized(scene, model, lambda m, x, _: m._rotation_ratio(scene.block, x))
 
 
 @elementwise(model=as_model)
@@ -231,8 +229,9 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
         it tends to ``1 / (1 - C)^2``.
     """
     model = as_model(model)
-    _, _, stands = _stabilized(scene, model)
-    stands = stands & (scene.restitution < 1)  # at 1 the amplification has no limit
+    x_limit, limited = _limit(scene, model)
+    # Without pulses the block stands even with C = 1, but the amplification has no limit.
+    stands = limited & (x_limit < 1) & (scene.restitution < 1)
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
     growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
     x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
@@ -314,9 +313,13 @@ def _limit(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
     return quotient(velocity, model._critical_velocity(scene.block)), limited
 
 
-def _stabilized(scene: Scene, model: RockingModel) -> tuple[Reals, Reals, Booleans]:
-    """x* and the single pulse that launches as fast, 0 where the block falls; where it stands."""
+def _where_stabilized(
+    scene: Scene, model: ModelLike, quantity: Callable[[RockingModel, Reals, Reals], Reals]
+) -> Reals:
+    """A quantity from x* and the single pulse that launches as fast; NaN without a limit."""
+    model = as_model(model)
     x, limited = _limit(scene, model)
     stands = limited & (x < 1)
-    intensity = quotient_or_infinite(scene.intensity, 1 - scene.restitution)
-    return jnp.where(stands, x, 0), jnp.where(stands, intensity, 0), stands
+    pulse = quotient_or_infinite(scene.intensity, 1 - scene.restitution)
+    value = quantity(model, jnp.where(stands, x, 0), jnp.where(stands, pulse, 0))
+    return jnp.where(stands, value, jnp.nan)

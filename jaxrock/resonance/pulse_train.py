@@ -33,11 +33,11 @@ class Flight(NamedTuple):
     The squares of the two add up to its energy.
     """
 
-    drop: Any  # outward velocity lost to gravity since the ground, 0 there
-    q: Any  # outward velocity
+    drop: Reals  # outward velocity lost to gravity since the ground, 0 there
+    q: Reals  # outward velocity
 
     @property
-    def x(self) -> Any:
+    def x(self) -> Reals:
         """Velocity with which it left the ground and lands."""
         energy = self.drop**2 + self.q**2
         moves = energy > 0
@@ -48,20 +48,20 @@ class Rocker(NamedTuple):
     """A block between pulses; x is the launch velocity over the critical one."""
 
     block: Block
-    restitution: Any
+    restitution: Reals
     model: RockingModel
 
     @property
-    def unit(self) -> Any:
+    def unit(self) -> Reals:
         """Intensity of the single pulse that just overturns [m/s]."""
         return self.model._critical_velocity(self.block) / self.block.pulse_velocity(1.0)
 
-    def duration(self, x: Any) -> Any:
+    def duration(self, x: Reals) -> Reals:
         """Duration of a half-cycle [s]; a long one where the block does not come back."""
         x = jnp.minimum(x, _largest_subcritical(x))
         return self.model._half_cycle_duration(self.block, x, x * self.unit)
 
-    def on_flight(self, x: Any, since: Any, duration: Any) -> Flight:
+    def on_flight(self, x: Reals, since: Reals, duration: Reals) -> Flight:
         """The state at a time since the launch [s] in a half-cycle; see `since_launch`."""
         left = duration - since
         falls = left < since
@@ -74,7 +74,7 @@ class Rocker(NamedTuple):
         q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
         return Flight(jnp.sqrt((x - q) * (x + q)), jnp.where(falls, -q, q))
 
-    def velocity_at(self, x: Any, since: Any, duration: Any) -> Any:
+    def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
         """The velocity `on_flight`, for programs that differentiate it often.
 
         The derivatives of Jacobi's functions take a minute to compile. So the nonlinear time
@@ -101,17 +101,17 @@ class Rocker(NamedTuple):
         q = jnp.clip(k * jnp.sinh(s), 0, x)
         return jnp.where(falls, -q, q)
 
-    def rotation(self, flight: Flight) -> Any:
+    def rotation(self, flight: Flight) -> Reals:
         """Rotation from its side [rad]: the peak of a launch with the velocity lost."""
         drop = jnp.minimum(flight.drop, _largest_subcritical(flight.drop))
         return self.model._peak_rotation(self.block, drop, drop * self.unit)
 
-    def ground_time(self, flight: Flight) -> Any:
+    def ground_time(self, flight: Flight) -> Reals:
         """Time since the launch or, on the way down, to the impact [s]."""
         rotation = self.rotation(flight)
         return self.model._time_from_ground(self.block, rotation, flight.x, abs(flight.q))
 
-    def since_launch(self, flight: Flight, duration: Any) -> Any:
+    def since_launch(self, flight: Flight, duration: Reals) -> Reals:
         """Time since the launch [s], in a half-cycle of a duration.
 
         A block that falls faster than critical was never launched from the ground: on the
@@ -120,7 +120,7 @@ class Rocker(NamedTuple):
         time = self.ground_time(flight)
         return jnp.where(flight.q < 0, duration - time, time)
 
-    def struck(self, flight: Flight, impulse: Any) -> Flight:
+    def struck(self, flight: Flight, impulse: Reals) -> Flight:
         """The state after an outward pulse, its intensity over `unit`.
 
         Linearized, a pulse acts the same at all rotations (Eq. 2). In the full equation it
@@ -133,7 +133,7 @@ class Rocker(NamedTuple):
         return flight._replace(q=flight.q + impulse * factor)
 
 
-def _largest_subcritical(x: Any) -> float:
+def _largest_subcritical(x: Reals) -> float:
     """The largest x of which a duration is computed: at 1 it is infinite."""
     return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6
 
@@ -143,18 +143,15 @@ class TrainResponse(eqx.Module):
 
     Attributes
     ----------
-    velocity_ratio : Array, shape (pulses,)
+    velocity_ratio, side : Array, shape (pulses,)
         After each pulse, the velocity with which the block would have left the ground (and
-        will land) over the critical one [-].
+        will land) over the critical one [-]; to which side it is rotated, 1 or -1, 0 at rest.
     peak_rotation : Array
         Largest rotation, also after the last pulse [rad]; pi / 2 if it overturns.
-    overturned : Array of bool
+    overturned, complete : Array of bool
         Whether it has ever moved outward with more energy than the barrier, even if a later
-        pulse would have caught it.
-    side : Array, shape (pulses,)
-        Side to which it is rotated at each pulse, 1 or -1; 0 at rest.
-    complete : Array of bool
-        False if there were too many impacts to follow: the rest is NaN.
+        pulse would have caught it. False if there were too many impacts to follow: then the
+        numbers are NaN.
     """
 
     velocity_ratio: Reals
@@ -233,7 +230,7 @@ class _Motion(NamedTuple):
 
 
 @eqx.filter_jit
-def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
+def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     """`respond_to_train`, with nothing checked."""
     zero = jnp.zeros_like(times[0])
 
@@ -278,7 +275,7 @@ def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
     )
 
 
-def _rocked(rocker: Rocker, motion: _Motion, interval: Any) -> _Motion:
+def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
     """Free rocking over an interval, through impacts."""
     # Below this velocity the block counts as resting: its impacts would never end.
     rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
@@ -314,5 +311,5 @@ def _rocked(rocker: Rocker, motion: _Motion, interval: Any) -> _Motion:
     )
 
 
-def _peak(rocker: Rocker, x: Any) -> Any:
+def _peak(rocker: Rocker, x: Reals) -> Reals:
     return rocker.rotation(Flight(x, jnp.zeros_like(x)))

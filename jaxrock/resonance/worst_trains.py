@@ -36,14 +36,12 @@ class WorstTrain:
     ----------
     times, intensities : ndarray, shape (pulses,)
         When the pulses come, the first at 0 [s], and I of each [m/s], signed as the ground moves.
-    impacts_between : ndarray of int, shape (pulses,)
-        Impacts between a pulse and the one before it.
-    delays : ndarray, shape (pulses,)
-        Time from the last impact to the pulse, over the half-cycle that it falls into [-].
-    largest, total : float
-        Largest and total magnitude of the pulses [m/s].
-    peak_rotation : float
-        After the last pulse [rad]; NaN if the block overturns.
+    impacts_between, delays : ndarray, shape (pulses,)
+        Impacts between a pulse and the one before it, and time from the last impact to the
+        pulse over the half-cycle that it falls into [-].
+    largest, total, peak_rotation : float
+        Largest and total magnitude of the pulses [m/s], and the peak after the last [rad]; NaN
+        if the block overturns.
     overturns, converged : bool
         Whether the train just overturns the block, or more; whether the search has ended, at
         a train that keeps the constraints.
@@ -53,7 +51,7 @@ class WorstTrain:
     history : ndarray, shape (starts, steps)
         The same in each step of the descent.
     goal : str
-        What was sought.
+        That of the search.
     """
 
     times: np.ndarray
@@ -157,8 +155,7 @@ def worst_train(
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
     block.check()
-    _check_search(count, starts, goal, largest, impacts_between)
-    _check_times(count, spacing, latest)
+    _check_arguments(count, starts, goal, largest, impacts_between, spacing, latest)
     block, restitution = of_one_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
@@ -185,8 +182,14 @@ def worst_train(
     return _result(searches, problem, history, spacing, latest)
 
 
-def _check_search(
-    count: int, starts: int, goal: str, largest: float | None, impacts_between: int
+def _check_arguments(
+    count: int,
+    starts: int,
+    goal: str,
+    largest: float | None,
+    impacts_between: int,
+    spacing: float,
+    latest: float,
 ) -> None:
     if min(count, starts) < 1:
         name, value = ("count", count) if count < 1 else ("starts", starts)
@@ -202,8 +205,6 @@ def _check_search(
     if not 0 <= impacts_between <= MAX_IMPACTS:
         raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
 
-
-def _check_times(count: int, spacing: float, latest: float) -> None:
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
     if not latest >= 0:
         raise ValueError(f"latest must be at least 0, got {latest:g}")
