@@ -112,7 +112,7 @@ class _Descent(NamedTuple):
     bound_slope: Any  # derivative with respect to the logarithm of the bound
     x: Any  # final velocity
     violations: Any
-    inverse: Any  # Hessian, estimated
+    inverse: Any  # of the Hessian, estimated
     steps: Any
     stuck: Any  # times in turn that no length of step led lower
     path: Any  # (_STEPS,) losses
@@ -198,7 +198,8 @@ def _solved(search: Search, problem: Problem, rounds: Any) -> tuple[Search, Any]
         search, path, number, low, high = carry
         angles = jnp.arccos(jnp.cos(search.angles))
         if problem.constrained:
-            # Off the ends of the half-cycles, where the gradient is 0 whatever is violated.
+            # Off the ends of the half-cycles: the gradient is 0 there, even if constraints are
+            # violated.
             pushed = (number > 0) & (search.loss > eps**0.5)
             angles = jnp.where(pushed, jnp.clip(angles, 0.1, jnp.pi - 0.1), angles)
         descent = _descended(search._replace(angles=angles), problem)
@@ -223,7 +224,8 @@ def _corrected(
     root_eps = jnp.finfo(search.angles.dtype).eps ** 0.5
     change, multipliers = jnp.zeros_like(search.loss), search.multipliers
     if problem.seeks_bound:
-        # By the envelope theorem, the lowest loss changes with the bound like that.
+        # Newton's step to loss 0: by the envelope theorem the partial derivative with respect
+        # to the bound is the derivative of the lowest loss.
         shortfall = -jnp.log(jnp.maximum(descent.x, 1e-30))
         change = jnp.clip(shortfall / jnp.clip(-descent.bound_slope, 0.3, 1e4), -1, 1)
         weak = early | (shortfall > 0)

@@ -22,7 +22,7 @@ def searched(searches: Search, problem: Problem, fewest: int) -> tuple[Search, n
         searches = _in_time(searches, problem)
     searches, path = _solved(searches, problem)
     history = [path]
-    for _ in range(8 * searches.angles.shape[1]):
+    for _ in range(8 * searches.angles.shape[1]):  # far more moves than searches take
         moved = _after_best_move(searches, problem, fewest, history)
         if moved is None:
             break
@@ -54,7 +54,7 @@ def _solved(searches: Search, problem: Problem, rounds: int = ROUNDS) -> tuple[S
 def _after_best_move(
     searches: Search, problem: Problem, fewest: int, history: list[np.ndarray]
 ) -> Search | None:
-    """The searches after a move that improves them, where there is one; None where nowhere."""
+    """The searches, each after a move that improves it; None if no move improves any."""
     feasible, each = searches.violation < tolerance(searches), np.arange(searches.loss.size)
     # As long as a start is not feasible, its multipliers only grow.
     begin = searches._replace(multipliers=np.where(feasible[:, None], searches.multipliers, 0))
@@ -134,7 +134,7 @@ def _moved(searches: Search, fewest: int, problem: Problem) -> list[Search]:
             continue
         moves += [placed(searches, k, impacts + by, early) for by in (-1, 0, 1)]
         moves += [placed(searches, k, impacts + by, late) for by in (-1, 0)]
-        # Right after the spacing is over, at the end of that half-cycle, and one later.
+        # Right when the spacing allows, at the end of that half-cycle, and one impact later.
         for by, angle in ((0, early), (0, late), (1, early)):
             moves.append(placed(searches, k, required[:, k] + by, angle))
         if k < last:
