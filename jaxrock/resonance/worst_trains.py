@@ -191,9 +191,9 @@ def _check_arguments(
     spacing: float,
     latest: float,
 ) -> None:
-    if min(count, starts) < 1:
-        name, value = ("count", count) if count < 1 else ("starts", starts)
-        raise ValueError(f"{name} must be at least 1, got {value}")
+    for name, value in (("count", count), ("starts", starts)):
+        if value < 1:
+            raise ValueError(f"{name} must be at least 1, got {value}")
     if goal not in get_args(Goal):
         raise ValueError(
             f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
@@ -204,7 +204,6 @@ def _check_arguments(
         check("largest", as_real("largest", largest), POSITIVE)
     if not 0 <= impacts_between <= MAX_IMPACTS:
         raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
-
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
     if not latest >= 0:
         raise ValueError(f"latest must be at least 0, got {latest:g}")
@@ -246,6 +245,7 @@ def _result(
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
     times, verified = _verified(searches, problem, best, intensities, peak)
     in_time = (np.diff(times) >= spacing * (1 - 1e-9)).all() and times[-1] <= latest
+    # At the limit, even more impacts between two pulses might be worse.
     in_time = in_time and (impacts < _MAX_IMPACTS_APART).all()
     return WorstTrain(
         times=times,
