@@ -27,7 +27,8 @@ def searched(searches: Search, problem: Problem, fewest: int) -> tuple[Search, n
         if moved is None:
             break
         searches = moved
-    return searches, np.concatenate(history, axis=1)
+    unit = float(problem.rocker.unit) if problem.seeks_bound else 1.0
+    return searches, np.concatenate(history, axis=1) * unit
 
 
 def _in_time(searches: Search, problem: Problem) -> Search:
@@ -47,8 +48,7 @@ def _solved(searches: Search, problem: Problem, rounds: int = ROUNDS) -> tuple[S
         return solved, np.exp(-losses)
     # Nearly what a train needs: the velocity it leads to is almost proportional to its bound.
     with np.errstate(over="ignore"):
-        path = np.exp(searches.log_bound[:, None] + losses) * float(problem.rocker.unit)
-    return solved, path
+        return solved, np.exp(searches.log_bound[:, None] + losses)
 
 
 def _after_best_move(
