@@ -22,18 +22,9 @@ class Block(Checked):
 
     Parameters
     ----------
-    half_width : array_like
-        b, half the width of the base [m], greater than 0. All three broadcast.
-    slenderness : array_like
-        lambda = a / b, height over width [-], greater than 0.
-    gravity : array_like, optional
-        g, acceleration of gravity [m/s2], greater than 0.
-
-    Raises
-    ------
-    ValueError
-        If a concrete value is not finite and greater than 0. Traced values outside
-        give NaN.
+    half_width, slenderness, gravity : array_like
+        b, half the width of the base [m], lambda = a / b, height over width [-], and g,
+        acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
 
     Examples
     --------
@@ -64,12 +55,8 @@ class Block(Checked):
 
         Parameters
         ----------
-        width : array_like
-            2b [m], greater than 0.
-        height : array_like
-            2a [m], greater than 0.
-        gravity : array_like, optional
-            g [m/s2], greater than 0.
+        width, height, gravity : array_like
+            2b [m], 2a [m] and g [m/s2], finite and greater than 0.
 
         Returns
         -------
@@ -94,42 +81,36 @@ class Block(Checked):
     @property
     @elementwise()
     def half_diagonal(self) -> Reals:
-        """From the centre to a corner, R = sqrt(a^2 + b^2) = b sqrt(1 + lambda^2) [m]."""
+        """Distance from the centre to a corner, R = sqrt(a^2 + b^2) [m]."""
         return self.half_width * diagonal_ratio(self)
 
     @property
     @elementwise()
     def critical_angle(self) -> Reals:
-        """Rotation of unstable balance, alpha_c = arctan(1 / lambda) [rad]."""
+        """Rotation of unstable equilibrium, alpha_c = arctan(1 / lambda) [rad]."""
         return angle(1.0, self.slenderness)
 
     @property
     @elementwise()
     def frequency_parameter(self) -> Reals:
-        """Rate at which free rocking grows or decays, p = sqrt(3 g / (4 R)) [1/s]."""
+        """Rate of free rocking near equilibrium, p = sqrt(3 g / (4 R)) [1/s]."""
         return jnp.sqrt(0.75 * self.gravity / (self.half_width * diagonal_ratio(self)))
 
     @elementwise(intensity=NON_NEGATIVE)
     def pulse_velocity(self, intensity: Number) -> Reals:
         """Angular velocity that an instantaneous pulse gives to the block at rest (Eq. 2).
 
-        Conservation of angular momentum about the corner, the same for slender and stocky
-        blocks and independent of gravity.
+        By conservation of angular momentum about the corner, for any slenderness.
 
         Parameters
         ----------
         intensity : array_like
-            I, change of the ground velocity [m/s], finite and at least 0.
+            I, change of the ground velocity [m/s], at least 0.
 
         Returns
         -------
         velocity : Array, shape (...)
             ``3 lambda I / (4 b (1 + lambda^2))`` [rad/s].
-
-        Raises
-        ------
-        ValueError
-            If a concrete intensity is not finite or negative; traced, it gives NaN.
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return 0.75 * shape * intensity / self.half_width
@@ -142,10 +123,10 @@ def diagonal_ratio(block: Block) -> Reals:
 
 @elementwise()
 def housner_restitution(block: Block) -> Reals:
-    """Housner's coefficient of restitution, a ratio of angular velocities.
+    """Housner's coefficient of restitution, a ratio of angular velocities (Housner 1963).
 
-    Angular momentum about the new corner is conserved in the impact (Housner 1963).
-    Below a slenderness of 0.707 it is negative: such a block does not rock on.
+    From the angular momentum about the new corner, which the impact conserves. Negative
+    below a slenderness of 0.707: such a block does not rock on.
 
     Parameters
     ----------
@@ -163,4 +144,5 @@ def housner_restitution(block: Block) -> Reals:
     0.942
     """
     square = block.slenderness**2
+    # Near slenderness 0.707 the first form cancels, for tall blocks the second.
     return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)

@@ -111,7 +111,13 @@ def quantity(domain: Domain) -> Any:
 
 
 class Checked(eqx.Module):
-    """A module whose concrete `quantity` fields are checked when it is made."""
+    """A module whose concrete `quantity` fields are checked when it is made.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is out of range. A traced one gives NaN.
+    """
 
     def __check_init__(self):
         self.check()
@@ -131,6 +137,14 @@ class Checked(eqx.Module):
             elif isinstance(value, Checked):
                 value.check()
 
+
+_OUT_OF_RANGE = """
+
+Raises
+------
+ValueError
+    If a concrete {} is out of range. A traced one gives NaN.
+"""
 
 _M = TypeVar("_M", bound=Checked)
 
@@ -186,8 +200,10 @@ def elementwise(
     Arguments named in `domains`, and all `Checked` modules, are checked where they are concrete; a
     function in the place of a domain converts its argument. The decorated function sees valid
     elements only. Where an argument is not valid, results are NaN with derivative zero, so that a
-    masked sum over a batch has the derivative of the elements that are summed.
+    masked sum over a batch has the derivative of the elements that are summed. Docstrings get
+    their section on errors.
     """
+    guarded_names = [name for name, domain in domains.items() if isinstance(domain, Domain)]
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
         signature = inspect.signature(function)
@@ -223,6 +239,9 @@ def elementwise(
             compute = outermost if _guarded.get() is None else masked
             return compute(bound.arguments)
 
+        if guarded_names and function.__doc__:
+            names = " or ".join(f"`{name}`" for name in guarded_names)
+            guarded.__doc__ = inspect.cleandoc(function.__doc__) + _OUT_OF_RANGE.format(names)
         return guarded
 
     return decorate

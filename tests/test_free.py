@@ -1,4 +1,4 @@
-"""Laws that free rocking has to obey, in both kinds."""
+"""Laws that free rocking has to obey, in both models."""
 
 import jax
 import jax.numpy as jnp
@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 import jaxrock as jr
 
 MODELS = [jr.Linearized(), jr.Nonlinear()]
-kinds = st.sampled_from(MODELS)
+models = st.sampled_from(MODELS)
 slenderness = st.floats(0.25, 100, width=32)
 half_width = st.floats(0.0078125, 100, width=32)
 ratio = st.floats(0.0009765625, 0.9990234375, width=32)
 
 
 def energy(model, block, rotation, velocity):
-    """Per unit of moment of inertia: kinetic, and potential as the kind has it."""
+    """Per unit of moment of inertia: kinetic, and potential as the model has it."""
     p, critical = block.frequency_parameter, block.critical_angle
     if isinstance(model, jr.Linearized):
         return velocity**2 / 2 + p**2 * rotation * (critical - rotation / 2)
@@ -26,7 +26,7 @@ def energy(model, block, rotation, velocity):
     return velocity**2 / 2 + p**2 * lift
 
 
-@given(kinds, half_width, slenderness, ratio, st.floats(0, 1, width=32))
+@given(models, half_width, slenderness, ratio, st.floats(0, 1, width=32))
 def test_energy_is_conserved_along_the_motion(model, b, lam, x, share):
     eps = float(jnp.finfo(jnp.result_type(float)).eps)
     block = jr.Block(b, lam)
@@ -36,7 +36,7 @@ def test_energy_is_conserved_along_the_motion(model, b, lam, x, share):
     np.testing.assert_allclose(found, velocity**2 / 2, rtol=1000 * eps / (1 - x))
 
 
-@given(kinds, half_width, slenderness, ratio)
+@given(models, half_width, slenderness, ratio)
 def test_motion_peaks_at_half_time_and_returns(model, b, lam, x):
     eps = float(jnp.finfo(jnp.result_type(float)).eps)
     tolerance = 500 * eps / (1 - x)
@@ -52,7 +52,7 @@ def test_motion_peaks_at_half_time_and_returns(model, b, lam, x):
     np.testing.assert_allclose(speed, -velocity, rtol=tolerance)
 
 
-@given(kinds, half_width, slenderness, ratio, st.floats(1.0009765625, 2, width=32))
+@given(models, half_width, slenderness, ratio, st.floats(1.0009765625, 2, width=32))
 def test_peak_grows_with_velocity_and_shrinks_with_size(model, b, lam, x, factor):
     block = jr.Block(b, lam)
     velocity = x * model.critical_velocity(block) / factor
@@ -77,7 +77,7 @@ def test_nonlinear_tends_to_linearized_as_slenderness_squared(question, x):
 
 
 @pytest.mark.parametrize("model", MODELS, ids=repr)
-def test_the_verge(model):
+def test_the_overturning_threshold(model):
     block = jr.Block(0.4, 5.0)
     velocity = jnp.asarray([0.999, 1.001]) * model.critical_velocity(block)
     peak = model.peak_rotation(block, velocity)

@@ -1,5 +1,6 @@
 """What the figures show: their lines against the answers, limits, labels and legends."""
 
+import dataclasses
 import functools
 import inspect
 import re
@@ -442,7 +443,7 @@ def test_train(model):
     outcome = jax.jit(functools.partial(shot, timed=True))(rocker, shape, jnp.asarray(0.5))
     intensities = 0.5 * float(rocker.unit) * weights * np.asarray(outcome.sides)
     times = np.asarray(outcome.times)
-    ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.late), model)
+    ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.delays), model)
     time, ratio = ax.get_lines()[0].get_data()
     assert (np.diff(time) >= 0).all()
     expected = jr.respond_to_train(WALL.block, 0.7, times, intensities, model)
@@ -577,7 +578,7 @@ def test_convergence():
     assert ax.get_yscale() == "log"
     assert ax.get_title() == "smallest largest: 2 starts"
     none = train([0.0], [0.4], [0], [0.0])
-    none = none._replace(objectives=np.full_like(none.objectives, np.nan))
+    none = dataclasses.replace(none, objectives=np.full_like(none.objectives, np.nan))
     assert plot_convergence(none).get_title() == "smallest largest: 2 starts"
 
 

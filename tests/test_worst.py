@@ -20,7 +20,7 @@ BOTH = pytest.mark.parametrize(
 
 
 def scipy_train(rocker, block, times, intensities):
-    """Peak and fate, from a jump of the velocity at each pulse and SciPy's events between."""
+    """Peak rotation and whether it overturns: jumps of the velocity, SciPy's events between."""
     alpha = velocity = peak = 0.0
     side, now = 0, 0.0
     shape = 0.75 * float(block.slenderness) / (1 + float(block.slenderness) ** 2)
@@ -74,7 +74,7 @@ def scipy_train(rocker, block, times, intensities):
 @BOTH
 def test_trains_against_scipy(model):
     rng = np.random.default_rng(2)
-    fates = []
+    outcomes = []
     for _ in range(12):
         block = jr.Block(rng.uniform(0.1, 0.6), rng.uniform(1.5, 6))
         c, count = rng.uniform(0.5, 0.95), 4
@@ -86,11 +86,11 @@ def test_trains_against_scipy(model):
         intensities = rng.uniform(-0.6, 0.6, count) * critical
         ours = jr.respond_to_train(block, c, times, intensities, model)
         peak, overturned = scipy_train(rocker, block, times, intensities)
-        fates.append(overturned)
+        outcomes.append(overturned)
         assert bool(ours.overturned) == overturned
         if not overturned:
             assert float(ours.peak_rotation) == pytest.approx(peak, rel=1e-7)
-    assert not all(fates)
+    assert not all(outcomes)
 
 
 @BOTH
@@ -281,7 +281,7 @@ def test_timing_that_did_not_converge_is_nan(monkeypatch):
     block = jr.Block(0.4, 4.0)
     nothing_left = timing.timing_costs(block, 0.0, 3)["right before the impacts"]
     assert nothing_left == pytest.approx(float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12)
-    monkeypatch.setattr(timing, "_ROUNDS", 1)
+    monkeypatch.setattr(timing, "_MAX_CORRECTIONS", 1)
     assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
 
 

@@ -22,7 +22,7 @@ _RAISED = 3e-7  # of the trains that are written: they overturn whoever follows 
 
 
 class Case(NamedTuple):
-    """What is asked of both searches."""
+    """A problem for both searches."""
 
     half_width: float
     slenderness: float

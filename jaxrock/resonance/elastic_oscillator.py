@@ -1,7 +1,7 @@
 """The elastic damped oscillator under the same input (section IV of the paper).
 
-For comparison only: what resonance does to a system that has a natural frequency. Each
-pulse comes when the oscillator passes zero, every half of its damped period.
+For comparison: what resonance does to a system that has a natural frequency. Each pulse
+comes when the oscillator passes zero, every half of its damped period.
 """
 
 import jax.numpy as jnp
@@ -29,15 +29,9 @@ class Oscillator(Checked):
 
     Parameters
     ----------
-    angular_frequency : array_like
-        omega, undamped [rad/s], greater than 0.
-    damping_ratio : array_like
-        xi, share of critical damping [-], at least 0 and below 1.
-
-    Raises
-    ------
-    ValueError
-        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+    angular_frequency, damping_ratio : array_like
+        omega, undamped [rad/s], greater than 0, and xi, share of critical damping [-], at
+        least 0 and below 1.
 
     Examples
     --------
@@ -68,20 +62,16 @@ class Oscillator(Checked):
     @property
     @elementwise()
     def velocity_decay(self) -> Reals:
-        """Velocity kept over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
+        """Ratio of velocities over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
 
-        What the coefficient of restitution is to the block, except that the loss is spread
-        over the half-cycle.
+        What the coefficient of restitution is to the block.
         """
         return jnp.exp(-_decrement(self))
 
     @property
     @elementwise()
     def amplification(self) -> Reals:
-        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-].
-
-        Infinite without damping.
-        """
+        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-]; inf undamped."""
         share = decaying_share_of_one(_decrement(self), jnp.inf)
         return quotient_or_infinite(jnp.ones_like(share), share)
 
@@ -91,20 +81,13 @@ class Oscillator(Checked):
 
         Parameters
         ----------
-        velocity : array_like
-            Velocity at time zero [m/s], finite.
-        time : array_like
-            Time since then [s], finite.
+        velocity, time : array_like
+            At zero displacement [m/s], and time since then [s].
 
         Returns
         -------
         displacement, velocity : Array, shape (...)
-            Displacement [m] and velocity [m/s].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is not finite; traced, it gives NaN.
+            [m] and [m/s].
         """
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
@@ -120,20 +103,13 @@ class Oscillator(Checked):
 
         Parameters
         ----------
-        intensity : array_like
-            I, change of velocity in each pulse [m/s], finite and at least 0.
-        half_cycle : array_like
-            i, a whole number from 1 on, or inf for the limit.
+        intensity, half_cycle : array_like
+            I, change of velocity in each pulse [m/s], at least 0; i, from 1 on, or inf.
 
         Returns
         -------
         velocity : Array, shape (...)
             ``I (1 - B^i) / (1 - B)`` [m/s].
-
-        Raises
-        ------
-        ValueError
-            If a concrete argument is out of range. Traced ones give NaN.
         """
         share = decaying_share_of_one(_decrement(self), half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
@@ -142,44 +118,33 @@ class Oscillator(Checked):
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
         """Displacement at a quarter of the damped period, as printed in Eq. 22.
 
-        Not the maximum, which comes earlier: see `peak_displacement`. The ratio of two such
-        displacements (Eq. 23) is that of the maxima.
+        Not the maximum, which comes earlier: see `peak_displacement`.
 
         Parameters
         ----------
         velocity : array_like
-            With which it passed zero [m/s], finite and at least 0.
+            Where the displacement is 0 [m/s], at least 0.
 
         Returns
         -------
         displacement : Array, shape (...)
             ``v exp(-pi xi / (2 sqrt(1 - xi^2))) / Omega`` [m].
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity is out of range; traced, it gives NaN.
         """
         return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
-        """Largest displacement after it passed zero.
+        """Largest displacement, where ``tan(Omega t) = Omega / (xi omega)``.
 
         Parameters
         ----------
         velocity : array_like
-            Then [m/s], finite and at least 0.
+            Where the displacement is 0 [m/s], at least 0.
 
         Returns
         -------
         displacement : Array, shape (...)
-            That at ``tan(Omega t) = Omega / (xi omega)`` [m].
-
-        Raises
-        ------
-        ValueError
-            As `quarter_cycle_displacement`.
+            [m].
         """
         phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
         decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
@@ -201,12 +166,7 @@ def equivalent_damping(restitution: Number) -> Reals:
     Returns
     -------
     damping_ratio : Array, shape (...)
-        ``-0.68 ln(C)`` [-]; inf for C = 0.
-
-    Raises
-    ------
-    ValueError
-        If a concrete restitution is out of range; traced, it gives NaN.
+        ``-0.68 ln(C)`` [-], inf for C = 0.
     """
     return 0.68 * minus_log(jnp.asarray(restitution))
 
@@ -218,39 +178,29 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
     Parameters
     ----------
     restitution : array_like
-        As in `equivalent_damping`, with its errors.
+        C [-], between 0 and 1.
 
     Returns
     -------
     beta : Array, shape (...)
         ``-0.34 ln(C)`` [-].
-
-    Raises
-    ------
-    ValueError
-        If it is out of range.
     """
     return 0.34 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(velocity_decay=UNIT_INTERVAL)
 def damping_from_decay(velocity_decay: Number) -> Reals:
-    """Damping ratio of a lightly damped oscillator from its velocity decay B (Eq. 19).
+    """Damping ratio of a lightly damped oscillator from its velocity decay (Eq. 19).
 
     Parameters
     ----------
     velocity_decay : array_like
-        B [-], between 0 and 1; see `Oscillator.velocity_decay`.
+        B [-], between 0 and 1.
 
     Returns
     -------
     xi : Array, shape (...)
         ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
-
-    Raises
-    ------
-    ValueError
-        If a concrete decay is out of range; traced, it gives NaN.
     """
     return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
 

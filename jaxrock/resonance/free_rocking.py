@@ -1,13 +1,11 @@
 """Free rocking between two impacts, in closed form: two models.
 
-`Linearized` is exact for slender blocks (Eq. 4), `Nonlinear` for any block (Eq. 1
-without input). Both answer the same questions. Free rocking conserves energy, so a
-block lands as fast as it took off, and all of it depends on ``x = velocity /
-critical_velocity``: the block stands while x < 1, and overturns from 1 on.
+`Linearized` is exact for slender blocks (Eq. 4), `Nonlinear` for any block (Eq. 1 without
+input). Free rocking conserves energy: a block lands as fast as it took off, and everything
+depends on ``x = velocity / critical_velocity``. The block stands while x < 1.
 
-Notation in the code: ``h = sqrt(1 + lambda^2)`` is R / b, ``k = sqrt(1 - x^2)`` is the
-square root of the energy left to the barrier (as a share of it), and ``tau =
-tan(alpha_c / 2)``.
+Notation: ``h = sqrt(1 + lambda^2)`` is R / b, ``k = sqrt(1 - x^2)`` the square root of the
+energy that is missing to overturn (over the energy barrier), ``tau = tan(alpha_c / 2)``.
 """
 
 import abc
@@ -36,8 +34,8 @@ class RockingModel(eqx.Module):
     """What both models can answer; see `Linearized` and `Nonlinear`.
 
     A model is written in terms of x and of the pulse that gives the launch velocity to the
-    block at rest. The pulse, and not the velocity, because velocity and peak, velocity
-    and duration depend on slenderness and width in opposite ways: their slopes cancel.
+    block at rest. In terms of the velocity derivatives would cancel: slenderness and width act
+    on it in the opposite way as on peak and duration.
     """
 
     name: ClassVar[str]  # in datasets and options
@@ -62,9 +60,9 @@ class RockingModel(eqx.Module):
 
     @abc.abstractmethod
     def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
-        """From the launch to a state on the way up, q = velocity / critical velocity there.
+        """From the launch to a rotation on the way up, where velocity / critical velocity is q.
 
-        By symmetry also from a state on the way down to the impact, where x may exceed 1.
+        By symmetry also from there on the way down to the impact, where x may exceed 1.
         """
 
     @elementwise()
@@ -88,19 +86,13 @@ class RockingModel(eqx.Module):
 
         Parameters
         ----------
-        block : Block
-        velocity : array_like
-            Launch velocity [rad/s], finite and at least 0.
+        block, velocity : Block, array_like
+            Launched with a velocity [rad/s], at least 0.
 
         Returns
         -------
         rotation : Array, shape (...)
             Peak rotation [rad]; NaN where the launch overturns the block.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity is not finite or negative; traced, it gives NaN.
         """
         return self._where_standing(self._peak_rotation, block, velocity)
 
@@ -110,19 +102,13 @@ class RockingModel(eqx.Module):
 
         Parameters
         ----------
-        block : Block
-        velocity : array_like
-            Of the launch [rad/s], finite and at least 0.
+        block, velocity : Block, array_like
+            Launched with a velocity [rad/s], at least 0.
 
         Returns
         -------
         duration : Array, shape (...)
             Time [s]; NaN where the launch overturns the block.
-
-        Raises
-        ------
-        ValueError
-            As `peak_rotation`.
         """
         return self._where_standing(self._half_cycle_duration, block, velocity)
 
@@ -130,28 +116,19 @@ class RockingModel(eqx.Module):
     def motion(self, block: Block, velocity: Number, time: Number) -> tuple[Reals, Reals]:
         """Rotation and angular velocity at a time after the launch (Eq. 5).
 
-        The solution without the ground: past the next impact, at `half_cycle_duration`,
-        it goes on below zero. A launch faster than `critical_velocity` carries the block
-        over.
+        As if there were no ground: after the next impact, at `half_cycle_duration`, the
+        rotation is negative. From `critical_velocity` on the block overturns.
 
         Parameters
         ----------
-        block : Block
-        velocity : array_like
-            Launch velocity [rad/s], finite and at least 0.
-        time : array_like
-            Time since the launch [s], finite.
+        block, velocity, time : Block, array_like, array_like
+            Launch velocity [rad/s], at least 0, and time since the launch [s].
 
         Returns
         -------
         rotation, velocity : Array, shape (...)
-            Rotation [rad] and angular velocity [rad/s]; NaN where the linearized motion,
-            which grows without bound, leaves the range of floating-point numbers.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity or time is out of range; traced, it gives NaN.
+            [rad] and [rad/s]; NaN where the linearized motion, which grows without bound,
+            leaves the range of floating-point numbers.
         """
         x = velocity / self._critical_velocity(block)
         x, time = jnp.broadcast_arrays(x, time)
@@ -161,28 +138,19 @@ class RockingModel(eqx.Module):
     def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
         """How many times higher a block rocks if launched ``1 + growth`` times as fast.
 
-        As a function of its own because the quotient of two peaks loses its derivatives
-        where they are small, and its digits where they are almost equal.
+        The quotient of two peaks would lose its derivatives where they are small, and its
+        digits where they are almost equal.
 
         Parameters
         ----------
-        block : Block
-        velocity : array_like
-            Slower launch velocity [rad/s], finite and at least 0.
-        growth : array_like
-            Relative increase of the launch velocity [-], at least 0.
+        block, velocity, growth : Block, array_like, array_like
+            Slower launch velocity [rad/s] and its relative increase [-], both at least 0.
 
         Returns
         -------
         amplification : Array, shape (...)
-            ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], with
-            its limit ``(1 + growth)^2`` at zero velocity; NaN where the faster launch
-            overturns the block.
-
-        Raises
-        ------
-        ValueError
-            If a concrete velocity or growth is out of range; traced, it gives NaN.
+            ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
+            velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1
@@ -190,13 +158,13 @@ class RockingModel(eqx.Module):
         return jnp.where(stands, self._peak_amplification(block, x, growth), jnp.nan)
 
     def _where_standing(
-        self, answer: Callable[[Block, Reals, Reals], Reals], block: Block, velocity: Number
+        self, quantity: Callable[[Block, Reals, Reals], Reals], block: Block, velocity: Number
     ) -> Reals:
         x = velocity / self._critical_velocity(block)
         stands = x < 1
         x, velocity = jnp.where(stands, x, 0), jnp.where(stands, velocity, 0)
         intensity = velocity / block.pulse_velocity(1.0)
-        return jnp.where(stands, answer(block, x, intensity), jnp.nan)
+        return jnp.where(stands, quantity(block, x, intensity), jnp.nan)
 
 
 class Linearized(RockingModel):
@@ -212,7 +180,7 @@ class Linearized(RockingModel):
         return block.critical_angle * block.frequency_parameter
 
     def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals:
-        # alpha_c x^2: what depends on the slenderness tends to 1 with it.
+        # alpha_c x^2 / (1 + k), written so that `shape` tends to 1 for slender blocks.
         cotangent = 1 / block.slenderness
         shape = arctan_ratio(cotangent) * (1 + cotangent**2) ** 1.5
         return _weight_of(intensity, block) ** 2 / (shape * (1 + _barrier(x)))
@@ -221,14 +189,14 @@ class Linearized(RockingModel):
         return x**2 / (1 + _barrier(x))
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
-        before, after = _barrier(x), _barrier(x * (1 + growth))
-        return 1 + growth * (2 + growth) * (1 + before) / (before + after)
+        slower, faster = _barrier(x), _barrier(x * (1 + growth))
+        return 1 + growth * (2 + growth) * (1 + slower) / (slower + faster)
 
     def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
         # 2 x / p = 2 I cos(alpha_c) / (g alpha_c)
         cosine = block.slenderness / diagonal_ratio(block)
-        weak = 2 * intensity * cosine / (block.gravity * block.critical_angle)
-        return weak * artanh_ratio(x)
+        weak_limit = 2 * intensity * cosine / (block.gravity * block.critical_angle)
+        return weak_limit * artanh_ratio(x)
 
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
         half = block.frequency_parameter * time / 2
@@ -246,8 +214,7 @@ class Linearized(RockingModel):
 class Nonlinear(RockingModel):
     """Free rocking of any block, the equation of motion (Eq. 1) in full.
 
-    From the conservation of energy and Carlson's elliptic integral R_F; the path over
-    time by Jacobi's elliptic functions.
+    Durations are Carlson's elliptic integral R_F, rotations over time Jacobi's functions.
     """
 
     name = "nonlinear"
@@ -267,39 +234,38 @@ class Nonlinear(RockingModel):
         return 2 * arcsin(sine) / block.critical_angle
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
-        tau = _tangent_of_half(block)
-        x_after = x * (1 + growth)
-        before, after = _barrier(x), _barrier(x_after)
-        w_before, w_after = _stiffening(block, x), _stiffening(block, x_after)
+        tau, faster = _tangent_of_half(block), x * (1 + growth)
+        k, k_faster = _barrier(x), _barrier(faster)
+        w, w_faster = _stiffening(block, x), _stiffening(block, faster)
         gain = growth * (2 + growth)
-        crossed = before * w_after + after * w_before
-        peak = arcsin_ratio(tau * x**2 / (w_before + before))
+        crossed = k * w_faster + k_faster * w
+        peak = arcsin_ratio(tau * x**2 / (w + k))
         rise = arcsin_ratio(tau * x**2 * gain / crossed)
-        return 1 + gain * (w_before + before) / crossed * rise / peak
+        return 1 + gain * (w + k) / crossed * rise / peak
 
     def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
         # 2 x / (p cos(alpha_c / 2)) = 2 I lambda / g
         w = _stiffening(block, x)
-        left = one_minus_square(x)
-        integral = carlson_rf(jnp.ones_like(w), left, left / w**2)
+        k_squared = one_minus_square(x)
+        integral = carlson_rf(jnp.ones_like(w), k_squared, k_squared / w**2)
         return 2 * intensity * block.slenderness / (block.gravity * w) * integral
 
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
-        sine = _sine_of_half(block)
-        cosine = jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
+        sine, cosine = _sine_of_half(block), _cosine_of_half(block)
         m1 = sine**2 * one_minus_square(x)
         sn, cn, dn = jacobi(block.frequency_parameter * time, m1)
-        # r is sin((alpha_c - alpha) / 2) over its value at rest, `fall` is 1 - r.
-        across = dn + x * cosine * sn * cn
-        r = (1 - x**2 * sn**2) / across
-        fall = sn * (x * cosine * cn - ((1 - m1) / (1 + dn) - x**2) * sn) / across
-        before = r > 0
-        r_after = jnp.where(before, 0, r)
-        r, fall = jnp.where(before, r, 1), jnp.where(before, fall, 0)
-        side = jnp.sqrt(1 - sine**2 * r**2) + r * cosine
-        rotation = 2 * jnp.arcsin(sine * fall * (1 + r) / side)
-        beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_after)
-        return jnp.where(before, rotation, beyond)
+        # r is sin((alpha_c - alpha) / 2) over its value at rest, `fall` is 1 - r: small
+        # rotations keep their digits.
+        denominator = dn + x * cosine * sn * cn
+        r = (1 - x**2 * sn**2) / denominator
+        fall = sn * (x * cosine * cn - ((1 - m1) / (1 + dn) - x**2) * sn) / denominator
+        subcritical = r > 0
+        r_beyond = jnp.where(subcritical, 0, r)
+        r, fall = jnp.where(subcritical, r, 1), jnp.where(subcritical, fall, 0)
+        sum_of_roots = jnp.sqrt(1 - sine**2 * r**2) + r * cosine
+        rotation = 2 * jnp.arcsin(sine * fall * (1 + r) / sum_of_roots)
+        beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_beyond)
+        return jnp.where(subcritical, rotation, beyond)
 
     def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
         # With y = sin((alpha_c - alpha) / 2)^2 it is the integral of
@@ -307,16 +273,15 @@ class Nonlinear(RockingModel):
         # (DLMF 19.29.4); velocity = 2 p sqrt(y - m). Both roots of y - m are taken over x.
         moves = x > 0
         scale = jnp.where(moves, x, 1)
-        sine = _sine_of_half(block)
-        cosine = jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
-        to_barrier = 0.5 * (block.critical_angle - rotation)
-        sine_there, cosine_there = jnp.sin(to_barrier), jnp.cos(to_barrier)
-        root, root_there = sine, sine * jnp.where(moves, q / scale, 1)
+        sine, cosine = _sine_of_half(block), _cosine_of_half(block)
+        half_to_go = 0.5 * (block.critical_angle - rotation)
+        sine_up, cosine_up = jnp.sin(half_to_go), jnp.cos(half_to_go)
+        root, root_up = sine, sine * jnp.where(moves, q / scale, 1)
         fall = jnp.sin(block.critical_angle - 0.5 * rotation) * jnp.sin(0.5 * rotation)
         integral = carlson_rf(
-            (sine * cosine * root_there + sine_there * cosine_there * root) ** 2,
-            (sine * root * cosine_there + sine_there * root_there * cosine) ** 2,
-            (cosine * root * sine_there + cosine_there * root_there * sine) ** 2,
+            (sine * cosine * root_up + sine_up * cosine_up * root) ** 2,
+            (sine * root * cosine_up + sine_up * root_up * cosine) ** 2,
+            (cosine * root * sine_up + cosine_up * root_up * sine) ** 2,
         )
         return fall / scale * integral / block.frequency_parameter
 
@@ -325,19 +290,18 @@ ModelLike = RockingModel | Literal["linearized", "nonlinear"]
 
 
 def as_model(model: Any) -> RockingModel:
-    """The model, given itself or by its name; anything else is a `ValueError`."""
+    """The model itself, from its name too; anything else is a `ValueError`."""
     if isinstance(model, RockingModel):
         return model
-    for kind in (Linearized, Nonlinear):
-        if model == kind.name:
-            return kind()
+    if model in ("linearized", "nonlinear"):
+        return Linearized() if model == "linearized" else Nonlinear()
     raise ValueError(
         f'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear", got {model!r:.60}'
     )
 
 
 def _barrier(x: Reals) -> Reals:
-    """Square root of the energy left to the barrier, k = sqrt(1 - x^2)."""
+    """Square root of the missing energy, k = sqrt(1 - x^2)."""
     return jnp.sqrt(one_minus_square(x))
 
 
@@ -352,9 +316,12 @@ def _tangent_of_half(block: Block) -> Reals:
 
 
 def _sine_of_half(block: Block) -> Reals:
-    """Sine of half the critical angle."""
     h = diagonal_ratio(block)
     return jnp.sqrt(0.5 / (h * (h + block.slenderness)))
+
+
+def _cosine_of_half(block: Block) -> Reals:
+    return jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
 
 
 def _stiffening(block: Block, x: Reals) -> Reals:

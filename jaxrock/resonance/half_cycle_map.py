@@ -1,8 +1,10 @@
-"""Rocking resonance: the half-cycle map under the paper's input, and where it settles.
+"""Rocking resonance: the half-cycle map under the paper's input, and its limit.
 
-The input is an unlimited train of equal, alternating, instantaneous pulses: the first
-starts the motion, each further one comes right after an impact (Fig. 2).
+The input is an unlimited train of equal, alternating, instantaneous pulses: the first starts
+the motion, each further one comes right after an impact (Fig. 2).
 """
+
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -26,26 +28,18 @@ from .free_rocking import Linearized, ModelLike, RockingModel, as_model
 
 
 class Scene(Checked):
-    """A block, what an impact leaves of its velocity, and the pulses that drive it.
+    """A block, its coefficient of restitution, and the pulses that drive it; they broadcast.
 
     Parameters
     ----------
-    block : Block
-    restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
-    intensity : array_like
-        I, the change of ground velocity in each pulse [m/s], finite and at least 0. All
-        three broadcast.
-
-    Raises
-    ------
-    ValueError
-        If a concrete value is outside of what is allowed. Traced values outside give NaN.
+    block, restitution, intensity : Block, array_like, array_like
+        C, velocity after an impact over velocity before it [-], between 0 and 1; I, the change
+        of ground velocity in each pulse [m/s], at least 0.
 
     Notes
     -----
     To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
-    if leaf.ndim else None, scene)``. Broadcasting needs no such thing.
+    if leaf.ndim else None, scene)``.
 
     Examples
     --------
@@ -92,23 +86,17 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
     """The half-cycle map: one launch velocity to the next (Eq. 8, its recursion).
 
     The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
-    pulse adds `launch_velocity`. Exact in both models.
+    pulse adds `launch_velocity`: exact in both models.
 
     Parameters
     ----------
-    scene : Scene
-    velocity : array_like
-        Launch velocity of this half-cycle [rad/s], finite and at least 0.
+    scene, velocity : Scene, array_like
+        Launched with a velocity [rad/s], at least 0.
 
     Returns
     -------
     velocity : Array, shape (...)
         Launch velocity of the next half-cycle [rad/s].
-
-    Raises
-    ------
-    ValueError
-        If a concrete velocity is not finite or negative; traced, it gives NaN.
     """
     return scene.restitution * velocity + launch_velocity(scene)
 
@@ -117,24 +105,17 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
 def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
     """Launch velocity of a half-cycle (Eq. 8), whether or not an earlier one overturns.
 
-    The closed sum printed in Eq. 8 lacks its last term; this is what the recursion beside
-    it gives.
+    From the recursion of Eq. 8; the closed sum printed there lacks its last term.
 
     Parameters
     ----------
-    scene : Scene
-    half_cycle : array_like
+    scene, half_cycle : Scene, array_like
         i, a whole number from 1 on, or inf for the limit.
 
     Returns
     -------
     velocity : Array, shape (...)
         ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
-
-    Raises
-    ------
-    ValueError
-        If a concrete half-cycle is not a whole number from 1 on or inf; traced, it gives NaN.
 
     Examples
     --------
@@ -162,7 +143,7 @@ def stabilized_velocity(scene: Scene) -> Reals:
     velocity : Array, shape (...)
         ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
     """
-    return _unlimited(launch_velocity(scene), scene)
+    return quotient_or_infinite(launch_velocity(scene), 1 - scene.restitution)
 
 
 @elementwise(model=as_model)
@@ -171,8 +152,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Parameters
     ----------
-    scene : Scene
-    model : Linearized or Nonlinear
+    scene, model : Scene, Linearized or Nonlinear
         Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
 
     Returns
@@ -187,10 +167,9 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     >>> print(f"{jr.stabilized_period(wall):.3f} s")
     1.104 s
     """
-    model = as_model(model)
-    x, intensity, stands = _stabilized(scene, model)
-    half = model._half_cycle_duration(scene.block, x, intensity)
-    return jnp.where(stands, 2 * half, jnp.nan)
+    return 2 * _where_stabilized(
+        scene, model, lambda m, x, i: m._half_cycle_duration(scene.block, x, i)
+    )
 
 
 @elementwise(model=as_model)
@@ -199,8 +178,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Parameters
     ----------
-    scene : Scene
-    model : Linearized or Nonlinear
+    scene, model : Scene, Linearized or Nonlinear
         Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
     Returns
@@ -208,9 +186,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     rotation : Array, shape (...)
         alpha*_max [rad]; NaN where the block overturns.
     """
-    model = as_model(model)
-    x, intensity, stands = _stabilized(scene, model)
-    return jnp.where(stands, model._peak_rotation(scene.block, x, intensity), jnp.nan)
+    return _where_stabilized(scene, model, lambda m, x, i: m._peak_rotation(scene.block, x, i))
 
 
 @elementwise(model=as_model)
@@ -219,9 +195,8 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Parameters
     ----------
-    scene : Scene
-    model : Linearized or Nonlinear
-        Linearized, it is as much too small as `stabilized_rotation`.
+    scene, model : Scene, Linearized or Nonlinear
+        Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
     Returns
     -------
@@ -235,9 +210,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     >>> print(f"{jr.rotation_ratio(wall):.4f}, {jr.rotation_ratio(wall, jr.Nonlinear()):.4f}")
     0.1232, 0.1240
     """
-    model = as_model(model)
-    x, _, stands = _stabilized(scene, model)
-    return jnp.where(stands, model._rotation_ratio(scene.block, x), jnp.nan)
+    return _where_stabilized(scene, model, lambda m, x, _: m._rotation_ratio(scene.block, x))
 
 
 @elementwise(model=as_model)
@@ -246,8 +219,7 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Parameters
     ----------
-    scene : Scene
-    model : Linearized or Nonlinear
+    scene, model : Scene, Linearized or Nonlinear
         Linearized, it is right for weak pulses.
 
     Returns
@@ -257,8 +229,9 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
         it tends to ``1 / (1 - C)^2``.
     """
     model = as_model(model)
-    _, _, stands = _stabilized(scene, model)
-    stands = stands & (scene.restitution < 1)  # at 1 the amplification has no limit
+    x_limit, limited = _limit(scene, model)
+    # Without pulses the block stands even with C = 1, but the amplification has no limit.
+    stands = limited & (x_limit < 1) & (scene.restitution < 1)
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
     growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
     x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
@@ -267,22 +240,21 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
 @elementwise(model=as_model)
 def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Energy left to the barrier in the stabilized phase, as a share of the barrier.
+    """Energy missing to overturn in the stabilized phase, over the energy barrier.
 
-    Smooth through the verge of overturning, where the peak rotation has an infinite slope:
+    Smooth through the overturning threshold, where the peak rotation has an infinite slope:
     the quantity to search and to optimise on.
 
     Parameters
     ----------
-    scene : Scene
-    model : Linearized or Nonlinear
+    scene, model : Scene, Linearized or Nonlinear
         Linearized, v_c is 0.16 % too large at slenderness 5: the unsafe side.
 
     Returns
     -------
     margin : Array, shape (...)
-        ``1 - (v* / v_c)^2`` [-]: 1 without pulses, positive while the block stands, at
-        most 0 where it has no stabilized phase, -inf for C = 1.
+        ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns, -inf
+        for C = 1.
 
     Examples
     --------
@@ -291,8 +263,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     >>> print(f"{jr.overturning_margin(wall):.3f}")
     0.769
     """
-    model = as_model(model)
-    x, limited = _limit(scene, model)
+    x, limited = _limit(scene, as_model(model))
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
 
 
@@ -302,8 +273,7 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
 
     Parameters
     ----------
-    scene : Scene
-    model : Linearized or Nonlinear
+    scene, model : Scene, Linearized or Nonlinear
         Linearized, it may be too late: v_c is too large.
 
     Returns
@@ -312,8 +282,7 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
         Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
         floating-point number; inf where there is none. Its derivative is zero.
     """
-    model = as_model(model)
-    scene = jax.lax.stop_gradient(scene)
+    scene, model = jax.lax.stop_gradient(scene), as_model(model)
     launch, critical = launch_velocity(scene), model._critical_velocity(scene.block)
     x, restitution = launch / critical, scene.restitution
 
@@ -323,20 +292,17 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
     # x (1 - C^i) / (1 - C) >= 1, solved for i ...
     limited = (restitution > 0) & (restitution < 1)
     base = jnp.where(limited, restitution, 0.5)
-    remainder = jnp.where(x > 0, (1 - restitution) / jnp.where(x > 0, x, 1), 2.0)
+    divisor = jnp.where(x > 0, x, 1)
+    remainder = jnp.where(x > 0, (1 - restitution) / divisor, 2.0)
     overturns = remainder < 1
     count = jnp.log1p(-jnp.where(overturns, remainder, 0.5)) / jnp.log(base)
-    count = jnp.where(restitution == 1, 1 / jnp.where(x > 0, x, 1), count)
+    count = jnp.where(restitution == 1, 1 / divisor, count)
     # ... and set right where the rounding of the solution went past a whole number.
     count = jnp.maximum(jnp.ceil(count), 1)
-    count = jnp.where(reaches(jnp.maximum(count - 1, 1)), jnp.maximum(count - 1, 1), count)
+    earlier = jnp.maximum(count - 1, 1)
+    count = jnp.where(reaches(earlier), earlier, count)
     count = jnp.where(reaches(count), count, count + 1)
     return jnp.where(x >= 1, 1.0, jnp.where(overturns & (x > 0), count, jnp.inf))
-
-
-def _unlimited(first: Reals, scene: Scene) -> Reals:
-    """What pulses worth `first` each amount to in the long run: ``first / (1 - C)``."""
-    return quotient_or_infinite(first, 1 - scene.restitution)
 
 
 def _limit(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
@@ -347,12 +313,13 @@ def _limit(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
     return quotient(velocity, model._critical_velocity(scene.block)), limited
 
 
-def _stabilized(scene: Scene, model: RockingModel) -> tuple[Reals, Reals, Booleans]:
-    """x*, the single pulse that launches as fast, and where the block stands.
-
-    The first two are 0 where it does not.
-    """
+def _where_stabilized(
+    scene: Scene, model: ModelLike, quantity: Callable[[RockingModel, Reals, Reals], Reals]
+) -> Reals:
+    """A quantity from x* and the single pulse that launches as fast; NaN without a limit."""
+    model = as_model(model)
     x, limited = _limit(scene, model)
     stands = limited & (x < 1)
-    intensity = _unlimited(scene.intensity, scene)
-    return jnp.where(stands, x, 0), jnp.where(stands, intensity, 0), stands
+    pulse = quotient_or_infinite(scene.intensity, 1 - scene.restitution)
+    value = quantity(model, jnp.where(stands, x, 0), jnp.where(stands, pulse, 0))
+    return jnp.where(stands, value, jnp.nan)

@@ -1,4 +1,4 @@
-"""Trains of instantaneous pulses: the block moves freely, and through impacts, between them."""
+"""Trains of instantaneous pulses: the block rocks freely, and through impacts, between them."""
 
 from typing import Any, NamedTuple
 
@@ -14,79 +14,56 @@ from ..validation import (
     FINITE,
     NON_NEGATIVE,
     UNIT_INTERVAL,
+    Booleans,
     Number,
     Numbers,
+    Reals,
     as_real,
     check,
     of_one_precision,
 )
 from .free_rocking import Linearized, ModelLike, RockingModel, as_model
 
-_BOUNCES = 10**5
-
-
-def _whole(x: Any) -> Any:
-    """Of the critical velocity, at most, for the time that a flight takes."""
-    return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6
+_MAX_IMPACTS = 10**5
 
 
 class Flight(NamedTuple):
-    """Where a block is on a free flight.
+    """The state of a block between two impacts, velocities over the critical one.
 
-    Attributes
-    ----------
-    drop : Array
-        Outward velocity that it has lost to gravity since the ground, over the critical one,
-        so that the squares of `drop` and `q` add up to its energy: 0 on the ground.
-    q : Array
-        Outward velocity, over the critical one.
+    The squares of the two add up to its energy.
     """
 
-    drop: Any
-    q: Any
+    drop: Reals  # outward velocity lost to gravity since the ground, 0 there
+    q: Reals  # outward velocity
 
     @property
-    def x(self) -> Any:
-        """Velocity with which it left the ground and lands, over the critical one."""
+    def x(self) -> Reals:
+        """Velocity with which it left the ground and lands."""
         energy = self.drop**2 + self.q**2
         moves = energy > 0
         return jnp.where(moves, jnp.sqrt(jnp.where(moves, energy, 1)), 0)
 
-    @property
-    def phase(self) -> Any:
-        """0 where it leaves the ground, 1/2 at the peak, 1 where it lands."""
-        moves = (self.drop > 0) | (self.q != 0)
-        return jnp.arctan2(self.drop, jnp.where(moves, self.q, 1)) / jnp.pi
-
-    @classmethod
-    def at(cls, x: Any, phase: Any) -> "Flight":
-        """The point of a flight at a phase."""
-        return cls(x * jnp.sin(jnp.pi * phase), x * jnp.cos(jnp.pi * phase))
-
 
 class Rocker(NamedTuple):
-    """A block between pulses."""
+    """A block between pulses; x is the launch velocity over the critical one."""
 
     block: Block
-    restitution: Any
+    restitution: Reals
     model: RockingModel
 
     @property
-    def unit(self) -> Any:
-        """The intensity of the one pulse that just overturns [m/s]."""
+    def unit(self) -> Reals:
+        """Intensity of the single pulse that just overturns [m/s]."""
         return self.model._critical_velocity(self.block) / self.block.pulse_velocity(1.0)
 
-    def duration(self, x: Any) -> Any:
-        """Of a half-cycle [s]; a long one of a flight that does not come back."""
-        x = jnp.minimum(x, _whole(x))
+    def duration(self, x: Reals) -> Reals:
+        """Duration of a half-cycle [s]; a long one where the block does not come back."""
+        x = jnp.minimum(x, _largest_subcritical(x))
         return self.model._half_cycle_duration(self.block, x, x * self.unit)
 
-    def on_flight(self, x: Any, since: Any, whole: Any) -> Flight:
-        """Where it is, some time after it was launched [s], on a flight of duration `whole`.
-
-        See `since_launch`.
-        """
-        left = whole - since
+    def on_flight(self, x: Reals, since: Reals, duration: Reals) -> Flight:
+        """The state at a time since the launch [s] in a half-cycle; see `since_launch`."""
+        left = duration - since
         falls = left < since
         # The way down is the way up reversed.
         velocity = jax.jvp(
@@ -97,92 +74,91 @@ class Rocker(NamedTuple):
         q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
         return Flight(jnp.sqrt((x - q) * (x + q)), jnp.where(falls, -q, q))
 
-    def velocity_at(self, x: Any, since: Any, whole: Any) -> Any:
-        """What `on_flight` says of the velocity, where that is to be differentiated often.
+    def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
+        """The velocity `on_flight`, for programs that differentiate it often.
 
-        In the full equation by Newton's method, since the derivatives of Jacobi's functions
-        take a minute to compile: over asinh(q / k) the time is all but linear. The last
-        step carries the derivatives. Strictly within the flight only, of duration `whole`.
+        The derivatives of Jacobi's functions take a minute to compile. So the nonlinear time
+        is inverted by Newton's method over asinh(q / k), in which it is all but linear; the
+        last iteration carries the derivatives. Strictly between launch and impact only.
         """
         if isinstance(self.model, Linearized):
-            return self.on_flight(x, since, whole).q
-        falls = whole - since < since
-        goal = jnp.where(falls, whole - since, since)
+            return self.on_flight(x, since, duration).q
+        falls = duration - since < since
+        goal = jnp.where(falls, duration - since, since)
         k = jnp.sqrt(jnp.maximum((1 - x) * (1 + x), jnp.finfo(x.dtype).eps ** 0.6))
         rate = self.block.frequency_parameter
         unit = self.model._critical_velocity(self.block) / rate**2
 
-        def closer(_: Any, s: Any) -> Any:
+        def newton(_: Any, s: Any) -> Any:
             s = jax.lax.stop_gradient(s)
             q = jnp.clip(k * jnp.sinh(s), 0, x * (1 - jnp.finfo(x.dtype).eps))
-            lean = self.lean(Flight(jnp.sqrt((x - q) * (x + q)), q))
-            time = self.model._time_from_ground(self.block, lean, x, q)
-            slope = unit * k * jnp.cosh(s) / jnp.sin(self.block.critical_angle - lean)
+            rotation = self.rotation(Flight(jnp.sqrt((x - q) * (x + q)), q))
+            time = self.model._time_from_ground(self.block, rotation, x, q)
+            slope = unit * k * jnp.cosh(s) / jnp.sin(self.block.critical_angle - rotation)
             return s + (time - goal) / slope
 
-        s = jax.lax.fori_loop(0, 7, closer, jnp.arcsinh(x / k) * (1 - 2 * goal / whole))
+        s = jax.lax.fori_loop(0, 7, newton, jnp.arcsinh(x / k) * (1 - 2 * goal / duration))
         q = jnp.clip(k * jnp.sinh(s), 0, x)
         return jnp.where(falls, -q, q)
 
-    def lean(self, flight: Flight) -> Any:
-        """Rotation on its side [rad]: a launch with the velocity lost leads just as high."""
-        drop = jnp.minimum(flight.drop, _whole(flight.drop))
+    def rotation(self, flight: Flight) -> Reals:
+        """Rotation from its side [rad]: the peak of a launch with the velocity lost."""
+        drop = jnp.minimum(flight.drop, _largest_subcritical(flight.drop))
         return self.model._peak_rotation(self.block, drop, drop * self.unit)
 
-    def since_launch(self, flight: Flight, whole: Any) -> Any:
-        """Time since it left the ground [s], on a flight of duration `whole`.
+    def ground_time(self, flight: Flight) -> Reals:
+        """Time since the launch or, on the way down, to the impact [s]."""
+        rotation = self.rotation(flight)
+        return self.model._time_from_ground(self.block, rotation, flight.x, abs(flight.q))
 
-        A block that falls towards the ground faster than critical was never launched from
-        it: what counts is the time left.
+    def since_launch(self, flight: Flight, duration: Reals) -> Reals:
+        """Time since the launch [s], in a half-cycle of a duration.
+
+        A block that falls faster than critical was never launched from the ground: on the
+        way down, what counts is the time to the impact.
         """
         time = self.ground_time(flight)
-        return jnp.where(flight.q < 0, whole - time, time)
+        return jnp.where(flight.q < 0, duration - time, time)
 
-    def ground_time(self, flight: Flight) -> Any:
-        """Time since it left the ground or, on the way down, until it lands [s]."""
-        lean = self.lean(flight)
-        return self.model._time_from_ground(self.block, lean, flight.x, abs(flight.q))
+    def struck(self, flight: Flight, impulse: Reals) -> Flight:
+        """The state after an outward pulse, its intensity over `unit`.
 
-    def struck(self, flight: Flight, impulse: Any) -> Flight:
-        """The flight after an outward pulse, its intensity over `unit`."""
-        return flight._replace(q=flight.q + impulse * self.effect(flight))
-
-    def effect(self, flight: Flight) -> Any:
-        """What a pulse does to the velocity, over what it does on the ground.
-
-        In the linearized equation it is the same everywhere (Eq. 2). In the full one it
+        Linearized, a pulse acts the same at all rotations (Eq. 2). In the full equation it
         turns the block the more, the more upright the diagonal to the corner is.
         """
         if isinstance(self.model, Linearized):
-            return jnp.ones_like(flight.q)
+            return flight._replace(q=flight.q + impulse)
         angle = self.block.critical_angle
-        return jnp.cos(angle - self.lean(flight)) / jnp.cos(angle)
+        factor = jnp.cos(angle - self.rotation(flight)) / jnp.cos(angle)
+        return flight._replace(q=flight.q + impulse * factor)
 
 
-class TrainResponse(NamedTuple):
-    """What a block does under a train of pulses.
+def _largest_subcritical(x: Reals) -> float:
+    """The largest x of which a duration is computed: at 1 it is infinite."""
+    return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6
+
+
+class TrainResponse(eqx.Module):
+    """Response of a block to a train of pulses.
 
     Attributes
     ----------
-    velocity_ratio : Array, shape (pulses,)
+    velocity_ratio, side : Array, shape (pulses,)
         After each pulse, the velocity with which the block would have left the ground (and
-        will land) over the critical one [-].
+        will land) over the critical one [-]; to which side it is rotated, 1 or -1, 0 at rest.
     peak_rotation : Array
         Largest rotation, also after the last pulse [rad]; pi / 2 if it overturns.
-    overturned : Array of bool
-        Whether it overturns: has ever moved outward with more energy than the barrier, even
-        if a later pulse would have caught it.
-    side : Array, shape (pulses,)
-        To which side it leans at each pulse, 1 or -1; 0 at rest.
-    complete : Array of bool
-        Whether all was followed; if not, for too many impacts, the rest is NaN.
+    overturned, complete : Array of bool
+        Whether it has ever moved outward with more energy than the barrier, even if a later
+        pulse would have caught it. False if there were too many impacts to follow: then the
+        numbers are NaN.
     """
 
-    velocity_ratio: Any
-    peak_rotation: Any
-    overturned: Any
-    side: Any
-    complete: Any
+    velocity_ratio: Reals
+    peak_rotation: Reals
+    overturned: Booleans
+    side: Reals
+    complete: Booleans
 
     def __str__(self) -> str:
         return listed(self, overturned="", peak_rotation="rad", velocity_ratio="", complete="")
@@ -199,17 +175,14 @@ def respond_to_train(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
-    times : array_like, shape (pulses,)
-        When the pulses come [s], not decreasing.
-    intensities : array_like, shape (pulses,)
-        I of each [m/s], signed: a positive one pushes the block to positive rotations.
+    block, restitution : Block, float
+        One block and its C [-], between 0 and 1.
+    times, intensities : array_like, shape (pulses,)
+        When the pulses come [s], not decreasing, and I of each [m/s]: a positive one pushes
+        the block to positive rotations.
     model : Linearized or Nonlinear
-        Equation of the motion between the pulses. In the full equation a pulse does more to
-        a block that leans: ``cos(alpha_c - alpha) / cos(alpha_c)`` times what Eq. 2 says.
+        In the nonlinear equation a pulse acts stronger on a rotated block:
+        ``cos(alpha_c - alpha) / cos(alpha_c)`` times what Eq. 2 says.
 
     Returns
     -------
@@ -218,8 +191,8 @@ def respond_to_train(
     Raises
     ------
     ValueError
-        If there are not as many times as intensities, if the times decrease, or if a
-        concrete argument is out of range.
+        If there are not as many times as intensities, the times decrease, or a concrete
+        argument is out of range.
 
     Examples
     --------
@@ -229,114 +202,114 @@ def respond_to_train(
     >>> print(train.overturned, f"{train.peak_rotation / block.critical_angle:.3f}")
     False 0.043
     """
-    numbers = [
-        as_real(name, value)
-        for name, value in (
-            ("restitution", restitution),
-            ("times", times),
-            ("intensities", intensities),
-        )
-    ]
-    check("restitution", numbers[0], UNIT_INTERVAL)
-    check("times", numbers[1], NON_NEGATIVE)
-    check("intensities", numbers[2], FINITE)
+    c, t = as_real("restitution", restitution), as_real("times", times)
+    pulses = as_real("intensities", intensities)
+    check("restitution", c, UNIT_INTERVAL)
+    check("times", t, NON_NEGATIVE)
+    check("intensities", pulses, FINITE)
     block.check()
-    if numbers[1].ndim != 1 or numbers[1].shape != numbers[2].shape or not numbers[1].size:
+    if t.ndim != 1 or t.shape != pulses.shape or not t.size:
         raise ValueError(
             "times and intensities must be two lists of one length, got shapes"
-            f" {numbers[1].shape} and {numbers[2].shape}"
+            f" {t.shape} and {pulses.shape}"
         )
-    concrete = not isinstance(numbers[1], jax.core.Tracer)
-    if concrete and (np.diff(np.asarray(numbers[1])) < 0).any():
+    if not isinstance(t, jax.core.Tracer) and (np.diff(np.asarray(t)) < 0).any():
         raise ValueError("times must not decrease")
-    block, numbers = of_one_precision((block, numbers))
-    return follow(Rocker(block, numbers[0], as_model(model)), numbers[1], numbers[2])
+    block, c, t, pulses = of_one_precision((block, c, t, pulses))
+    return follow(Rocker(block, c, as_model(model)), t, pulses)
 
 
-class _Moving(NamedTuple):
-    x: Any  # of the flight
-    whole: Any  # its duration
-    since: Any  # its launch
+class _Motion(NamedTuple):
+    x: Any
+    duration: Any  # of the half-cycle
+    since: Any  # time since its launch
     side: Any
-    peak: Any
-    over: Any
-    bounces: Any
+    peak: Any  # rotation
+    overturned: Any
+    impacts: Any  # so far
 
 
 @eqx.filter_jit
-def follow(rocker: Rocker, times: Any, intensities: Any) -> TrainResponse:
-    """What `respond_to_train` does, with nothing checked."""
+def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
+    """`respond_to_train`, with nothing checked."""
     zero = jnp.zeros_like(times[0])
-    nothing = float(jnp.finfo(times.dtype).eps) ** 2
 
-    def wait(state: _Moving, length: Any) -> _Moving:
-        """Free motion, over impacts."""
-
-        def lands(carry: Any) -> Any:
-            state, left = carry
-            again = (state.x > nothing) & (state.bounces < _BOUNCES) & ~state.over
-            return again & (state.since + left >= state.whole)
-
-        def land(carry: Any) -> Any:
-            state, left = carry
-            left = left - (state.whole - state.since)
-            x = rocker.restitution * state.x
-            rises = state.since <= 0.5 * state.whole
-            peak = jnp.where(rises, jnp.maximum(state.peak, summit(state.x)), state.peak)
-            return (
-                _Moving(x, rocker.duration(x), zero, -state.side, peak, x >= 1, state.bounces + 1),
-                jnp.maximum(left, 0),
-            )
-
-        state, left = jax.lax.while_loop(lands, land, (state, length))
-        moves = state.x > nothing
-        return state._replace(
-            x=jnp.where(moves, state.x, 0),
-            since=jnp.where(moves, state.since + left, 0),
-            side=jnp.where(moves, state.side, 0),
-        )
-
-    def summit(x: Any) -> Any:
-        return rocker.lean(Flight(x, jnp.zeros_like(x)))
-
-    def pulse(state: _Moving, each: Any) -> Any:
-        length, intensity = each
-        before = state
-        state = wait(state, length)
-        flight = rocker.on_flight(state.x, state.since, state.whole)
+    def pulse(before: _Motion, interval_and_intensity: Any) -> Any:
+        interval, intensity = interval_and_intensity
+        now = _rocked(rocker, before, interval)
+        flight = rocker.on_flight(now.x, now.since, now.duration)
         # The last peak was passed if it lies between the pulses.
-        half = 0.5 * state.whole
-        began = jnp.where(state.bounces == before.bounces, before.since, 0)
-        reached = jnp.where((began <= half) & (state.since > half), summit(state.x), 0)
-        reached = jnp.maximum(reached, rocker.lean(flight))
-        side = jnp.where(state.side == 0, jnp.where(intensity < 0, -1, 1), state.side)
+        half = 0.5 * now.duration
+        began = jnp.where(now.impacts == before.impacts, before.since, 0)
+        reached = jnp.where((began <= half) & (now.since > half), _peak(rocker, now.x), 0)
+        reached = jnp.maximum(reached, rocker.rotation(flight))
+        side = jnp.where(now.side == 0, jnp.where(intensity < 0, -1, 1), now.side)
         flight = rocker.struck(flight, side * intensity / rocker.unit)
         x = flight.x
-        over = state.over | ((x >= 1) & (flight.q >= 0))
-        whole = rocker.duration(x)
-        struck = _Moving(
-            x=jnp.where(state.over, state.x, x),
-            whole=whole,
-            since=rocker.since_launch(flight, whole),
+        duration = rocker.duration(x)
+        after = _Motion(
+            x=jnp.where(now.overturned, now.x, x),
+            duration=duration,
+            since=rocker.since_launch(flight, duration),
             side=side.astype(x.dtype),
-            peak=jnp.maximum(state.peak, jnp.where(state.over, 0, reached)),
-            over=over,
-            bounces=state.bounces,
+            peak=jnp.maximum(now.peak, jnp.where(now.overturned, 0, reached)),
+            overturned=now.overturned | ((x >= 1) & (flight.q >= 0)),
+            impacts=now.impacts,
         )
-        return struck, (x, state.side)
+        return after, (x, now.side)
 
-    rest = _Moving(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
-    lengths = jnp.diff(times, prepend=times[:1])
-    last, (ratios, sides) = jax.lax.scan(pulse, rest, (lengths, intensities))
+    at_rest = _Motion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
+    intervals = jnp.diff(times, prepend=times[:1])
+    last, (ratios, sides) = jax.lax.scan(pulse, at_rest, (intervals, intensities))
     # A block that falls after the last pulse may leave the impact faster than it ever was.
-    rises = last.since <= 0.5 * last.whole
+    rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, rocker.restitution * last.x)
-    over, peak = last.over | (x >= 1), jnp.maximum(last.peak, summit(x))
-    complete = last.bounces < _BOUNCES
+    overturned, peak = last.overturned | (x >= 1), jnp.maximum(last.peak, _peak(rocker, x))
+    complete = last.impacts < _MAX_IMPACTS
     return TrainResponse(
         velocity_ratio=jnp.where(complete, ratios, jnp.nan),
-        peak_rotation=jnp.where(complete, jnp.where(over, 0.5 * jnp.pi, peak), jnp.nan),
-        overturned=over & complete,
+        peak_rotation=jnp.where(complete, jnp.where(overturned, 0.5 * jnp.pi, peak), jnp.nan),
+        overturned=overturned & complete,
         side=sides,
         complete=complete,
     )
+
+
+def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
+    """Free rocking over an interval, through impacts."""
+    # Below this velocity the block counts as resting: its impacts would never end.
+    rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
+
+    def lands(carry: Any) -> Any:
+        motion, left = carry
+        goes_on = (motion.x > rest) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned
+        return goes_on & (motion.since + left >= motion.duration)
+
+    def impact(carry: Any) -> Any:
+        motion, left = carry
+        left = left - (motion.duration - motion.since)
+        x = rocker.restitution * motion.x
+        rises = motion.since <= 0.5 * motion.duration
+        passed = jnp.maximum(motion.peak, _peak(rocker, motion.x))
+        after = _Motion(
+            x=x,
+            duration=rocker.duration(x),
+            since=jnp.zeros_like(x),
+            side=-motion.side,
+            peak=jnp.where(rises, passed, motion.peak),
+            overturned=x >= 1,
+            impacts=motion.impacts + 1,
+        )
+        return after, jnp.maximum(left, 0)
+
+    motion, left = jax.lax.while_loop(lands, impact, (motion, interval))
+    moves = motion.x > rest
+    return motion._replace(
+        x=jnp.where(moves, motion.x, 0),
+        since=jnp.where(moves, motion.since + left, 0),
+        side=jnp.where(moves, motion.side, 0),
+    )
+
+
+def _peak(rocker: Rocker, x: Reals) -> Reals:
+    return rocker.rotation(Flight(x, jnp.zeros_like(x)))

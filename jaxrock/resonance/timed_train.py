@@ -1,4 +1,4 @@
-"""Trains in the rhythm of their own impacts: what they do, with slopes."""
+"""Trains whose pulses are timed by the impacts of the block: what they do, with derivatives."""
 
 from typing import Any, NamedTuple
 
@@ -7,111 +7,111 @@ import jax.numpy as jnp
 
 from .pulse_train import Flight, Rocker
 
-SKIPS = 3  # impacts between two pulses, at most, as long as they need not be apart
+MAX_IMPACTS = 3  # between two pulses, as long as they need not be apart
 
 
 class Train(NamedTuple):
-    """A train as it is optimised; the first pulse starts the motion.
+    """A train as it is optimised, arrays of shape (pulses,); the first starts the motion.
 
-    `phase` says where a pulse comes in what is left of its half-cycle: 0 as early as it may,
-    1 at the impact; in between, the cosine of the phase of the flight is what falls like
-    the cosine of pi times it, since the energy after the pulse is linear in that. `skips` is
-    how many impacts lie between a pulse and the one before, `weight` its intensity over the
-    bound on it, outward positive.
+    `phase` is 0 where a pulse comes as early in its half-cycle as it may, 1 at the impact. In
+    between, the cosine of the phase of the flight falls like the cosine of pi times it: the
+    energy after the pulse is linear in that.
     """
 
-    phase: Any  # (pulses,)
-    weight: Any  # (pulses,)
-    skips: Any  # (pulses,) whole numbers
+    phase: Any
+    weight: Any  # intensity over the bound on it, outward positive
+    impacts: Any  # whole numbers, between a pulse and the one before
 
 
 class Outcome(NamedTuple):
-    """What a train does."""
+    """What a train does; all but x of shape (pulses,)."""
 
     x: Any  # in the end; after the impact, if the block moves towards one
-    times: Any  # (pulses,)
-    sides: Any  # (pulses,) on which the block is struck
-    late: Any  # (pulses,) time since the impact, in half-cycles
-    lacking: Any  # (pulses,) by how much the half-cycle ends before the pulse may come [s]
-    required: Any  # (pulses,) impacts within the spacing
+    times: Any
+    sides: Any  # on which the block is struck
+    delays: Any  # since the impact, in half-cycles
+    lacking: Any  # by how much the half-cycle ends before the pulse may come [s]
+    required: Any  # impacts within the spacing
+    weights: Any  # of the train
 
 
 def shot(
     rocker: Rocker,
     train: Train,
-    strength: Any,
+    bound: Any,
     *,
     timed: bool,
     spacing: Any = 0.0,
-    length: Any = None,
-    most: int = SKIPS,
+    count: Any = None,
+    max_impacts: int = MAX_IMPACTS,
 ) -> Outcome:
-    """What a train does, with the bound on its pulses over `Rocker.unit`.
+    """What a train does with a `bound` on its pulses over `Rocker.unit`.
 
-    Without the times, which cost most of it, if these are not asked for; then `spacing`,
-    before which no pulse comes after the one before it [s], does not count. At most `most`
-    impacts lie between two pulses; from the pulse `length` on, none is counted.
+    Only `timed` it has times, which cost most of it, and keeps the pulses `spacing` [s] apart.
+    Pulses from the number `count` on do not come; `max_impacts` lie between two at most.
     """
-    impulses = strength * train.weight
-    rate = rocker.block.frequency_parameter
-    number = jnp.arange(most + 1)
+    impulses = bound * train.weight
+    number = jnp.arange(max_impacts + 1)
     powers = rocker.restitution ** number.astype(impulses.dtype)
 
     def pulse(carry: Any, each: Any) -> Any:
-        phase, impulse, skips, counts = each
-        flight, ground, time, side = carry
-        again = skips == 0
+        phase, impulse, impacts, comes = each
+        flight, ground_time, time, side = carry
         xs = flight.x * powers
-        x = jnp.where(number == skips, xs, 0).sum()
+        x = jnp.where(number == impacts, xs, 0).sum()
         moves = x > 0
-        earliest = jnp.where(again & moves, flight.q / jnp.where(moves, x, 1), 1)
-        passed = late = lacking = last = jnp.zeros_like(x)
-        required = jnp.zeros_like(skips)
+        earliest = jnp.where((impacts == 0) & moves, flight.q / jnp.where(moves, x, 1), 1)
+        delay = duration = passed = lacking = jnp.zeros_like(x)
+        required = jnp.zeros_like(impacts)
         if timed:
-            whole = rocker.duration(xs)
-            launched = jnp.where(flight.q < 0, whole[0] - ground, ground)
-            last = jnp.where(number == skips, whole, 0).sum()
-            # From the pulse before to the launch of this flight, and from that on.
-            passed = jnp.where(number < skips, whole, 0).sum() - launched
+            durations = rocker.duration(xs)
+            launched = jnp.where(flight.q < 0, durations[0] - ground_time, ground_time)
+            duration = jnp.where(number == impacts, durations, 0).sum()
+            # Time from the pulse before to the launch of this half-cycle.
+            passed = jnp.where(number < impacts, durations, 0).sum() - launched
             wait = spacing - passed
-            lacking = wait - last
-            held = wait > jnp.where(again, launched, 0)
-            inside = held & (lacking < 0) & moves
-            fast = jnp.where(inside, x, 0.5)
-            timed_at = jnp.where(inside, wait, 0.1 / rate), jnp.where(inside, last, 1 / rate)
-            cosine = rocker.velocity_at(fast, *timed_at) / fast
-            earliest = jnp.where(inside, cosine, jnp.where(held & moves, -1, earliest))
-            required = (jnp.cumsum(whole) - launched < spacing).sum()
-        # 1 + cosine and 1 - cosine of the phase of the flight.
+            lacking = wait - duration
+            waits = wait > jnp.where(impacts == 0, launched, 0)
+            earliest = _cosine_after(rocker, x, wait, duration, waits, earliest)
+            required = (jnp.cumsum(durations) - launched < spacing).sum()
+        # 1 + cosine and 1 - cosine of the phase of the flight, each without cancellation.
         rise = (1 + earliest) * jnp.cos(0.5 * jnp.pi * phase) ** 2
         fall = (1 - earliest) + (1 + earliest) * jnp.sin(0.5 * jnp.pi * phase) ** 2
         inside = rise * fall > 0
         drop = x * jnp.where(inside, jnp.sqrt(jnp.where(inside, rise * fall, 1)), 0)
-        there = Flight(drop, x * (rise - 1))
-        struck = rocker.struck(there, impulse)
-        ground_after = ground
+        before = Flight(drop, x * (rise - 1))
+        after = rocker.struck(before, impulse)
         if timed:
-            # Both at once, since to have each compiled for itself takes long.
-            both = jax.tree.map(lambda *parts: jnp.stack(parts), there, struck)
-            since, ground_after = rocker.ground_time(both)
-            since = jnp.where(there.q < 0, last - since, since)
-            time_after = time + passed + since
-            late = since / jnp.where(last > 0, last, 1)
-        else:
-            time_after = time
-        after = (struck, ground_after, time_after, jnp.where(skips % 2 == 1, -side, side))
-        carry = jax.tree.map(lambda new, old: jnp.where(counts, new, old), after, carry)
-        lacking = jnp.where(counts, lacking, -1)
-        return carry, (carry[2], carry[3], late, lacking, required)
+            # Both in one call, since to have each compiled for itself takes long.
+            both = jax.tree.map(lambda *parts: jnp.stack(parts), before, after)
+            since, ground_time = rocker.ground_time(both)
+            since = jnp.where(before.q < 0, duration - since, since)
+            time = time + passed + since
+            delay = since / jnp.where(duration > 0, duration, 1)
+        new = (after, ground_time, time, jnp.where(impacts % 2 == 1, -side, side))
+        carry = jax.tree.map(lambda new, old: jnp.where(comes, new, old), new, carry)
+        lacking = jnp.where(comes, lacking, -1)
+        return carry, (carry[2], carry[3], delay, lacking, required)
 
-    first, zero = jnp.abs(impulses[0]), jnp.zeros_like(impulses[0])
-    begin = (Flight(zero, first), zero, zero, zero + 1)
-    counts = jnp.arange(1, impulses.size) < (impulses.size if length is None else length)
+    zero = jnp.zeros_like(impulses[0])
+    first = (Flight(zero, jnp.abs(impulses[0])), zero, zero, zero + 1)
+    comes = jnp.arange(1, impulses.size) < (impulses.size if count is None else count)
     (flight, *_), later = jax.lax.scan(
-        pulse, begin, (train.phase[1:], impulses[1:], train.skips[1:], counts)
+        pulse, first, (train.phase[1:], impulses[1:], train.impacts[1:], comes)
     )
     x = jnp.where(flight.q < 0, rocker.restitution * flight.x, flight.x)
-    before = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.skips.dtype))
-    return Outcome(
-        x, *(jnp.append(b, a.astype(b.dtype)) for b, a in zip(before, later, strict=True))
-    )
+    of_first = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
+    columns = (jnp.append(b, a.astype(b.dtype)) for b, a in zip(of_first, later, strict=True))
+    return Outcome(x, *columns, weights=train.weight)
+
+
+def _cosine_after(
+    rocker: Rocker, x: Any, wait: Any, duration: Any, waits: Any, otherwise: Any
+) -> Any:
+    """Cosine of the phase of the flight after a wait since the launch, at its end at most."""
+    inside = waits & (wait < duration) & (x > 0)
+    rate = rocker.block.frequency_parameter
+    # Elsewhere some flight whose derivatives are finite.
+    fast, duration = jnp.where(inside, x, 0.5), jnp.where(inside, duration, 1 / rate)
+    cosine = rocker.velocity_at(fast, jnp.where(inside, wait, 0.1 / rate), duration) / fast
+    return jnp.where(inside, cosine, jnp.where(waits & (x > 0), -1, otherwise))

@@ -1,7 +1,8 @@
 """The worst train of pulses, found by optimisation."""
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -20,41 +21,37 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow
-from .timed_train import SKIPS
-from .train_descent import Goal, Limits, Question, Search, outcomes
-from .train_moves import best_start, reached, searched, trial_of, with_time_to_try
+from .timed_train import MAX_IMPACTS
+from .train_descent import Goal, Problem, Search, outcomes
+from .train_moves import best_start, evaluated, searched, trial_of, with_time_to_verify
 
-_MANY_SKIPS = 20  # impacts between two pulses, at most, if they have to be apart
+_MAX_IMPACTS_APART = 20  # between two pulses, if they have to be apart
 
 
-class WorstTrain(NamedTuple):
+@dataclass(frozen=True)
+class WorstTrain:
     """The worst train of pulses that was found; see `worst_train`.
 
     Attributes
     ----------
-    times : ndarray, shape (pulses,)
-        When the pulses come, the first at 0 [s].
-    intensities : ndarray, shape (pulses,)
-        I of each [m/s], signed as the ground moves.
-    impacts_between : ndarray of int, shape (pulses,)
-        Impacts between a pulse and the one before it.
-    delays : ndarray, shape (pulses,)
-        Time from the last impact to the pulse, over the half-cycle that it falls into [-].
-    largest, total : float
-        Largest and total magnitude of the pulses [m/s].
-    peak_rotation : float
-        After the last pulse [rad]; NaN if the block overturns.
-    overturns : bool
-        Whether it is on the verge of overturning, or beyond.
-    converged : bool
-        Whether the search came to an end, at a train that keeps the constraints.
+    times, intensities : ndarray, shape (pulses,)
+        When the pulses come, the first at 0 [s], and I of each [m/s], signed as the ground moves.
+    impacts_between, delays : ndarray, shape (pulses,)
+        Impacts between a pulse and the one before it, and time from the last impact to the
+        pulse over the half-cycle that it falls into [-].
+    largest, total, peak_rotation : float
+        Largest and total magnitude of the pulses [m/s], and the peak after the last [rad]; NaN
+        if the block overturns.
+    overturns, converged : bool
+        Whether the train just overturns the block, or more; whether the search has ended, at
+        a train that keeps the constraints.
     objectives : ndarray, shape (starts,)
         What each start arrived at: the largest or total intensity [m/s], or the velocity
         after the last pulse over the critical one.
     history : ndarray, shape (starts, steps)
         The same in each step of the descent.
     goal : str
-        What was sought.
+        That of the search.
     """
 
     times: np.ndarray
@@ -77,11 +74,10 @@ class WorstTrain(NamedTuple):
             + ("" if self.converged else ", NOT converged"),
             "  time [s]  intensity [m/s]  after impact [half-cycles]",
         ]
+        pulses = zip(self.times, self.intensities, self.delays, strict=True)
         lines += [
             f"{time:10.4f}  {intensity:15.5g}  {round(float(delay), 5) + 0.0:.5f}"
-            for time, intensity, delay in zip(
-                self.times, self.intensities, self.delays, strict=True
-            )
+            for time, intensity, delay in pulses
         ]
         return "\n".join(lines)
 
@@ -104,8 +100,9 @@ def worst_train(
     """The worst train of instantaneous pulses, over their times, signs and intensities.
 
     Between the pulses the block moves freely, and through impacts. From random trains, each
-    descends by BFGS and then tries what descent cannot do: to strike a pulse the
-    other way, before or after the peak, or a half-cycle earlier or later.
+    descends by BFGS and then tries what descent cannot do: to strike a pulse the other way,
+    before or after the peak, or a half-cycle earlier or later. The result is verified over
+    time, raised and lowered a little.
 
     Parameters
     ----------
@@ -122,16 +119,12 @@ def worst_train(
     impacts_between : int
         Fewest impacts between a pulse and the next, 0 to 3. With 0 and no spacing the worst
         is that all come at once.
-    spacing : float
-        Shortest time between a pulse and the next [s].
-    latest : float
-        When the last pulse comes at the latest, after the first [s].
+    spacing, latest : float
+        Shortest time between two pulses, and when the last comes at the latest [s].
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
-    starts : int
-        Number of random trains to start from.
-    seed : int
-        Of the random numbers.
+    starts, seed : int
+        Number of random trains to start from, and seed of the random numbers.
 
     Returns
     -------
@@ -141,8 +134,7 @@ def worst_train(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed, or the constraints contradict each
-        other.
+        If an argument is out of range, or the constraints contradict each other.
 
     Notes
     -----
@@ -163,17 +155,55 @@ def worst_train(
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
     block.check()
-    for name, value, low in (("count", count, 1), ("starts", starts, 1)):
-        if value < low:
-            raise ValueError(f"{name} must be at least {low}, got {value}")
-    if goal not in ("smallest largest", "smallest total", "most rotation"):
+    _check_arguments(count, starts, goal, largest, impacts_between, spacing, latest)
+    block, restitution = of_one_precision((block, restitution))
+    if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
+        raise ValueError("block and restitution must be one, not arrays")
+    dtype, rocker = restitution.dtype, Rocker(block, restitution, as_model(model))
+    problem = Problem(
+        rocker=rocker,
+        goal=goal,
+        max_impacts=_MAX_IMPACTS_APART if spacing > 0 else MAX_IMPACTS,
+        constrained=spacing > 0 or latest < math.inf,
+        spacing=jnp.asarray(spacing, dtype),
+        # In a Lagrangian even a constraint that is not there must not be infinite.
+        latest=jnp.asarray(min(latest, 1e6 * count / float(block.frequency_parameter)), dtype),
+    )
+
+    bound = 0.5 if goal == "smallest total" else 0.9 / count
+    bounds = np.full(starts, largest / float(rocker.unit) if largest else bound)
+    if spacing > 0 and goal == "smallest largest":
+        # A weak train comes to rest where a stronger one has its impacts just in time.
+        bounds = np.geomspace(bound, 0.97, starts)
+    begin = _random_starts(np.log(bounds).astype(dtype), count, impacts_between, seed)
+    searches, history = searched(begin, problem, impacts_between)
+    if latest < math.inf:
+        searches, problem = with_time_to_verify(searches, problem)
+    return _result(searches, problem, history, spacing, latest)
+
+
+def _check_arguments(
+    count: int,
+    starts: int,
+    goal: str,
+    largest: float | None,
+    impacts_between: int,
+    spacing: float,
+    latest: float,
+) -> None:
+    for name, value in (("count", count), ("starts", starts)):
+        if value < 1:
+            raise ValueError(f"{name} must be at least 1, got {value}")
+    if goal not in get_args(Goal):
         raise ValueError(
             f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
         )
     if (largest is None) == (goal == "most rotation"):
         raise ValueError('largest must be given for the goal "most rotation", and only for it')
-    if not 0 <= impacts_between <= SKIPS:
-        raise ValueError(f"impacts_between must be from 0 to {SKIPS}, got {impacts_between}")
+    if largest is not None:
+        check("largest", as_real("largest", largest), POSITIVE)
+    if not 0 <= impacts_between <= MAX_IMPACTS:
+        raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
     if not latest >= 0:
         raise ValueError(f"latest must be at least 0, got {latest:g}")
@@ -182,111 +212,87 @@ def worst_train(
             f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
             f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
         )
-    block, restitution = of_one_precision((block, restitution))
-    dtype = restitution.dtype
-    if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
-        raise ValueError("block and restitution must be one, not arrays")
-    rocker = Rocker(block, restitution, as_model(model))
-    unit = float(rocker.unit)
-    limited = spacing > 0 or latest < math.inf
-    # A constraint that is not there must not be infinite.
-    far = min(latest, 1e6 * count / float(block.frequency_parameter))
-    limits = Limits(jnp.asarray(spacing, dtype), jnp.asarray(far, dtype)) if limited else None
-    if largest is not None:
-        check("largest", as_real("largest", largest), POSITIVE)
-        strength = largest / unit
-    else:
-        strength = 0.5 if goal == "smallest total" else 0.9 / count
 
-    random = np.random.default_rng(seed)
-    shape, most = (starts, count), _MANY_SKIPS if spacing > 0 else SKIPS
-    # A weak train comes to rest where a stronger one has its impacts just in time.
-    strengths = np.full(starts, strength)
-    if spacing > 0 and goal == "smallest largest":
-        strengths = np.geomspace(strength, 0.97, starts)
-    skips = random.integers(impacts_between, min(impacts_between + 2, SKIPS) + 1, shape)
-    searches = Search(
+
+def _random_starts(log_bounds: np.ndarray, count: int, fewest: int, seed: int) -> Search:
+    starts, dtype = log_bounds.size, log_bounds.dtype
+    random, shape = np.random.default_rng(seed), (starts, count)
+    impacts = random.integers(fewest, min(fewest + 2, MAX_IMPACTS) + 1, shape)
+    return Search(
         angles=random.uniform(0, np.pi, shape).astype(dtype),
         sizes=random.uniform(-1.5, 1.5, shape).astype(dtype),
-        strength=np.log(strengths).astype(dtype),
-        skips=skips,
-        length=np.full(starts, count),
+        log_bound=log_bounds,
+        impacts=impacts,
+        count=np.full(starts, count),
         multipliers=np.zeros(shape, dtype),
         loss=np.zeros(starts, dtype),
-        slope=np.zeros(starts, dtype),
+        violation=np.zeros(starts, dtype),
         ended=np.zeros(starts, bool),
     )
-    question = Question(rocker, limits, goal, most)
-    searches, history = searched(searches, question, impacts_between)
-    if latest < math.inf:
-        searches, question = with_time_to_try(searches, question, spacing, latest)
-    return _result(searches, question, history, spacing, latest)
 
 
 def _result(
-    searches: Search, question: Question, history: np.ndarray, spacing: float, latest: float
+    searches: Search, problem: Problem, history: np.ndarray, spacing: float, latest: float
 ) -> WorstTrain:
-    rocker, goal = question.rocker, question.goal
-    seeks = goal != "most rotation"
-    outcome, magnitudes, objectives, kept = reached(searches, question)
-    best = best_start(searches, question)
-    length = int(searches.length[best])
-    intensities = (outcome.sides * magnitudes)[best, :length]
-    overturns = seeks or bool(outcome.x[best] >= 1)
+    """The best train of all searches, verified."""
+    outcome, impulses, objectives, feasible = evaluated(searches, problem)
+    best = best_start(searches, problem)
+    count = int(searches.count[best])
+    intensities = (outcome.sides * impulses)[best, :count]
+    impacts = searches.impacts[best, 1:count]
+    overturns = problem.seeks_bound or bool(outcome.x[best] >= 1)
     top = Flight(jnp.asarray(outcome.x[best]), jnp.zeros_like(outcome.x[best]))
-    peak = math.nan if overturns else float(rocker.lean(top))
-    times, proved = _proved(searches, question, best, intensities, peak)
-    limits_kept = (np.diff(times) >= spacing * (1 - 1e-9)).all() and times[-1] <= latest
-    within = (searches.skips[best, 1:length] < _MANY_SKIPS).all()
+    peak = math.nan if overturns else float(problem.rocker.rotation(top))
+    times, verified = _verified(searches, problem, best, intensities, peak)
+    in_time = (np.diff(times) >= spacing * (1 - 1e-9)).all() and times[-1] <= latest
+    # At the limit, even more impacts between two pulses might be worse.
+    in_time = in_time and (impacts < _MAX_IMPACTS_APART).all()
     return WorstTrain(
         times=times,
         intensities=intensities,
-        impacts_between=np.append(0, searches.skips[best, 1:length]),
-        delays=outcome.late[best, :length],
+        impacts_between=np.append(0, impacts),
+        delays=outcome.delays[best, :count],
         largest=float(abs(intensities).max()),
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
         overturns=overturns,
-        converged=bool(kept[best] and searches.ended[best] and proved and limits_kept and within),
-        objectives=np.where(kept, objectives, np.nan),
+        converged=bool(feasible[best] and searches.ended[best] and verified and in_time),
+        objectives=np.where(feasible, objectives, np.nan),
         history=history,
-        goal=goal,
+        goal=problem.goal,
     )
 
 
-def _proved(
-    searches: Search, question: Question, best: int, intensities: np.ndarray, peak: float
+def _verified(
+    searches: Search, problem: Problem, best: int, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, bool]:
-    """When the pulses come, and whether that train does, followed over time, what it is to.
+    """When the pulses come, and whether the train, followed over time, does what it should.
 
-    It is tried raised and lowered by a little, each time in the rhythm of its own impacts,
-    since these come later in a stronger train, and a pulse on the wrong side of an impact
-    acts the other way. The times are those of the train that is raised, a hair later where
-    a pulse comes right after an impact, a hair earlier where it comes right before.
+    Raised a little it has to overturn, lowered a little not. Each is timed by its own impacts,
+    which come later in a stronger train: a pulse on the wrong side of an impact acts the other
+    way. The times are those of the raised train, with a margin: a little later where a pulse
+    comes right after an impact, a little earlier where it comes right before.
     """
-    rocker, trial = question.rocker, trial_of(searches.angles.dtype)
-    before = np.cos(searches.angles[best]) < 0
+    rocker, trial = problem.rocker, trial_of(searches.angles.dtype)
+    early = np.cos(searches.angles[best]) < 0
 
     def followed(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
-        hairs = (
-            outcomes(searches._replace(strength=searches.strength + by + hair), question)
-            for hair in (-margin, margin)
-        )
-        times = np.where(before, *(np.asarray(outcome.times)[best] for outcome in hairs))
+        bounds = (searches.log_bound + by + slight for slight in (-margin, margin))
+        trains = (outcomes(searches._replace(log_bound=bound), problem) for bound in bounds)
+        times = np.where(early, *(np.asarray(train.times)[best] for train in trains))
         times = np.maximum.accumulate(times)[: intensities.size]
-        raised = jnp.asarray(intensities * (1 + by))
-        return times, follow(rocker, jnp.asarray(times), raised)
+        return times, follow(rocker, jnp.asarray(times), jnp.asarray(intensities * (1 + by)))
 
-    times, proved = np.zeros(0), False
+    times, verified = np.zeros(0), False
     for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
         times, higher = followed(trial, margin)
         _, lower = followed(-trial, margin)
-        if question.goal != "most rotation":
-            proved = bool(higher.overturned) and not bool(lower.overturned)
+        if problem.seeks_bound:
+            verified = bool(higher.overturned) and not bool(lower.overturned)
         elif math.isnan(peak):
-            proved = bool(higher.overturned)
+            verified = bool(higher.overturned)
         else:
-            proved = float(lower.peak_rotation) <= peak <= float(higher.peak_rotation)
-        if proved:
+            verified = float(lower.peak_rotation) <= peak <= float(higher.peak_rotation)
+        if verified:
             break
-    return times, proved
+    return times, verified
