@@ -15,7 +15,8 @@ import tyro
 from ..host import signals, with_clock
 from .commands import COMMANDS
 from .compiled_programs import cached
-from .options import Command, dumps
+from .options import Command
+from .output import dumps
 from .study import Run
 
 

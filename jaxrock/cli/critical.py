@@ -16,18 +16,8 @@ from ..resonance import (
     critical_width,
 )
 from ..validation import COUNT, NON_NEGATIVE, check
-from .options import (
-    Answer,
-    BlockOptions,
-    Grid,
-    ModelName,
-    MotionOptions,
-    Row,
-    Writing,
-    numbers,
-    rows_of,
-    write_rows,
-)
+from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Writing, numbers
+from .output import Row, rows_of, write_rows
 
 Quantity = Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
 
@@ -59,8 +49,7 @@ class Critical(MotionOptions, BlockOptions, Writing):
     along: Quantity | None = None
     """What to seek: the amplitude of a pulse and the factor on a record if not given."""
     values: Grid | None = None
-    """Values to examine, one by one or START:STOP:COUNT. If not given, amplitudes 1 to 10 times
-    what just lifts the block, or factors 0.05:5:397."""
+    """Values to examine; by default amplitudes of 1 to 10 times uplift, or factors 0.05:5:397."""
     model: ModelName | None = None
     """Equation of motion under a pulse or a record; nonlinear if not given."""
 
@@ -164,10 +153,5 @@ class Critical(MotionOptions, BlockOptions, Writing):
             f" that {self.intensity:g} m/s just overturn",
             "half-cycles  model        intensity [m/s]  width [m]  slenderness  restitution",
         ]
-        for row in rows:
-            number, model, intensity, width, slenderness, restitution = row.values()
-            lines.append(
-                f"{number:<11g}  {model:<11}  {intensity:<15.6g}  {width:<9.5g}"
-                f"  {slenderness:<11.5g}  {restitution:.6g}"
-            )
-        return "\n".join(lines)
+        line = "{:<11g}  {:<11}  {:<15.6g}  {:<9.5g}  {:<11.5g}  {:.6g}"
+        return "\n".join([*lines, *(line.format(*row.values()) for row in rows)])

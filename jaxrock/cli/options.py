@@ -1,11 +1,9 @@
-"""What commands have in common: options, checks before anything runs, and what they answer."""
+"""What commands have in common: options, checks before anything runs, answers."""
 
 import abc
-import csv
 import functools
-import json
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,7 +21,6 @@ GridValue = float | str
 Grid = tuple[GridValue, ...]  # numbers, and texts START:STOP:COUNT
 ModelName = Literal["linearized", "nonlinear"]
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
-Row = dict[str, Any]  # of a table, by column
 
 
 @dataclass(frozen=True)
@@ -170,8 +167,21 @@ class RecordOptions(Command):
     @functools.cached_property
     def _reading(self) -> "_Reading":
         options = (self.record, self.unit, self.column, self.vertical, self.time_step)
-        reading = _readings.get(options) or _Reading(*options)
+        reading = _readings.get(options) or _Reading(self._read)
         return _readings.setdefault(options, reading)
+
+    def _read(self) -> Record:
+        if self.record is None:
+            raise ValueError("record must be given")
+        if self.record != "example":
+            names = ("unit", "column", "vertical", "time_step")
+            return read_record(self.record, **{name: getattr(self, name) for name in names})
+        if (self.unit, self.time_step) != (None, None) or self.vertical not in (None, "up"):
+            raise ValueError(
+                'the record "example" has its unit and time step; its column may be "north"'
+                ' or "east", and vertical "up"'
+            )
+        return example_record(self.column or "north", vertical=self.vertical is not None)
 
 
 class _Reading:
@@ -180,34 +190,15 @@ class _Reading:
     record: Record
     error: str | None = None
 
-    def __init__(self, *options: Any):
+    def __init__(self, read: Callable[[], Record]):
         try:
-            self.record = _read(*options)
+            self.record = read()
         except ValueError as error:
             self.error = str(error)
 
 
 # Commands that ask for the same record share it while one of them lives: a file is read once.
 _readings: weakref.WeakValueDictionary[tuple[Any, ...], _Reading] = weakref.WeakValueDictionary()
-
-
-def _read(
-    path: str | None,
-    unit: str | None,
-    column: str | None,
-    vertical: str | None,
-    time_step: float | None,
-) -> Record:
-    if path is None:
-        raise ValueError("record must be given")
-    if path != "example":
-        return read_record(path, unit=unit, column=column, vertical=vertical, time_step=time_step)
-    if (unit, time_step) != (None, None) or vertical not in (None, "up"):
-        raise ValueError(
-            'the record "example" has its unit and time step; its column may be "north"'
-            ' or "east", and vertical "up"'
-        )
-    return example_record(column or "north", vertical=vertical is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,38 +254,3 @@ def _span(name: str, value: GridValue) -> list[float]:
     except ValueError:
         pass
     raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")
-
-
-def picture(draw: Any, path: Path, **options: Any) -> None:
-    """Write a figure to a file, or what `draw` draws on new axes."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
-    figure = draw
-    if callable(draw):
-        figure, axes = plt.subplots(layout="constrained", **options)
-        draw(axes)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-
-
-def rows_of(**columns: Any) -> list[Row]:
-    """The rows of a table given by its columns."""
-    table = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-    return [dict(zip(columns, row, strict=True)) for row in table]
-
-
-def write_rows(rows: Sequence[Row], path: Path, names: Sequence[str]) -> None:
-    """Write rows as CSV, a column each name."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=names)
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def dumps(value: Any) -> str:
-    """JSON; null stands for numbers that are not finite."""
-    finite = json.loads(json.dumps(value), parse_constant=lambda _: None)
-    return json.dumps(finite, indent=2)

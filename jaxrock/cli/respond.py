@@ -10,7 +10,8 @@ import numpy as np
 from ..dynamics import Response, Status, respond
 from ..host import labelled
 from ..validation import POSITIVE, check
-from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing, picture
+from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing
+from .output import picture
 
 if TYPE_CHECKING:
     import xarray
@@ -100,13 +101,11 @@ def _history(response: Response, times: np.ndarray) -> "xarray.Dataset":
         "rotation": (rotation, "rotation", "rad"),
         "velocity": (velocity, "angular velocity", "rad s-1"),
         "rotation_ratio": (ratio, "rotation over critical angle", "1"),
+        "time": (times, "time", "s"),
     }
-    return labelled(
-        "Response of a rocking block",
-        {
-            name: ("time", values, {"long_name": label, "units": unit})
-            for name, (values, label, unit) in variables.items()
-        },
-        {"time": ("time", times, {"long_name": "time", "units": "s"})},
-        _scalars(response),
-    )
+    described = {
+        name: ("time", values, {"long_name": label, "units": unit})
+        for name, (values, label, unit) in variables.items()
+    }
+    time = {"time": described.pop("time")}
+    return labelled("Response of a rocking block", described, time, _scalars(response))

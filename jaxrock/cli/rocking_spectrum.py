@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..spectra import ROCKING_AXES, axis, rocking_spectrum
-from .options import Answer, Grid, RecordOptions, Writing, numbers, picture
+from .options import Answer, Grid, RecordOptions, Writing, numbers
+from .output import picture
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,17 +22,8 @@ from ..sensitivity import (
     tornado,
 )
 from ..validation import NON_NEGATIVE, POSITIVE, check
-from .options import (
-    Answer,
-    BlockOptions,
-    ModelName,
-    MotionOptions,
-    Row,
-    Writing,
-    picture,
-    rows_of,
-    write_rows,
-)
+from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing
+from .output import Row, picture, rows_of, write_rows
 
 if TYPE_CHECKING:
     import xarray

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from ..spectra import RESONANCE_AXES, axis, overturned_share, resonance_spectrum, write_table
 from ..validation import POSITIVE, check
-from .options import Answer, Grid, Writing, numbers, picture
+from .options import Answer, Grid, Writing, numbers
+from .output import picture
 
 
 @dataclass(frozen=True, kw_only=True)
