@@ -60,7 +60,7 @@ class Critical(MotionOptions, BlockOptions, Writing):
 
     @property
     def motion(self) -> Any:
-        """The pulse or the record; what is sought of a pulse may have any value."""
+        """The pulse or the record; 1 stands in for what is sought of a pulse."""
         name = self._sought_of_pulse
         if name is None or getattr(self, name) is not None:
             return super().motion

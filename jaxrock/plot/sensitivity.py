@@ -15,10 +15,8 @@ def plot_tornado(swing: TornadoBars, ax: Axes | None = None, label: str = "answe
 
     Parameters
     ----------
-    swing : TornadoBars
-        From `jaxrock.tornado`.
-    label : str
-        Of the answer, with its unit.
+    swing, label : TornadoBars, str
+        From `jaxrock.tornado`, and the name of the answer with its unit.
     """
     ax = axes_or_new(ax)
     rows = np.arange(len(swing.names))[::-1]
@@ -105,16 +103,14 @@ def plot_distribution(
 ) -> Axes:
     """Draw how an answer scatters.
 
-    With the normal distributions of first and second order, if `scatter` is given.
-
     Parameters
     ----------
     samples : ndarray, shape (samples,)
         From `jaxrock.sensitivity.monte_carlo`; NaN where there is no answer.
     scatter : MomentEstimate, optional
-        From `jaxrock.sensitivity.propagate`.
+        From `jaxrock.sensitivity.propagate`: adds the normal distributions of both orders.
     label : str
-        Of the answer, with its unit.
+        Name of the answer, with its unit.
 
     Raises
     ------

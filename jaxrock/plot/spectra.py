@@ -15,20 +15,15 @@ from .axes import axes_or_new, draws, label_of, labelled, legend_beside, shades,
 def plot_curves(
     variable: xarray.DataArray, hue: str, along: str = "slenderness", ax: Axes | None = None
 ) -> Axes:
-    """Draw one panel of a spectrum: a variable along one dimension, curves over another.
-
-    A curve ends where the block overturns; a cross marks its last value. `plot_spectrum`
-    draws all panels of a resonance spectrum into a figure of its own.
+    """Draw one panel of a spectrum; a cross marks where a curve ends: the block overturns.
 
     Parameters
     ----------
     variable : xarray.DataArray
         With dimensions `along` and `hue` only, for example
         ``spectrum.rotation_ratio.sel(restitution=0.6)``.
-    hue : str
-        Dimension that tells the curves apart.
-    along : str
-        Dimension of the horizontal axis.
+    hue, along : str
+        Dimensions that tell the curves apart, and of the horizontal axis.
 
     Raises
     ------
@@ -41,8 +36,7 @@ def plot_curves(
         )
     ax = axes_or_new(ax)
     variable = variable.sortby(along)
-    x = variable[along].values
-    levels = variable[hue].values
+    x, levels = variable[along].values, variable[hue].values
     for index, (level, colour) in enumerate(zip(levels, shades(levels.size), strict=True)):
         y = variable.sel({hue: level}).values
         (curve,) = ax.plot(x, y, color=colour, label=f"{level:g}")
@@ -60,44 +54,39 @@ def plot_curves(
 
 
 def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
-    """Draw a variable of `resonance_spectrum` over slenderness, a panel each restitution.
+    """Draw a variable over slenderness: a column for each restitution, a row for each intensity.
 
-    A row of panels each intensity, a curve each width. Of a dimension with more values than
-    can be told apart (4 panels a side, 7 curves) some are drawn, evenly chosen. `plot_curves`
-    draws a single panel on given axes.
+    A curve for each width. Of a dimension with more values than can be told apart (4 panels
+    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel.
 
     Parameters
     ----------
-    spectrum : xarray.Dataset
-        From `jaxrock.resonance_spectrum`.
-    variable : str
-        Which of its variables.
+    spectrum, variable : xarray.Dataset, str
+        From `jaxrock.resonance_spectrum`, and the name of one of its variables.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
     data = _evenly_chosen(spectrum[variable], width=7, restitution=4, intensity=4)
-    if "intensity" not in data.dims:
-        data = data.expand_dims("intensity")
-    figure, panels = _panels(data.intensity.size, data.restitution.size, (3.2, 3.0), sharex=True)
-    for row, at_intensity in zip(panels, data.transpose("intensity", ...), strict=True):
-        for panel, curves in zip(row, at_intensity.transpose("restitution", ...), strict=True):
-            plot_curves(curves, hue="width", ax=panel)
-            title = f"$C$ = {curves.restitution.item():g}"
-            if "intensity" in spectrum[variable].coords:
-                title += f", $I$ = {curves.intensity.item():g} m/s"
-            panel.set_title(title)
+    rows, columns = data.sizes.get("intensity", 1), data.sizes["restitution"]
+    figure, panels = _panels(rows, columns, (3.2, 3.0), sharex=True)
+    for (row, column), panel in np.ndenumerate(panels):
+        curves = data.isel(intensity=row, restitution=column, missing_dims="ignore")
+        plot_curves(curves, hue="width", ax=panel)
+        title = f"$C$ = {curves.restitution.item():g}"
+        if "intensity" in curves.coords:
+            title += f", $I$ = {curves.intensity.item():g} m/s"
+        panel.set_title(title)
     _share_legend(panels)
     return figure
 
 
 @draws
 def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw peak rotation over the period 2 pi / p, a curve each slenderness.
+    """Draw peak rotation over the period 2 pi / p, a curve for each slenderness.
 
-    A curve ends where the block overturns. `plot_rocking_spectrum` draws a panel like this
-    for every restitution into a figure of its own.
+    A curve ends where the block overturns.
 
     Parameters
     ----------
@@ -119,10 +108,10 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
 
 
 def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
-    """Draw peak rotation over the period 2 pi / p, a panel each restitution.
+    """Draw peak rotation over the period 2 pi / p, a panel for each restitution.
 
     Of more values than can be told apart (4 panels, 5 curves) some are drawn, evenly
-    chosen. `plot_rocking_curves` draws a single panel on given axes.
+    chosen. `plot_rocking_curves` draws a single panel.
 
     Parameters
     ----------
@@ -134,12 +123,9 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     matplotlib.figure.Figure
     """
     data = _evenly_chosen(spectrum, slenderness=5, restitution=4)
-    parts = [data]
-    if "restitution" in data.dims:
-        parts = [data.isel(restitution=k) for k in range(data.restitution.size)]
-    figure, panels = _panels(1, len(parts), (4.0, 3.6))
-    for panel, part in zip(panels[0], parts, strict=True):
-        plot_rocking_curves(part, ax=panel)
+    figure, panels = _panels(1, data.sizes.get("restitution", 1), (4.0, 3.6))
+    for k, panel in enumerate(panels[0]):
+        plot_rocking_curves(data.isel(restitution=k, missing_dims="ignore"), ax=panel)
     _share_legend(panels)
     return figure
 
