@@ -53,13 +53,15 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     broken = np.diff(np.searchsorted(np.asarray(response.impact_times), times)) > 0
     velocity[1:][broken] = np.nan
     ax.plot(rotation / angle, velocity / unit, color=INK, linewidth=0.8, label="motion")
-    tilt = np.linspace(0, 1.5 * angle, 200)
+    rotations = np.linspace(0, 1.5 * angle, 200)  # from the side that the block stands on
     equation = Equation.of(block, response.model)
-    separatrix = np.asarray(equation.returning_speed(jnp.asarray(tilt))) / unit
+    separatrix = np.asarray(equation.returning_speed(jnp.asarray(rotations))) / unit
     for side in (-1, 1):
         for sign in (-1, 1):
             label = "separatrix" if side == sign == 1 else None
-            ax.plot(side * tilt / angle, side * sign * separatrix, "--", color=NEUTRAL, label=label)
+            ax.plot(
+                side * rotations / angle, side * sign * separatrix, "--", color=NEUTRAL, label=label
+            )
     shown = np.abs(velocity[np.abs(rotation) <= 1.5 * angle]) / unit
     # The fall, much faster than what came before it, does not set the limits.
     limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
