@@ -110,10 +110,11 @@ class Critical(MotionOptions, BlockOptions, Writing):
     def run(self) -> Answer:
         """Solve in closed form, or search in driven motion."""
         if self.shaken:
-            found = self._boundaries()
-            columns = {self.sought: found.value, "overturns_beyond": found.overturns_beyond}
-            columns |= {"impacts": found.impacts, "toppled": found.toppled}
-            rows, text = rows_of(**columns), str(found)
+            boundaries = self._boundaries()
+            names = ("overturns_beyond", "impacts", "toppled")
+            columns = {name: getattr(boundaries, name) for name in names}
+            columns = {self.sought: boundaries.value, **columns}
+            rows, text = rows_of(**columns), str(boundaries)
         else:
             rows = self._closed_form()
             columns, text = rows[0], self._table(rows)
@@ -126,12 +127,12 @@ class Critical(MotionOptions, BlockOptions, Writing):
         motion, values, model = self.motion, self._values, self.model or "nonlinear"
         block, c = self.block, self.coefficient
         if values is None:
-            found = critical_amplitude(block, c, type(motion), motion.duration, model=model)
+            boundaries = critical_amplitude(block, c, type(motion), motion.duration, model=model)
         else:
-            found = overturning_boundaries(block, c, motion, self.sought, values, model=model)
-        if not bool(found.complete):
+            boundaries = overturning_boundaries(block, c, motion, self.sought, values, model=model)
+        if not bool(boundaries.complete):
             raise ValueError("motion could not be followed to its end for every one of the values")
-        return found
+        return boundaries
 
     def _closed_form(self) -> list[Row]:
         block, c, intensity = self.block, self.coefficient, self.intensity

@@ -42,5 +42,6 @@ def write_rows(rows: Sequence[Row], path: Path, names: Sequence[str]) -> None:
 
 def dumps(value: Any) -> str:
     """JSON; null stands for numbers that are not finite."""
+    # Python writes them as constants that JSON does not have, and reads them by what is passed.
     finite = json.loads(json.dumps(value), parse_constant=lambda _: None)
     return json.dumps(finite, indent=2)

@@ -125,7 +125,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         }
         text = (
             f"{self.answer} {slopes}\nby the {self.chosen_model} model;"
-            f" with a coefficient of variation of {100 * self.coefficient_of_variation:g} % of"
+            f" with a coefficient of variation of {100 * self.coefficient_of_variation:g} % in"
             f" each: {scatter.mean:.6g} +- {scatter.standard_deviation:.3g}"
         )
         if not scatter.valid:

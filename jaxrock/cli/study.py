@@ -164,8 +164,9 @@ def _converted(
 def _as(kind: Any, value: Any) -> Any:
     """A value of a study as the type of an option; a `ValueError` says what is allowed."""
     origin, parts = get_origin(kind), get_args(kind)
+    # An option that may be left out: TOML has no None. Of a `Literal`, Python makes a `Union`.
     if origin in (Union, types.UnionType) and type(None) in parts:
-        return _as(parts[0], value)  # an option that may be left out
+        return _as(parts[0], value)
     if origin is tuple:
         values = value if isinstance(value, list) else [value]
         return tuple(_as(parts[0], each) for each in values)
@@ -197,7 +198,10 @@ def _placed(options: dict[str, Any], command: type[Command], folder: Path) -> di
 
 
 def _collisions(jobs: list[Job]) -> Iterator[str]:
-    """Faults of jobs whose files are also files of other jobs, or their folders."""
+    """Faults of jobs whose files are also files of other jobs, or their folders.
+
+    By dictionaries, so that the time is in proportion to the number of jobs.
+    """
     files: dict[Path, str] = {}
     folders: dict[Path, str] = {}
     for name, command in jobs:
@@ -208,7 +212,7 @@ def _collisions(jobs: list[Job]) -> Iterator[str]:
         paths = [folder / file for file in command.names]
         blocked = [files[path] for path in above if path in files]
         for path in paths:
-            others = [known[path] for known in (files, folders) if path in known]
+            others = [claimed[path] for claimed in (files, folders) if path in claimed]
             for other in dict.fromkeys(others + blocked):
                 yield f"{name}: out: {str(path)!r} is in the way of {other}"
         files.update(dict.fromkeys(paths, name))

@@ -59,7 +59,7 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
         (r"$\alpha$", pivot + 1.75 * a * along_edge, 10, 0, ACCENT),
         (r"$\alpha_c$", pivot + 0.6 * a * along_edge, 10, 0, ACCENT),
     ):
-        offset = (side * right, up)  # away from the side to which the block leans
+        offset = (side * right, up)  # mirrored with the block
         ax.annotate(symbol, (x, y), offset, color=colour, ha="center", va="center", **_OFFSET)
     # This push of the ground rotates the block to the right: accelerations count to the left.
     tail, below = (-1.6 * b if side > 0 else 1.6 * b + 0.4 * a), -0.1 * a

@@ -25,7 +25,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     impacts = np.asarray(response.impact_times)
     ax.plot(impacts, np.zeros_like(impacts), "|", color=ACCENT, markersize=6, label="impacts")
     for level in (-1, 1):
-        # The legend does not mention a line that lies outside of the limits.
+        # Without an entry in the legend where the line lies outside of the limits.
         label = "critical angle" if level == 1 < limit else None
         ax.axhline(level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
     if bool(response.overturned) and np.isfinite(response.overturning_time):

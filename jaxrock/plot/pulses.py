@@ -163,7 +163,7 @@ def _draw_under_pulses(
     ax.plot(time, ratio, color=INK, linewidth=1.1)
     ax.axhline(0, color=LINE, linewidth=0.6)
     largest = float(abs(ratio).max())
-    if level < 2 * largest:  # else it would press the motion flat
+    if level < 2 * largest:  # else the motion would hardly be visible
         largest = max(largest, level)
         for sign, label in ((1, name), (-1, None)):
             ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
