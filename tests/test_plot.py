@@ -207,7 +207,8 @@ def test_docstrings_say_what_all_have_in_common():
         function = getattr(plot, name)
         doc = inspect.getdoc(function)
         parameters = inspect.signature(function).parameters
-        assert all(f"\n{parameter} : " in doc for parameter in parameters), name
+        described = re.findall(r"^(\w.*) : ", doc, re.MULTILINE)
+        assert set(parameters) == set(", ".join(described).split(", ")), name
         returns = "matplotlib.axes.Axes" if "ax" in parameters else "matplotlib.figure.Figure"
         assert name == "animate" or f"Returns\n-------\n{returns}" in doc, name
         assert doc.count("Parameters\n---") == 1, name

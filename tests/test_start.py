@@ -80,7 +80,7 @@ def kept_in(monkeypatch, home):
     """Where commands keep what they compile, of a user who has only a home."""
     for name in ("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, str(home))
-    with compiled.kept():
+    with compiled.cached():
         return jax.config.jax_compilation_cache_dir
 
 

@@ -14,8 +14,9 @@ import tyro
 
 from ..host import signals, with_clock
 from .commands import COMMANDS
-from .compiled_programs import kept
-from .options import Command, dumps
+from .compiled_programs import cached
+from .options import Command
+from .output import dumps
 from .study import Run
 
 
@@ -33,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     jax.config.update("jax_enable_x64", True)
     try:
         code = _run(arguments)
-    except SystemExit as stop:  # after --help, or after what is no command
+    except SystemExit as stop:  # after --help, or where there is no such command
         code = int(stop.code or 0)
     except KeyboardInterrupt:
         _complain("interrupted")
@@ -57,7 +58,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             config=(tyro.conf.FlagCreatePairsOff,),
         )
     of_this_process = arguments is None and not command.no_cache
-    with _surroundings(), kept() if of_this_process else contextlib.nullcontext():
+    with _surroundings(), cached() if of_this_process else contextlib.nullcontext():
         _leave_lost_folder(command)
         command.check()
         with with_clock("jaxrock"):
@@ -75,25 +76,25 @@ def _complain(text: str) -> None:
 
 
 def _leave_lost_folder(command: Command) -> None:
-    """JAX asks for the current folder, which may be gone: any other does where no path needs it."""
+    """Leave a current folder that is gone: JAX asks for its path, and any other serves as well.
+
+    Unless an option is a path that starts there: that is a `ValueError`.
+    """
     try:
         os.getcwd()
     except FileNotFoundError:
-        for name in ("out", "study", "record", "vertical"):
-            given = getattr(command, name, None)
-            path = Path(given or os.sep)
-            is_file = isinstance(given, Path) or path.suffix.lower() in (".at2", ".csv")
-            if is_file and not path.is_absolute():
-                raise ValueError(
-                    f"{name}: {given!s} starts at the current folder, which is gone"
-                ) from None
+        for name, value in vars(command).items():
+            is_path = isinstance(value, Path) or str(value).lower().endswith((".at2", ".csv"))
+            if is_path and not Path(value).is_absolute():
+                message = f"{name}: {value!s} starts at the current folder, which is gone"
+                raise ValueError(message) from None
         os.chdir(os.sep)
 
 
 @contextlib.contextmanager
 def _surroundings() -> Iterator[None]:
-    """Pictures go to files, whatever backend is asked for; a warning is a line like an error."""
-    before = os.environ.get("MPLBACKEND")
+    """Draw into files, whatever backend is asked for; print a warning as a line like an error."""
+    backend = os.environ.get("MPLBACKEND")
     os.environ["MPLBACKEND"] = "agg"
     try:
         with warnings.catch_warnings():
@@ -101,14 +102,15 @@ def _surroundings() -> Iterator[None]:
             yield
     finally:
         del os.environ["MPLBACKEND"]
-        os.environ.update({} if before is None else {"MPLBACKEND": before})
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
 
 
 @contextlib.contextmanager
 def _standard_output() -> Iterator[None]:
-    """Everything printed inside is written out, or an error says that it cannot be."""
+    """Write out everything that is printed inside, or raise an error that says why not."""
     stream = sys.stdout
-    if stream is None:  # closed by who started this process
+    if stream is None:  # closed by whoever started this process
         yield
         return
     try:

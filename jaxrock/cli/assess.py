@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from ..reports import assessment
 from ..resonance import Scene
 from ..validation import POSITIVE, check
-from .options import Answer, BlockOptions, Command
+from .options import Answer, BlockOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class Assess(BlockOptions, Command):
+class Assess(BlockOptions):
     """Assess one block under pulses timed to its impacts.
 
     Geometry, the response to one pulse, the stabilized phase or the half-cycle in which the
@@ -22,7 +22,7 @@ class Assess(BlockOptions, Command):
     intensity: float = 0.15
     """Change of ground velocity in each pulse [m/s]."""
     tolerance: float | None = None
-    """Say which equation and precision are good enough for this relative error."""
+    """Name the equation and the precision that are good enough for this relative error."""
 
     @property
     def scene(self) -> Scene:
@@ -36,6 +36,6 @@ class Assess(BlockOptions, Command):
             check("tolerance", self.tolerance, POSITIVE)
 
     def run(self) -> Answer:
-        """Everything about one scene."""
+        """Assess the scene."""
         result = assessment.assess(self.scene, self.tolerance)
         return Answer(assessment.text(result), result)

@@ -17,12 +17,9 @@ class Conformance(Writing):
     Example: jaxrock conformance --out conformance
     """
 
-    out: Path = Path("conformance")
+    FILES = tuple(conformance.FILES)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The tables and the inputs."""
-        return tuple(conformance.FILES)
+    out: Path = Path("conformance")
 
     def run(self) -> Answer:
         """Write the cases."""

@@ -1,16 +1,13 @@
-"""What commands have in common: options, checks before anything runs, and what they answer."""
+"""What commands have in common: options, checks before anything runs, answers."""
 
 import abc
-import csv
 import functools
-import json
-import math
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import tyro
@@ -20,13 +17,15 @@ from ..ground_motion import PULSES, Motion, Record, example_record, read_record
 from ..host import check_free, written_whole
 from ..validation import POSITIVE, UNIT_INTERVAL, check
 
-Grid = tuple[str, ...]
+GridValue = float | str
+Grid = tuple[GridValue, ...]  # numbers, and texts START:STOP:COUNT
 ModelName = Literal["linearized", "nonlinear"]
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 
 
-class Answer(NamedTuple):
-    """What a command has to say: as text, as data for JSON, the exit code, what went wrong."""
+@dataclass(frozen=True)
+class Answer:
+    """What a command answers: as text and as data for JSON, its exit code, its errors."""
 
     text: str
     data: Mapping[str, Any]
@@ -41,7 +40,7 @@ class Command(abc.ABC):
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print JSON; null stands for what does not exist or never happens."""
     no_cache: bool = False
-    """Compile everything afresh: neither take nor keep what commands have compiled."""
+    """Compile everything afresh: neither use nor keep compiled programs."""
 
     @abc.abstractmethod
     def check(self) -> None:
@@ -49,7 +48,7 @@ class Command(abc.ABC):
 
     @abc.abstractmethod
     def run(self) -> Answer:
-        """Do it."""
+        """Do what the command is for."""
 
     def refuse(self, *names: str, only_with: str) -> None:
         """Raise `ValueError` if one of these options is given, since it would be ignored."""
@@ -59,13 +58,14 @@ class Command(abc.ABC):
                 raise ValueError(f"{name} goes with {only_with} only")
 
 
-# What a command has besides what it is about.
-COMMON = frozenset(field.name for field in fields(Command))
+COMMON = frozenset(field.name for field in fields(Command))  # options of every command
 
 
 @dataclass(frozen=True, kw_only=True)
 class Writing(Command):
     """A command that writes files."""
+
+    FILES: ClassVar[Sequence[str]]
 
     out: Path | None
     """Folder to write to; made if it is missing."""
@@ -73,19 +73,15 @@ class Writing(Command):
     """Overwrite existing files."""
 
     @property
-    @abc.abstractmethod
     def names(self) -> Sequence[str]:
         """The names of its files."""
-
-    @property
-    def files(self) -> list[str]:
-        """The paths of its files; none without a folder."""
-        return [] if self.out is None else [str(self.out / name) for name in self.names]
+        return self.FILES
 
     def check(self) -> None:
-        """Files that exist are in the way unless they may be overwritten."""
+        """Raise `ValueError` also for files that exist and must not be overwritten."""
         if self.out is not None:
             check_free("out", self.out, self.names, self.force)
+        super().check()
 
     def written(self) -> AbstractContextManager[Path]:
         """A folder to write the files into, all or none; see `written_whole`."""
@@ -93,12 +89,13 @@ class Writing(Command):
         return written_whole("out", self.out, self.names, self.force)
 
     def finished(self, text: str, data: Mapping[str, Any], code: int = 0) -> Answer:
-        """The answer, with the files that were written."""
-        return Answer("\n".join([text, *self.files]), {**data, "files": self.files}, code)
+        """The answer, with the paths of the files that were written."""
+        files = [] if self.out is None else [str(self.out / name) for name in self.names]
+        return Answer("\n".join([text, *files]), {**data, "files": files}, code)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockOptions:
+class BlockOptions(Command):
     """Options that describe one block."""
 
     width: float = 0.8
@@ -111,6 +108,11 @@ class BlockOptions:
     """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
     gravity: float = 9.81
     """Acceleration of gravity [m/s2]."""
+
+    def check(self) -> None:
+        """Raise `ValueError` also for a block or a restitution that cannot be."""
+        _ = self.block, self.coefficient
+        super().check()
 
     @functools.cached_property
     def block(self) -> Block:
@@ -143,7 +145,7 @@ class RecordOptions(Command):
     """Options that describe a record."""
 
     record: str | None = None
-    """A file .AT2 or .csv, or "example" for the one that comes along."""
+    """A file .AT2 or .csv, or "example" for the one that comes with jaxrock."""
     unit: str | None = None
     """Unit of the record."""
     column: str | None = None
@@ -158,37 +160,23 @@ class RecordOptions(Command):
     @property
     def motion(self) -> Motion:
         """The record, scaled."""
-        found = self._reading.found
-        if isinstance(found, str):
-            raise ValueError(found)
-        return found.scaled(self.scale)
+        if self._reading.error is not None:
+            raise ValueError(self._reading.error)
+        return self._reading.record.scaled(self.scale)
 
     @functools.cached_property
     def _reading(self) -> "_Reading":
-        """What reading the record gives, as another command has it that asks for the same."""
-        asked = (self.record, self.unit, self.column, self.vertical, self.time_step)
-        reading = _readings.get(asked)
-        if reading is None:
-            try:
-                reading = _Reading(self._read())
-            except ValueError as error:
-                reading = _Reading(str(error))
-            _readings[asked] = reading
-        return reading
+        options = (self.record, self.unit, self.column, self.vertical, self.time_step)
+        reading = _readings.get(options) or _Reading(self._read)
+        return _readings.setdefault(options, reading)
 
     def _read(self) -> Record:
         if self.record is None:
             raise ValueError("record must be given")
         if self.record != "example":
-            return read_record(
-                self.record,
-                unit=self.unit,
-                column=self.column,
-                vertical=self.vertical,
-                time_step=self.time_step,
-            )
-        given = (self.unit, self.time_step)
-        if given != (None, None) or self.vertical not in (None, "up"):
+            names = ("unit", "column", "vertical", "time_step")
+            return read_record(self.record, **{name: getattr(self, name) for name in names})
+        if (self.unit, self.time_step) != (None, None) or self.vertical not in (None, "up"):
             raise ValueError(
                 'the record "example" has its unit and time step; its column may be "north"'
                 ' or "east", and vertical "up"'
@@ -196,14 +184,20 @@ class RecordOptions(Command):
         return example_record(self.column or "north", vertical=self.vertical is not None)
 
 
-@dataclass(frozen=True, eq=False)
 class _Reading:
     """A record that was read, or what is wrong with it."""
 
-    found: Record | str
+    record: Record
+    error: str | None = None
+
+    def __init__(self, read: Callable[[], Record]):
+        try:
+            self.record = read()
+        except ValueError as error:
+            self.error = str(error)
 
 
-# Kept for as long as a command holds on to it: the file is read once, checked and then used.
+# Commands that ask for the same record share it while one of them lives: a file is read once.
 _readings: weakref.WeakValueDictionary[tuple[Any, ...], _Reading] = weakref.WeakValueDictionary()
 
 
@@ -224,7 +218,7 @@ class MotionOptions(RecordOptions):
         return self.pulse is not None or self.record is not None
 
     def refuse_motion(self) -> None:
-        """Raise `ValueError` if an option is given that says more about a pulse or a record."""
+        """Raise `ValueError` if an option is given that describes a pulse or a record."""
         names = [field.name for field in fields(MotionOptions) if field.name not in COMMON]
         self.refuse(*names, only_with="a pulse or a record")
 
@@ -242,60 +236,21 @@ class MotionOptions(RecordOptions):
         return PULSES[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
 
 
-def numbers(name: str, given: Grid) -> list[float]:
+def numbers(name: str, values: Grid) -> list[float]:
     """Numbers given one by one or as START:STOP:COUNT."""
-    found: list[float] = []
-    for word in given:
-        parts = word.split(":")
-        try:
-            if len(parts) == 3 and int(parts[2]) > 0:
-                start, stop = float(parts[0]), float(parts[1])
-                if not math.isfinite(start) or not math.isfinite(stop):
-                    raise ValueError
-                found += np.linspace(start, stop, int(parts[2])).tolist()
-            elif len(parts) == 1:
-                found.append(float(word))
-            else:
-                raise ValueError
-        except ValueError:
-            raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {word!r}") from None
-    if not found:
+    if not values:
         raise ValueError(f"{name} must be at least one number, got none")
-    return found
+    return [number for value in values for number in _span(name, value)]
 
 
-def picture(draw: Any, path: Path, **options: Any) -> None:
-    """Write what `draw` draws on new axes to a file; or the figure that it is."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
-    if callable(draw):
-        figure, axes = plt.subplots(layout="constrained", **options)
-        draw(axes)
-    else:
-        figure = draw
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-
-
-def write_rows(rows: Iterable[Mapping[str, Any]], path: Path, names: Sequence[str]) -> None:
-    """Write rows as CSV, a column each name."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=names)
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def dumps(value: Any) -> str:
-    """JSON; null stands for numbers that are not finite."""
-
-    def plain(item: Any) -> Any:
-        if isinstance(item, Mapping):
-            return {key: plain(inner) for key, inner in item.items()}
-        if isinstance(item, list):
-            return [plain(inner) for inner in item]
-        return None if isinstance(item, float) and not math.isfinite(item) else item
-
-    return json.dumps(plain(value), indent=2, allow_nan=False)
+def _span(name: str, value: GridValue) -> list[float]:
+    try:
+        if ":" not in str(value):
+            return [float(value)]
+        start, stop, count = str(value).split(":")
+        ends = float(start), float(stop)
+        if np.isfinite(ends).all() and int(count) > 0:
+            return np.linspace(*ends, int(count)).tolist()
+    except ValueError:
+        pass
+    raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")

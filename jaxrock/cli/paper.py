@@ -17,12 +17,9 @@ class Paper(Writing):
     Example: jaxrock paper --out paper
     """
 
-    out: Path = Path("paper")
+    FILES = paper.FILES
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The report, its tables and figures."""
-        return paper.FILES
+    out: Path = Path("paper")
 
     def run(self) -> Answer:
         """Recompute and compare."""

@@ -1,5 +1,6 @@
 """``jaxrock respond``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,10 +10,22 @@ import numpy as np
 from ..dynamics import Response, Status, respond
 from ..host import labelled
 from ..validation import POSITIVE, check
-from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing, picture
+from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing
+from .output import picture
 
 if TYPE_CHECKING:
     import xarray
+
+_NUMBERS = (
+    "peak_rotation",
+    "peak_time",
+    "overturning_time",
+    "margin",
+    "final_rotation",
+    "final_velocity",
+    "friction_demand",
+    "normal_force",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +38,8 @@ class Respond(MotionOptions, BlockOptions, Writing):
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
 
+    FILES = ("response.csv", "impacts.csv", "response.nc", "response.png")
+
     duration: float | None = None
     """Time to follow the block for [s]. 10 s beyond the input if not given."""
     model: ModelName = "nonlinear"
@@ -34,23 +49,20 @@ class Respond(MotionOptions, BlockOptions, Writing):
     out: Path = Path("response")
 
     @property
-    def names(self) -> list[str]:
-        """Histories, impacts, a picture, an animation if asked for."""
-        always = ["response.csv", "impacts.csv", "response.nc", "response.png"]
-        return always + ["response.gif"] * self.animate
+    def names(self) -> Sequence[str]:
+        """An animation if asked for, besides the files that are always written."""
+        return [*self.FILES, "response.gif"] if self.animate else self.FILES
 
     def check(self) -> None:
-        """The block, the motion, the duration and the files."""
-        _ = self.block
-        _ = self.coefficient
+        """The block, the files, the motion and the duration."""
+        super().check()
         _ = self.motion
         if self.duration is not None:
             check("duration", self.duration, POSITIVE)
-        super().check()
 
     def run(self) -> Answer:
         """Follow the block."""
-        from ..plot import animate
+        from ..plot import animate, plot_phase, plot_response
 
         motion = self.motion
         length = float(motion.end) + 10 if self.duration is None else self.duration
@@ -58,63 +70,42 @@ class Respond(MotionOptions, BlockOptions, Writing):
         if response.status > Status.LIST_FULL:
             raise ValueError(f"motion could not be followed to its end: {response}")
         history = _history(response, np.linspace(0, length, 4001))
+
+        def draw(panels: Any) -> None:
+            plot_response(response, panels[0])
+            plot_phase(response, panels[1])
+
         with self.written() as scratch:
             history.to_dataframe().to_csv(scratch / "response.csv")
             impacts = np.stack([response.impact_times, response.impact_velocities], axis=1)
             header = "time_s,velocity_before_rad_per_s"
             np.savetxt(scratch / "impacts.csv", impacts, delimiter=",", header=header, comments="")
             history.to_netcdf(scratch / "response.nc")
-            _draw(response, scratch / "response.png")
+            sizes = {"figsize": (11, 4), "width_ratios": (1.6, 1)}
+            picture(draw, scratch / "response.png", ncols=2, **sizes)
             if self.animate:
                 animate(response, scratch / "response.gif")
         return self.finished(str(response), _scalars(response))
 
 
 def _scalars(response: Response) -> dict[str, Any]:
-    scalars = {
-        "status": Status(int(response.status)).name.lower(),
-        "overturned": int(response.overturned),
-        "impacts": int(response.impacts),
-        "at_rest": int(response.at_rest),
-    }
-    for name in (
-        "peak_rotation",
-        "peak_time",
-        "overturning_time",
-        "margin",
-        "final_rotation",
-        "final_velocity",
-        "friction_demand",
-        "normal_force",
-    ):
-        scalars[name] = float(getattr(response, name))
-    return scalars
+    counts = {name: int(getattr(response, name)) for name in ("overturned", "impacts", "at_rest")}
+    values = {name: float(getattr(response, name)) for name in _NUMBERS}
+    return {"status": Status(int(response.status)).name.lower(), **counts, **values}
 
 
-def _history(response: Response, times: Any) -> "xarray.Dataset":
+def _history(response: Response, times: np.ndarray) -> "xarray.Dataset":
     rotation, velocity = response.history(times)
     ratio = rotation / response.scene.block.critical_angle
-    described = {
+    variables = {
         "rotation": (rotation, "rotation", "rad"),
         "velocity": (velocity, "angular velocity", "rad s-1"),
         "rotation_ratio": (ratio, "rotation over critical angle", "1"),
+        "time": (times, "time", "s"),
     }
-    return labelled(
-        "Response of a rocking block",
-        {
-            name: ("time", data, {"long_name": label, "units": unit})
-            for name, (data, label, unit) in described.items()
-        },
-        {"time": ("time", times, {"long_name": "time", "units": "s"})},
-        _scalars(response),
-    )
-
-
-def _draw(response: Response, path: Path) -> None:
-    from ..plot import plot_phase, plot_response
-
-    def draw(panels: Any) -> None:
-        plot_response(response, panels[0])
-        plot_phase(response, panels[1])
-
-    picture(draw, path, ncols=2, figsize=(11, 4), width_ratios=(1.6, 1))
+    described = {
+        name: ("time", values, {"long_name": label, "units": unit})
+        for name, (values, label, unit) in variables.items()
+    }
+    time = {"time": described.pop("time")}
+    return labelled("Response of a rocking block", described, time, _scalars(response))

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..spectra import ROCKING_AXES, axis, rocking_spectrum
-from .options import Answer, Grid, RecordOptions, Writing, numbers, picture
+from .options import Answer, Grid, RecordOptions, Writing, numbers
+from .output import picture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,26 +17,23 @@ class RockingSpectrum(RecordOptions, Writing):
     Example: jaxrock rocking-spectrum --record example --scale 1.5
     """
 
+    FILES = ("rocking_spectrum.nc", "rocking_spectrum.csv", "rocking_spectrum.png")
+
     record: str | None = "example"
     period: Grid = ("1:8:71",)
     """2 pi / p of the blocks [s]."""
-    slenderness: Grid = ("4", "6", "8")
+    slenderness: Grid = (4.0, 6.0, 8.0)
     """Height over width [-]."""
-    restitution: Grid = ("0.9",)
+    restitution: Grid = (0.9,)
     """Velocity after an impact over velocity before it [-]."""
     out: Path = Path("rocking_spectrum")
 
-    @property
-    def names(self) -> list[str]:
-        """A dataset, a table and a picture."""
-        return [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
-
     def check(self) -> None:
-        """The record, the grid and the files."""
-        _ = self.motion
-        for name, given in self._grid.items():
-            axis(name, given, ROCKING_AXES[name][2])
+        """The files, the record and the grid."""
         super().check()
+        _ = self.motion
+        for name, values in self._grid.items():
+            axis(name, values, ROCKING_AXES[name][2])
 
     def run(self) -> Answer:
         """Compute the grid."""
@@ -43,9 +41,9 @@ class RockingSpectrum(RecordOptions, Writing):
 
         dataset = rocking_spectrum(self.motion, *self._grid.values())
         with self.written() as scratch:
-            dataset.to_netcdf(scratch / self.names[0])
-            dataset.to_dataframe().to_csv(scratch / self.names[1])
-            picture(plot_rocking_spectrum(dataset), scratch / self.names[2])
+            dataset.to_netcdf(scratch / "rocking_spectrum.nc")
+            dataset.to_dataframe().to_csv(scratch / "rocking_spectrum.csv")
+            picture(plot_rocking_spectrum(dataset), scratch / "rocking_spectrum.png")
         share = float(dataset.overturned.mean())
         return self.finished(
             f"{dataset.overturned.size} blocks, {100 * share:.1f} % of them overturn",

@@ -1,17 +1,18 @@
 """``jaxrock sensitivity``."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .. import resonance
 from ..block import Block
 from ..dynamics import respond
-from ..resonance import as_model
 from ..sensitivity import (
     MomentEstimate,
     Sensitivities,
@@ -21,12 +22,21 @@ from ..sensitivity import (
     tornado,
 )
 from ..validation import NON_NEGATIVE, POSITIVE, check
-from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing, picture, write_rows
+from .options import Answer, BlockOptions, ModelName, MotionOptions, Writing
+from .output import Row, picture, rows_of, write_rows
 
 if TYPE_CHECKING:
     import xarray
 
+_Question = Callable[[Mapping[str, Any]], Any]  # the answer as a function of its numbers
 
+_OF_SCENE = {
+    "rotation-ratio": resonance.rotation_ratio,
+    "rotation": resonance.stabilized_rotation,
+    "period": resonance.stabilized_period,
+    "amplification": resonance.amplification,
+    "margin": resonance.overturning_margin,
+}
 _DRIVEN = ("rotation-ratio", "rotation", "margin")
 
 
@@ -42,10 +52,12 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     Example: jaxrock sensitivity --answer rotation-ratio --swing 0.1
     """
 
+    FILES = ("sensitivity.csv", "tornado.png")
+
     answer: Literal[
         "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
     ] = "rotation-ratio"
-    """What is asked for."""
+    """The quantity to examine."""
     restitution: float | None = 0.7
     """Velocity after an impact over velocity before it [-], 0 to 1."""
     intensity: float = 0.15
@@ -59,14 +71,18 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     out: Path = Path("sensitivity")
 
     @property
-    def names(self) -> list[str]:
-        """A table, a tornado, in closed form a map."""
-        return ["sensitivity.csv", "tornado.png"] + ["map.png"] * (not self.shaken)
+    def names(self) -> Sequence[str]:
+        """A map in closed form only, besides the files that are always written."""
+        return self.FILES if self.shaken else [*self.FILES, "map.png"]
+
+    @property
+    def chosen_model(self) -> ModelName:
+        """The equation of motion."""
+        return self.model or ("nonlinear" if self.shaken else "linearized")
 
     def check(self) -> None:
-        """The block, the question, the ranges and the files."""
-        _ = self.block
-        _ = self.coefficient
+        """The block, the files, the question and the ranges."""
+        super().check()
         check("intensity", self.intensity, NON_NEGATIVE)
         check("swing", self.swing, POSITIVE)
         if self.swing >= 1:
@@ -82,22 +98,22 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
                     f" a record, got {self.answer}"
                 )
             _ = self.motion
-        super().check()
 
     def run(self) -> Answer:
         """Differentiate, swing and scatter."""
-        at, asked = self._question()
-        slopes = sensitivities(asked, at)
+        at, question = self._question()
+        slopes = sensitivities(question, at)
         if not math.isfinite(slopes.value):
             raise ValueError(f"answer {self.answer} does not exist here: the block overturns")
         low, high = 1 - self.swing, 1 + self.swing
         ranges = {name: (value * low, value * high) for name, value in at.items()}
         ranges["restitution"] = (ranges["restitution"][0], min(ranges["restitution"][1], 1.0))
-        swings = tornado(asked, at, ranges)
-        samples = 200 if self.shaken else 1000  # each an integration
-        scatter = propagate(asked, at, dict.fromkeys(at, self.coefficient_of_variation), samples)
+        swings = tornado(question, at, ranges)
+        samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
+        variation = dict.fromkeys(at, self.coefficient_of_variation)
+        scatter = propagate(question, at, variation, samples)
         rows = _rows(slopes, swings, scatter)
-        self._write(rows, swings, asked, at)
+        self._write(rows, swings, question, at)
         data = {
             "answer": self.answer,
             "model": self.chosen_model,
@@ -108,56 +124,39 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             "rows": rows,
         }
         text = (
-            f"{self.answer} {slopes}\n"
-            f"by the {self.chosen_model} model; "
-            f"with {100 * self.coefficient_of_variation:g} % of scatter in each: {scatter.mean:.6g}"
-            f" +- {scatter.standard_deviation:.3g}"
+            f"{self.answer} {slopes}\nby the {self.chosen_model} model;"
+            f" with a coefficient of variation of {100 * self.coefficient_of_variation:g} % in"
+            f" each: {scatter.mean:.6g} +- {scatter.standard_deviation:.3g}"
         )
         if not scatter.valid:
             text += ", NOT to be trusted: samples differ"
         return self.finished(text, data)
 
-    @property
-    def chosen_model(self) -> ModelName:
-        """The equation of motion."""
-        return self.model or ("nonlinear" if self.shaken else "linearized")
-
-    def _question(self) -> tuple[dict[str, float], Callable[[Any], Any]]:
+    def _question(self) -> tuple[dict[str, float], _Question]:
         """The numbers that the answer depends on, and the answer as a function of them."""
-        block = self.block
-        at: dict[str, float] = {
-            "half_width": float(block.half_width),
-            "slenderness": float(block.slenderness),
+        at = {
+            "half_width": float(self.block.half_width),
+            "slenderness": float(self.block.slenderness),
             "restitution": self.coefficient,
         }
         if not self.shaken:
             return at | {"intensity": self.intensity}, self._in_closed_form
         if self.pulse is None:
-            motion = replace(self, scale=1.0).motion
+            record = replace(self, scale=1.0).motion
             at["scale"] = self.scale
-            return at, lambda at: self._driven(at, motion.scaled(at["scale"]))
+            return at, lambda at: self._driven(at, record.scaled(at["scale"]))
         pulse: Any = self.motion
         at |= {"amplitude": float(pulse.amplitude), "pulse_duration": float(pulse.duration)}
         return at, lambda at: self._driven(at, type(pulse)(at["amplitude"], at["pulse_duration"]))
 
-    def _in_closed_form(self, at: Any) -> Any:
-        model = as_model(self.chosen_model)
+    def _in_closed_form(self, at: Mapping[str, Any]) -> Any:
         block = Block(at["half_width"], at["slenderness"], self.gravity)
+        c, model = at["restitution"], self.chosen_model
         if self.answer == "critical-intensity":
-            return resonance.critical_intensity(block, at["restitution"], math.inf, model)
-        of_scene = {
-            "rotation-ratio": resonance.rotation_ratio,
-            "rotation": resonance.stabilized_rotation,
-            "period": resonance.stabilized_period,
-            "amplification": resonance.amplification,
-            "margin": resonance.overturning_margin,
-        }
-        scene = resonance.Scene(block, at["restitution"], at["intensity"])
-        return of_scene[self.answer](scene, model)
+            return resonance.critical_intensity(block, c, math.inf, model)
+        return _OF_SCENE[self.answer](resonance.Scene(block, c, at["intensity"]), model)
 
-    def _driven(self, at: Any, motion: Any) -> Any:
-        import jax.numpy as jnp
-
+    def _driven(self, at: Mapping[str, Any], motion: Any) -> Any:
         block = Block(at["half_width"], at["slenderness"], self.gravity)
         duration = motion.end + (0.0 if self.answer == "margin" else 10.0)
         response = respond(block, at["restitution"], motion, duration, model=self.chosen_model)
@@ -167,7 +166,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return peak / block.critical_angle if self.answer == "rotation-ratio" else peak
 
     def _write(
-        self, rows: list[dict[str, Any]], swings: "TornadoBars", asked: Any, at: Any
+        self, rows: list[Row], swings: TornadoBars, question: _Question, at: dict[str, float]
     ) -> None:
         from ..plot import plot_sensitivity_map, plot_tornado
 
@@ -176,48 +175,38 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             write_rows(rows, scratch / "sensitivity.csv", list(rows[0]))
             picture(lambda ax: plot_tornado(swings, ax, label=label), scratch / "tornado.png")
             if not self.shaken:
-                elasticity = _elasticity(asked, at)
+                elasticity = _elasticity(question, at)
                 elasticity.attrs["long_name"] = f"elasticity of {label} to the restitution"
                 picture(lambda ax: plot_sensitivity_map(elasticity, ax), scratch / "map.png")
 
 
-def _rows(
-    slopes: "Sensitivities", swings: "TornadoBars", scatter: "MomentEstimate"
-) -> list[dict[str, Any]]:
-    rows = []
-    for k, name in enumerate(slopes.names):
-        swung = swings.names.index(name)
-        rows.append(
-            {
-                "quantity": name,
-                "value": float(slopes.at[k]),
-                "slope": float(slopes.gradient[k]),
-                "elasticity": float(slopes.elasticity[k]),
-                "low": float(swings.low[swung]),
-                "high": float(swings.high[swung]),
-                "at_low": float(swings.at_low[swung]),
-                "at_high": float(swings.at_high[swung]),
-                "share_of_variance": scatter.shares[name],
-            }
-        )
-    return rows
+def _rows(slopes: Sensitivities, swings: TornadoBars, scatter: MomentEstimate) -> list[Row]:
+    order = [swings.names.index(name) for name in slopes.names]  # the tornado has its own
+    return rows_of(
+        quantity=slopes.names,
+        value=slopes.at,
+        slope=slopes.gradient,
+        elasticity=slopes.elasticity,
+        low=swings.low[order],
+        high=swings.high[order],
+        at_low=swings.at_low[order],
+        at_high=swings.at_high[order],
+        share_of_variance=[scatter.shares[name] for name in slopes.names],
+    )
 
 
-def _elasticity(asked: Any, at: dict[str, float]) -> "xarray.DataArray":
+def _elasticity(question: _Question, at: dict[str, float]) -> "xarray.DataArray":
     """The elasticity to the restitution over restitution and slenderness."""
-    import jax
-    import jax.numpy as jnp
     import xarray
 
     axes = {"restitution": np.linspace(0.3, 0.95, 66), "slenderness": np.linspace(3, 10, 71)}
 
     def elasticity(restitution: Any, slenderness: Any) -> Any:
-        def of(c: Any) -> Any:
-            return asked(at | {"restitution": c, "slenderness": slenderness})
-
-        value, slope = jax.value_and_grad(of)(restitution)
+        value, slope = jax.value_and_grad(
+            lambda c: question(at | {"restitution": c, "slenderness": slenderness})
+        )(restitution)
         return jnp.where(jnp.isfinite(value), slope * restitution / value, jnp.nan)
 
-    table = jax.vmap(jax.vmap(elasticity, (None, 0)), (0, None))
-    found = jax.jit(table)(*(jnp.asarray(axis) for axis in axes.values()))
-    return xarray.DataArray(np.asarray(found), axes, tuple(axes), attrs={"units": "1"})
+    over_both = jax.jit(jax.vmap(jax.vmap(elasticity, (None, 0)), (0, None)))
+    table = over_both(*(jnp.asarray(axis) for axis in axes.values()))
+    return xarray.DataArray(np.asarray(table), axes, tuple(axes), attrs={"units": "1"})

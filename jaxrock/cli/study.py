@@ -1,9 +1,9 @@
-"""``jaxrock run study.toml``: what one would otherwise script."""
+"""``jaxrock run study.toml``: several commands from one file."""
 
 import functools
 import tomllib
 import types
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -12,15 +12,16 @@ import tyro
 
 from ..host import read_regular, with_progress
 from .commands import COMMANDS
-from .options import COMMON, Answer, Command, Writing
+from .options import COMMON, Answer, Command, GridValue, Writing
 
 _TABLES = ("common", "job")
-_WORDS = {
+_ALLOWED = {
     float: "a number",
     int: "a whole number",
     bool: "true or false",
     str: "text",
     Path: "text",
+    GridValue: 'numbers or "START:STOP:COUNT"',
 }
 
 
@@ -48,69 +49,39 @@ class Run(Command):
 
     def check(self) -> None:
         """Every job: its keys, their values, its files."""
-        self.jobs()
+        _ = self.jobs
 
     def run(self) -> Answer:
         """Run the jobs in their order."""
-        texts, answers, errors, code = [], [], [], 0
-        for job in with_progress(self.jobs(), "jobs"):
+        texts, answers, errors = [], [], []
+        for name, command in with_progress(self.jobs, "jobs"):
             try:
-                answer = job.command.run()
+                answer = command.run()
             except (ValueError, OSError, MemoryError) as error:
                 answer = Answer(f"error: {error}", {"error": str(error)}, 2)
-                errors.append(f"{self.study}: {job.name}: {error}")
-            texts.append(f"{job.name}\n{answer.text}")
-            answers.append({"job": job.name, "code": answer.code, **answer.data})
-            code = max(code, answer.code)
+                errors.append(f"{self.study}: {name}: {error}")
+            texts.append(f"{name}\n{answer.text}")
+            answers.append({"job": name, "code": answer.code, **answer.data})
+        code = max(answer["code"] for answer in answers)
         return Answer("\n\n".join(texts), {"jobs": answers}, code, errors)
 
-    def jobs(self) -> list[Job]:
-        """The jobs, checked once."""
-        return self._jobs
-
     @functools.cached_property
-    def _jobs(self) -> list[Job]:
-        """The jobs, checked; a `ValueError` says all that is wrong."""
+    def jobs(self) -> list[Job]:
+        """The jobs, checked; a `ValueError` names all faults of the study."""
+        faults: list[str] = []
         try:
-            jobs, faults = _parsed(_read(self.study), self.study.parent)
+            jobs = _jobs(_read(self.study), self.study.parent, faults)
         except RecursionError:
             raise ValueError(f"study: {str(self.study)!r} is nested too deeply") from None
-        claimed = _Claimed()
-        for job in with_progress(jobs, "checking jobs"):
+        for name, command in with_progress(jobs, "checking jobs"):
             try:
-                job.command.check()
+                command.check()
             except ValueError as error:
-                faults.append(f"{job.name}: {error}")
-            if isinstance(job.command, Writing) and job.command.out is not None:
-                faults += claimed.in_the_way(job.name, job.command.out, job.command.names)
+                faults.append(f"{name}: {error}")
+        faults += _collisions(jobs)
         if faults:
             raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
         return jobs
-
-
-class _Claimed:
-    """The files that jobs are going to write, found by their paths and by their folders."""
-
-    def __init__(self) -> None:
-        self.files: dict[Path, str] = {}
-        self.folders: dict[Path, str] = {}
-
-    def in_the_way(self, job: str, folder: Path, names: Sequence[str]) -> list[str]:
-        """Claim the files `names` of a job; what is said of each that is in another's way."""
-        folder = folder.resolve()
-        above = (folder, *folder.parents)
-        faults = []
-        # A file is in the way of itself and of a folder of its name, either way round.
-        blocked = [self.files[path] for path in above if path in self.files]
-        for file in (folder / name for name in names):
-            others = [known[file] for known in (self.files, self.folders) if file in known]
-            faults += [
-                f"{job}: out: {str(file)!r} is in the way of {other}"
-                for other in dict.fromkeys(others + blocked)
-            ]
-        self.files.update((folder / name, job) for name in names)
-        self.folders.update((path, job) for path in above)
-        return faults
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -122,9 +93,9 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(f"study: {str(path)!r} is not TOML: {error}") from error
 
 
-def _parsed(study: dict[str, Any], folder: Path) -> tuple[list[Job], list[str]]:
-    """The jobs that can be made, and what is wrong with the others."""
-    faults = [
+def _jobs(study: dict[str, Any], folder: Path, faults: list[str]) -> list[Job]:
+    """The jobs that can be made; `faults` gets what is wrong with the others."""
+    faults += [
         f"{key} is unknown; allowed are {', '.join(_TABLES)}" for key in study if key not in _TABLES
     ]
     common, tables = study.get("common", {}), study.get("job", [])
@@ -136,57 +107,81 @@ def _parsed(study: dict[str, Any], folder: Path) -> tuple[list[Job], list[str]]:
         tables = []
     elif not tables:
         faults.append("job is missing: there must be at least one table [[job]]")
-    used: set[str] = set()
-    jobs = []
+    unused, jobs = dict(common), []
     for number, table in enumerate(tables, 1):
-        job, wrong = _job(f"job {number}", table, common, used, folder)
+        kind = table.get("command")
+        if not isinstance(kind, str) or kind not in COMMANDS:
+            got = repr(kind)[:60] if "command" in table else f"only {', '.join(table) or 'nothing'}"
+            allowed = ", ".join(COMMANDS)
+            faults.append(f"job {number}: command must be one of {allowed}, got {got}")
+            continue
+        name, types_of = f"job {number} ({kind})", _types(COMMANDS[kind])
+        shared = {key: value for key, value in common.items() if _option(key) in types_of}
+        unused = {key: value for key, value in unused.items() if key not in shared}
+        own = {key: value for key, value in table.items() if key != "command"}
+        wrong: list[str] = []
+        options = _converted(shared, types_of, f"{name}: common: ", wrong)
+        options |= _converted(own, types_of, f"{name}: ", wrong)
         faults += wrong
-        if job is not None:
-            jobs.append(job)
-    faults += [f"common: {key} is an option of no job" for key in common if key not in used]
-    return jobs, faults
+        if not wrong:
+            jobs.append(Job(name, COMMANDS[kind](**_placed(options, COMMANDS[kind], folder))))
+    faults += [f"common: {key} is an option of no job" for key in unused]
+    return jobs
 
 
-def _job(
-    name: str, table: dict[str, Any], common: dict[str, Any], used: set[str], folder: Path
-) -> tuple[Job | None, list[str]]:
-    kind = table.get("command")
-    if not isinstance(kind, str) or kind not in COMMANDS:
-        given = (
-            f"got {kind!r:.60}"
-            if "command" in table
-            else f"got only {', '.join(table) or 'nothing'}"
-        )
-        return None, [f"{name}: command must be one of {', '.join(COMMANDS)}, {given}"]
-    name = f"{name} ({kind})"
-    command = COMMANDS[kind]
-    types_of = _type_hints(command)
-    allowed = [field.name for field in fields(command) if field.name not in COMMON]
-    own = {key: value for key, value in table.items() if key != "command"}
+@functools.cache
+def _types(command: type[Command]) -> dict[str, Any]:
+    """The types of the options that a job may have, by name."""
+    hints = get_type_hints(command)
+    return {field.name: hints[field.name] for field in fields(command) if field.name not in COMMON}
+
+
+def _option(key: str) -> str:
+    return key.replace("-", "_")
+
+
+def _converted(
+    table: dict[str, Any], types_of: dict[str, Any], where: str, faults: list[str]
+) -> dict[str, Any]:
+    """The options of a table in their types; `faults` gets what is wrong with the others."""
     options: dict[str, Any] = {}
-    faults = []
-    for where, part in (("common: ", common), ("", own)):
-        written: dict[str, str] = {}
-        for key, value in part.items():
-            option = key.replace("-", "_")
-            if option not in allowed:
-                if not where:
-                    faults.append(f"{name}: {key} is unknown; allowed are {', '.join(allowed)}")
-                continue
-            if option in written:
-                faults.append(f"{name}: {where}{key} and {written[option]} are the same")
-            written[option] = key
-            used.update({key} if where else ())
-            try:
-                options[option] = _converted(value, types_of[option])
-            except ValueError as error:
-                faults.append(f"{name}: {where}{key} must be {error}, got {value!r:.60}")
-    return (
-        (None, faults) if faults else (Job(name, command(**_placed(options, command, folder))), [])
-    )
+    written: dict[str, str] = {}
+    for key, value in table.items():
+        option = _option(key)
+        if option not in types_of:
+            faults.append(f"{where}{key} is unknown; allowed are {', '.join(types_of)}")
+            continue
+        if option in written:
+            faults.append(f"{where}{key} and {written[option]} are the same")
+        written[option] = key
+        try:
+            options[option] = _as(types_of[option], value)
+        except ValueError as error:
+            faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
+    return options
 
 
-_type_hints = functools.cache(get_type_hints)
+def _as(kind: Any, value: Any) -> Any:
+    """A value of a study as the type of an option; a `ValueError` says what is allowed."""
+    origin, parts = get_origin(kind), get_args(kind)
+    # An option that may be left out: TOML has no None. Of a `Literal`, Python makes a `Union`.
+    if origin in (Union, types.UnionType) and type(None) in parts:
+        return _as(parts[0], value)
+    if origin is tuple:
+        values = value if isinstance(value, list) else [value]
+        return tuple(_as(parts[0], each) for each in values)
+    if origin is Literal and value not in parts:
+        raise ValueError(f"one of {', '.join(parts)}")
+    if type(value) in (int, float) and kind in (float, GridValue):
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("a number that is not too large") from None
+    if isinstance(value, str) and kind is Path:
+        return Path(value)
+    if origin is Literal or type(value) is kind or (isinstance(value, str) and kind == GridValue):
+        return value
+    raise ValueError(_ALLOWED[kind])
 
 
 def _placed(options: dict[str, Any], command: type[Command], folder: Path) -> dict[str, Any]:
@@ -202,33 +197,23 @@ def _placed(options: dict[str, Any], command: type[Command], folder: Path) -> di
     return placed
 
 
-def _converted(value: Any, kind: Any) -> Any:
-    """A value of a study as the type of an option; a `ValueError` says what is allowed."""
-    if get_origin(kind) in (Union, types.UnionType):
-        (kind,) = (part for part in get_args(kind) if part is not type(None))
-    if get_origin(kind) is Literal:
-        if value not in get_args(kind):
-            raise ValueError(f"one of {', '.join(get_args(kind))}")
-        return value
-    if get_origin(kind) is tuple:
-        parts = value if isinstance(value, list) else [value]
-        inner = get_args(kind)[0]
-        if inner is float:
-            return tuple(_converted(part, float) for part in parts)
-        if not all(isinstance(part, str) or _is_number(part) for part in parts):
-            raise ValueError('numbers or "START:STOP:COUNT"')
-        return tuple(part if isinstance(part, str) else repr(part) for part in parts)
-    if kind is float and _is_number(value):
-        try:
-            return float(value)
-        except OverflowError:
-            raise ValueError("a number that is not too large") from None
-    if kind is Path and isinstance(value, str):
-        return Path(value)
-    if kind in (int, bool, str) and type(value) is kind:
-        return value
-    raise ValueError(_WORDS[kind])
+def _collisions(jobs: list[Job]) -> Iterator[str]:
+    """Faults of jobs whose files are also files of other jobs, or their folders.
 
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    By dictionaries, so that the time is in proportion to the number of jobs.
+    """
+    files: dict[Path, str] = {}
+    folders: dict[Path, str] = {}
+    for name, command in jobs:
+        if not isinstance(command, Writing) or command.out is None:
+            continue
+        folder = command.out.resolve()
+        above = (folder, *folder.parents)
+        paths = [folder / file for file in command.names]
+        blocked = [files[path] for path in above if path in files]
+        for path in paths:
+            others = [claimed[path] for claimed in (files, folders) if path in claimed]
+            for other in dict.fromkeys(others + blocked):
+                yield f"{name}: out: {str(path)!r} is in the way of {other}"
+        files.update(dict.fromkeys(paths, name))
+        folders.update(dict.fromkeys(above, name))

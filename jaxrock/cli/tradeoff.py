@@ -7,7 +7,8 @@ from pathlib import Path
 from ..accuracy import default_scene, measure_tradeoff
 from ..dynamics import DrivenScene
 from ..resonance import Scene
-from .options import Answer, BlockOptions, MotionOptions, Writing, picture
+from .options import Answer, BlockOptions, MotionOptions, Writing
+from .output import picture
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,7 @@
-"""Figures. Each takes ``ax=None`` and returns the axes it drew on.
+"""Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-But for those that make a file or a whole figure: `animate`, `plot_spectrum` and
-`plot_rocking_spectrum`, of which `plot_curves` and `plot_rocking_curves` draw one panel.
+`animate` writes a file; `plot_spectrum` and `plot_rocking_spectrum` make a figure of panels,
+of which `plot_curves` and `plot_rocking_curves` draw one.
 """
 
 from .block import animate, plot_block

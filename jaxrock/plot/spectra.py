@@ -1,38 +1,29 @@
 """Spectra: one panel of curves, and whole figures of panels."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+import xarray
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .axes import axes_or_new, draws, label_of, labelled, legend_beside, shades, style
-
-if TYPE_CHECKING:
-    import matplotlib.axes
-    import matplotlib.figure
-    import xarray
 
 
 @draws
 def plot_curves(
-    variable: "xarray.DataArray",
-    hue: str,
-    along: str = "slenderness",
-    ax: "matplotlib.axes.Axes | None" = None,
-) -> "matplotlib.axes.Axes":
-    """Draw one panel of a spectrum: a variable along one dimension, curves over another.
-
-    A curve ends where the block overturns; a cross marks the last value that there is.
-    `plot_spectrum` draws all panels of a resonance spectrum into a figure of its own.
+    variable: xarray.DataArray, hue: str, along: str = "slenderness", ax: Axes | None = None
+) -> Axes:
+    """Draw one panel of a spectrum; a cross marks where a curve ends: the block overturns.
 
     Parameters
     ----------
     variable : xarray.DataArray
         With dimensions `along` and `hue` only, for example
         ``spectrum.rotation_ratio.sel(restitution=0.6)``.
-    hue : str
-        Dimension that tells the curves apart.
-    along : str
-        Dimension of the horizontal axis.
+    hue, along : str
+        Dimensions that tell the curves apart, and of the horizontal axis.
 
     Raises
     ------
@@ -45,8 +36,7 @@ def plot_curves(
         )
     ax = axes_or_new(ax)
     variable = variable.sortby(along)
-    x = variable[along].values
-    levels = variable[hue].values
+    x, levels = variable[along].values, variable[hue].values
     for index, (level, colour) in enumerate(zip(levels, shades(levels.size), strict=True)):
         y = variable.sel({hue: level}).values
         (curve,) = ax.plot(x, y, color=colour, label=f"{level:g}")
@@ -63,50 +53,40 @@ def plot_curves(
     return labelled(ax, label_of(variable[along]), label_of(variable))
 
 
-def plot_spectrum(
-    spectrum: "xarray.Dataset", variable: str = "rotation_ratio"
-) -> "matplotlib.figure.Figure":
-    """Draw a variable of `resonance_spectrum` over slenderness, a panel each restitution.
+def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
+    """Draw a variable over slenderness: a column for each restitution, a row for each intensity.
 
-    A row of panels each intensity, a curve each width. Of a dimension with more values than
-    can be told apart (4 panels a side, 7 curves) some are drawn, evenly chosen. A single
-    panel on given axes is what `plot_curves` draws.
+    A curve for each width. Of a dimension with more values than can be told apart (4 panels
+    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel.
 
     Parameters
     ----------
-    spectrum : xarray.Dataset
-        From `jaxrock.resonance_spectrum`.
-    variable : str
-        Which of its variables.
+    spectrum, variable : xarray.Dataset, str
+        From `jaxrock.resonance_spectrum`, and the name of one of its variables.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    data = _some(spectrum[variable], width=7, restitution=4, intensity=4)
-    restitutions = data.restitution.values
-    has_rows = "intensity" in data.dims
-    rows = data.intensity.values if has_rows else [None]
-    figure, panels = _panels(len(rows), restitutions.size, (3.2, 3.0), sharex=True)
-    for row, intensity in zip(panels, rows, strict=True):
-        for panel, restitution in zip(row, restitutions, strict=True):
-            chosen = {"restitution": restitution} | ({"intensity": intensity} if has_rows else {})
-            plot_curves(data.sel(chosen), hue="width", ax=panel)
-            pulse = spectrum.intensity.item() if spectrum.intensity.ndim == 0 else intensity
-            title = f"$C$ = {restitution:g}"
-            panel.set_title(title if pulse is None else f"{title}, $I$ = {pulse:g} m/s")
-    _outer(panels)
+    data = _evenly_chosen(spectrum[variable], width=7, restitution=4, intensity=4)
+    rows, columns = data.sizes.get("intensity", 1), data.sizes["restitution"]
+    figure, panels = _panels(rows, columns, (3.2, 3.0), sharex=True)
+    for (row, column), panel in np.ndenumerate(panels):
+        curves = data.isel(intensity=row, restitution=column, missing_dims="ignore")
+        plot_curves(curves, hue="width", ax=panel)
+        title = f"$C$ = {curves.restitution.item():g}"
+        if "intensity" in curves.coords:
+            title += f", $I$ = {curves.intensity.item():g} m/s"
+        panel.set_title(title)
+    _share_legend(panels)
     return figure
 
 
 @draws
-def plot_rocking_curves(
-    spectrum: "xarray.Dataset", ax: "matplotlib.axes.Axes | None" = None
-) -> "matplotlib.axes.Axes":
-    """Draw peak rotation over the period 2 pi / p, a curve each slenderness.
+def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw peak rotation over the period 2 pi / p, a curve for each slenderness.
 
-    A curve ends where the block overturns. `plot_rocking_spectrum` draws a panel like this
-    for every restitution into a figure of its own.
+    A curve ends where the block overturns.
 
     Parameters
     ----------
@@ -119,17 +99,19 @@ def plot_rocking_curves(
     ValueError
         If there are several restitutions.
     """
-    ax = plot_curves(_standing(spectrum), hue="slenderness", along="period", ax=ax)
+    standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
+    ax = plot_curves(standing, hue="slenderness", along="period", ax=ax)
     ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]")
-    ax.set_title(_title(spectrum))
+    given = "restitution" in spectrum.coords
+    ax.set_title(f"$C$ = {spectrum.restitution.item():g}" if given else "Housner's $C$")
     return ax
 
 
-def plot_rocking_spectrum(spectrum: "xarray.Dataset") -> "matplotlib.figure.Figure":
-    """Draw peak rotation over the period 2 pi / p, a panel each restitution.
+def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
+    """Draw peak rotation over the period 2 pi / p, a panel for each restitution.
 
     Of more values than can be told apart (4 panels, 5 curves) some are drawn, evenly
-    chosen. A single panel on given axes is what `plot_rocking_curves` draws.
+    chosen. `plot_rocking_curves` draws a single panel.
 
     Parameters
     ----------
@@ -140,52 +122,31 @@ def plot_rocking_spectrum(spectrum: "xarray.Dataset") -> "matplotlib.figure.Figu
     -------
     matplotlib.figure.Figure
     """
-    data = _some(spectrum, slenderness=5, restitution=4)
-    chosen = [data]
-    if "restitution" in data.dims:
-        chosen = [data.isel(restitution=k) for k in range(data.restitution.size)]
-    figure, panels = _panels(1, len(chosen), (4.0, 3.6))
-    for panel, part in zip(panels[0], chosen, strict=True):
-        plot_rocking_curves(part, ax=panel)
-    _outer(panels)
+    data = _evenly_chosen(spectrum, slenderness=5, restitution=4)
+    figure, panels = _panels(1, data.sizes.get("restitution", 1), (4.0, 3.6))
+    for k, panel in enumerate(panels[0]):
+        plot_rocking_curves(data.isel(restitution=k, missing_dims="ignore"), ax=panel)
+    _share_legend(panels)
     return figure
 
 
-def _standing(spectrum: "xarray.Dataset") -> "xarray.DataArray":
-    return spectrum.rotation_ratio.where(spectrum.overturned == 0)
-
-
-def _title(spectrum: "xarray.Dataset") -> str:
-    if "restitution" in spectrum.coords:
-        return f"$C$ = {spectrum.restitution.item():g}"
-    return "Housner's $C$"
-
-
 def _panels(rows: int, columns: int, size: tuple[float, float], **settings: Any) -> Any:
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(
-        rows,
-        columns,
-        figsize=(1.6 + size[0] * columns, 0.6 + size[1] * rows),
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-        **settings,
-    )
+    figsize = (1.6 + size[0] * columns, 0.6 + size[1] * rows)
+    settings |= {"figsize": figsize, "layout": "constrained", "squeeze": False}
+    return plt.subplots(rows, columns, sharey=True, **settings)
 
 
-def _outer(panels: np.ndarray) -> None:
-    """One legend for all, and labels only outside."""
+def _share_legend(panels: np.ndarray) -> None:
+    """Leave one legend for all panels, and labels only outside."""
     for panel in panels.flat:
         if panel is not panels[0, -1]:
             panel.get_legend().remove()
         panel.label_outer()
 
 
-def _some(data: Any, **most: int) -> Any:
-    """At most so many values of each dimension, evenly chosen."""
-    for name, number in most.items():
+def _evenly_chosen(data: Any, **max_values: int) -> Any:
+    """A dataset or variable with at most so many values of each dimension."""
+    for name, number in max_values.items():
         size = data.sizes.get(name, 1)
         if size > number:
             data = data.isel({name: np.linspace(0, size - 1, number).round().astype(int)})
