@@ -1,19 +1,30 @@
 """A block on moving ground: what every driven computation is about."""
 
+import equinox as eqx
+
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import shown
-from ..validation import UNIT_INTERVAL, Checked, Number, Reals, as_real, quantity
+from ..validation import (
+    FINITE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Checked,
+    Number,
+    Reals,
+    as_real,
+    quantity,
+)
 
 
 class DrivenScene(Checked):
-    """A block, what an impact leaves of its velocity, and a ground motion.
+    """A block, its coefficient of restitution and a ground motion.
 
     Parameters
     ----------
     block : Block
     restitution : array_like
-        C [-], between 0 and 1.
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
 
@@ -34,3 +45,29 @@ class DrivenScene(Checked):
 
     def __str__(self) -> str:
         return f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
+
+
+class Driven(DrivenScene):
+    """A scene, for how long the block is followed, and its initial state."""
+
+    duration: Reals = quantity(POSITIVE)
+    rotation: Reals = quantity(FINITE)
+    velocity: Reals = quantity(FINITE)
+
+    def __init__(
+        self,
+        block: Block,
+        restitution: Number,
+        motion: Motion,
+        duration: Reals,
+        rotation: Reals,
+        velocity: Reals,
+    ):
+        super().__init__(block, restitution, motion)
+        self.duration = duration
+        self.rotation = rotation
+        self.velocity = velocity
+
+    def bucketed(self) -> "Driven":
+        """The same under a motion in one of few shapes, so that few programs are compiled."""
+        return eqx.tree_at(lambda driven: driven.motion, self, self.motion.bucketed())

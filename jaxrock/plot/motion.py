@@ -69,7 +69,7 @@ def plot_phase(
     ax.plot(rotation / angle, velocity / (rate * angle), color=INK, linewidth=0.8, label="motion")
     lean = np.linspace(0, 1.5 * angle, 200)
     equation = Equation.of(block, response.model)
-    back = np.asarray(equation.returning_speed(jnp.asarray(lean))) / (rate * angle)
+    back = np.asarray(equation.returning_velocity(jnp.asarray(lean))) / (rate * angle)
     for side in (-1, 1):
         for sign in (-1, 1):
             label = "separatrix" if side == sign == 1 else None
