@@ -15,35 +15,12 @@ from ..ground_motion import Motion, Record
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Number, as_array, as_real, of_one_precision
 from .driven_scene import Driven
-from .event_loop import Followed, follow
-from .event_state import State
+from .event_loop import follow
 from .response import Response, Status
 from .segment import Method
 
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8")
-_IMPACTS_AT_ONCE = 2048  # of a list, outside of transformations
-
-
-@eqx.filter_jit
-def _followed(
-    driven: Driven,
-    rtol: Any,
-    atol: Any,
-    model: RockingModel,
-    max_impacts: int,
-    method: Method,
-    begin: State | None = None,
-) -> Followed:
-    """`follow`, compiled once for all tolerances."""
-    return follow(
-        driven,
-        rtol=rtol,
-        atol=atol,
-        model=model,
-        max_impacts=max_impacts,
-        method=method,
-        begin=begin,
-    )
+_MAX_IMPACTS = 2048  # in a list outside of transformations, until it is full
 
 
 def compiled(
@@ -54,35 +31,36 @@ def compiled(
     max_impacts: int,
     method: Method = "Tsit5",
 ) -> Response:
-    """The response to the end, with at most so many impacts in its list."""
-    return _followed(driven, rtol, atol, model, max_impacts, method).response
+    """The response to the end, with at most so many impacts in its lists."""
+    settings = {"rtol": rtol, "atol": atol, "model": model, "method": method}
+    return follow(driven, max_impacts=max_impacts, **settings).response
 
 
 def _with_all_impacts(
     driven: Driven, rtol: Any, atol: Any, model: RockingModel, method: Method
 ) -> Response:
-    """The response to the end with all of its impacts, list after list; of concrete numbers."""
-    bucketed, begin, lists = driven.bucketed(), State.beginning(driven.duration.dtype), []
-    while True:
-        followed = _followed(bucketed, rtol, atol, model, _IMPACTS_AT_ONCE, method, begin)
-        response, end = followed.response, followed.state
-        rows = int(end.impacts) - int(begin.impacts), int(end.events) - int(begin.events)
-        impacts = response.impact_times, response.impact_velocities
-        # In NumPy: cutting JAX arrays would compile a program for every length.
-        part = [(array, rows[0]) for array in impacts]
-        part += [(array, rows[1]) for array in jax.tree.leaves(response.events)]
-        lists.append([np.asarray(array)[:size] for array, size in part])
-        if int(response.status) != Status.LIST_FULL:
-            break
-        begin = end
-    times, velocities, *states = (np.concatenate(parts) for parts in zip(*lists, strict=True))
-    events = response.events
-    if len(lists) > 1:
-        events = type(events)(*map(as_array, states))
+    """The response with lists of just the right length; of concrete numbers."""
+    bucketed, max_impacts = driven.bucketed(), _MAX_IMPACTS
+    response = compiled(bucketed, rtol, atol, model, max_impacts, method)
+    # Hardly ever: each length of the lists is a program of its own.
+    while int(response.status) == Status.LIST_FULL:
+        max_impacts *= 32
+        response = compiled(bucketed, rtol, atol, model, max_impacts, method)
+    impacts = int(response.impacts)
+    events = int(np.isfinite(response.events.time).sum())
+
+    def cut(rows: Any, size: int) -> Any:
+        return as_array(np.asarray(rows)[:size])  # in NumPy, which compiles nothing
+
     return eqx.tree_at(
         lambda r: (r.impact_times, r.impact_velocities, r.events, r.scene),
         response,
-        (as_array(times), as_array(velocities), events, driven),
+        (
+            cut(response.impact_times, impacts),
+            cut(response.impact_velocities, impacts),
+            jax.tree.map(lambda rows: cut(rows, events), response.events),
+            driven,
+        ),
     )
 
 
@@ -156,15 +134,13 @@ def respond(
     Eq. 1, by diffrax; a step of its own ends at each impact. Derivatives, in both modes, cost
     one forward derivative per perturbed number. Where two of the start of the input, its end, a
     sample, an impact and the duration coincide, results may have another slope on either side.
-    Then the slope is that for a duration not longer, and an end of the input not earlier, than
-    the other; for a start not before 0; for a sample the same on both sides; and for an impact
-    at the start, the end or the duration that of one of the two orders, the same one for all
-    results. Extremes have the derivative at the moment in which they are taken, the first of
-    equal ones.
+    The slope is then that for a duration not longer, and an end of the input not earlier, than
+    the other; for a start not before 0; and for an impact at one of these that of one of the
+    two orders, the same one for all results. Extremes have the derivative at the moment in
+    which they are taken, the first of equal ones.
 
-    NaN stands for none, and diffrax keeps what it traced: a call outside of transformations
-    switches `jax.debug_nans` and `jax.checking_leaks` off meanwhile. Inside of `jit` they
-    report both, and have to be off.
+    NaN stands for none, and diffrax keeps what it traced: outside of transformations a call
+    switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be off.
 
     Examples
     --------

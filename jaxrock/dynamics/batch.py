@@ -22,7 +22,7 @@ from ..ground_motion import Motion, Pulse, Record
 from ..host import listed, mapped
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
-from .batch_step import Arguments, Case, Lanes, max_steps, take_step
+from .batch_step import Case, Lanes, max_steps, take_step
 from .intervals import Grid, factor_length_and_end, grid_of
 from .overturning_criterion import free_motion_margins
 from .taylor import materialized
@@ -286,7 +286,7 @@ def respond_batch(
     shaking = converted(motion)
     grid = grid_of(shaking)
     factor, length, end = factor_length_and_end(shaking)
-    arguments = Arguments(
+    arguments = (
         converted(blocks),
         converted(restitution),
         factor,

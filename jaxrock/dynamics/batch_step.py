@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..block import Block
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
 from .equation import Equation
@@ -25,18 +24,6 @@ _LONGEST = 0.15  # step times p
 _COARSE = 1e-3
 
 
-class Arguments(NamedTuple):
-    """What a lane computes, as `respond_batch` hands it over."""
-
-    block: Block
-    restitution: Any
-    factor: Any  # on the ground motion: its amplitude or scale
-    length: Any  # of a interval
-    start: Any
-    duration: Any
-    motion: Any  # its index, where there are several
-
-
 class Case(NamedTuple):
     """What follows from the arguments once for all steps."""
 
@@ -45,7 +32,7 @@ class Case(NamedTuple):
     longest: Any  # step in time
     restitution: Any
     strength: Any  # factor over g
-    length: Any  # of a interval
+    length: Any  # of an interval
     frequency: Any  # 1 / length
     start: Any
     duration: Any
@@ -54,8 +41,12 @@ class Case(NamedTuple):
     finite: Any  # whether the motion is
 
     @classmethod
-    def of(cls, grid: Grid, arguments: Arguments, model: RockingModel) -> "Case":
-        """The case of the arguments, elementwise."""
+    def of(cls, grid: Grid, arguments: tuple[Any, ...], model: RockingModel) -> "Case":
+        """The case of the arguments of `respond_batch`, elementwise.
+
+        `factor` is on the motion (its amplitude or scale), `length` that of an interval, `motion`
+        the index where there are several.
+        """
         block, restitution, factor, length, start, duration, motion = arguments
         motion = motion.astype(jnp.int32)
         equation = Equation.of(block, model)
@@ -82,18 +73,11 @@ class Case(NamedTuple):
 
     def valid(self) -> Booleans:
         """Whether all arguments are allowed."""
-        equation = self.equation
+        equation, restitution = self.equation, self.restitution
         total = equation.p_squared + equation.tangent + self.strength + self.start
-        return (
-            jnp.isfinite(total + self.restitution + self.length + self.duration)
-            & self.finite
-            & (self.start >= 0)
-            & (equation.p_squared > 0)
-            & (self.restitution >= 0)
-            & (self.restitution <= 1)
-            & (self.length > 0)
-            & (self.duration > 0)
-        )
+        finite = jnp.isfinite(total + restitution + self.length + self.duration) & self.finite
+        positive = (equation.p_squared > 0) & (self.length > 0) & (self.duration > 0)
+        return finite & positive & (self.start >= 0) & (restitution >= 0) & (restitution <= 1)
 
 
 class Lanes(NamedTuple):
@@ -114,23 +98,11 @@ class Lanes(NamedTuple):
 
     @classmethod
     def at_rest(cls, interval: Any, dtype: Any) -> "Lanes":
-        """Blocks that have not moved, in a interval."""
+        """Blocks that have not moved, in an interval."""
         zero, count = jnp.zeros(interval.shape, dtype), jnp.zeros_like(interval)
-        moves = jnp.zeros(interval.shape, bool)
-        return cls(
-            interval,
-            zero,
-            zero + 1,
-            zero,
-            zero,
-            zero + jnp.inf,
-            moves,
-            zero,
-            count,
-            count,
-            zero,
-            zero,
-        )
+        fields = dict.fromkeys(cls._fields, zero) | dict.fromkeys(("impacts", "steps"), count)
+        fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
+        return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
 
     def active(self, grid: Grid) -> Booleans:
         """Whether the motion goes on."""

@@ -35,18 +35,6 @@ def friction(horizontal: Reals, normal: Reals) -> Reals:
     return jnp.where(presses, jnp.abs(horizontal) / jnp.where(presses, normal, 1), jnp.inf)
 
 
-def forces(segment: Segment, time: Reals, y: Reals) -> tuple[Reals, Reals]:
-    """Horizontal and normal force over weight, from the acceleration of the centre of mass."""
-    push, lift = segment.ground(time)
-    equation = segment.equation
-    acceleration = equation.acceleration(y[0], push, lift)
-    sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
-    radius_over_g = 0.75 / equation.p_squared
-    horizontal = radius_over_g * (cosine * acceleration + sine * y[1] ** 2) - push
-    normal = 1 + lift + radius_over_g * (sine * acceleration - cosine * y[1] ** 2)
-    return horizontal, normal
-
-
 def with_step(
     extremes: tuple[Reals, Reals],
     segment: Segment,
@@ -108,7 +96,7 @@ def _nodes(like: Reals) -> Reals:
 def _at_shares(
     segment: Segment, times: Reals, states: Reals, accelerations: Reals, share: Reals
 ) -> tuple[Reals, Reals]:
-    """Forces at some shares of a step, on its quintic."""
+    """Horizontal and normal force over weight at shares of a step, on its quintic."""
     begin, step = times[0], times[1] - times[0]
     drift, bend = step * states[1], 0.5 * step**2 * accelerations
     excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]
@@ -126,4 +114,11 @@ def _at_shares(
     # At the ends the states themselves, which rounding would not return.
     first, last = share[None] == 0, share[None] == 1
     y = jnp.where(first, states[:, :1], jnp.where(last, states[:, 1:], inside))
-    return forces(segment, begin + share * step, y)
+    # From the acceleration of the centre of mass.
+    equation, (push, lift) = segment.equation, segment.ground(begin + share * step)
+    acceleration = equation.acceleration(y[0], push, lift)
+    sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
+    radius_over_g = 0.75 / equation.p_squared
+    horizontal = radius_over_g * (cosine * acceleration + sine * y[1] ** 2) - push
+    normal = 1 + lift + radius_over_g * (sine * acceleration - cosine * y[1] ** 2)
+    return horizontal, normal

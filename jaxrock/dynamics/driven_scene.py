@@ -1,20 +1,13 @@
 """A block on moving ground: what every driven computation is about."""
 
+import functools
+
 import equinox as eqx
 
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import shown
-from ..validation import (
-    FINITE,
-    POSITIVE,
-    UNIT_INTERVAL,
-    Checked,
-    Number,
-    Reals,
-    as_real,
-    quantity,
-)
+from ..validation import FINITE, POSITIVE, UNIT_INTERVAL, Checked, Reals, as_real, quantity
 
 
 class DrivenScene(Checked):
@@ -35,13 +28,10 @@ class DrivenScene(Checked):
     """
 
     block: Block
+    restitution: Reals = eqx.field(
+        converter=functools.partial(as_real, "restitution"), metadata={"domain": UNIT_INTERVAL}
+    )
     motion: Motion
-    restitution: Reals = quantity(UNIT_INTERVAL)
-
-    def __init__(self, block: Block, restitution: Number, motion: Motion):
-        self.block = block
-        self.motion = motion
-        self.restitution = as_real("restitution", restitution)
 
     def __str__(self) -> str:
         return f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
@@ -53,20 +43,6 @@ class Driven(DrivenScene):
     duration: Reals = quantity(POSITIVE)
     rotation: Reals = quantity(FINITE)
     velocity: Reals = quantity(FINITE)
-
-    def __init__(
-        self,
-        block: Block,
-        restitution: Number,
-        motion: Motion,
-        duration: Reals,
-        rotation: Reals,
-        velocity: Reals,
-    ):
-        super().__init__(block, restitution, motion)
-        self.duration = duration
-        self.rotation = rotation
-        self.velocity = velocity
 
     def bucketed(self) -> "Driven":
         """The same under a motion in one of few shapes, so that few programs are compiled."""

@@ -6,6 +6,7 @@ through one segment (`fly`). Then it logs the event.
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -17,9 +18,8 @@ from .driven_scene import Driven
 from .equation import Equation
 from .event_state import FALLING, REST, RISING, TOPPLED, Problem, State
 from .flight import fly
-from .history import Events
 from .overturning_criterion import free_motion_margins
-from .response import Response, Status
+from .response import Events, Response, Status
 from .segment import Method, Stepper, close_to
 
 _MAX_EVENTS = 2**22
@@ -27,20 +27,11 @@ _EVENTS_PER_IMPACT = 4  # for which the list of events has room
 
 
 class Followed(NamedTuple):
-    """A response, and the state from which the motion could go on."""
+    """A response, its peak rotation, and the time and velocity of the last impact."""
 
     response: Response
-    state: State
-
-    @property
-    def peak(self) -> Reals:
-        """Largest rotation [rad]."""
-        return self.response.peak_rotation
-
-    @property
-    def struck(self) -> Reals:
-        """Time of the last impact [s], and the velocity just before it [rad/s]."""
-        return self.state.last_impact
+    peak: Reals
+    struck: Reals
 
 
 class _Lists(NamedTuple):
@@ -49,19 +40,16 @@ class _Lists(NamedTuple):
     events: Reals
     impacts: Reals
 
-    def logged(self, begin: State, before: State, state: State) -> "_Lists":
-        """With one event more, counted from where the lists begin."""
+    def logged(self, before: State, state: State) -> "_Lists":
+        """With one event more."""
         event = jnp.stack([state.time, state.side, state.rotation, state.velocity])
-        place = before.impacts - begin.impacts
-        place = jnp.where(state.impacts > before.impacts, place, len(self.impacts) - 1)
+        landed, none = state.impacts > before.impacts, len(self.impacts) - 1
+        place = jnp.where(landed, before.impacts, none)
+        update = jax.lax.dynamic_update_slice
         return _Lists(
-            _with_row(self.events, before.events - begin.events, event),
-            _with_row(self.impacts, place, state.last_impact),
+            update(self.events, event[None], (before.events, 0)),
+            update(self.impacts, state.last_impact[None], (place, 0)),
         )
-
-
-def _with_row(rows: Reals, place: Any, row: Reals) -> Reals:
-    return jax.lax.dynamic_update_slice(rows, row[None], (place, 0))
 
 
 def run(
@@ -74,12 +62,10 @@ def run(
     once: bool = False,
     forced: bool = True,
     method: Method = "Tsit5",
-    begin: State | None = None,
 ) -> Followed:
     """Follow a block to the end of the duration, or with `once` to its first impact.
 
-    With `begin`, go on from there until the lists are full. Without `forced`, friction demand
-    and normal force are left out.
+    Without `forced`, friction demand and normal force are left out.
     """
     with guarding():
         driven, valid = module_within(driven)
@@ -87,40 +73,31 @@ def run(
     valid = jnp.all(valid)
     dtype = driven.duration.dtype
     problem = Problem.of(driven, equation, Stepper(method, rtol, atol), rtol, forced)
-    pauses = begin is not None
-    begin = begin or State.beginning(dtype)
-    begin = begin._replace(failed=begin.failed | ~valid)
     max_events = _EVENTS_PER_IMPACT * max_impacts
-
-    def unfinished(state: State) -> Booleans:
-        wanted = (state.impacts == 0) | (not once)
-        wanted = wanted & (state.time < driven.duration) & (state.phase != TOPPLED)
-        return ((state.events == 0) | wanted) & ~state.failed & (state.events < _MAX_EVENTS)
 
     def goes_on(carry: tuple[State, _Lists | None]) -> Booleans:
         state, _ = carry
-        if not pauses:
-            return unfinished(state)
-        full = state.events - begin.events >= max_events
-        full = full | (state.impacts - begin.impacts >= max_impacts)
-        return unfinished(state) & ~full
+        wanted = (state.impacts == 0) | (not once)
+        wanted = wanted & (state.time < driven.duration) & (state.phase != TOPPLED)
+        return ((state.events == 0) | wanted) & ~state.failed & (state.events < _MAX_EVENTS)
 
     def step(carry: tuple[State, _Lists | None]) -> tuple[State, _Lists | None]:
         before, lists = carry
         state = _step(problem, before)
         # Logged outside of the branches of `_step`, which would copy the lists.
-        return state, lists and lists.logged(begin, before, state)
+        return state, lists and lists.logged(before, state)
 
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
     lists = _Lists(unknown, unknown[: max_impacts + 1, :2])
-    state, filled = jax.lax.while_loop(goes_on, step, (begin, lists if max_impacts else None))
-    overflow = (state.impacts > max_impacts) | (state.events > max_events)
-    full = unfinished(state) if pauses else overflow
+    begin = State.beginning(dtype, failed=~valid), lists if max_impacts else None
+    state, filled = jax.lax.while_loop(goes_on, step, begin)
+    full = (state.impacts > max_impacts) | (state.events > max_events)
     response = _response(problem, state, filled or lists, valid, full)
-    return Followed(response, state._replace(phase=state.phase.astype(int)))
+    return Followed(response, response.peak_rotation, state.last_impact)
 
 
-follow = through_jacobian(run)
+# Compiled once for all tolerances, with derivatives in both modes.
+follow = eqx.filter_jit(through_jacobian(run))
 
 
 def _response(
@@ -148,8 +125,8 @@ def _response(
         impact_times=impacts[:, 0],
         impact_velocities=impacts[:, 1],
         at_rest=good & (state.phase == REST),
-        friction_demand=where_good(state.demand),
-        normal_force=where_good(state.normal),
+        friction_demand=where_good(state.forces[0]),
+        normal_force=where_good(state.forces[1]),
         status=jnp.where(valid, status, Status.INVALID),
         events=Events(*events.T),
         scene=problem.driven,
@@ -198,7 +175,7 @@ def _start(problem: Problem, state: State) -> State:
         phase=jnp.where(rotation >= 0.5 * jnp.pi, TOPPLED, phase),
         peak=rotation,
         crossing=jnp.where(crossed, state.time, jnp.nan),
-        normal=jnp.full_like(rotation, jnp.inf),
+        forces=(state.forces[0], jnp.full_like(rotation, jnp.inf)),
     )
 
 
@@ -210,8 +187,8 @@ def _wait(problem: Problem, state: State, stop: Reals) -> State:
     until = jnp.where(lifted, time, stop)
     if problem.with_forces:
         demand, normal = problem.uplifts.forces(state.time, until, acts)
-        demand, normal = larger(state.demand, demand), smaller(state.normal, normal)
-        state = state._replace(demand=demand, normal=normal)
+        forces = larger(state.forces[0], demand), smaller(state.forces[1], normal)
+        state = state._replace(forces=forces)
     return state._replace(
         time=until,
         side=jnp.where(lifted, side, state.side),

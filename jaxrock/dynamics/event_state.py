@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Int
 
 from ..ground_motion import Motion
@@ -34,16 +33,17 @@ class State(NamedTuple):
     peak_time: Reals
     crossing: Reals
     margin: Reals
-    demand: Reals
-    normal: Reals
+    forces: tuple[Reals, Reals]  # largest friction demand, smallest normal force
     failed: Booleans
 
     @classmethod
-    def beginning(cls, dtype: Any) -> "State":
-        """Before the first event; in NumPy, so that nothing is compiled for it."""
-        fields: dict[str, Any] = dict.fromkeys(cls._fields, np.zeros((), dtype))
-        fields |= dict.fromkeys(("phase", "events", "impacts"), np.zeros((), int))
-        return cls(**fields | {"last_impact": np.zeros(2, dtype), "failed": np.zeros((), bool)})
+    def beginning(cls, dtype: Any, failed: Booleans) -> "State":
+        """Before the first event."""
+        zero, none = jnp.zeros((), dtype), jnp.zeros((), int)
+        fields: dict[str, Any] = dict.fromkeys(cls._fields, zero)
+        fields |= dict.fromkeys(("phase", "events", "impacts"), none)
+        fields |= {"last_impact": jnp.zeros(2, dtype), "forces": (zero, zero), "failed": failed}
+        return cls(**fields)
 
     @property
     def y(self) -> Reals:

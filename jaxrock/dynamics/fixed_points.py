@@ -42,17 +42,17 @@ class Landing(NamedTuple):
 
     @property
     def rises(self) -> Booleans:
-        """Whether the map leads up from here."""
+        """Whether the map leads up from here, not down or nowhere."""
         return (self.outcome == LANDS) & (self.gap >= 0)
 
     @property
     def falls(self) -> Booleans:
-        """Whether it leads down."""
+        """Whether the map leads down."""
         return (self.outcome <= RESTS) & ~self.rises
 
     @property
     def beyond(self) -> Booleans:
-        """Whether it leads nowhere."""
+        """Whether the map leads nowhere."""
         return self.outcome > RESTS
 
 
@@ -90,12 +90,12 @@ class _Range(NamedTuple):
 class _Search(NamedTuple):
     stage: Ints
     trial: Reals
-    count: Ints  # of evaluations in this stage
+    evaluations: Ints  # in this stage
     last: Landing  # that was accepted
     reach: Reals  # length of a step beside that of the map itself, at most
     extrapolates: Booleans  # whether the step is longer than that of the map
     scale: Reals  # the first landing
-    index: Ints  # of the scan
+    place: Ints  # of the scan
     left: Landing  # and `right`: of a bracket
     right: Landing
     anchor: Landing  # from which the scan goes on
@@ -108,11 +108,11 @@ class _Search(NamedTuple):
 
     def scanned(self, scope: _Range, right: Landing) -> "_Search":
         """On to the next point of the scan, if there is one."""
-        index = self.index + 1
+        place = self.place + 1
         onward = self._replace(
-            stage=jnp.asarray(_SCAN), trial=scope.point(index), index=index, right=right
+            stage=jnp.asarray(_SCAN), trial=scope.point(place), place=place, right=right
         )
-        return _where(index >= _POINTS, self.ended(dies_out=True), onward)
+        return _where(place >= _POINTS, self.ended(dies_out=True), onward)
 
 
 def stable_fixed_point(
@@ -142,12 +142,12 @@ def stable_fixed_point(
     begin = _Search(
         stage=count,
         trial=zero,
-        count=count,
+        evaluations=count,
         last=nothing,
         reach=zero + 1,
         extrapolates=no,
         scale=zero,
-        index=count,
+        place=count,
         left=nothing,
         right=nothing,
         anchor=nothing,
@@ -167,7 +167,7 @@ def _from_rest(scope: _Range, search: _Search, new: Landing) -> _Search:
         (new.outcome == LANDS)
         & (jnp.abs(new.gap - (old.gap + width * (old.rate - 1))) <= shrinks)
         & (jnp.abs((new.rate - old.rate) * width) <= shrinks)
-        & (search.count > 1)
+        & (search.evaluations > 1)
     )
     accepted = linear | ~search.extrapolates
     point = _where(accepted, new, old)
@@ -179,10 +179,10 @@ def _from_rest(scope: _Range, search: _Search, new: Landing) -> _Search:
     step = jnp.where(point.rate > 0, step, jnp.where(near, point.newton, point.gap))
     # Down to 0 in many steps, so that a fixed point on the way is seen.
     step = jnp.maximum(step, jnp.minimum(point.gap, -0.9 * point.velocity))
-    scale = jnp.where(search.count == 0, point.landing, search.scale)
+    scale = jnp.where(search.evaluations == 0, point.landing, search.scale)
     following = search._replace(
         trial=point.velocity + step,
-        count=search.count + 1,
+        evaluations=search.evaluations + 1,
         last=point,
         reach=reach,
         extrapolates=jnp.abs(step) > (1 + 1e-9) * jnp.abs(point.gap),
@@ -192,12 +192,12 @@ def _from_rest(scope: _Range, search: _Search, new: Landing) -> _Search:
     straight = jnp.abs(point.landing - point.rate * point.velocity) <= 1e-3 * point.velocity
     dies = accepted & ((point.landing == 0) | (point.falls & small & straight))
     scan = following._replace(
-        stage=jnp.asarray(_SCAN), trial=scope.top, count=jnp.zeros_like(search.count)
+        stage=jnp.asarray(_SCAN), trial=scope.top, evaluations=jnp.zeros_like(search.evaluations)
     )
     stands = accepted & scope.reached(new, old) & (jnp.abs(new.rate) <= 1)
     following = _where(dies, scan, following)
     following = _where(stands, search.ended(exists=True, from_rest=True), following)
-    gone = (accepted & new.beyond) | (search.count >= _MAX_FROM_REST)
+    gone = (accepted & new.beyond) | (search.evaluations >= _MAX_FROM_REST)
     overturns = accepted & (new.outcome == OVERTURNS)
     return _where(gone & ~stands, search.ended(overturns=overturns), following)
 
@@ -207,12 +207,12 @@ def _scan(scope: _Range, search: _Search, new: Landing) -> _Search:
     refine = search._replace(
         stage=jnp.asarray(_REFINE),
         trial=_between(new, search.right, new, jnp.zeros((), bool)),
-        count=jnp.zeros_like(search.count),
+        evaluations=jnp.zeros_like(search.evaluations),
         last=new,
         left=new,
         anchor=new,
     )
-    hides = (search.index > 0) & _may_hide(new, search.right)
+    hides = (search.place > 0) & _may_hide(new, search.right)
     return _where(hides, refine, search.scanned(scope, new))
 
 
@@ -223,15 +223,15 @@ def _refine(scope: _Range, search: _Search, new: Landing) -> _Search:
     lower = new.rises | jnp.where(new.falls, falling, left.beyond)
     left, right = _where(lower, new, left), _where(lower, right, new)
     following = search._replace(
-        trial=_between(left, right, new, search.count % 3 == 2),
-        count=search.count + 1,
+        trial=_between(left, right, new, search.evaluations % 3 == 2),
+        evaluations=search.evaluations + 1,
         last=new,
         left=left,
         right=right,
     )
     eps = float(jnp.finfo(new.velocity.dtype).eps)
     narrow = right.velocity - left.velocity <= 4 * eps * right.velocity
-    hopeless = ~_may_hide(left, right) | narrow | (search.count >= _MAX_REFINE)
+    hopeless = ~_may_hide(left, right) | narrow | (search.evaluations >= _MAX_REFINE)
     reached = scope.reached(new, search.last)
     following = _where(reached | hopeless, search.scanned(scope, search.anchor), following)
     return _where(reached & (jnp.abs(new.rate) <= 1), search.ended(exists=True), following)

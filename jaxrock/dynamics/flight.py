@@ -43,8 +43,7 @@ class _Flight(NamedTuple):
     repetitions: Ints  # of the last step; 0 before it is known
     event: Ints  # that ends the segment
     done: Booleans
-    demand: Reals
-    normal: Reals
+    forces: tuple[Reals, Reals]
     steps: Ints
     solver_state: Any
 
@@ -83,8 +82,7 @@ def fly(problem: Problem, state: State, stop: Reals) -> State:
         repetitions=none,
         event=none + STOP,
         done=state.phase == REST,
-        demand=state.demand,
-        normal=state.normal,
+        forces=state.forces,
         steps=none,
         solver_state=problem.stepper.begin(segment, y),
     )
@@ -125,11 +123,11 @@ def _advance(context: _Context, flight: _Flight) -> _Flight:
 
     times = jnp.stack([flight.elapsed, flight.until])
     states = jnp.stack([flight.y, step.y], axis=1)
-    fixed = jax.lax.stop_gradient((times, states))
-    accelerations = jax.lax.stop_gradient(segment).field(*fixed)[1]
-    extremes = flight.demand, flight.normal
+    fixed_segment, *fixed = jax.lax.stop_gradient((segment, times, states))
+    accelerations = fixed_segment.field(*fixed)[1]
+    forces = flight.forces
     if problem.with_forces:
-        extremes = with_step(extremes, segment, times, states, accelerations, counts)
+        forces = with_step(forces, segment, times, states, accelerations, counts)
     elapsed = jnp.where(counts, flight.until, flight.elapsed)
     y = jnp.where(counts, step.y, flight.y)
     wanted = jnp.where(goes_on, jnp.maximum(step.next_length, flight.wanted), step.next_length)
@@ -152,8 +150,7 @@ def _advance(context: _Context, flight: _Flight) -> _Flight:
         repetitions=repetitions,
         event=event,
         done=done | stuck,
-        demand=extremes[0],
-        normal=extremes[1],
+        forces=forces,
         steps=flight.steps + 1,
         solver_state=jax.tree.map(
             lambda new, old: jnp.where(goes_on, new, old), step.solver_state, flight.solver_state
@@ -165,7 +162,7 @@ def _located(context: _Context, flight: _Flight, step: Step) -> Reals:
     """Where the segment ends within a step, nearly: by bisection on the interpolant."""
     events, hold, flight, step = jax.lax.stop_gradient((context.events, context.hold, flight, step))
     limits = jnp.finfo(flight.elapsed.dtype)
-    smallest = float(limits.tiny) / float(limits.eps)  # below, halving a bracket underflows
+    smallest = float(limits.tiny) / float(limits.eps)  # below it a bracket underflows
 
     def wide(bracket: tuple[Reals, Reals]) -> Booleans:
         return bracket[1] - bracket[0] > _LOCATED * jnp.maximum(bracket[1], smallest)
@@ -241,7 +238,6 @@ def _land(problem: Problem, stop: Reals, state: State, flight: _Flight) -> State
         peak=jnp.where(higher, rotation, state.peak),
         peak_time=jnp.where(higher, time, state.peak_time),
         crossing=jnp.where(crosses, time, state.crossing),
-        demand=flight.demand,
-        normal=flight.normal,
+        forces=flight.forces,
         failed=~(flight.done & jnp.isfinite(time + rotation + velocity)),
     )

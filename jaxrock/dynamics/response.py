@@ -1,18 +1,24 @@
-"""What one block did under a ground motion."""
+"""What one block did under a ground motion, and its history."""
 
 import enum
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from ..host import listed
 from ..resonance import RockingModel
-from ..validation import Booleans, Numbers, Reals, as_real
+from ..validation import Booleans, Numbers, Reals, as_array, as_real
 from .driven_scene import Driven
-from .history import Events, history_of
+from .equation import Equation
+from .segment import Segment, Stepper, first_step, limited
+
+_TIMES = 512  # of a history at once
+_EVENTS = 8192  # at least, for a history
 
 
 class Status(enum.IntEnum):
@@ -22,6 +28,15 @@ class Status(enum.IntEnum):
     LIST_FULL = 1  # all is right, but not all impacts are listed
     STOPPED = 2  # the integrator ran out of steps, or could not go on
     INVALID = 3  # an argument was outside of what is allowed
+
+
+class Events(eqx.Module):
+    """The state after every event, in the order of time; NaN where there is none."""
+
+    time: Reals
+    side: Reals
+    rotation: Reals
+    velocity: Reals
 
 
 class Response(eqx.Module):
@@ -101,21 +116,13 @@ class Response(eqx.Module):
         times = as_real("time", time)
         if self.events.time.size == 0:
             raise ValueError("max_impacts must be at least 1 in `respond` for a history, got 0")
-        return history_of(self.scene, self.events, self.model, times)
+        return _history_of(self.scene, self.events, self.model, times)
 
     def __str__(self) -> str:
         if jnp.ndim(self.status) or isinstance(self.status, jax.core.Tracer):
-            return listed(
-                self,
-                status="",
-                overturned="",
-                margin="",
-                peak_rotation="rad",
-                peak_time="s",
-                impacts="",
-                friction_demand="",
-                normal_force="of the weight",
-            )
+            units = {"peak_rotation": "rad", "peak_time": "s", "impacts": ""}
+            units |= {"friction_demand": "", "normal_force": "of the weight"}
+            return listed(self, status="", overturned="", margin="", **units)
         status = Status(int(self.status))
         if status not in (Status.COMPLETE, Status.LIST_FULL):
             return f"no response: {status.name.lower()}"
@@ -133,3 +140,89 @@ class Response(eqx.Module):
         if self.overturned and jnp.isfinite(self.overturning_time):
             lines[0] += f", beyond return from {self.overturning_time:.4g} s"
         return "\n".join(lines)
+
+
+def _history_of(
+    driven: Driven, events: Events, model: RockingModel, times: Reals
+) -> tuple[Reals, Reals]:
+    """Rotation alpha and its rate at some times; NaN before time 0 and after the duration."""
+    dtype, shape = events.time.dtype, times.shape
+    leaves = jax.tree.leaves((driven, events, times))
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        parts = _history_program(driven, events, model, times.astype(dtype).reshape(-1))
+        rotation, velocity = (part.reshape(shape) for part in parts)
+        return rotation, velocity
+    # Few different shapes, so that few programs are compiled.
+    size = max(1, -(-times.size // _TIMES)) * _TIMES
+    pieces = _padded(np.asarray(times, dtype).reshape(-1), size, 0.0).reshape(-1, _TIMES)
+    room = max(_EVENTS, 1 << (events.time.size - 1).bit_length())
+    events = jax.tree.map(lambda part: as_array(_padded(part, room, np.nan)), events)
+    driven = driven.bucketed()
+    parts = [_history_program(driven, events, model, as_array(piece)) for piece in pieces]
+    joined = np.concatenate(parts, axis=-1)[:, : times.size]
+    rotation, velocity = (as_array(part.reshape(shape)) for part in joined)
+    return rotation, velocity
+
+
+def _padded(values: Any, size: int, fill: float) -> np.ndarray:
+    return np.pad(np.asarray(values), (0, size - values.size), constant_values=fill)
+
+
+@eqx.filter_jit
+def _history_program(
+    driven: Driven, events: Events, model: RockingModel, times: Reals
+) -> tuple[Reals, Reals]:
+    equation = Equation.of(driven.block, model)
+    rtol = max(1e-9, 100 * float(jnp.finfo(times.dtype).eps))
+    stepper = Stepper("Tsit5", rtol, 0.0)
+    event_times = jnp.where(jnp.isnan(events.time), jnp.inf, events.time)
+
+    def at(time: Reals) -> tuple[Reals, Reals]:
+        inside = (time >= 0) & (time <= driven.duration)
+        time = jnp.where(inside, time, 0)
+        index = jnp.maximum(jnp.searchsorted(event_times, time, side="right") - 1, 0)
+        event = jax.tree.map(lambda part: part[index], events)
+        moves = (event.rotation != 0) | (event.velocity != 0)
+        # A block that has just been lifted is still on the ground: it moves if the next event
+        # finds it above.
+        following = events.rotation[jnp.minimum(index + 1, event_times.size - 1)]
+        moves = (moves | (following > 0)) & (event.rotation < 0.5 * jnp.pi) & (time > event.time)
+        acts = driven.motion.acts(event.time)
+        segment = Segment(equation, driven.motion, event.time, event.side, acts)
+        length = jnp.where(moves, time - event.time, 0)
+        y, arrived = _integrated(stepper, segment, length, event)
+        known = inside & arrived
+        rotation, velocity = (jnp.where(known, event.side * part + 0.0, jnp.nan) for part in y)
+        return rotation, velocity
+
+    return jax.vmap(at)(times)
+
+
+def _integrated(
+    stepper: Stepper, segment: Segment, length: Reals, event: Events
+) -> tuple[Reals, Booleans]:
+    """The state so long after an event, and whether the integration got there."""
+    zero, y = jnp.zeros_like(length), jnp.stack([event.rotation, event.velocity])
+
+    def step(state: tuple) -> tuple:
+        elapsed, until, y, wanted, solver_state = state
+        step = stepper.step(segment, elapsed, until, y, solver_state)
+
+        def accepted(new: Reals, old: Reals) -> Reals:
+            return jnp.where(step.accepted, new, old)
+
+        elapsed, y = accepted(until, elapsed), accepted(step.y, y)
+        wanted = accepted(jnp.maximum(step.next_length, wanted), step.next_length)
+        acceleration = segment.field(elapsed, y)[1]
+        solver_state = jax.tree.map(accepted, step.solver_state, solver_state)
+        until = limited(segment, length, elapsed, elapsed + wanted, y, acceleration)
+        return elapsed, until, y, accepted(wanted, zero), solver_state
+
+    lifted = (event.rotation == 0) & (event.velocity == 0)
+    until = first_step(segment, length, y, lifted)
+    elapsed, _, y, *_ = jax.lax.while_loop(
+        lambda state: (state[0] < length) & (state[1] > state[0]),
+        step,
+        (zero, until, y, zero, stepper.begin(segment, y)),
+    )
+    return y, elapsed >= length

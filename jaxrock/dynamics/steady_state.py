@@ -1,15 +1,12 @@
 """Rocking resonance under pulses of finite duration: the half-cycle map of the driven equation.
 
-The input is that of the paper, but each pulse, which begins right after an impact, takes its
-time. If it still acts at the next impact, it ends there and a new one begins. So small bounces
-under a pulse that rises from 0 see only its beginning: P, the map of landing velocities, is
+A pulse begins right after each impact and ends at the next impact at the latest. Small bounces
+see only its beginning: under a pulse that rises from 0 the map P of landing velocities is
 P(v) = C v + O(v^2) for small v > 0, while P(0) is the first landing after a whole pulse has acted
-on a block at rest. P is discontinuous at 0 wherever such a pulse lifts the block, and may lead
-from there back to 0: bounces then die out in finite time, each with a pulse of its own. After
-that no impact follows, no pulse begins, and the block stays at rest.
+on a block at rest. P is discontinuous at 0 wherever the pulse lifts the block, and may lead back
+to 0: bounces then die out in finite time, no further pulse begins, and the block stays at rest.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -19,6 +16,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..ground_motion import Pulse
 from ..host import listed, with_clock
+from ..numerics import through_jacobian
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     NON_NEGATIVE,
@@ -31,7 +29,7 @@ from ..validation import (
     of_one_precision,
 )
 from .driven_scene import Driven
-from .event_loop import Followed, follow, run
+from .event_loop import Followed, run
 from .fixed_points import FAILS, LANDS, OVERTURNS, RESTS, Landing, stable_fixed_point
 from .implicit_root import Root, with_implicit_derivatives
 from .response import Status
@@ -119,7 +117,8 @@ def pulsed_next_velocity(
         If an argument is not scalar, or a concrete one is out of range.
     """
     block, restitution, pulse, velocity = checked(block, restitution, pulse, velocity, rtol)
-    return _next_velocity((block, restitution, pulse), velocity, as_model(model), rtol)
+    scene = block, restitution, pulse
+    return _next_velocity(scene, velocity, model=as_model(model), rtol=rtol)
 
 
 @with_clock("pulsed phase")
@@ -196,17 +195,9 @@ PulsedScene = tuple[Block, Reals, Pulse]
 
 
 def half_cycle(
-    scene: PulsedScene,
-    velocity: Reals,
-    wait: float,
-    model: RockingModel,
-    rtol: float,
-    integrate: Callable[..., Followed] = run,
+    scene: PulsedScene, velocity: Reals, wait: float, model: RockingModel, rtol: float
 ) -> Followed:
-    """From just before an impact to the next one, waiting for up to so many 1 / p after the pulse.
-
-    `run` has forward derivatives, `follow` both modes.
-    """
+    """From just before an impact to the next one, up to `wait` / p after the end of the pulse."""
     block, restitution, pulse = scene
     pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
     driven = Driven(
@@ -218,7 +209,7 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return integrate(driven, rtol=rtol, atol=1e-9 * rtol, model=model, once=True, forced=False)
+    return run(driven, rtol=rtol, atol=1e-9 * rtol, model=model, once=True, forced=False)
 
 
 def tolerance_of(like: Reals, rtol: float) -> float:
@@ -227,14 +218,10 @@ def tolerance_of(like: Reals, rtol: float) -> float:
 
 
 def _landing(
-    scene: PulsedScene,
-    velocity: Reals,
-    model: RockingModel,
-    rtol: float,
-    integrate: Callable[..., Followed] = run,
+    scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The next landing velocity; outcome, time of the impact and peak rotation."""
-    followed = half_cycle(scene, velocity, _LONGEST, model, rtol, integrate)
+    followed = half_cycle(scene, velocity, _LONGEST, model, rtol)
     response, landed = followed.response, followed.response.impacts > 0
     time, arriving = followed.struck
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
@@ -244,8 +231,11 @@ def _landing(
 
 
 @eqx.filter_jit
-def _next_velocity(scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float) -> Reals:
-    landing, (outcome, *_) = _landing(scene, velocity, model, rtol, follow)
+@through_jacobian
+def _next_velocity(
+    scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
+) -> Reals:
+    landing, (outcome, *_) = _landing(scene, velocity, model, rtol)
     return jnp.where(outcome <= RESTS, landing, jnp.nan)
 
 

@@ -102,31 +102,13 @@ def critical_pulsed_amplitude(
     return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
-class _Trial(NamedTuple):
-    """A block that lands with the critical velocity, under the next pulse."""
-
-    margin: Reals  # to overturning when the pulse ends, in critical velocities
-    slope: Reals  # of the margin, with respect to the logarithm of the amplitude
-    velocity: Reals  # when the pulse ends
-    lands: Booleans  # while the pulse acts, so that there is no such margin
-
-    @property
-    def overturns(self) -> Booleans:
-        return ~self.lands & ~(self.margin >= 0)
-
-    @property
-    def newton(self) -> Reals:
-        """Newton's step to the threshold."""
-        known = ~self.lands & (self.slope != 0)
-        return jnp.where(known, -self.margin / jnp.where(known, self.slope, 1), jnp.inf)
-
-
 class _Search(NamedTuple):
     evaluations: Int[Array, ""]  # since there is a bracket
     logarithm: Reals  # of the amplitude of the next trial
     low: Reals
     high: Reals
-    last: _Trial
+    move: Reals  # Newton's, from the last trial to the threshold
+    gain: Reals  # slope of the landing velocity there, with respect to the logarithm
     bracketed: Booleans
     goes_on: Booleans
     found: Booleans
@@ -174,40 +156,37 @@ def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
     eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
     tolerance = tolerance_of(pulse.amplitude, rtol)
     first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
-    no, yes = jnp.zeros((), bool), jnp.ones((), bool)
-    zero, one = jnp.zeros_like(first), jnp.ones_like(first)
+    no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
 
     def step(search: _Search) -> _Search:
         # Once the threshold is found, along the velocity, for the rate of the map.
-        along = jnp.where(search.found, 0, one), jnp.where(search.found, one, 0)
+        along = jnp.where(search.found, zero, 1), jnp.where(search.found, 1, zero)
         margin, slope, (velocity, lands) = _margin(scene, along, search.logarithm, model, rtol)
-        new = _Trial(margin, slope, velocity, lands)
-        bracketed = search.bracketed | new.overturns
-        low = jnp.where(new.overturns, search.low, search.logarithm)
-        high = jnp.where(new.overturns, search.logarithm, search.high)
-        newton = search.logarithm + new.newton
+        overturns, steep = ~lands & ~(margin >= 0), ~lands & (slope != 0)
+        move = jnp.where(steep, -margin / jnp.where(steep, slope, 1), jnp.inf)
+        bracketed = search.bracketed | overturns
+        low = jnp.where(overturns, search.low, search.logarithm)
+        high = jnp.where(overturns, search.logarithm, search.high)
+        newton = search.logarithm + move
         inside = (newton > low) & (newton < high) & (search.evaluations % 3 != 2)
         inner = jnp.where(inside, newton, 0.5 * (low + high))
         # Newton's steps that no longer shrink are the error of the integration.
-        stuck = (jnp.abs(new.newton) <= 1e3 * tolerance) & (
-            jnp.abs(new.newton) >= 0.5 * jnp.abs(search.last.newton)
-        )
-        found = bracketed & ((jnp.abs(new.newton) <= tolerance) | stuck)
+        size, last = jnp.abs(move), jnp.abs(search.move)
+        stuck = (size <= 1e3 * tolerance) & (size >= 0.5 * last)
+        found = bracketed & ((size <= tolerance) | stuck)
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
         narrow = high - low <= 4 * eps * jnp.abs(high)
-        nowhere = jnp.where(
-            bracketed,
-            narrow | (search.evaluations >= _MAX_NARROWING) | ~jnp.isfinite(low),
-            search.logarithm > first + _HIGHEST,
-        )
+        hopeless = narrow | (search.evaluations >= _MAX_NARROWING) | ~jnp.isfinite(low)
+        nowhere = jnp.where(bracketed, hopeless, search.logarithm > first + _HIGHEST)
         onward = jnp.where(bracketed, inner, search.logarithm + _STEP)
         following = _Search(
             evaluations=jnp.where(search.bracketed, search.evaluations + 1, 0),
             logarithm=jnp.where(found, search.logarithm, onward),
             low=low,
             high=high,
-            last=new,
+            move=move,
+            gain=-velocity * slope,
             bracketed=bracketed,
             goes_on=found | ~nowhere,
             found=found,
@@ -216,21 +195,10 @@ def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
         done = search._replace(goes_on=no, rate=-velocity * slope)
         return jax.tree.map(lambda a, b: jnp.where(search.found, a, b), done, following)
 
-    begin = _Search(
-        evaluations=jnp.zeros((), int),
-        logarithm=first,
-        low=zero - jnp.inf,
-        high=zero + jnp.inf,
-        last=_Trial(zero, zero, zero, yes),
-        bracketed=no,
-        goes_on=yes,
-        found=no,
-        rate=zero,
-    )
+    none, infinite = jnp.zeros((), int), zero + jnp.inf
+    begin = _Search(none, first, -infinite, infinite, infinite, zero, no, ~no, no, zero)
     end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
-    root, rate = (jnp.where(end.found, x, 0) for x in (end.logarithm, end.rate))
-    # Slope of the landing velocity with respect to the logarithm, as in `_residual`.
-    gain = jnp.where(end.found, -end.last.velocity * end.last.slope, 0)
+    root, rate, gain = (jnp.where(end.found, x, 0) for x in (end.logarithm, end.rate, end.gain))
     return Root(root, (rate,), end.found, (gain,))
 
 
