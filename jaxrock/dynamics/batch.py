@@ -30,7 +30,7 @@ from .taylor import materialized
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
 _STEPS = 64  # between two refills of the lanes
-ORDERS = range(3, 13)
+_ORDERS = range(3, 13)
 
 
 class BatchResponse(eqx.Module):
@@ -266,7 +266,7 @@ def respond_batch(
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
-    if order is not None and order not in ORDERS:
+    if order is not None and order not in _ORDERS:
         raise ValueError(f"order must be a whole number from 3 to 12, got {order}")
     blocks.check()
     motion.check()

@@ -174,7 +174,7 @@ def _accurate(equation: Equation, path: Coefficients, step: Any) -> Any:
     return jnp.where(excess > 1, shorter, step)
 
 
-def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
+def _dip_and_peak(slope: Coefficients, step: Any) -> tuple[Any, Any]:
     """When a rotation is lowest and when highest within a step; `step` where it is at no time.
 
     The slope vanishes there: from a parabola and one step of Newton's method, which is enough
@@ -255,7 +255,7 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     path = rotation_series(equation, lanes.rotation, lanes.velocity, push, lift, order)
     step = materialized(jnp.where(lanes.moves, _accurate(equation, path, step), step))
     slope = derivative(path)
-    dip, top = materialized(_turnings(slope, step))
+    dip, top = materialized(_dip_and_peak(slope, step))
     end, lowest, highest = materialized(tuple(evaluate(path, time) for time in (step, dip, top)))
     lands = lanes.moves & (jnp.minimum(end, lowest) < 0)
     lands, latest = materialized((lands, jnp.where(lowest < 0, dip, step)))
@@ -282,14 +282,14 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
 
     down, leaving = materialized((-onward(flight), leaving))
     little = 0.125 * (1 - case.restitution) * down
-    rest = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
-    steady = jnp.abs(onward(rest) + down) <= little
+    settled = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
+    steady = jnp.abs(onward(settled) + down) <= little
     low = equation.p_squared * leaving * leaving <= little * down
     nothing = leaving <= _tiny(dtype) * equation.critical_velocity
     level = -down <= 2 * _tiny(dtype) * equation.p_squared * case.on_ground[0]
     # The next bounce is not computed any more: it must not be the highest.
     low = low & (leaving * leaving <= down * lanes.peak)
-    settles = (little > 0) & (rest <= step) & steady & low
+    settles = (little > 0) & (settled <= step) & steady & low
     settles = materialized(lands & (settles | (nothing & level)))
 
     over = peak >= 0.5 * jnp.pi

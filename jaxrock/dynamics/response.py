@@ -208,7 +208,7 @@ def _integrated(
         elapsed, until, y, wanted, solver_state = state
         step = stepper.step(segment, elapsed, until, y, solver_state)
 
-        def accepted(new: Reals, old: Reals) -> Reals:
+        def accepted(new: Any, old: Any) -> Any:
             return jnp.where(step.accepted, new, old)
 
         elapsed, y = accepted(until, elapsed), accepted(step.y, y)
