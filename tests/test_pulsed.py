@@ -297,7 +297,7 @@ def test_random_verges(shape):
         for b, slenderness, c, _, duration in zip(*cases[1:], strict=True)
     ]
     amplitude, rate = (
-        np.array([float(v._asdict()[n]) for v in verges]) for n in ("amplitude", "rate")
+        np.array([float(getattr(v, n)) for v in verges]) for n in ("amplitude", "rate")
     )
     known = np.flatnonzero(np.isfinite(amplitude))
     assert known.size > 3

@@ -3,17 +3,18 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
+from .adaptive import SOLVERS as SOLVERS
+from .adaptive import compiled as compiled
+from .adaptive import respond
 from .batch import BatchResponse, respond_batch
 from .batch import compiler_options as compiler_options
+from .driven_scene import Driven as Driven
 from .driven_scene import DrivenScene
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
-from .event_loop import Driven as Driven
 from .event_loop import follow as follow
 from .overturning_criterion import free_motion_margin
-from .response import SOLVERS as SOLVERS
-from .response import Response, Status, respond
-from .response import compiled as compiled
+from .response import Response, Status
 from .segment import Method as Method
 from .steady_state import PulsedPhase, pulsed_next_velocity, pulsed_phase
 from .steady_state_limit import PulsedThreshold, critical_pulsed_amplitude

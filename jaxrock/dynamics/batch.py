@@ -1,7 +1,7 @@
 """Driven motion of many blocks at once, on the grid of the input.
 
-A fixed number of lanes work off a queue of blocks: one that has finished takes the next, so
-that nobody waits for a block with many impacts.
+A fixed number of lanes works off a queue of blocks. A lane that has finished takes the next
+block, so that none waits for a block with many impacts.
 """
 
 import functools
@@ -22,15 +22,15 @@ from ..ground_motion import Motion, Pulse, Record
 from ..host import listed, mapped
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
-from .batch_step import Arguments, Case, Lanes, most_turns, turn
+from .batch_step import Case, Lanes, max_steps, take_step
 from .intervals import Grid, factor_length_and_end, grid_of
-from .overturning_criterion import margins_of
-from .taylor import kept
+from .overturning_criterion import free_motion_margins
+from .taylor import materialized
 
 _LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
-_TURNS = 64  # between two looks at the queue
-ORDERS = range(3, 13)
+_STEPS = 64  # between two refills of the lanes
+_ORDERS = range(3, 13)
 
 
 class BatchResponse(eqx.Module):
@@ -50,11 +50,11 @@ class BatchResponse(eqx.Module):
     impacts : Array of int
         Number of impacts, without the infinitely many in which a block comes to rest.
     mode : Array of int
-        Of those that overturn, the number of impacts before they do, which may be one more
-        than until the end of the input; else -1.
+        Number of impacts before overturning, which may be one more than until the end of the
+        input; -1 for a block that stands.
     complete : Array of bool
-        Whether the motion was followed to its end. Where it was not, for want of turns of
-        the loop or of valid arguments, the real ones are NaN.
+        Whether the motion was followed to its end. Where it was not, for want of steps or of
+        valid arguments, the real numbers are NaN.
     """
 
     peak_rotation: Reals
@@ -81,96 +81,98 @@ class BatchResponse(eqx.Module):
 
 class _Progress(NamedTuple):
     lanes: Lanes
-    block: Any  # of each lane, its place in the queue; beyond its end: nobody's
+    block: Any  # of each lane, its place in the queue; beyond its end for none
     case: Case  # of the lanes
     taken: Any  # from the queue
-    results: Any  # (queue + 1, results): what is nobody's goes to the last row
+    results: Any  # (queue + 1, results): those of no block go to the last row
 
 
 def _march(
     grid: Grid, arguments: Any, count: Any, form: Any, model: RockingModel, lanes: int, order: int
 ) -> BatchResponse:
-    """The first `count` columns of arguments, which have a given form, with as many lanes."""
+    """The first `count` columns of arguments, the leaves of a tree of the given form."""
     queue = Case.of(grid, jax.tree.unflatten(form, list(arguments)), model)
     dtype, size = queue.duration.dtype, queue.duration.size
     valid = queue.valid()
-    # Those that will move for long go first.
+    # Those that are lifted most easily, and so move longest, go first.
     effort = queue.equation.tangent / jnp.abs(queue.strength)
-    line = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
+    ranked = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
 
-    def look(progress: _Progress) -> _Progress:
-        """Put away the results of lanes that have finished, and give them new blocks."""
+    def refilled(progress: _Progress) -> _Progress:
+        """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
         idle = ~lanes.active(grid)
         row = (
             lanes.peak,
-            lanes.side * lanes.lean,
-            lanes.side * lanes.speed,
-            lanes.fate_lean,
-            lanes.fate_speed,
+            lanes.side * lanes.rotation,
+            lanes.side * lanes.velocity,
+            lanes.end_rotation,
+            lanes.end_velocity,
             lanes.impacts.astype(dtype),
-            (lanes.turns < most_turns(grid)).astype(dtype),
+            (lanes.steps < max_steps(grid)).astype(dtype),
         )
         results = results.at[jnp.where(idle, block, size)].set(jnp.stack(row, axis=-1))
         place = taken + jnp.cumsum(idle) - 1
         gets = idle & (place < count)
         place = jnp.clip(place, 0, size - 1)
-        block = jnp.where(idle, jnp.where(gets, line[place], size), block)
+        block = jnp.where(idle, jnp.where(gets, ranked[place], size), block)
 
-        def given(new: Any, old: Any) -> Any:
+        def replaced(new: Any, old: Any) -> Any:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(lambda leaf: leaf[line[place]], queue)
-        case = jax.tree.map(given, next_case, case)
-        fresh = grid.next_cell(jnp.zeros_like(lanes.cell), case.trail)
-        lanes = jax.tree.map(given, Lanes.at_rest(fresh, dtype), lanes)
+        next_case = jax.tree.map(lambda leaf: leaf[ranked[place]], queue)
+        case = jax.tree.map(replaced, next_case, case)
+        fresh = grid.next_interval(jnp.zeros_like(lanes.interval), case.trail)
+        lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + idle.sum(), count), results)
 
-    def turns(progress: _Progress) -> _Progress:
+    def steps(progress: _Progress) -> _Progress:
         case = progress.case
         _, lanes = jax.lax.while_loop(
-            lambda state: state[0] < _TURNS,
-            lambda state: (state[0] + 1, turn(state[1], case, grid, order)),
+            lambda state: state[0] < _STEPS,
+            lambda state: (state[0] + 1, take_step(state[1], case, grid, order)),
             (0, progress.lanes),
         )
-        return look(progress._replace(lanes=lanes))
+        return refilled(progress._replace(lanes=lanes))
 
     begin = _Progress(
-        Lanes.at_rest(jnp.full(lanes, grid.cells, jnp.int32), dtype),
+        Lanes.at_rest(jnp.full(lanes, grid.intervals, jnp.int32), dtype),
         jnp.full(lanes, size),
         jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue),
         jnp.zeros((), int),
         jnp.zeros((size + 1, 7), dtype),
     )
-    *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), turns, look(begin))
-    peak, rotation, velocity, fate_lean, fate_speed, impacts, finished = results[:-1].T
+    *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
+    peak, rotation, velocity, end_rotation, end_velocity, impacts, finished = results[:-1].T
     complete = valid & (finished > 0)
-    at_once, later = margins_of(queue.equation, queue.restitution, fate_lean, fate_speed)
-    margin = jnp.minimum(at_once, later)
+    before_impact, after_impact = free_motion_margins(
+        queue.equation, queue.restitution, end_rotation, end_velocity
+    )
+    margin = jnp.minimum(before_impact, after_impact)
     fallen = peak >= 0.5 * jnp.pi
     overturned = complete & (fallen | (margin < 0))
     impacts = impacts.astype(int)
-    mode = impacts + jnp.where(fallen | (at_once < 0), 0, 1)
+    mode = impacts + jnp.where(fallen | (before_impact < 0), 0, 1)
 
-    def known(value: Any) -> Any:
+    def where_complete(value: Any) -> Any:
         return jnp.where(complete, value, jnp.nan)
 
     return BatchResponse(
-        peak_rotation=known(jnp.minimum(peak, 0.5 * jnp.pi)),
-        final_rotation=known(rotation),
-        final_velocity=known(velocity),
+        peak_rotation=where_complete(jnp.minimum(peak, 0.5 * jnp.pi)),
+        final_rotation=where_complete(rotation),
+        final_velocity=where_complete(velocity),
         overturned=overturned,
-        margin=known(margin),
+        margin=where_complete(margin),
         impacts=impacts,
         mode=jnp.where(overturned, mode, -1),
         complete=complete,
     )
 
 
-def _known(name: str, value: Any) -> bool:
-    """Whether the compiler takes an option: versions differ, and none must break the batch."""
+def _takes_option(name: str, value: Any) -> bool:
+    """Whether the compiler takes an option: versions differ, and none must make the batch fail."""
     try:
-        trial = jax.jit(lambda x: kept(x + x) * x, compiler_options={name: value})
+        trial = jax.jit(lambda x: materialized(x + x) * x, compiler_options={name: value})
         with jax.default_device(jax.local_devices(backend="cpu")[0]):
             trial.lower(np.zeros(2, np.float32)).compile()
     except Exception:  # of which type depends on the version
@@ -180,20 +182,19 @@ def _known(name: str, value: Any) -> bool:
 
 @functools.cache
 def compiler_options(platform: str) -> dict[str, Any] | None:
-    """Options for XLA, for programs that follow a batch and are not part of a larger program."""
+    """Options for XLA, for programs that follow a batch on their own."""
     if platform != "cpu":
         return None
-    # The widest vectors that a processor has are not what XLA takes by itself, and what
-    # becomes of NaN is looked after here.
+    # By itself XLA does not take the widest vectors of a processor. A minimum that does not
+    # propagate NaN is faster, and blocks with NaN are masked here anyway.
     options = {
         "xla_cpu_prefer_vector_width": 512,
         "xla_cpu_enable_fast_min_max": True,
     }
     if jax.__version_info__ < (0, 11):
-        # A pass that removes what keeps values from being computed again; later versions have
-        # none that does so too early, and need it.
+        # This pass removes the barriers against recomputation, too early in these versions.
         options["xla_disable_hlo_passes"] = "cse_barrier_expander"
-    return {n: v for n, v in options.items() if _known(n, v)}
+    return {n: v for n, v in options.items() if _takes_option(n, v)}
 
 
 @functools.cache
@@ -225,14 +226,13 @@ def respond_batch(
     motion : Motion
         A pulse or a `Record`.
     duration : array_like, optional
-        Time to follow each block for [s], greater than 0; to the end of the motion unless
-        given.
+        How long to follow each block [s], greater than 0; by default to the end of the motion.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     order : int, optional
-        Of the Taylor polynomials, 3 to 12: what accuracy is dialled with. 8 by default, and in
-        float32, where rounding is all that is left then, 6. `choose` says which one a motion
-        needs, `respond_within` takes it.
+        Order of the Taylor polynomials, 3 to 12, which sets the accuracy. 8 by default, and 6
+        in float32, where rounding dominates then. `choose` says which one a motion needs,
+        `respond_within` takes it.
 
     Returns
     -------
@@ -246,9 +246,9 @@ def respond_batch(
 
     Notes
     -----
-    Taylor polynomials, one a sample (more where the block is fast). A pulse is
-    taken as 128 quintics a period. Without a transformation, the batch is shared out to
-    the devices, or on a single processor to its cores. Has forward-mode derivatives.
+    One Taylor polynomial per sample, more where the block is fast. A pulse is taken as 128
+    quintics per period. Outside of transformations, the batch is shared out to the devices, or
+    to the cores of a processor. Has forward-mode derivatives.
 
     Examples
     --------
@@ -266,7 +266,7 @@ def respond_batch(
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
-    if order is not None and order not in ORDERS:
+    if order is not None and order not in _ORDERS:
         raise ValueError(f"order must be a whole number from 3 to 12, got {order}")
     blocks.check()
     motion.check()
@@ -277,7 +277,7 @@ def respond_batch(
     if order is None:
         order = 8 if dtype == np.float64 else 6
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
-    # Outside of a transformation NumPy is quicker for what there is to do.
+    # Outside of a transformation NumPy is quicker, and compiles nothing.
     library: Any = jnp if traced else np
 
     def converted(tree: Any) -> Any:
@@ -286,7 +286,7 @@ def respond_batch(
     shaking = converted(motion)
     grid = grid_of(shaking)
     factor, length, end = factor_length_and_end(shaking)
-    arguments = Arguments(
+    arguments = (
         converted(blocks),
         converted(restitution),
         factor,
@@ -314,7 +314,7 @@ def respond_batch(
     share = max(-(-size // workers), 1)
     room, lanes = 1 << (share - 1).bit_length(), share
     if on_processor:
-        # Few different shapes, so that little is compiled.
+        # Few different shapes, so that few programs are compiled.
         share, lanes = min(_ROOMS[-1], share), _LANES
         room = next(room for room in _ROOMS if share <= room)
     march = _compiled(devices[0].platform)
@@ -329,5 +329,5 @@ def respond_batch(
 
     pieces = max(1, -(-size // share))
     separate = mapped(on_device, range(pieces), min(workers, pieces))
-    whole = jax.tree.map(lambda *parts: np.concatenate(parts).reshape(shape), *separate)
-    return jax.device_put(whole)
+    joined = jax.tree.map(lambda *parts: np.concatenate(parts).reshape(shape), *separate)
+    return jax.device_put(joined)

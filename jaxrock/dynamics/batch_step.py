@@ -1,8 +1,8 @@
-"""Many blocks side by side, each at its own pace through the cells of a `Grid`.
+"""Many blocks side by side, each at its own pace through the intervals of a `Grid`.
 
-A turn is one step of every lane: by a Taylor polynomial to the end of its cell or, if the
+Every lane takes a step at a time: by a Taylor polynomial to the end of its interval or, if the
 block lands before, to the impact, which is a root of that polynomial. A block at rest goes
-to the next cell that might lift it. What a lane does depends on no other.
+to the next interval that might lift it. What a lane does depends on no other.
 """
 
 import math
@@ -12,50 +12,41 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..block import Block
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
 from .equation import Equation
 from .intervals import Grid
-from .taylor import Coefficients, derivative, evaluate, kept, lean_series
+from .taylor import Coefficients, derivative, evaluate, materialized, rotation_series
 
 _LONGEST = 0.15  # step times p
-# Below this part of the critical angle, polynomials of less than order 6 may be off by more:
-# right after uplift the third power is all there is, whatever the step.
+# Part of the critical angle beside which the relative error is taken below order 6: right after
+# uplift the third power is the whole motion, and no step would be short enough.
 _COARSE = 1e-3
 
 
-class Arguments(NamedTuple):
-    """What a lane is asked to compute, as it comes in."""
-
-    block: Block
-    restitution: Any
-    factor: Any  # on the ground motion: its amplitude or scale
-    length: Any  # of a cell
-    start: Any
-    duration: Any
-    motion: Any  # its number, where there are several
-
-
 class Case(NamedTuple):
-    """What follows from the arguments once for all turns."""
+    """What follows from the arguments once for all steps."""
 
     equation: Equation
-    foot: tuple[Any, Any]  # sine and cosine of the tilt on the ground
-    longest: Any  # step
+    on_ground: tuple[Any, Any]  # sine and cosine of the tilt on the ground
+    longest: Any  # step in time
     restitution: Any
     strength: Any  # factor over g
-    length: Any  # of a cell
+    length: Any  # of an interval
     frequency: Any  # 1 / length
     start: Any
     duration: Any
-    first: Any  # cell of the motion
-    trail: Any  # of cells that might lift the block
-    given: Any  # whether the motion is finite
+    first: Any  # interval of the motion
+    trail: Any  # of intervals that might lift the block
+    finite: Any  # whether the motion is
 
     @classmethod
-    def of(cls, grid: Grid, arguments: Arguments, model: RockingModel) -> "Case":
-        """The case of the arguments, elementwise."""
+    def of(cls, grid: Grid, arguments: tuple[Any, ...], model: RockingModel) -> "Case":
+        """The case of the arguments of `respond_batch`, elementwise.
+
+        `factor` is on the motion (its amplitude or scale), `length` that of an interval, `motion`
+        the index where there are several.
+        """
         block, restitution, factor, length, start, duration, motion = arguments
         motion = motion.astype(jnp.int32)
         equation = Equation.of(block, model)
@@ -65,10 +56,10 @@ class Case(NamedTuple):
             needed = needed / (1 + equation.tangent)
         return cls(
             equation=equation,
-            foot=(angle, jnp.ones_like(angle))
+            on_ground=(angle, jnp.ones_like(angle))
             if isinstance(model, Linearized)
             else (jnp.sin(angle), jnp.cos(angle)),
-            longest=_LONGEST / jnp.sqrt(equation.square),
+            longest=_LONGEST / jnp.sqrt(equation.p_squared),
             restitution=restitution,
             strength=strength,
             length=length,
@@ -77,62 +68,54 @@ class Case(NamedTuple):
             duration=duration,
             first=motion * grid.room,
             trail=grid.trail(motion, needed),
-            given=grid.finite[motion],
+            finite=grid.finite[motion],
         )
 
     def valid(self) -> Booleans:
-        """Whether all arguments are what they may be."""
-        equation = self.equation
-        finite = equation.square + equation.tangent + self.strength + self.start
-        return (
-            jnp.isfinite(finite + self.restitution + self.length + self.duration)
-            & self.given
-            & (self.start >= 0)
-            & (equation.square > 0)
-            & (self.restitution >= 0)
-            & (self.restitution <= 1)
-            & (self.length > 0)
-            & (self.duration > 0)
-        )
+        """Whether all arguments are allowed."""
+        equation, restitution = self.equation, self.restitution
+        total = equation.p_squared + equation.tangent + self.strength + self.start
+        finite = jnp.isfinite(total + restitution + self.length + self.duration) & self.finite
+        positive = (equation.p_squared > 0) & (self.length > 0) & (self.duration > 0)
+        return finite & positive & (self.start >= 0) & (restitution >= 0) & (restitution <= 1)
 
 
 class Lanes(NamedTuple):
     """Where the blocks are."""
 
-    cell: Any
-    along: Any  # time in the cell
+    interval: Any
+    along: Any  # time in the interval
     side: Any
-    lean: Any
-    speed: Any
+    rotation: Any
+    velocity: Any
     reach: Any  # longest step
     moves: Any
     peak: Any
     impacts: Any
-    turns: Any  # in motion
-    fate_lean: Any  # at the end of the input, or now if that is earlier
-    fate_speed: Any
+    steps: Any  # in motion
+    end_rotation: Any  # at the end of the input, or now if that is earlier
+    end_velocity: Any
 
     @classmethod
-    def at_rest(cls, cell: Any, dtype: Any) -> "Lanes":
-        """Blocks that have not moved, in a cell."""
-        zero, count = jnp.zeros(cell.shape, dtype), jnp.zeros_like(cell)
-        moves = jnp.zeros(cell.shape, bool)
-        return cls(
-            cell, zero, zero + 1, zero, zero, zero + jnp.inf, moves, zero, count, count, zero, zero
-        )
+    def at_rest(cls, interval: Any, dtype: Any) -> "Lanes":
+        """Blocks that have not moved, in an interval."""
+        zero, count = jnp.zeros(interval.shape, dtype), jnp.zeros_like(interval)
+        fields = dict.fromkeys(cls._fields, zero) | dict.fromkeys(("impacts", "steps"), count)
+        fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
+        return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
 
     def active(self, grid: Grid) -> Booleans:
-        """Whether there is anything left to do."""
-        return self.moves | (self.cell < grid.cells)
+        """Whether the motion goes on."""
+        return self.moves | (self.interval < grid.intervals)
 
 
-def most_turns(grid: Grid) -> Any:
-    """Most turns that a lane may take: a bound on the time, reported where it is hit."""
-    return 1000 * jnp.minimum(grid.cells, 2 * 10**6) + 10**6
+def max_steps(grid: Grid) -> Any:
+    """Largest number of steps of a lane, which bounds the time; reported where it is reached."""
+    return 1000 * jnp.minimum(grid.intervals, 2 * 10**6) + 10**6
 
 
 def _tiny(dtype: Any) -> float:
-    """What is nothing beside 1."""
+    """What counts as nothing beside 1."""
     return 64 * float(jnp.finfo(dtype).eps)
 
 
@@ -149,7 +132,7 @@ def _lift(
     lifted = at_once | (jnp.abs(last) > evaluate(needed, step))
     side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
     if lift:
-        # Where the ground falls away both sides are lifted within the step: the first counts.
+        # Where the ground falls away, both sides are lifted within the step: the first counts.
         begin, end = (
             [one * part - need for one in (1.0, -1.0)]
             for part, need in ((horizontal[0], needed[0]), (last, evaluate(needed, step)))
@@ -169,34 +152,34 @@ def _lift(
 
 
 def _accurate(equation: Equation, path: Coefficients, step: Any) -> Any:
-    """The step, or as much of it as the polynomial is good for.
+    """The step, or as much of it as the polynomial is accurate for.
 
-    Its last term has to be a tenth as small beside the others as that of a free motion is in
-    the longest step, since a rough input comes with many such steps; the one before counts
-    too, since every other term may vanish.
+    Beside the others, its last term must be at most a tenth of what it is for a free motion in
+    the longest step, since a rough input takes many such steps. The term before it counts too,
+    since every other term may vanish.
     """
     order = len(path) - 1
     allowed = 0.1 * _LONGEST**order / math.factorial(order)
-    path, length, rate = jax.lax.stop_gradient((path, step, jnp.sqrt(equation.square)))
+    path, length, rate = jax.lax.stop_gradient((path, step, jnp.sqrt(equation.p_squared)))
     sizes = tuple(map(jnp.abs, path))
     moved = evaluate(sizes, length)
     if order < 6:
         moved = moved + _COARSE * jax.lax.stop_gradient(equation.critical_angle)
     last = (sizes[-1] + sizes[-2] * rate) * length**order
     excess = last / (allowed * jnp.where(moved > 0, moved, 1))
-    # The length of a step may have any value: a power in float32 is cheaper. The motion grows
+    # The length of a step need not be exact: a power in float32 is cheaper. The motion grows
     # with the third power of the time at most.
     excess = jnp.maximum(excess, 1).astype(jnp.float32)
     shorter = length * jnp.exp2(jnp.log2(excess) * (-1 / max(order - 3, 1))).astype(length.dtype)
     return jnp.where(excess > 1, shorter, step)
 
 
-def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
-    """When a lean is lowest and highest within a step: where its slope rises, falls through 0.
+def _dip_and_peak(slope: Coefficients, step: Any) -> tuple[Any, Any]:
+    """When a rotation is lowest and when highest within a step; `step` where it is at no time.
 
-    `step` where it does not. From a parabola, improved once, which is much for a value that
-    does not change there. Only the last step has a derivative: the extreme value does not need
-    one, its second derivative does.
+    The slope vanishes there: from a parabola and one step of Newton's method, which is enough
+    since an extreme value changes little with the time. Only that step has a derivative, which
+    the second derivative of the extreme value needs.
     """
     changing = slope
     slope, step = jax.lax.stop_gradient((slope, step))
@@ -219,10 +202,10 @@ def _turnings(slope: Coefficients, step: Any) -> tuple[Any, Any]:
 
 
 def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
-    """When a lean falls through 0, if it is positive before and negative at `latest`.
+    """When a rotation falls through 0 that is negative at `latest`, and whether that was located.
 
-    From the root of a parabola by Halley's method, and by one more step, which shows whether
-    that was enough and gives the time its derivatives.
+    By Halley's method from the root of a parabola. One more step shows whether that was enough,
+    and gives the time its derivatives.
     """
     a, b, c = path[:3]
     slope = derivative(path)
@@ -235,103 +218,105 @@ def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
         value, steep, bent = (evaluate(each, time) for each in (path, slope, derivative(slope)))
         below = steep * steep - 0.5 * value * bent
         time = time - value * steep / jnp.where(below > 0, below, jnp.inf)
-    before = kept(jax.lax.stop_gradient(time))
+    # A barrier: the series below use it often, and XLA would repeat both iterations.
+    before = materialized(jax.lax.stop_gradient(time))
     steep, bent = evaluate(slope, before), evaluate(derivative(slope), before)
     below = jnp.where(steep < 0, steep, -1)
     off = evaluate(path, before) / below
-    # The square is nothing but its second derivative.
-    time = kept(before - off - 0.5 * off * off * bent / below)
+    # The square matters only in the second derivative of the time.
+    time = materialized(before - off - 0.5 * off * off * bent / below)
     near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
     return time, near & (steep < 0) & (time > 0) & (time <= latest)
 
 
-def turn(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
-    """One step of every lane: to the end of its cell, its impact, or its uplift.
-
-    `order` is that of the Taylor polynomial, at least 3.
-    """
-    equation, dtype = case.equation, lanes.lean.dtype
-    acts = lanes.cell < grid.cells
-    begin = case.start + lanes.cell.astype(dtype) * case.length
+def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
+    """Take each lane to the end of its interval, its impact or its uplift."""
+    equation, dtype = case.equation, lanes.rotation.dtype
+    acts = lanes.interval < grid.intervals
+    begin = case.start + lanes.interval.astype(dtype) * case.length
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
     left = stop - lanes.along
     step = jnp.minimum(jnp.minimum(left, case.longest), lanes.reach)
     step = jnp.where(lanes.moves, step, jnp.where(acts, left, 0))
-    strength = kept(jnp.where(acts, case.strength, 0))
-    horizontal, lift = grid.ahead(case.first + lanes.cell, lanes.along, case.frequency, strength)
+    strength = materialized(jnp.where(acts, case.strength, 0))
+    horizontal, lift = grid.ahead(
+        case.first + lanes.interval, lanes.along, case.frequency, strength
+    )
     push = tuple(lanes.side * part for part in horizontal)
-    horizontal, lift, push, step, left = kept((horizontal, lift, push, step, left))
+    # All that follows uses these many times. Without a barrier (here and at each `materialized`
+    # below), XLA would fuse their computation into every use and repeat it there.
+    horizontal, lift, push, step, left = materialized((horizontal, lift, push, step, left))
 
-    lifted, wait, lifted_side = _lift(case, horizontal, lift, step)
+    lifted, wait, uplift_side = _lift(case, horizontal, lift, step)
     lifted = ~lanes.moves & lifted & (left > 0)
-    lifted, wait, lifted_side = kept((lifted, wait, lifted_side))
+    lifted, wait, uplift_side = materialized((lifted, wait, uplift_side))
 
-    path = lean_series(equation, lanes.lean, lanes.speed, push, lift, order)
-    step = kept(jnp.where(lanes.moves, _accurate(equation, path, step), step))
+    path = rotation_series(equation, lanes.rotation, lanes.velocity, push, lift, order)
+    step = materialized(jnp.where(lanes.moves, _accurate(equation, path, step), step))
     slope = derivative(path)
-    dip, top = kept(_turnings(slope, step))
-    end, lowest, highest = kept(tuple(evaluate(path, time) for time in (step, dip, top)))
+    dip, top = materialized(_dip_and_peak(slope, step))
+    end, lowest, highest = materialized(tuple(evaluate(path, time) for time in (step, dip, top)))
     lands = lanes.moves & (jnp.minimum(end, lowest) < 0)
-    lands, latest = kept((lands, jnp.where(lowest < 0, dip, step)))
-    landing, found = kept(_landing(path, latest))
-    # Where the impact is not found, the next step is half as long and begins here.
-    blocked, lands = lands & ~found, lands & found
+    lands, latest = materialized((lands, jnp.where(lowest < 0, dip, step)))
+    landing, located = materialized(_landing(path, latest))
+    # Where the impact is not located, the next step begins here and is half as long.
+    blocked, lands = lands & ~located, lands & located
     flight = jnp.where(lands, landing, jnp.where(blocked, 0, step))
-    flight, blocked, lands = kept((flight, blocked, lands))
-    speed = kept(evaluate(slope, flight))
-    # Never on the ground without an impact: from there it could not be found.
+    flight, blocked, lands = materialized((flight, blocked, lands))
+    velocity = materialized(evaluate(slope, flight))
+    # Never on the ground without an impact, which could not be located from there.
     above = jnp.maximum(evaluate(path, flight), float(jnp.finfo(dtype).tiny))
-    lean = kept(jnp.where(lands, 0, above))
-    peak = kept(jnp.maximum(lean, jnp.where(top < flight, highest, 0)))
+    rotation = materialized(jnp.where(lands, 0, above))
+    peak = materialized(jnp.maximum(rotation, jnp.where(top < flight, highest, 0)))
 
-    # Impact. The block comes to rest if the bounces that are left end within the step. They
-    # do so in the time of those on the side where the ground presses less, under an
-    # acceleration which then must not change much.
-    leaving = case.restitution * jnp.abs(speed)
+    # Impact. The block comes to rest if all further bounces end within the step. Their time is
+    # bounded by that of bounces to the side where the ground presses less, under an acceleration
+    # that must not change much meanwhile.
+    leaving = case.restitution * jnp.abs(velocity)
 
     def onward(time: Any) -> Any:
         sideways = jnp.abs(evaluate(push, time))
         upward = evaluate(lift, time) if lift else 0.0
-        return equation.lean_acceleration(*case.foot, sideways, upward)
+        return equation.right_hand_side(*case.on_ground, sideways, upward)
 
-    down, leaving = kept((-onward(flight), leaving))
+    down, leaving = materialized((-onward(flight), leaving))
     little = 0.125 * (1 - case.restitution) * down
-    rest = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
-    steady = jnp.abs(onward(rest) + down) <= little
-    low = equation.square * leaving * leaving <= little * down
+    settled = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
+    steady = jnp.abs(onward(settled) + down) <= little
+    low = equation.p_squared * leaving * leaving <= little * down
     nothing = leaving <= _tiny(dtype) * equation.critical_velocity
-    level = -down <= 2 * _tiny(dtype) * equation.square * case.foot[0]
-    # The bounce that follows is not computed: it must not be the highest.
+    level = -down <= 2 * _tiny(dtype) * equation.p_squared * case.on_ground[0]
+    # The next bounce is not computed any more: it must not be the highest.
     low = low & (leaving * leaving <= down * lanes.peak)
-    settles = (little > 0) & (rest <= step) & steady & low
-    settles = kept(lands & (settles | (nothing & level)))
+    settles = (little > 0) & (settled <= step) & steady & low
+    settles = materialized(lands & (settles | (nothing & level)))
 
     over = peak >= 0.5 * jnp.pi
     arrives = jnp.where(lanes.moves, ~(lands | blocked) & (step >= left), ~lifted)
     ended = (arrives & ~(stop >= length)) | (
-        lanes.moves & (over | (lanes.turns >= most_turns(grid)))
+        lanes.moves & (over | (lanes.steps >= max_steps(grid)))
     )
-    cell = jnp.where(arrives, lanes.cell + 1, lanes.cell)
-    cell = jnp.where(lanes.moves | lifted, cell, grid.next_cell(cell, case.trail))
-    lean = jnp.where(lanes.moves, jnp.minimum(lean, 0.5 * jnp.pi), lanes.lean)
-    speed = jnp.where(lands, jnp.where(settles, 0, leaving), speed)
-    speed = jnp.where(lanes.moves, speed, lanes.speed)
+    interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
+    interval = jnp.where(lanes.moves | lifted, interval, grid.next_interval(interval, case.trail))
+    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, 0.5 * jnp.pi), lanes.rotation)
+    velocity = jnp.where(lands, jnp.where(settles, 0, leaving), velocity)
+    velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
     taken = jnp.where(lanes.moves, flight, jnp.where(lifted, wait, 0))
-    # The fate is read where the input ends.
-    return kept(
+    # The state for the overturning criterion is that where the input ends.
+    return materialized(
         Lanes(
-            cell=jnp.where(ended, grid.cells, cell),
+            interval=jnp.where(ended, grid.intervals, interval),
             along=jnp.where(arrives, 0, lanes.along + taken),
-            side=jnp.where(lands, -lanes.side, jnp.where(lifted, lifted_side, lanes.side)),
-            lean=lean,
-            speed=speed,
+            side=jnp.where(lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side)),
+            rotation=rotation,
+            velocity=velocity,
             reach=jnp.where(blocked, 0.5 * latest, jnp.inf),
             moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
             peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, peak), lanes.peak),
             impacts=lanes.impacts + lands.astype(jnp.int32),
-            turns=lanes.turns + lanes.moves.astype(jnp.int32),
-            fate_lean=jnp.where(acts, lean, lanes.fate_lean),
-            fate_speed=jnp.where(acts, speed, lanes.fate_speed),
+            steps=lanes.steps + lanes.moves.astype(jnp.int32),
+            end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
+            end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
         )
     )

@@ -1,4 +1,4 @@
-"""Friction demand and normal force of a block, and what they come to within a step."""
+"""Friction demand and normal force at the base, and their extremes within a step."""
 
 from typing import Any
 
@@ -6,26 +6,26 @@ import jax
 import jax.numpy as jnp
 
 from ..validation import Booleans, Reals
-from .segment import Span
+from .segment import Segment
 
 _NODES = 9
-# Third, fourth and fifth power of the time, of what the first three leave at the end of a step of
-# the lean, of its slope and of half its second derivative.
+# Coefficients of the third, fourth and fifth power of a quintic: what the first three powers miss
+# at the end of a step in the rotation, in its slope, and in half its second derivative.
 _QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))
 
 
-def larger(kept: Reals, new: Reals, counts: Any = True) -> Reals:
-    """The larger one; of two that are equal the first, with the whole of its derivative."""
-    return jnp.where(counts & (new > kept), new, kept)
+def larger(first: Reals, second: Reals) -> Reals:
+    """The larger one; of two equal ones the first, with all of its derivative."""
+    return jnp.where(second > first, second, first)
 
 
-def smaller(kept: Reals, new: Reals, counts: Any = True) -> Reals:
+def smaller(first: Reals, second: Reals) -> Reals:
     """The smaller one, as in `larger`."""
-    return jnp.where(counts & (new < kept), new, kept)
+    return jnp.where(second < first, second, first)
 
 
 def largest(values: Reals) -> Reals:
-    """The largest of a row, as in `larger`: `max` of equal ones takes the mean derivative."""
+    """The largest, as in `larger`; `max` would take the mean derivative of equal ones."""
     return values[jnp.argmax(values)]
 
 
@@ -35,68 +35,54 @@ def friction(horizontal: Reals, normal: Reals) -> Reals:
     return jnp.where(presses, jnp.abs(horizontal) / jnp.where(presses, normal, 1), jnp.inf)
 
 
-def forces(span: Span, time: Reals, y: Reals) -> tuple[Reals, Reals]:
-    """Horizontal and normal force over weight, from the acceleration of the centre of mass."""
-    push, lift = span.ground(time)
-    equation = span.equation
-    rate = equation.acceleration(y[0], push, lift)
-    sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
-    radius_over_g = 0.75 / equation.square
-    horizontal = radius_over_g * (cosine * rate + sine * y[1] ** 2) - push
-    normal = 1 + lift + radius_over_g * (sine * rate - cosine * y[1] ** 2)
-    return horizontal, normal
-
-
-def beyond(
-    span: Span,
+def with_step(
+    extremes: tuple[Reals, Reals],
+    segment: Segment,
     times: Reals,
     states: Reals,
-    rates: Reals,
-    kept: tuple[Reals, Reals],
+    accelerations: Reals,
     counts: Booleans,
 ) -> tuple[Reals, Reals]:
-    """The extremes that are kept, or those of a step, if it counts, where they are beyond them.
+    """Friction demand and normal force so far, and in a step if that counts.
 
-    Most steps come nowhere near: what lies between the nodes is beyond them by much less than
-    a part of their spread.
+    Most steps come nowhere near the extremes so far, which values at nodes show: between nodes
+    the forces exceed those values by much less than half their spread.
     """
-    step = jax.lax.stop_gradient((span, times, states, rates))
+    step = jax.lax.stop_gradient((segment, times, states, accelerations))
     horizontal, normal = _at_shares(*step, _nodes(times))
-    demand, least = jax.lax.stop_gradient(kept)
+    demand, least = jax.lax.stop_gradient(extremes)
     finite = demand < jnp.inf
     slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
     steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
     lighter = 1.5 * normal.min() - 0.5 * normal.max() <= least
 
     def changed() -> tuple[Reals, Reals]:
-        demand, normal = extremes(span, times, states)
-        return larger(kept[0], demand), smaller(kept[1], normal)
+        demand, normal = _extremes_of_step(segment, times, states)
+        return larger(extremes[0], demand), smaller(extremes[1], normal)
 
-    return jax.lax.cond(counts & (steeper | lighter), changed, lambda: kept)
+    return jax.lax.cond(counts & (steeper | lighter), changed, lambda: extremes)
 
 
-def extremes(span: Span, times: Reals, states: Reals) -> tuple[Reals, Reals]:
+def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Reals, Reals]:
     """Largest friction demand and smallest normal force within a step.
 
-    At its ends, and between them on the polynomial that has their states and accelerations:
-    at nodes, and at the extreme value of the parabola through each three of them that follow
-    one another.
+    On the quintic through the states and accelerations of both ends: at nodes, and at the
+    vertex of the parabola through each three successive nodes.
     """
     nodes = _nodes(times)
-    rates = span.field(times, states)[1]
-    horizontal, normal = _at_shares(span, times, states, rates, nodes)
-    # The angle of the force is smooth where the normal force vanishes.
+    accelerations = segment.field(times, states)[1]
+    horizontal, normal = _at_shares(segment, times, states, accelerations, nodes)
+    # The angle of the force is smooth where the normal force vanishes, the demand is not.
     curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
-    rise = 0.5 * (curves[:, 2:] - curves[:, :-2])
-    bent = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
-    moved = jnp.clip(-rise / jnp.where(bent == 0, 1, bent), -1, 1) / (_NODES - 1)
-    shares = nodes[None] + jnp.pad(moved, ((0, 0), (1, 1)))
-    found = [_at_shares(span, times, states, rates, shares[k]) for k in range(2)]
-    found = zip((horizontal, normal), *found, strict=True)
-    horizontal, normal = map(jnp.stack, found)
-    # In the shortest steps, which change nothing, the speed in between is lost to rounding.
+    slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
+    curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
+    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (_NODES - 1)
+    shares = nodes[None] + jnp.pad(vertex, ((0, 0), (1, 1)))
+    refined = [_at_shares(segment, times, states, accelerations, shares[k]) for k in range(2)]
+    horizontal, normal = map(jnp.stack, zip((horizontal, normal), *refined, strict=True))
+    # In the shortest steps, which change nothing, the velocity between the ends is rounding.
     eps, step = float(jnp.finfo(nodes.dtype).eps), times[1] - times[0]
-    long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(span.equation.square)
+    long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(segment.equation.p_squared)
     counts = (long | (nodes == 0) | (nodes == 1))[None]
     demand = jnp.where(counts, friction(horizontal, normal), 0).max()
     return demand, jnp.where(counts, normal, jnp.inf).min()
@@ -108,23 +94,31 @@ def _nodes(like: Reals) -> Reals:
 
 @jax.jit
 def _at_shares(
-    span: Span, times: Reals, states: Reals, rates: Reals, share: Reals
+    segment: Segment, times: Reals, states: Reals, accelerations: Reals, share: Reals
 ) -> tuple[Reals, Reals]:
-    """Forces at some shares of a step."""
+    """Horizontal and normal force over weight at shares of a step, on its quintic."""
     begin, step = times[0], times[1] - times[0]
-    drift, bend = step * states[1], 0.5 * step**2 * rates
+    drift, bend = step * states[1], 0.5 * step**2 * accelerations
     excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]
-    left = jnp.stack([excess, drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]])
-    rest = (jnp.asarray(_QUINTIC, left.dtype) * left[None]).sum(axis=1)
-    powers = jnp.concatenate([drift[:1], bend[:1], rest])[:, None]
-    shares = [jnp.ones_like(share)]
+    missed = jnp.stack([excess, drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]])
+    higher: Any = (jnp.asarray(_QUINTIC, missed.dtype) * missed[None]).sum(axis=1)
+    coefficients = jnp.concatenate([drift[:1], bend[:1], higher])[:, None]
+    powers = [jnp.ones_like(share)]
     for _ in range(4):
-        shares.append(shares[-1] * share)
-    terms = powers * jnp.stack(shares)
-    lean = states[0, 0] + share * terms.sum(axis=0)
-    exponents = jnp.arange(1, 6, dtype=left.dtype)[:, None]
-    speed = (exponents * terms).sum(axis=0) / jnp.where(step > 0, step, 1)
-    # Of the ends, the states themselves.
+        powers.append(powers[-1] * share)
+    terms = coefficients * jnp.stack(powers)
+    rotation = states[0, 0] + share * terms.sum(axis=0)
+    exponents = jnp.arange(1, 6, dtype=missed.dtype)[:, None]
+    velocity = (exponents * terms).sum(axis=0) / jnp.where(step > 0, step, 1)
+    inside = jnp.stack([rotation, velocity])
+    # At the ends the states themselves, which rounding would not return.
     first, last = share[None] == 0, share[None] == 1
-    y = jnp.where(first, states[:, :1], jnp.where(last, states[:, 1:], jnp.stack([lean, speed])))
-    return forces(span, begin + share * step, y)
+    y = jnp.where(first, states[:, :1], jnp.where(last, states[:, 1:], inside))
+    # From the acceleration of the centre of mass.
+    equation, (push, lift) = segment.equation, segment.ground(begin + share * step)
+    acceleration = equation.acceleration(y[0], push, lift)
+    sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
+    radius_over_g = 0.75 / equation.p_squared
+    horizontal = radius_over_g * (cosine * acceleration + sine * y[1] ** 2) - push
+    normal = 1 + lift + radius_over_g * (sine * acceleration - cosine * y[1] ** 2)
+    return horizontal, normal

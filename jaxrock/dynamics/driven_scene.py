@@ -1,19 +1,23 @@
 """A block on moving ground: what every driven computation is about."""
 
+import functools
+
+import equinox as eqx
+
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import shown
-from ..validation import UNIT_INTERVAL, Checked, Number, Reals, as_real, quantity
+from ..validation import FINITE, POSITIVE, UNIT_INTERVAL, Checked, Reals, as_real, quantity
 
 
 class DrivenScene(Checked):
-    """A block, what an impact leaves of its velocity, and a ground motion.
+    """A block, its coefficient of restitution and a ground motion.
 
     Parameters
     ----------
     block : Block
     restitution : array_like
-        C [-], between 0 and 1.
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
 
@@ -24,13 +28,22 @@ class DrivenScene(Checked):
     """
 
     block: Block
+    restitution: Reals = eqx.field(
+        converter=functools.partial(as_real, "restitution"), metadata={"domain": UNIT_INTERVAL}
+    )
     motion: Motion
-    restitution: Reals = quantity(UNIT_INTERVAL)
-
-    def __init__(self, block: Block, restitution: Number, motion: Motion):
-        self.block = block
-        self.motion = motion
-        self.restitution = as_real("restitution", restitution)
 
     def __str__(self) -> str:
         return f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
+
+
+class Driven(DrivenScene):
+    """A scene, for how long the block is followed, and its initial state."""
+
+    duration: Reals = quantity(POSITIVE)
+    rotation: Reals = quantity(FINITE)
+    velocity: Reals = quantity(FINITE)
+
+    def bucketed(self) -> "Driven":
+        """The same under a motion in one of few shapes, so that few programs are compiled."""
+        return eqx.tree_at(lambda driven: driven.motion, self, self.motion.bucketed())

@@ -1,13 +1,13 @@
 """The equation of driven motion (Eq. 1), written once for all integrators.
 
-Counted from the side s = +1 or -1 on which the block stands: the *lean* is s alpha, 0 on
-the ground and positive above it, and ``push`` is s times the horizontal acceleration of the
-ground over g. With ``lift``, the vertical acceleration over g,
+In this package the rotation is counted from the side s = +1 or -1 on which the block stands: it
+is s alpha, 0 on the ground and positive above it. ``push`` is s times the horizontal
+acceleration of the ground over g, ``lift`` the vertical acceleration over g:
 
-    lean'' = -p^2 [(1 + lift) sin(alpha_c - lean) - push cos(alpha_c - lean)]
+    rotation'' = -p^2 [(1 + lift) sin(alpha_c - rotation) - push cos(alpha_c - rotation)]
 
-and, linearized in the form of the literature, sin(x) = x and cos(x) = 1. Its limit for
-short pulses is not that of Eq. 2: the cosine of alpha_c is missing there.
+Linearized in the form of the literature, sin(x) = x and cos(x) = 1. Its limit for short pulses
+is not Eq. 2: there the pulse is multiplied by the cosine of alpha_c.
 """
 
 from typing import Any
@@ -21,18 +21,15 @@ from ..validation import Reals
 
 
 def uplift_acceleration(block: Block, model: RockingModel) -> Reals:
-    """Acceleration of the ground that just lifts the block [m/s2].
-
-    ``g tan(alpha_c)``; linearized, ``g alpha_c``.
-    """
+    """Ground acceleration that just lifts the block [m/s2]: g tan(alpha_c), or g alpha_c."""
     linearized = isinstance(model, Linearized)
     return block.gravity * (block.critical_angle if linearized else 1 / block.slenderness)
 
 
 class Equation(eqx.Module):
-    """What integrators need of a block."""
+    """The equation of motion of a block, on the side on which it stands."""
 
-    square: Reals  # p^2
+    p_squared: Reals
     critical_angle: Reals
     critical_velocity: Reals
     gravity: Reals
@@ -41,7 +38,7 @@ class Equation(eqx.Module):
 
     @property
     def linearized(self) -> bool:
-        """Whether sin(x) is x and cos(x) is 1."""
+        """Whether sin(x) = x and cos(x) = 1."""
         return isinstance(self.model, Linearized)
 
     @classmethod
@@ -49,7 +46,7 @@ class Equation(eqx.Module):
         """The equation of a block."""
         angle = block.critical_angle
         return cls(
-            square=block.frequency_parameter**2,
+            p_squared=block.frequency_parameter**2,
             critical_angle=angle,
             critical_velocity=model.critical_velocity(block),
             gravity=jnp.broadcast_to(block.gravity, angle.shape),
@@ -57,41 +54,40 @@ class Equation(eqx.Module):
             model=model,
         )
 
-    def lean_acceleration(self, sine: Any, cosine: Any, push: Any, lift: Any) -> Any:
-        """The right-hand side, of numbers or of power series in time."""
-        return (cosine * push - sine * (lift + 1.0)) * self.square
+    def right_hand_side(self, sine: Any, cosine: Any, push: Any, lift: Any) -> Any:
+        """The angular acceleration, of numbers or of power series in time."""
+        return (cosine * push - sine * (lift + 1.0)) * self.p_squared
 
-    def acceleration(self, lean: Reals, push: Reals, lift: Reals) -> Reals:
-        """Second derivative of the lean in time [rad/s2]."""
-        tilt = self.critical_angle - lean
+    def acceleration(self, rotation: Reals, push: Reals, lift: Reals) -> Reals:
+        """Angular acceleration [rad/s2]."""
+        tilt = self.critical_angle - rotation
         if self.linearized:
-            return self.lean_acceleration(tilt, jnp.ones_like(tilt), push, lift)
-        return self.lean_acceleration(jnp.sin(tilt), jnp.cos(tilt), push, lift)
+            return self.right_hand_side(tilt, jnp.ones_like(tilt), push, lift)
+        return self.right_hand_side(jnp.sin(tilt), jnp.cos(tilt), push, lift)
 
-    def lifting(self, push: Reals, lift: Reals) -> Reals:
-        """What the push has over what lifts the block from the ground: positive lifts."""
+    def uplift_excess(self, push: Reals, lift: Reals) -> Reals:
+        """Push beyond the one that just lifts the block from the ground; positive lifts."""
         return push - (1 + lift) * self.tangent
 
-    def returning_speed(self, lean: Reals) -> Reals:
-        """Speed at which a block in free motion just fails to come back from a lean.
+    def returning_velocity(self, rotation: Reals) -> Reals:
+        """Outward velocity at which a block in free motion just fails to come back [rad/s].
 
-        Negative beyond the critical angle: there it has to come back as fast as that, at
-        least [rad/s].
+        Negative beyond the critical angle: from there it must move back at least as fast.
         """
-        rest = self.critical_angle - lean
-        root = jnp.sqrt(self.square)
-        return root * rest if self.linearized else 2 * root * jnp.sin(rest / 2)
+        remaining = self.critical_angle - rotation
+        p = jnp.sqrt(self.p_squared)
+        return p * remaining if self.linearized else 2 * p * jnp.sin(remaining / 2)
 
-    def landing_speed(self, lean: Reals, speed: Reals) -> Reals:
-        """Speed with which free motion through this state meets the ground [rad/s].
+    def landing_velocity(self, rotation: Reals, velocity: Reals) -> Reals:
+        """Magnitude of the velocity with which free motion reaches the ground [rad/s].
 
-        0 where it has less energy than the ground has.
+        0 where the energy is less than that on the ground.
         """
-        # The fall from the lean, as a product: as a difference it would not vanish with it.
+        # The fall as a product: a difference would keep its rounding error as the fall vanishes.
         if self.linearized:
-            fall = lean * (2 * self.critical_angle - lean)
+            fall = rotation * (2 * self.critical_angle - rotation)
         else:
-            fall = 4 * jnp.sin(self.critical_angle - lean / 2) * jnp.sin(lean / 2)
-        energy = speed**2 + self.square * fall
+            fall = 4 * jnp.sin(self.critical_angle - rotation / 2) * jnp.sin(rotation / 2)
+        energy = velocity**2 + self.p_squared * fall
         positive = energy > 0
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, energy, 1)), 0)

@@ -1,4 +1,4 @@
-"""Stands or overturns: what energy says once the ground is at rest."""
+"""Whether a block stands or overturns: what energy says once the ground is at rest."""
 
 import jax.numpy as jnp
 
@@ -8,15 +8,15 @@ from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
 from .equation import Equation
 
 
-def margins_of(
-    equation: Equation, restitution: Reals, lean: Reals, speed: Reals
+def free_motion_margins(
+    equation: Equation, restitution: Reals, rotation: Reals, velocity: Reals
 ) -> tuple[Reals, Reals]:
-    """How far a lean and its rate are from overturning at once, and after one more impact."""
+    """Margins to overturning before the next impact, and on the other side after it."""
     critical = equation.critical_velocity
-    here = (equation.returning_speed(lean) - speed) / critical
-    # A block that comes back with more than it left with may go over on the other side.
-    beyond = 1 - restitution * equation.landing_speed(lean, speed) / critical
-    return here, beyond
+    before = (equation.returning_velocity(rotation) - velocity) / critical
+    # A block that lands with more than the critical velocity may overturn on the other side.
+    after = 1 - restitution * equation.landing_velocity(rotation, velocity) / critical
+    return before, after
 
 
 @elementwise(restitution=UNIT_INTERVAL, rotation=FINITE, velocity=FINITE, model=as_model)
@@ -29,9 +29,9 @@ def free_motion_margin(
 ) -> Reals:
     """How far a block in free motion is from overturning; negative where it overturns.
 
-    Being beyond the critical angle is not overturning: a block that moves back fast enough
-    comes back, and may then overturn on the other side. Smooth through the verge, and
-    continuous everywhere.
+    A block beyond the critical angle has not overturned yet: one that moves back fast enough
+    returns, and may then overturn on the other side. The margin is continuous everywhere and
+    smooth through 0.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def free_motion_margin(
     >>> print(f"{jr.dynamics.free_motion_margin(block, 0.9, 0.0, 0.25 * critical):.2f}")
     0.75
     """
-    model = as_model(model)
-    equation = Equation.of(block, model)
+    equation = Equation.of(block, as_model(model))
     backward = jnp.where(rotation == 0, velocity, rotation) < 0
-    speed = jnp.where(backward, -jnp.asarray(velocity), velocity)
-    return jnp.minimum(*margins_of(equation, jnp.asarray(restitution), jnp.abs(rotation), speed))
+    outward = jnp.where(backward, -jnp.asarray(velocity), velocity)
+    margins = free_motion_margins(equation, jnp.asarray(restitution), jnp.abs(rotation), outward)
+    return jnp.minimum(*margins)

@@ -1,17 +1,13 @@
-"""Rocking resonance under pulses that last: the half-cycle map through the driven equation.
+"""Rocking resonance under pulses of finite duration: the half-cycle map of the driven equation.
 
-The input is that of the paper, except that a pulse, starting right after each impact, takes
-its time. One that still acts at the next impact ends there, and a new one begins, so that
-small bounces under a pulse that rises from 0 see nothing but its beginning: P, the map of
-landing velocities, is P(v) = C v + O(v^2) for small v > 0, while P(0) is that of the first
-landing after the whole pulse has acted on a block at rest. It is discontinuous at 0 wherever
-such a pulse lifts the block, and may lead from there back to 0: bounces then die out in
-finite time, each with a pulse of its own. What comes after that is not in this model: no
-impact follows, no pulse begins, and the block stays at rest.
+A pulse begins right after each impact and ends at the next impact at the latest. Small bounces
+see only its beginning: under a pulse that rises from 0 the map P of landing velocities is
+P(v) = C v + O(v^2) for small v > 0, while P(0) is the first landing after a whole pulse has acted
+on a block at rest. P is discontinuous at 0 wherever the pulse lifts the block, and may lead back
+to 0: bounces then die out in finite time, no further pulse begins, and the block stays at rest.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,6 +16,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..ground_motion import Pulse
 from ..host import listed, with_clock
+from ..numerics import through_jacobian
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     NON_NEGATIVE,
@@ -31,30 +28,24 @@ from ..validation import (
     check,
     of_one_precision,
 )
-from .event_loop import Driven, Followed, Status, follow, run
-from .fixed_points import (
-    FAILS,
-    LANDS,
-    OVERTURNS,
-    RESTS,
-    Landing,
-    Solved,
-    solved,
-    stable_fixed_point,
-)
+from .driven_scene import Driven
+from .event_loop import Followed, run
+from .fixed_points import FAILS, LANDS, OVERTURNS, RESTS, Landing, stable_fixed_point
+from .implicit_root import Root, with_implicit_derivatives
+from .response import Status
 
 _LONGEST = 200.0  # time to wait for an impact, times p
 
 
-class PulsedPhase(NamedTuple):
-    """The stabilized phase under pulses that last; NaN where there is none.
+class PulsedPhase(eqx.Module):
+    """The stabilized phase under pulses of finite duration; NaN where there is none.
 
     Attributes
     ----------
     velocity : Array
         v*, with which the block lands [rad/s]; for short pulses the launch velocity.
     rate : Array
-        Slope of the map there: what is left of a deviation after each half-cycle.
+        Slope of the map there: the part of a perturbation that is left after a half-cycle.
     period : Array
         T*, two half-cycles [s]; NaN where the motion settles.
     peak_rotation, rotation_ratio : Array
@@ -62,11 +53,10 @@ class PulsedPhase(NamedTuple):
     stands : Array of bool
         Whether there is a stabilized phase, be it that the block settles.
     from_rest : Array of bool
-        Whether it is what the pulses lead to from rest. If not, the motion from rest dies
-        out, or the first pulse does not lift the block: it has to be in motion to be kept in
-        motion.
+        Whether the pulses lead to it from rest. If not, the motion from rest dies out, or the
+        first pulse does not lift the block: only a block in motion is kept in motion.
     settles : Array of bool
-        Whether the motion dies out and nothing else was found that lasts: velocity and
+        Whether the motion dies out and no other stable phase was found: velocity and
         rotations are 0, and the rate is C.
     overturns : Array of bool
         Whether the pulses overturn the block from rest. Where it neither overturns nor
@@ -85,7 +75,7 @@ class PulsedPhase(NamedTuple):
 
     def __str__(self) -> str:
         units = {"velocity": "rad/s", "period": "s", "peak_rotation": "rad"}
-        return listed(self, **dict.fromkeys(self._fields, "") | units)
+        return listed(self, **dict.fromkeys(self.__dataclass_fields__, "") | units)
 
 
 def pulsed_next_velocity(
@@ -127,7 +117,8 @@ def pulsed_next_velocity(
         If an argument is not scalar, or a concrete one is out of range.
     """
     block, restitution, pulse, velocity = checked(block, restitution, pulse, velocity, rtol)
-    return _next(block, restitution, pulse, velocity, as_model(model), rtol)
+    scene = block, restitution, pulse
+    return _next_velocity(scene, velocity, model=as_model(model), rtol=rtol)
 
 
 @with_clock("pulsed phase")
@@ -139,13 +130,13 @@ def pulsed_phase(
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-9,
 ) -> PulsedPhase:
-    """The stabilized phase under pulses that last: the fixed point of `pulsed_next_velocity`.
+    """The stabilized phase under pulses of finite duration.
 
-    The one reached from rest: by the first pulse, on a block at rest, and by the next ones.
-    Where that dies out or never begins, the largest stable one with which a block already in
-    motion is kept in motion; where there is none either, rest. As the duration of the pulse
-    goes to 0 at the same intensity it becomes that of `Nonlinear` in proportion to the
-    duration.
+    The fixed point of `pulsed_next_velocity` that is reached from rest: by the first pulse, on a
+    block at rest, and by the next ones. Where that motion dies out or never begins, the largest
+    stable fixed point, of a block already in motion; where there is none either, rest. As the
+    duration of the pulse goes to 0 at the same intensity, the phase tends to that of `Nonlinear`
+    in proportion to the duration.
 
     Parameters
     ----------
@@ -163,9 +154,9 @@ def pulsed_phase(
 
     Notes
     -----
-    From rest the map is followed for at most 300 evaluations, in longer steps where it is as
-    good as linear. Larger fixed points are sought at 64 velocities, in constant ratio, and
-    between two of them where the map and its slopes show that one may hide.
+    From rest the map is followed for at most 300 evaluations, in longer steps where it is nearly
+    linear. Larger fixed points are sought at 64 velocities in constant ratio, and between
+    neighbours where the map and its slopes show that one may hide.
 
     Examples
     --------
@@ -193,29 +184,21 @@ def checked(
     check("velocity", velocity, NON_NEGATIVE)
     block.check()
     pulse.check()
-    parts = (block, restitution, pulse, velocity)
-    for leaf in jax.tree.leaves(parts):
+    arguments = (block, restitution, pulse, velocity)
+    for leaf in jax.tree.leaves(arguments):
         if leaf.ndim:
             raise ValueError(f"arguments must be scalar, got an array of shape {leaf.shape}")
-    return of_one_precision(parts)
+    return of_one_precision(arguments)
 
 
-Parts = tuple[Block, Reals, Pulse]
+PulsedScene = tuple[Block, Reals, Pulse]
 
 
 def half_cycle(
-    parts: Parts,
-    velocity: Reals,
-    wait: float,
-    model: RockingModel,
-    rtol: float,
-    followed: Callable[..., Followed] = run,
+    scene: PulsedScene, velocity: Reals, wait: float, model: RockingModel, rtol: float
 ) -> Followed:
-    """From just before an impact to the next one, or so many 1 / p after the pulse.
-
-    `followed` by `run`, which has forward derivatives, or by `follow`.
-    """
-    block, restitution, pulse = parts
+    """From just before an impact to the next one, up to `wait` / p after the end of the pulse."""
+    block, restitution, pulse = scene
     pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
     driven = Driven(
         block=block,
@@ -226,7 +209,7 @@ def half_cycle(
         velocity=restitution * velocity,
     )
     rtol = tolerance_of(velocity, rtol)
-    return followed(driven, rtol=rtol, atol=1e-9 * rtol, model=model, once=True, forced=False)
+    return run(driven, rtol=rtol, atol=1e-9 * rtol, model=model, once=True, forced=False)
 
 
 def tolerance_of(like: Reals, rtol: float) -> float:
@@ -235,43 +218,33 @@ def tolerance_of(like: Reals, rtol: float) -> float:
 
 
 def _landing(
-    parts: Parts,
-    velocity: Reals,
-    model: RockingModel,
-    rtol: float,
-    followed: Callable[..., Followed] = run,
+    scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The next landing velocity; outcome, time of the impact and peak rotation."""
-    end = half_cycle(parts, velocity, _LONGEST, model, rtol, followed)
-    landed = end.impacts > 0
-    time, arriving = end.struck
+    followed = half_cycle(scene, velocity, _LONGEST, model, rtol)
+    response, landed = followed.response, followed.response.impacts > 0
+    time, arriving = followed.struck
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
-    time = jnp.where(landed, time, 0)
-    over = jnp.where(end.status <= Status.LIST_FULL, OVERTURNS, FAILS)
-    outcome = jnp.where(landed, LANDS, jnp.where(end.at_rest, RESTS, over))
-    return landing, (outcome, time, end.peak)
+    over = jnp.where(response.status <= Status.LIST_FULL, OVERTURNS, FAILS)
+    outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
+    return landing, (outcome, jnp.where(landed, time, 0), followed.peak)
 
 
 @eqx.filter_jit
-def _next(
-    block: Block,
-    restitution: Reals,
-    pulse: Pulse,
-    velocity: Reals,
-    model: RockingModel,
-    rtol: float,
+@through_jacobian
+def _next_velocity(
+    scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
 ) -> Reals:
-    parts = (block, restitution, pulse)
-    landing, (outcome, *_) = _landing(parts, velocity, model, rtol, follow)
+    landing, (outcome, *_) = _landing(scene, velocity, model, rtol)
     return jnp.where(outcome <= RESTS, landing, jnp.nan)
 
 
-def _landed(
-    parts: Parts, velocity: Reals, model: RockingModel, rtol: float
+def _residual(
+    scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...], Landing]:
-    """What is 0 at a fixed point, what is answered there, and all of it."""
+    """What is 0 at a fixed point; rate, time and peak there; and the evaluation of the map."""
     landing, rate, (outcome, time, peak) = jax.jvp(
-        lambda v: _landing(parts, v, model, rtol),
+        lambda v: _landing(scene, v, model, rtol),
         (velocity,),
         (jnp.ones_like(velocity),),
         has_aux=True,
@@ -279,31 +252,26 @@ def _landed(
     return landing - velocity, (rate, time, peak), Landing(velocity, landing, rate, outcome)
 
 
-def _search_orbit(parts: Parts, model: RockingModel, rtol: float) -> Solved:
-    block, _, pulse = parts
+def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
+    block, _, pulse = scene
     critical = model.critical_velocity(block)
-    # No block lands faster than with all that gravity and the pulse can give.
-    rate = block.frequency_parameter
-    push = rate**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
-    bottom = 0.02 * jnp.minimum(rate * (pulse.end - pulse.start), 1) * critical
+    # No block lands faster than by all that gravity and the pulse can give.
+    p = block.frequency_parameter
+    push = p**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
+    bottom = 0.02 * jnp.minimum(p * (pulse.end - pulse.start), 1) * critical
 
-    def at(velocity: Reals) -> tuple[Landing, tuple[Reals, ...]]:
-        _, answers, landing = _landed(parts, velocity, model, rtol)
-        return landing, answers
+    def evaluated(velocity: Reals) -> tuple[Landing, tuple[Reals, ...]]:
+        _, values, landing = _residual(scene, velocity, model, rtol)
+        return landing, values
 
-    found = stable_fixed_point(
-        at,
-        3,
-        bottom,
-        critical + push,
-        tolerance_of(critical, rtol),
-    )
-    root, *answers = (jnp.where(found.found, x, 0) for x in (found.velocity, *found.answers))
-    flags = (found.from_rest, found.dies_out, found.overturns)
-    return Solved(root, tuple(answers), found.found, flags)
+    tolerance = tolerance_of(critical, rtol)
+    point = stable_fixed_point(evaluated, 3, bottom, critical + push, tolerance)
+    root, *values = (jnp.where(point.exists, x, 0) for x in (point.velocity, *point.values))
+    flags = (point.from_rest, point.dies_out, point.overturns)
+    return Root(root, tuple(values), point.exists, flags)
 
 
-_orbit = solved(_search_orbit, _landed)
+_fixed_point = with_implicit_derivatives(_search, _residual)
 
 
 @eqx.filter_jit
@@ -311,18 +279,18 @@ def phase_of(
     block: Block, restitution: Reals, pulse: Pulse, model: RockingModel, rtol: float
 ) -> PulsedPhase:
     """`pulsed_phase`, compiled."""
-    solved = _orbit((block, restitution, pulse), model=model, rtol=rtol)
-    from_rest, settles, overturns = solved.flags
-    stands = solved.there | settles
-    rate, time, peak = solved.answers
+    root = _fixed_point((block, restitution, pulse), model=model, rtol=rtol)
+    from_rest, settles, overturns = root.flags
+    stands = root.exists | settles
+    rate, time, peak = root.values
     rate = jnp.where(settles, restitution, rate)
-    # As factors: what does not exist has no slope either.
+    # As factors, so that what does not exist has no slope either.
     exists = jnp.where(stands, 1.0, jnp.nan)
-    repeats = jnp.where(solved.there, 2.0, jnp.nan)
+    half_cycles = jnp.where(root.exists, 2.0, jnp.nan)
     return PulsedPhase(
-        velocity=exists * solved.root,
+        velocity=exists * root.root,
         rate=exists * rate,
-        period=repeats * time,
+        period=half_cycles * time,
         peak_rotation=exists * peak,
         rotation_ratio=exists * peak / block.critical_angle,
         stands=stands,

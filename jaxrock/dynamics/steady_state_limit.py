@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Pulse, pulse_class
@@ -13,18 +14,18 @@ from ..host import listed, with_clock
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Number, Reals
 from .equation import Equation, uplift_acceleration
-from .fixed_points import Solved, solved
-from .steady_state import Parts, PulsedPhase, checked, half_cycle, phase_of, tolerance_of
+from .implicit_root import Root, with_implicit_derivatives
+from .steady_state import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
 
-_STEP = 0.2  # of the amplitude's logarithm, on the way up
-_HIGHEST = 60.0  # how far up
-_NARROWING = 100  # evaluations
-_BELOW = 1e-6  # the verge, where it is asked what pulses do from rest
-_NEAR = 1e-3  # how close the block lands there to where it should, in critical velocities
+_STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
+_HIGHEST = 60.0  # above the first logarithm
+_MAX_NARROWING = 100  # evaluations of a bracket
+_BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is computed
+_NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
 
 
-class PulsedThreshold(NamedTuple):
-    """Where the stabilized phase under pulses that last ends; NaN where that is not so.
+class PulsedThreshold(eqx.Module):
+    """Where the stabilized phase under pulses of finite duration ends; NaN where it does not.
 
     Attributes
     ----------
@@ -33,13 +34,12 @@ class PulsedThreshold(NamedTuple):
     rate : Array
         Slope of the half-cycle map there.
     lifts : Array of bool
-        Whether pulses of that amplitude lift the block from rest. If not, it has to be in
-        motion to be kept in motion.
+        Whether pulses of that amplitude lift the block from rest. If not, only a block in motion
+        is kept in motion.
     from_rest : Array of bool
-        Whether pulses a little weaker (by 1e-6) lead to that fixed point from rest. If not,
-        they do not lift the block, or its motion dies out; or they overturn it, and so do
-        weaker ones: a one-sine pulse can overturn a block at rest and keep one in motion
-        that it meets at the right speed.
+        Whether pulses weaker by 1e-6 lead to that fixed point from rest. If not, they do not lift
+        the block, or its motion dies out; or they overturn it, and so do weaker ones: a one-sine
+        pulse can overturn a block at rest and keep one in motion that moves fast enough.
     """
 
     amplitude: Reals
@@ -50,7 +50,7 @@ class PulsedThreshold(NamedTuple):
 
     def __str__(self) -> str:
         units = {"amplitude": "m/s2", "intensity": "m/s"}
-        return listed(self, **dict.fromkeys(self._fields, "") | units)
+        return listed(self, **dict.fromkeys(self.__dataclass_fields__, "") | units)
 
 
 @with_clock("critical amplitude of pulses")
@@ -65,8 +65,8 @@ def critical_pulsed_amplitude(
 ) -> PulsedThreshold:
     """Amplitude at which the fixed point of `pulsed_next_velocity` disappears.
 
-    There a block that lands with the critical velocity is brought to the verge again by the
-    next pulse. For short pulses its intensity is that of `critical_intensity`.
+    There a block that lands with the critical velocity just fails to overturn under the next
+    pulse. For short pulses the intensity is that of `critical_intensity`.
 
     Parameters
     ----------
@@ -80,10 +80,10 @@ def critical_pulsed_amplitude(
     Returns
     -------
     PulsedThreshold
-        NaN where the fixed point is unstable there. With a rate above 1, under long pulses,
-        it disappears before, by meeting another one; with one below -1 half-cycles alternate
-        before. NaN also where no amplitude brings the block to the verge: one that loses most
-        of its velocity at impacts is caught by long pulses or not, and overturns at once.
+        NaN where the fixed point is unstable there. Under long pulses its rate exceeds 1, and it
+        disappears before, by meeting another one; with a rate below -1, half-cycles alternate
+        before. NaN also where no amplitude brings the block to the threshold: one that loses
+        most of its velocity at impacts is caught by a long pulse, or overturns at once.
 
     Raises
     ------
@@ -93,168 +93,142 @@ def critical_pulsed_amplitude(
     pulse = pulse_class(shape)(1.0, duration)
     block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
     model = as_model(model)
-    verge, weaker, expected = _verge(block, restitution, pulse, model, rtol)
-    # Only asked whether, so that no derivative of the orbit is computed; and apart, since that
-    # program is likely to be compiled already.
+    threshold, weaker, expected = _threshold((block, restitution, pulse), model, rtol)
+    # Without derivatives, which a yes or no has not; and apart, since this program is likely
+    # to be compiled already.
     fixed = jax.lax.stop_gradient((block, restitution, weaker))
     phase = phase_of(*fixed, model, max(rtol, 1e-9))
-    there = _leads_there(*jax.lax.stop_gradient((block, phase, expected)), model)
-    return verge._replace(from_rest=verge.from_rest & there)
-
-
-class _Try(NamedTuple):
-    """A block that lands with the critical velocity, under the next pulse."""
-
-    margin: Reals  # what is left to the verge when the pulse ends, in critical velocities
-    slope: Reals  # of that, with respect to the logarithm of the amplitude
-    speed: Reals  # when the pulse ends
-    lands: Booleans  # while the pulse acts: there is no such margin
-
-    @property
-    def falls(self) -> Booleans:
-        return ~self.lands & ~(self.margin >= 0)
-
-    @property
-    def move(self) -> Reals:
-        """Newton's step to the verge."""
-        known = ~self.lands & (self.slope != 0)
-        return jnp.where(known, -self.margin / jnp.where(known, self.slope, 1), jnp.inf)
+    leads = _leads_there(*jax.lax.stop_gradient((block, phase, expected)), model)
+    return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
 class _Search(NamedTuple):
-    count: Any  # of evaluations, and then of those since there is a bracket
-    trial: Reals
+    evaluations: Int[Array, ""]  # since there is a bracket
+    logarithm: Reals  # of the amplitude of the next trial
     low: Reals
     high: Reals
-    last: _Try
+    move: Reals  # Newton's, from the last trial to the threshold
+    gain: Reals  # slope of the landing velocity there, with respect to the logarithm
     bracketed: Booleans
     goes_on: Booleans
     found: Booleans
-    rate: Reals  # of the half-cycle map at the verge: the last evaluation is for that
+    rate: Reals  # of the half-cycle map at the threshold, which takes one evaluation more
 
 
-def _left(
-    parts: Parts, direction: Any, logarithm: Reals, model: RockingModel, rtol: float
+def _margin(
+    scene: PulsedScene, direction: Any, logarithm: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
-    """What is left to the verge when the pulse ends, and its slope.
+    """The margin when the pulse ends, and its slope; the velocity then, and whether it landed.
 
-    In a direction of the logarithm of the amplitude and of the velocity.
+    In a direction of the logarithm of the amplitude and of the landing velocity.
     """
-    block, restitution, pulse = parts
+    block, restitution, pulse = scene
     equation = Equation.of(block, model)
 
-    def left(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
+    def margin(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
         stronger = pulse.scaled(jnp.exp(logarithm))
-        end = half_cycle((block, restitution, stronger), velocity, 0.0, model, rtol)
-        side = jnp.where(end.rotation < 0, -1, 1)
-        speed = side * end.velocity
-        back = equation.returning_speed(side * end.rotation)
-        return (back - speed) / equation.critical_velocity, (speed, end.impacts > 0)
+        followed = half_cycle((block, restitution, stronger), velocity, 0.0, model, rtol)
+        response = followed.response
+        side = jnp.where(response.final_rotation < 0, -1, 1)
+        outward = side * response.final_velocity
+        returning = equation.returning_velocity(side * response.final_rotation)
+        left = (returning - outward) / equation.critical_velocity
+        return left, (outward, response.impacts > 0)
 
     at = (logarithm, equation.critical_velocity)
-    return jax.jvp(left, at, tuple(direction), has_aux=True)
+    return jax.jvp(margin, at, tuple(direction), has_aux=True)
 
 
-def _at_verge(
-    parts: Parts, logarithm: Reals, model: RockingModel, rtol: float
+def _residual(
+    scene: PulsedScene, logarithm: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...]]:
-    """What is 0 on the verge, and what is answered there: the rate of the half-cycle map."""
+    """What is 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (speed, _) = _left(parts, along_velocity, logarithm, model, rtol)
-    # It lands with sqrt(v_c^2 + v^2 - D^2), and on the verge its velocity v is D.
-    return margin, (-speed * slope,)
+    margin, slope, (velocity, _) = _margin(scene, along_velocity, logarithm, model, rtol)
+    # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
+    # to come back, and at the threshold its velocity v is D.
+    return margin, (-velocity * slope,)
 
 
-def _search_verge(parts: Parts, model: RockingModel, rtol: float) -> Solved:
-    """Up from next to nothing until it overturns, and back to the verge."""
-    block, _, pulse = parts
+def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
+    """Up from next to nothing until the block overturns, and back to the threshold."""
+    block, _, pulse = scene
     eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
     tolerance = tolerance_of(pulse.amplitude, rtol)
     first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
+    no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
 
-    def step(c: _Search) -> _Search:
-        along = jnp.where(c.found, 0, one), jnp.where(c.found, one, 0)
-        margin, slope, (speed, lands) = _left(parts, along, c.trial, model, rtol)
-        new = _Try(margin, slope, speed, lands)
-        bracketed = c.bracketed | new.falls
-        low = jnp.where(new.falls, c.low, c.trial)
-        high = jnp.where(new.falls, c.trial, c.high)
-        newton = c.trial + new.move
-        inside = (newton > low) & (newton < high) & (c.count % 3 != 2)
+    def step(search: _Search) -> _Search:
+        # Once the threshold is found, along the velocity, for the rate of the map.
+        along = jnp.where(search.found, zero, 1), jnp.where(search.found, 1, zero)
+        margin, slope, (velocity, lands) = _margin(scene, along, search.logarithm, model, rtol)
+        overturns, steep = ~lands & ~(margin >= 0), ~lands & (slope != 0)
+        move = jnp.where(steep, -margin / jnp.where(steep, slope, 1), jnp.inf)
+        bracketed = search.bracketed | overturns
+        low = jnp.where(overturns, search.low, search.logarithm)
+        high = jnp.where(overturns, search.logarithm, search.high)
+        newton = search.logarithm + move
+        inside = (newton > low) & (newton < high) & (search.evaluations % 3 != 2)
         inner = jnp.where(inside, newton, 0.5 * (low + high))
-        stuck = (jnp.abs(new.move) <= 1e3 * tolerance) & (
-            jnp.abs(new.move) >= 0.5 * jnp.abs(c.last.move)
-        )
-        found = bracketed & ((jnp.abs(new.move) <= tolerance) | stuck)
-        # Where the block begins to be caught before it lands, it may overturn at once: there
-        # is no verge in between.
+        # Newton's steps that no longer shrink are the error of the integration.
+        size, last = jnp.abs(move), jnp.abs(search.move)
+        stuck = (size <= 1e3 * tolerance) & (size >= 0.5 * last)
+        found = bracketed & ((size <= tolerance) | stuck)
+        # Where the block begins to be caught before it lands, it may overturn at once, with no
+        # threshold in between.
         narrow = high - low <= 4 * eps * jnp.abs(high)
-        nowhere = jnp.where(
-            bracketed,
-            narrow | (c.count >= _NARROWING) | ~jnp.isfinite(low),
-            c.trial > first + _HIGHEST,
-        )
+        hopeless = narrow | (search.evaluations >= _MAX_NARROWING) | ~jnp.isfinite(low)
+        nowhere = jnp.where(bracketed, hopeless, search.logarithm > first + _HIGHEST)
+        onward = jnp.where(bracketed, inner, search.logarithm + _STEP)
         following = _Search(
-            count=jnp.where(c.bracketed, c.count + 1, 0),
-            trial=jnp.where(found, c.trial, jnp.where(bracketed, inner, c.trial + _STEP)),
+            evaluations=jnp.where(search.bracketed, search.evaluations + 1, 0),
+            logarithm=jnp.where(found, search.logarithm, onward),
             low=low,
             high=high,
-            last=new,
+            move=move,
+            gain=-velocity * slope,
             bracketed=bracketed,
             goes_on=found | ~nowhere,
             found=found,
-            rate=c.rate,
+            rate=search.rate,
         )
-        done = c._replace(goes_on=no, rate=-speed * slope)
-        return jax.tree.map(lambda a, b: jnp.where(c.found, a, b), done, following)
+        done = search._replace(goes_on=no, rate=-velocity * slope)
+        return jax.tree.map(lambda a, b: jnp.where(search.found, a, b), done, following)
 
-    no, yes = jnp.zeros((), bool), jnp.ones((), bool)
-    zero, one = jnp.zeros_like(first), jnp.ones_like(first)
-    begin = _Search(
-        count=jnp.zeros((), int),
-        trial=first,
-        low=zero - jnp.inf,
-        high=zero + jnp.inf,
-        last=_Try(zero, zero, zero, yes),
-        bracketed=no,
-        goes_on=yes,
-        found=no,
-        rate=zero,
-    )
-    last = jax.lax.while_loop(lambda c: c.goes_on, step, begin)
-    found, verge = last.found, last.last
-    root, rate = (jnp.where(found, x, 0) for x in (last.trial, last.rate))
-    # Of the map, by the logarithm of the amplitude: see what is said of its rate.
-    gain = jnp.where(found, -verge.speed * verge.slope, 0)
-    return Solved(root, (rate,), found, (gain,))
+    none, infinite = jnp.zeros((), int), zero + jnp.inf
+    begin = _Search(none, first, -infinite, infinite, infinite, zero, no, ~no, no, zero)
+    end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
+    root, rate, gain = (jnp.where(end.found, x, 0) for x in (end.logarithm, end.rate, end.gain))
+    return Root(root, (rate,), end.found, (gain,))
 
 
-_verge_of = solved(_search_verge, _at_verge)
+_root = with_implicit_derivatives(_search, _residual)
 
 
 @eqx.filter_jit
-def _verge(
-    block: Block, restitution: Reals, pulse: Pulse, model: RockingModel, rtol: float
+def _threshold(
+    scene: PulsedScene, model: RockingModel, rtol: float
 ) -> tuple[PulsedThreshold, Pulse, Reals]:
-    """The verge, pulses a little weaker, and with what velocity the block should land then."""
-    found = _verge_of((block, restitution, pulse), model=model, rtol=rtol)
-    (rate,), (gain,) = found.answers, found.flags
-    amplitude = jnp.exp(found.root)
-    known = found.there & (jnp.abs(rate) <= 1)
-    # As factors: what does not exist has no slope either.
-    exists, there = (jnp.where(flag, 1.0, jnp.nan) for flag in (known, found.there))
-    verge = PulsedThreshold(
-        amplitude=exists * amplitude,
-        intensity=exists * pulse.scaled(amplitude).intensity,
-        rate=there * rate,
-        lifts=known & (amplitude > uplift_acceleration(block, model)),
-        from_rest=known,
+    """The threshold, pulses a little weaker, and with what velocity the block should land then."""
+    block, _, pulse = scene
+    root = _root(scene, model=model, rtol=rtol)
+    (rate,), (gain,) = root.values, root.flags
+    amplitude = jnp.exp(root.root)
+    stable = root.exists & (jnp.abs(rate) <= 1)
+    # As factors, so that what does not exist has no slope either.
+    if_stable, if_exists = (jnp.where(flag, 1.0, jnp.nan) for flag in (stable, root.exists))
+    threshold = PulsedThreshold(
+        amplitude=if_stable * amplitude,
+        intensity=if_stable * pulse.scaled(amplitude).intensity,
+        rate=if_exists * rate,
+        lifts=stable & (amplitude > uplift_acceleration(block, model)),
+        from_rest=stable,
     )
-    weaker = pulse.scaled(jnp.where(known, amplitude, 1) * (1 - _BELOW))
+    weaker = pulse.scaled(jnp.where(stable, amplitude, 1) * (1 - _BELOW))
     critical = Equation.of(block, model).critical_velocity
-    # Of a cosine the amplitude says little, so that a little less of it is far from the verge.
+    # Short cosines nearly cancel: there a little less amplitude is much less velocity.
     expected = critical - _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
-    return verge, weaker, expected
+    return threshold, weaker, expected
 
 
 @eqx.filter_jit

@@ -1,8 +1,8 @@
-"""Truncated power series, and the one of a lean in time.
+"""Truncated power series, and that of the rotation in time.
 
-The equation of motion has one sine and one cosine, and what their argument does in time
-follows from the equation itself: one evaluation gives the whole Taylor polynomial of the
-motion, which is its own dense output.
+The equation of motion has one sine and one cosine, whose argument follows in time from the
+equation itself: one evaluation gives the whole Taylor polynomial of the motion, which is its
+own dense output.
 """
 
 import itertools
@@ -40,10 +40,9 @@ class Series(NamedTuple):
 
 
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
-    """Sine and cosine of angles of up to a right one, to 2 eps.
+    """Sine and cosine of angles up to pi / 2, to 2 eps.
 
-    By polynomials, which run on vectors of the processor; what XLA has for float64 does
-    not.
+    By polynomials, which run on SIMD lanes; the functions that XLA has for float64 do not.
     """
     square = angle * angle
     sine = cosine = jnp.zeros_like(angle)
@@ -54,30 +53,31 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
     return angle * sine, cosine
 
 
-def kept(values: Any) -> Any:
-    """Have values computed here, once: XLA would compute them again wherever they are used."""
+def materialized(values: Any) -> Any:
+    """The values, computed here and once: XLA would compute them again wherever they are used."""
     return jax.lax.optimization_barrier(values)
 
 
-def lean_series(
+def rotation_series(
     equation: Equation,
-    lean: Reals,
-    speed: Reals,
+    rotation: Reals,
+    velocity: Reals,
     push: Coefficients,
     lift: Coefficients,
     order: int,
 ) -> Coefficients:
-    """Taylor coefficients of the lean in time, up to `order`, from those of the ground.
+    """Taylor coefficients of the rotation in time, up to an order, from those of the ground.
 
-    With q = alpha_c - lean, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
+    With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
     coefficients of sine and cosine one after the other.
     """
-    c: list[Any] = [lean, speed]
-    q: list[Any] = [equation.critical_angle - lean, -speed]
+    c: list[Any] = [rotation, velocity]
+    q: list[Any] = [equation.critical_angle - rotation, -velocity]
     if equation.linearized:
         sine, cosine = [q[0]], [1.0]
     else:
-        sine, cosine = ([part] for part in kept(sine_cosine(q[0])))
+        # A barrier: both enter every coefficient.
+        sine, cosine = ([part] for part in materialized(sine_cosine(q[0])))
     for k in range(order - 1):
         if k and equation.linearized:
             sine.append(q[k])
@@ -85,13 +85,14 @@ def lean_series(
             sine.append(sum(j / k * q[j] * cosine[k - j] for j in range(1, k + 1)))
             cosine.append(sum(-j / k * q[j] * sine[k - j] for j in range(1, k + 1)))
         parts = (Series(tuple(part)) for part in (sine, cosine, push, lift))
-        c.append(kept(equation.lean_acceleration(*parts).c[k] * (1 / ((k + 1) * (k + 2)))))
+        # A barrier: each coefficient enters all later ones, and XLA would compute it again there.
+        c.append(materialized(equation.right_hand_side(*parts).c[k] * (1 / ((k + 1) * (k + 2)))))
         q.append(-c[-1])
     return tuple(c)
 
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:
-    """The series at a time."""
+    """The value of the series at a time."""
     total: Any = c[-1]
     for part in reversed(c[:-1]):
         total = total * time + part

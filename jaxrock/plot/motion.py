@@ -55,7 +55,7 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     ax.plot(rotation / angle, velocity / unit, color=INK, linewidth=0.8, label="motion")
     rotations = np.linspace(0, 1.5 * angle, 200)  # from the side that the block stands on
     equation = Equation.of(block, response.model)
-    separatrix = np.asarray(equation.returning_speed(jnp.asarray(rotations))) / unit
+    separatrix = np.asarray(equation.returning_velocity(jnp.asarray(rotations))) / unit
     for side in (-1, 1):
         for sign in (-1, 1):
             label = "separatrix" if side == sign == 1 else None
