@@ -303,8 +303,8 @@ def test_bad_ranges():
     with pytest.raises(ValueError, match="resolution must be between"):
         jr.critical_amplitude(jr.Block(0.3, 4.0), 0.9, jr.Sine, 0.5, resolution=2.0)
     with pytest.raises(ValueError, match="durations must be two increasing"):
-        jr.critical_duration(jr.Block(0.3, 4.0), 0.9, jr.Sine(3.0, 0.5), (0.0, 2.0))
-    with pytest.raises(ValueError, match="no derivatives to the samples"):
+        jr.critical_duration(jr.Block(0.3, 4.0), 0.9, jr.Sine, 3.0, (0.0, 2.0))
+    with pytest.raises(ValueError, match="no derivatives with respect to the samples"):
         jax.jacfwd(
             lambda a: (
                 jr.overturning_boundaries(
