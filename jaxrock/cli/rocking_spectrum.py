@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..spectra import ROCKING_AXES, axis, rocking_spectrum
+from ..spectra import axis, rocking_spectrum
 from .options import Answer, Grid, RecordOptions, Writing, numbers, picture
 
 
@@ -34,7 +34,7 @@ class RockingSpectrum(RecordOptions, Writing):
         """The record, the grid and the files."""
         _ = self.motion
         for name, given in self._grid.items():
-            axis(name, given, ROCKING_AXES[name][2])
+            axis(name, given)
         super().check()
 
     def run(self) -> Answer:

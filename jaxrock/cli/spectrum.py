@@ -44,7 +44,7 @@ class Spectrum(Writing):
     def check(self) -> None:
         """The grid, gravity, tolerance and files."""
         for name in RESONANCE_AXES:
-            axis(name, numbers(name, getattr(self, name)), RESONANCE_AXES[name].domain)
+            axis(name, numbers(name, getattr(self, name)))
         check("gravity", self.gravity, POSITIVE)
         check("tolerance", self.tolerance, POSITIVE)
         if self.model != "auto":
