@@ -57,6 +57,15 @@ _QUANTITIES = {
 }
 
 
+class _Search(NamedTuple):
+    """What is sought, and how; static in compiled programs."""
+
+    along: str
+    halvings: int  # of the intervals between values
+    model: RockingModel
+    max_boundaries: int
+
+
 class Boundaries(eqx.Module):
     """Every boundary between standing and overturning in a range.
 
@@ -184,8 +193,8 @@ def boundaries_along(
     """
     if max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
-    options = {"halvings": halvings, "max_boundaries": max_boundaries}
-    return _boundaries(scene, values, along=along, model=as_model(model), **options)
+    search = _Search(along, halvings, as_model(model), max_boundaries)
+    return _boundaries(scene, values, search=search)
 
 
 def checked(
@@ -235,16 +244,9 @@ def _followed(scene: DrivenScene, along: str, value: Any, model: RockingModel) -
 
 
 @eqx.filter_custom_jvp
-def _boundaries(
-    scene: DrivenScene,
-    values: Any,
-    *,
-    along: str,
-    halvings: int,
-    model: RockingModel,
-    max_boundaries: int,
-) -> Boundaries:
-    """The search. Where values are concrete, all boundaries are listed, else `max_boundaries`."""
+def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundaries:
+    """The search. All boundaries are listed, under a transformation `max_boundaries`."""
+    along, halvings, model, max_boundaries = search
     traced = _traced((scene, values))
     library: Any = jnp if traced else np
     numbers, samples = jax.tree.map(library.asarray, _split(scene)[0]), _split(scene)[1]
@@ -309,13 +311,13 @@ def _boundaries(
 
 
 @_boundaries.def_jvp
-def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, Any]:
+def _boundaries_jvp(primals: Any, tangents: Any, *, search: _Search) -> tuple[Any, Any]:
     """By the implicit function theorem, elementwise in all numbers that are perturbed."""
     scene, values = primals
     changes, sample_changes = _split(tangents[0])
     if jax.tree.leaves(sample_changes):
         raise ValueError("boundaries have no derivatives with respect to the samples of a record")
-    found = _boundaries(scene, values, **options)
+    found = _boundaries(scene, values, search=search)
     # Padded to a power of two, so that few programs serve all numbers of boundaries.
     columns = found.value.shape[-1]
     room = 1 << (max(columns, 1) - 1).bit_length()
@@ -327,8 +329,8 @@ def _boundaries_jvp(primals: Any, tangents: Any, **options: Any) -> tuple[Any, A
     perturbed = jax.tree.map(lambda t: t is not None, changes, is_leaf=lambda t: t is None)
     parts = (*eqx.partition(numbers, perturbed), samples)
     platform = "" if _traced((scene, values, value)) else jax.default_backend()
-    along, model = options["along"], options["model"]
-    slopes = _compiled_slopes(platform)(parts, values, value, toppled, along=along, model=model)
+    compiled = _compiled_slopes(platform)
+    slopes = compiled(parts, values, value, toppled, along=search.along, model=search.model)
     total = _moved(slopes, changes)
     total = total if room == columns else total[..., :columns]
     nothing = jax.tree.map(lambda leaf: None, found)

@@ -64,9 +64,8 @@ def critical_amplitude(
 
     Parameters
     ----------
-    block : Block
-    restitution : array_like
-        C [-], between 0 and 1.
+    block, restitution, model, max_boundaries
+        As in `overturning_boundaries`.
     shape : type
         `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
     duration : array_like
@@ -77,8 +76,6 @@ def critical_amplitude(
     resolution : float
         Windows wider than this share of their amplitude are found, and where a block bounces
         often nearly all (in trials 46,162 of 46,163).
-    model, max_boundaries
-        As in `overturning_boundaries`.
 
     Returns
     -------
@@ -126,14 +123,12 @@ def critical_duration(
 
     Parameters
     ----------
-    block, restitution, shape, model, max_boundaries
+    block, restitution, shape, resolution, model, max_boundaries
         As in `critical_amplitude`.
     amplitude : array_like
         Amplitude of the pulse [m/s2].
     durations : sequence of two floats
         The range [s].
-    resolution : float
-        Windows wider than this share of their duration are found.
 
     Returns
     -------
@@ -182,14 +177,10 @@ def survival_windows(
 
     Parameters
     ----------
-    block, restitution : Block, float
-        One block and its C [-], between 0 and 1.
-    motion : Motion
-        A pulse or a `Record`.
+    block, restitution, motion, model
+        One block; otherwise as in `overturning_boundaries`.
     factors : array_like, shape (n,)
         Increasing factors on the motion. A window between two of them goes unseen.
-    model : Nonlinear or Linearized, or their names
-        Equation of motion; see `respond`.
 
     Returns
     -------

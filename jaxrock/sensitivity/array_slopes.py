@@ -17,6 +17,9 @@ def value_and_slopes(
 ) -> Callable[..., tuple[Array, Any]]:
     """`jax.value_and_grad` for an elementwise function of arrays.
 
+    Compiled once for each function. On a processor, large arrays are computed in chunks, so
+    that no intermediate result goes to memory.
+
     Parameters
     ----------
     function : callable
@@ -31,11 +34,6 @@ def value_and_slopes(
         Takes what `function` takes. Returns its values, and the partial derivatives in the
         form of the argument (a tuple of them if `argnums` is a sequence), each in the shape
         of the values, also where the argument is broadcast.
-
-    Notes
-    -----
-    Compiled once for each function. On a processor, large arrays are computed in chunks, so
-    that no intermediate result goes to memory.
 
     Examples
     --------

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..host import listed
-from .parameters import Answer, Variations, evaluated, expansion, sampled, under_scatter
+from .parameters import Answer, Spread, evaluated, expansion, sampled, under_scatter
 
 _ALLOWED = 0.1  # errors of mean and standard deviation, over the standard deviation
 
@@ -51,11 +51,7 @@ class MomentEstimate:
 
 
 def propagate(
-    answer: Answer,
-    at: Any,
-    coefficients_of_variation: Variations,
-    samples: int = 1000,
-    seed: int = 0,
+    answer: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 1000, seed: int = 0
 ) -> MomentEstimate:
     """Mean and standard deviation of an answer under scatter, to first and second order.
 
@@ -96,19 +92,14 @@ def propagate(
     """
     function, z = under_scatter(answer, at, coefficients_of_variation, samples, seed)
     names, answers = tuple(coefficients_of_variation), sampled(jax.vmap, function, z)
-    value, gradient, hessian = evaluated(expansion, function, jnp.zeros(len(names)))
-    return _estimate(names, float(value), np.asarray(gradient), np.asarray(hessian), z, answers)
+    return _estimate(names, evaluated(expansion, function, jnp.zeros(len(names))), z, answers)
 
 
 def _estimate(
-    names: tuple[str, ...],
-    value: float,
-    gradient: np.ndarray,
-    hessian: np.ndarray,
-    z: np.ndarray,
-    answers: np.ndarray,
+    names: tuple[str, ...], expansion: tuple[Any, Any, Any], z: np.ndarray, answers: np.ndarray
 ) -> MomentEstimate:
     """Moments of a quadratic in standard normal numbers, compared with answers at some."""
+    value, gradient, hessian = map(np.asarray, expansion)
     first_variance = float((gradient**2).sum())
     variance = first_variance + 0.5 * float((hessian**2).sum())
     mean, deviation = float(value + 0.5 * np.trace(hessian)), variance**0.5
@@ -117,17 +108,10 @@ def _estimate(
     if finite.all() and np.isfinite(mean + variance):
         quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
         errors = _moment_errors(quadratic, answers - quadratic, mean, deviation)
-    shares = gradient**2 / (first_variance if first_variance else 1.0)
-    return MomentEstimate(
-        value,
-        first_variance**0.5,
-        mean,
-        deviation,
-        dict(zip(names, shares.tolist(), strict=True)),
-        max(errors) <= _ALLOWED,
-        *errors,
-        left_out=float(1 - finite.mean()),
-    )
+    shares = (gradient**2 / (first_variance if first_variance else 1.0)).tolist()
+    by_name, valid = dict(zip(names, shares, strict=True)), max(errors) <= _ALLOWED
+    moments = float(value), first_variance**0.5, mean, deviation
+    return MomentEstimate(*moments, by_name, valid, *errors, left_out=float(1 - finite.mean()))
 
 
 def _moment_errors(
@@ -149,11 +133,7 @@ def _moment_errors(
 
 
 def monte_carlo(
-    answer: Answer,
-    at: Any,
-    coefficients_of_variation: Variations,
-    samples: int = 10_000,
-    seed: int = 0,
+    answer: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 10_000, seed: int = 0
 ) -> np.ndarray:
     """Answers for random parameters, distributed as in `propagate`.
 

@@ -15,7 +15,7 @@ from .distributions import Distributions
 
 Answer = Callable[[Any], Any]
 Ranges = Mapping[str, tuple[float, float]]
-Variations = Mapping[str, float]  # coefficients of variation by name
+Spread = Mapping[str, float]  # coefficients of variation by name
 
 _CHUNK = 2**14  # points evaluated at once
 
@@ -73,7 +73,7 @@ def parametric(
 
 
 def under_scatter(
-    answer: Answer, at: Any, variations: Variations, samples: int, seed: int
+    answer: Answer, at: Any, variations: Spread, samples: int, seed: int
 ) -> tuple[ParametricAnswer, np.ndarray]:
     """The answer as a function of independent standard normal numbers, and samples of these."""
     function = parametric(answer, at, "coefficients_of_variation", variations)

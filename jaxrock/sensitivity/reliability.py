@@ -10,7 +10,7 @@ import numpy as np
 from jax.scipy.stats import norm
 
 from ..host import listed
-from .parameters import Answer, Variations, evaluated, expansion, sampled, under_scatter
+from .parameters import Answer, Spread, evaluated, expansion, sampled, under_scatter
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,7 @@ class ReliabilityResult:
 
 
 def failure_probability(
-    margin: Answer,
-    at: Any,
-    coefficients_of_variation: Variations,
-    samples: int = 2000,
-    seed: int = 0,
+    margin: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 2000, seed: int = 0
 ) -> ReliabilityResult:
     """Probability that a smooth margin is negative, by first- and second-order reliability.
 

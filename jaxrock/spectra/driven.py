@@ -192,9 +192,8 @@ def overturning_map(
     model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
     block, c, uplift = _unit_block(slenderness, restitution, model)
     durations = pulse_class(shape).angle / (ratios * float(block.frequency_parameter))
-    title, parts = "Overturning map", []
-    for (part,) in with_progress(list(chunks_of([ratios.size], _MAP_CHUNK)), title.lower()):
-        options = {"resolution": resolution, "model": model}
+    parts, options = [], {"resolution": resolution, "model": model}
+    for (part,) in with_progress(list(chunks_of([ratios.size], _MAP_CHUNK)), "overturning map"):
         found = critical_amplitude(block, c, shape, durations[part], amplitude_ratios, **options)
         if not bool(found.complete.all()):
             raise ValueError("motion could not be followed to its end for every pulse")
@@ -210,17 +209,19 @@ def overturning_map(
     both = ("frequency_ratio", "boundary")
     first = np.concatenate([np.asarray(found.overturns_first) for found in parts])
     beyond = joined("overturns_beyond", 0).astype(np.int8)
-    names = {
-        "overturns_beyond": "1 where the block overturns beyond the boundary",
-        "impacts": "impacts before it overturns, -1 for none",
-        "overturns_first": "1 where it overturns at the lowest amplitude",
+    table = {
+        "overturns_beyond": (both, beyond, "1 where the block overturns beyond the boundary"),
+        "impacts": (both, joined("impacts", -1), "impacts before it overturns, -1 for none"),
+        "overturns_first": (
+            both[:1],
+            first.astype(np.int8),
+            "1 where it overturns at the lowest amplitude",
+        ),
     }
-    about = {name: {"long_name": long_name, "units": "1"} for name, long_name in names.items()}
-    variables = {
-        "amplitude_ratio": (both, joined("value", np.nan) / uplift, label("amplitude_ratio")),
-        "overturns_beyond": (both, beyond, about["overturns_beyond"]),
-        "impacts": (both, joined("impacts", -1), about["impacts"]),
-        "overturns_first": (both[:1], first.astype(np.int8), about["overturns_first"]),
+    ratio = (both, joined("value", np.nan) / uplift, label("amplitude_ratio"))
+    variables = {"amplitude_ratio": ratio} | {
+        name: (dims, values, {"long_name": long_name, "units": "1"})
+        for name, (dims, values, long_name) in table.items()
     }
     attributes = {
         "model": model.name,
@@ -231,7 +232,8 @@ def overturning_map(
         "highest_amplitude_ratio": float(amplitude_ratios[1]),
         "resolution": resolution,
     }
-    return labelled_grid(title, {"frequency_ratio": ratios}, both, variables, attributes)
+    axes = {"frequency_ratio": ratios}
+    return labelled_grid("Overturning map", axes, both, variables, attributes)
 
 
 def _unit_block(
