@@ -249,10 +249,9 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
     along, halvings, model, max_boundaries = search
     traced = _traced((scene, values))
     library: Any = jnp if traced else np
-    numbers, samples = jax.tree.map(library.asarray, _split(scene)[0]), _split(scene)[1]
-    values = library.asarray(values)
-    shapes = [leaf.shape for leaf in jax.tree.leaves(numbers)]
-    shape = np.broadcast_shapes(*shapes, values.shape[:-1])
+    numbers, samples = _split(scene)
+    numbers, values = jax.tree.map(library.asarray, (numbers, values))
+    shape = np.broadcast_shapes(*(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1])
     size, places = math.prod(shape), values.shape[-1]
     numbers = jax.tree.map(lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), numbers)
     values = library.broadcast_to(values, (*shape, places)).reshape(size, places)
@@ -279,7 +278,6 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
     beyond, at_falls, at_stands = (
         jax.tree.map(lambda leaf, k=k: leaf.reshape(3, -1)[k], responses) for k in range(3)
     )
-    mode = library.where(beyond.overturned, beyond.mode, at_falls.mode)
     # Toppling does not bring the margin to 0 but ends the motion: the margin jumps there.
     toppled = (margin > eps**0.25) & (at_stands.peak_rotation > 0.5 * math.pi - eps**0.25)
     valid = pairs.there & library.isfinite(margin) & beyond.complete
@@ -287,11 +285,10 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
 
     def table(entries: Any, missing: Any, listed: Any = valid) -> Any:
         entries = library.where(listed, entries, missing)
-        empty = library.full((size, columns), missing, entries.dtype)
+        filled = library.full((size, columns), missing, entries.dtype)
         if traced:
-            filled = empty.at[pairs.case, pairs.column].set(entries)
+            filled = filled.at[pairs.case, pairs.column].set(entries)
         else:
-            filled = empty
             filled[pairs.case, pairs.column] = entries
         return filled.reshape(*shape, columns)
 
@@ -301,7 +298,7 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
     answers = {
         "value": table(stands, library.nan),
         "overturns_beyond": table(falls > stands, False),
-        "impacts": table(mode, -1),
+        "impacts": table(library.where(beyond.overturned, beyond.mode, at_falls.mode), -1),
         "toppled": table(toppled, False),
         "count": by_case(pairs.count),
         "overturns_first": by_case(pairs.negative_first),

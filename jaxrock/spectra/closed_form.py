@@ -183,24 +183,27 @@ def _of_one_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
     return {name: function(scene, model) for name, (function, _, _) in _VARIABLES.items()}
 
 
-def _along_axes(function: Callable[..., Any], out_axes: Any = 0) -> Callable[..., Any]:
+def _along_axes(function: Callable[..., Any], of_intensity: Any = 0) -> Callable[..., Any]:
     """A function of one scene, under `jax.vmap` along each axis of a grid.
 
-    `out_axes` is that of the intensity: None for what does not depend on it.
+    `of_intensity` is None for results that do not depend on the intensity.
     """
 
-    def at(slenderness: Array, width: Array, c: Array, i: Array, gravity: Array, *rest: Any) -> Any:
-        return function(Scene(Block(width / 2, slenderness, gravity), c, i), *rest)
+    def over_grid(
+        slenderness: Array, width: Array, restitution: Array, intensity: Array, g: Array, *rest: Any
+    ) -> Any:
+        def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
+            block = Block(width / 2, slenderness, g)
+            return function(Scene(block, restitution, intensity), *rest)
 
-    def mapped(*arguments: Any) -> Any:
-        grid = at
-        for position in reversed(range(len(RESONANCE_AXES))):
-            in_axes = tuple(0 if k == position else None for k in range(len(arguments)))
-            last = position == len(RESONANCE_AXES) - 1
-            grid = jax.vmap(grid, in_axes, out_axes if last else 0)
-        return grid(*arguments)
+        # What does not depend on an axis is computed once for it: nothing is broadcast before.
+        along_intensity = jax.vmap(of_one, (None, None, None, 0), of_intensity)
+        along_restitution = jax.vmap(along_intensity, (None, None, 0, None))
+        along_width = jax.vmap(along_restitution, (None, 0, None, None))
+        along_slenderness = jax.vmap(along_width, (0, None, None, None))
+        return along_slenderness(slenderness, width, restitution, intensity)
 
-    return eqx.filter_jit(mapped)
+    return eqx.filter_jit(over_grid)
 
 
 _evaluate = _along_axes(
