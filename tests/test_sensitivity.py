@@ -63,7 +63,7 @@ def test_scatter():
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
     assert found.standard_deviation == pytest.approx(samples.std(), rel=1e-2)
     assert found.valid
-    # Near the verge the samples that overturn have no answer, which no derivative sees.
+    # Near the overturning threshold, samples that overturn have no answer: no derivative sees it.
     near = jr.Scene(WALL.block, 0.7, 0.28)
     scatter = {"restitution": 0.05, "intensity": 0.1}
     assert np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean() > 0.2
@@ -239,7 +239,7 @@ def test_probability_of_overturning():
 
 
 @pytest.mark.thorough
-def test_probability_of_a_driven_fate():
+def test_probability_of_a_driven_outcome():
     block = jr.Block(0.1, 5.0)
 
     def margin(at):
