@@ -40,7 +40,7 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
 
 
 def test_against_scipy():
-    """Thirty boundaries of blocks at random: the fate changes there, and the mode is theirs."""
+    """Thirty boundaries of blocks at random: the outcome changes there, and the mode is theirs."""
     rng = np.random.default_rng(5)
     checked, cases = 0, {}
     while checked < 30:
@@ -197,15 +197,15 @@ def test_other_quantities_lead_to_the_same_boundary():
         "restitution": 0.9,
         "factor": 1.0,
     }.items():
-        tried = value * np.linspace(0.95, 1.05, 5)
-        found = jr.overturning_boundaries(block, c, pulse, along, tried)
+        values = value * np.linspace(0.95, 1.05, 5)
+        found = jr.overturning_boundaries(block, c, pulse, along, values)
         assert float(found.value[0]) == pytest.approx(value, rel=1e-9), along
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("along", ["duration", "half_width", "slenderness", "restitution"])
 def test_slopes_along_other_quantities(along):
-    """On the surface of the verge: how a quantity moves with the amplitude, and the inverse."""
+    """On the threshold surface: how a quantity moves with the amplitude, and the inverse."""
     numbers = {"half_width": 0.1, "slenderness": 5.0, "restitution": 0.9, "duration": 0.5}
 
     def amplitude(value):
@@ -216,8 +216,8 @@ def test_slopes_along_other_quantities(along):
     def quantity(amplitude):
         value = numbers[along]
         block, pulse = jr.Block(0.1, 5.0), jr.Sine(amplitude, 0.5)
-        tried = value * np.linspace(0.95, 1.05, 5)
-        return jr.overturning_boundaries(block, 0.9, pulse, along, tried).value[0]
+        values = value * np.linspace(0.95, 1.05, 5)
+        return jr.overturning_boundaries(block, 0.9, pulse, along, values).value[0]
 
     there = amplitude(numbers[along])
     forth, back = jax.jacfwd(amplitude)(numbers[along]), jax.jacfwd(quantity)(there)
@@ -303,8 +303,8 @@ def test_bad_ranges():
     with pytest.raises(ValueError, match="resolution must be between"):
         jr.critical_amplitude(jr.Block(0.3, 4.0), 0.9, jr.Sine, 0.5, resolution=2.0)
     with pytest.raises(ValueError, match="durations must be two increasing"):
-        jr.critical_duration(jr.Block(0.3, 4.0), 0.9, jr.Sine(3.0, 0.5), (0.0, 2.0))
-    with pytest.raises(ValueError, match="no derivatives to the samples"):
+        jr.critical_duration(jr.Block(0.3, 4.0), 0.9, jr.Sine, 3.0, (0.0, 2.0))
+    with pytest.raises(ValueError, match="no derivatives with respect to the samples"):
         jax.jacfwd(
             lambda a: (
                 jr.overturning_boundaries(

@@ -78,7 +78,9 @@ CALLS = {
     "critical_amplitude": lambda k: jr.critical_amplitude(
         jr.Block(0.1 + 0.02 * k, 5.0), 0.9, jr.Sine, 0.5
     ),
-    "critical_duration": lambda k: jr.critical_duration(block(k), 0.9, pulse(k), (0.1, 1.0 + k)),
+    "critical_duration": lambda k: jr.critical_duration(
+        block(k), 0.9, jr.Sine, 3.0 + 0.1 * k, (0.1, 1.0 + k)
+    ),
     "critical_intensity": lambda k: jr.critical_intensity(block(k), 0.7 + 0.01 * k),
     "critical_pulsed_amplitude": lambda k: jr.critical_pulsed_amplitude(
         block(k), 0.7, jr.HalfSine, 0.1 + 0.01 * k

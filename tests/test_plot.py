@@ -557,7 +557,7 @@ def test_distribution(scatter):
         assert place[share.argmax()] == pytest.approx(mean, abs=0.003)
         normal = (edges[1] - edges[0]) / (deviation * np.sqrt(2 * np.pi))
         assert share.max() == pytest.approx(normal, rel=1e-3)
-    assert plot_distribution(samples, scatter._replace(valid=False)).get_title()
+    assert plot_distribution(samples, dataclasses.replace(scatter, valid=False)).get_title()
     with pytest.raises(ValueError, match="samples must have at least one answer"):
         plot_distribution(np.full(3, np.nan))
 

@@ -7,7 +7,7 @@ import pytest
 
 import jaxrock as jr
 from jaxrock.sensitivity.distributions import Distributions
-from jaxrock.sensitivity.moments import _compared
+from jaxrock.sensitivity.moments import _estimate
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -63,7 +63,7 @@ def test_scatter():
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
     assert found.standard_deviation == pytest.approx(samples.std(), rel=1e-2)
     assert found.valid
-    # Near the verge the samples that overturn have no answer, which no derivative sees.
+    # Near the overturning threshold, samples that overturn have no answer: no derivative sees it.
     near = jr.Scene(WALL.block, 0.7, 0.28)
     scatter = {"restitution": 0.05, "intensity": 0.1}
     assert np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean() > 0.2
@@ -121,7 +121,7 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     bounded = np.array([name == "restitution" for name in NAMES])
 
     def asked(median, width, z):
-        b, slenderness, c, intensity = Distributions(median, width, bounded).at(z)
+        b, slenderness, c, intensity = Distributions(median, width, bounded).quantiles(z)
         block = jr.Block(b, slenderness)
         if answer is jr.critical_intensity:
             return answer(block, c, model=model)
@@ -143,7 +143,7 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     held = well = 0
     for value, slope, curvature, values in zip(*found, strict=True):
         drawn, others = values[:SAMPLES], values[SAMPLES:]
-        scatter = _compared(NAMES, value, slope, curvature, z[:SAMPLES], drawn)
+        scatter = _estimate(NAMES, (value, slope, curvature), z[:SAMPLES], drawn)
         missing = np.isnan(others).mean()
         others = others[np.isfinite(others)]
         off = [np.inf, np.inf]
@@ -194,7 +194,7 @@ def test_scatter_is_what_was_asked_for():
     drawn = Distributions.of(names, np.array(median), np.array(variation))
     # Gauss's formula; of half as many numbers, since there are poles beside the real axis.
     z, weight = np.polynomial.hermite_e.hermegauss(300)
-    found = np.asarray(jax.vmap(drawn.at)(jnp.asarray(np.append(z, 0.0))[:, None]))
+    found = np.asarray(jax.vmap(drawn.quantiles)(jnp.asarray(np.append(z, 0.0))[:, None]))
     weight /= weight.sum()
     np.testing.assert_allclose(found[-1], median, rtol=1e-13)
     above = found[:-1] - found[-1]
@@ -239,7 +239,7 @@ def test_probability_of_overturning():
 
 
 @pytest.mark.thorough
-def test_probability_of_a_driven_fate():
+def test_probability_of_a_driven_outcome():
     block = jr.Block(0.1, 5.0)
 
     def margin(at):

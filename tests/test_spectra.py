@@ -7,6 +7,7 @@ from cf import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.spectra import closed_form as spectra
+from jaxrock.spectra import storage
 
 GRID = {
     "slenderness": np.linspace(3, 10, 8),
@@ -95,8 +96,8 @@ def test_chunks_and_files_change_nothing(tmp_path, monkeypatch, chunk):
     whole = jr.resonance_spectrum(**grid)
     sizes = []
 
-    def counted(scene, model, evaluate=spectra._evaluate):
-        answers = evaluate(scene, model)
+    def counted(*arguments, evaluate=spectra._evaluate):
+        answers = evaluate(*arguments)
         sizes.append(answers["period"].size)
         return answers
 
@@ -118,11 +119,11 @@ def test_table(tmp_path):
     with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == spectrum.period.size
-    parts = spectra._parts(spectrum, 7)
+    parts = storage._parts(spectrum, 7)
     assert max(spectrum.isel(part).period.size for part in parts) <= 7
     pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
     np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
-    assert spectra.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
+    assert storage.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
     for row in (rows[0], rows[-2]):
         at = {name: float(row[name]) for name in ("slenderness", "width", "restitution")}
         value = float(spectrum.period.sel(at, method="nearest"))
@@ -188,7 +189,7 @@ def test_a_path_that_cannot_be_written(tmp_path):
     ("tolerance", "sizes"),
     [(1e-2, (8, 3, 1)), pytest.param(1e-4, (20, 2, 7), marks=pytest.mark.thorough)],
 )
-def test_each_point_by_its_rung(tmp_path, tolerance, sizes):
+def test_each_point_by_its_model(tmp_path, tolerance, sizes):
     """By default on a grid of the size of the others here, whose program is there already."""
     slenderness, width, intensity = (
         np.geomspace(*ends, size)

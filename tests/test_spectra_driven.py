@@ -35,7 +35,7 @@ def test_overturning_spectrum():
 
 @pytest.mark.float64
 def test_overturning_map():
-    """Its boundaries are those of the spectrum's fates, and Housner's closed form."""
+    """Its boundaries are those of the spectrum's outcomes, and Housner's closed form."""
     ratio = np.array([1.0, 3.0, 6.0])
     found = jr.overturning_map(jr.Sine, ratio, (1.0, 12.0), restitution=0.9)
     levels = np.geomspace(1.01, 11.9, 57)

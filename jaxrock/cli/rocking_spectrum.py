@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..spectra import ROCKING_AXES, axis, rocking_spectrum
+from ..spectra import axis, rocking_spectrum
 from .options import Answer, Grid, RecordOptions, Writing, numbers
 from .output import picture
 
@@ -33,7 +33,7 @@ class RockingSpectrum(RecordOptions, Writing):
         super().check()
         _ = self.motion
         for name, values in self._grid.items():
-            axis(name, values, ROCKING_AXES[name][2])
+            axis(name, values)
 
     def run(self) -> Answer:
         """Compute the grid."""

@@ -43,7 +43,7 @@ class Spectrum(Writing):
         """The files, the grid, gravity and the tolerance."""
         super().check()
         for name, values in self._grid.items():
-            axis(name, values, RESONANCE_AXES[name].domain)
+            axis(name, values)
         check("gravity", self.gravity, POSITIVE)
         check("tolerance", self.tolerance, POSITIVE)
         if self.model != "auto":

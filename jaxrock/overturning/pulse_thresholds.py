@@ -1,8 +1,9 @@
-"""Inverse design in driven motion: the strength and length of a motion that overturn."""
+"""Inverse design in driven motion: the strength and duration of a motion that overturn."""
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.core
@@ -15,19 +16,20 @@ from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import shown
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, Numbers, as_real
-from .boundaries import Boundaries, overturning_boundaries
+from .boundaries import Boundaries, boundaries_along, checked, overturning_boundaries
 
-_HALVINGS = 4  # from first steps of 16 times the resolution
+_HALVINGS = 4  # from first intervals of 16 times the resolution
 
 
-class SurvivalWindows(NamedTuple):
+@dataclass(frozen=True)
+class SurvivalWindows:
     """Where a block stands and where it overturns, over the strength of a motion.
 
     Attributes
     ----------
     first_overturning : float
-        Smallest factor in the range that overturns the block, which is the first one of it
-        if that does; inf if none does.
+        Smallest factor that overturns the block, or the first one if that does; inf if none
+        does.
     windows : ndarray, shape (windows, 2)
         Factors between which it stands again, above that; inf where the range ends before
         the window does.
@@ -62,23 +64,18 @@ def critical_amplitude(
 
     Parameters
     ----------
-    block : Block
-    restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    block, restitution, model, max_boundaries
+        As in `overturning_boundaries`.
     shape : type
         `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
     duration : array_like
         Duration of the pulse [s], greater than 0.
     ratios : sequence of two floats
-        The range of amplitudes, over the one that just lifts the block: that is g
-        tan(alpha_c), linearized g alpha_c.
+        The range of amplitudes, over the one that just lifts the block: that is
+        g tan(alpha_c), linearized g alpha_c.
     resolution : float
         Windows wider than this share of their amplitude are found, and where a block bounces
         often nearly all (in trials 46,162 of 46,163).
-    model : Nonlinear or Linearized, or their names
-        Equation of motion; see `respond`.
-    max_boundaries : int
-        How many boundaries are listed under a transformation.
 
     Returns
     -------
@@ -99,31 +96,23 @@ def critical_amplitude(
     overturns beyond 8.08528 (overturning without an impact)
     """
     pulse = pulse_class(shape)(1.0, duration)
-    places = _places("ratios", ratios, resolution)
+    levels = _levels("ratios", ratios, resolution)
     if not isinstance(block, Block):
         raise ValueError(f"block must be a Block, got {block!r:.60}")
     block.check()
-    lifting = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(model))))
-    library: Any = jnp if isinstance(lifting, jax.core.Tracer) else np
-    shape_of_all = (*lifting.shape, places.size)
-    lifting = library.broadcast_to(library.asarray(lifting)[..., None], shape_of_all)
-    values = lifting * library.broadcast_to(places.astype(lifting.dtype), shape_of_all)
-    return overturning_boundaries(
-        block,
-        restitution,
-        pulse,
-        "amplitude",
-        values,
-        halvings=_HALVINGS,
-        model=model,
-        max_boundaries=max_boundaries,
-    )
+    uplift = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(model))))
+    library: Any = jnp if isinstance(uplift, jax.core.Tracer) else np
+    uplift = library.asarray(uplift)
+    levels = levels.astype(uplift.dtype).reshape(*[1] * uplift.ndim, -1)
+    arguments = checked(block, restitution, pulse, "amplitude", uplift[..., None] * levels)
+    return boundaries_along(*arguments, "amplitude", _HALVINGS, model, max_boundaries)
 
 
 def critical_duration(
     block: Block,
     restitution: Number,
-    pulse: Pulse,
+    shape: type[Pulse],
+    amplitude: Number,
     durations: Sequence[float],
     *,
     resolution: float = 0.01,
@@ -134,17 +123,12 @@ def critical_duration(
 
     Parameters
     ----------
-    block : Block
-    restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
-    pulse : Pulse
-        Its duration does not matter.
+    block, restitution, shape, resolution, model, max_boundaries
+        As in `critical_amplitude`.
+    amplitude : array_like
+        Amplitude of the pulse [m/s2].
     durations : sequence of two floats
         The range [s].
-    resolution : float
-        Windows wider than this share of their duration are found; see `critical_amplitude`.
-    model, max_boundaries
-        As there.
 
     Returns
     -------
@@ -154,27 +138,29 @@ def critical_duration(
     Raises
     ------
     ValueError
-        If `pulse` is a record, or a concrete argument is out of range.
+        If `shape` is no class of pulses, or a concrete argument is out of range.
 
     Examples
     --------
     >>> import jaxrock as jr
-    >>> print(jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine(4.0, 1.0), (0.01, 1.0)))
+    >>> print(jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0)))
     overturns beyond 0.333271 (overturning without an impact)
     """
-    if not isinstance(pulse, Pulse):
-        raise ValueError(f"pulse must be a Pulse, got {type(pulse).__name__}")
-    places = _places("durations", durations, resolution)
-    return overturning_boundaries(
-        block,
-        restitution,
-        pulse,
-        "duration",
-        places,
-        halvings=_HALVINGS,
-        model=model,
-        max_boundaries=max_boundaries,
-    )
+    levels = _levels("durations", durations, resolution)
+    pulse = pulse_class(shape)(amplitude, 1.0)
+    arguments = checked(block, restitution, pulse, "duration", levels)
+    return boundaries_along(*arguments, "duration", _HALVINGS, model, max_boundaries)
+
+
+def _levels(name: str, ends: Sequence[float], resolution: float) -> np.ndarray:
+    """Values between two, whose intervals after all halvings are no wider than the resolution."""
+    low, high = ends
+    if not 0 < low < high < math.inf:
+        raise ValueError(f"{name} must be two increasing positive numbers, got {ends}")
+    if not 1e-6 < resolution < 1:
+        raise ValueError(f"resolution must be between 1e-6 and 1, got {resolution:g}")
+    ratio = 1 + resolution * 2**_HALVINGS
+    return np.geomspace(low, high, math.ceil(math.log(high / low) / math.log(ratio)) + 1)
 
 
 def survival_windows(
@@ -191,14 +177,10 @@ def survival_windows(
 
     Parameters
     ----------
-    block, restitution : Block, float
-        One block and its C [-], between 0 and 1.
-    motion : Motion
-        A pulse or a `Record`.
+    block, restitution, motion, model
+        One block; otherwise as in `overturning_boundaries`.
     factors : array_like, shape (n,)
-        Increasing factors on the motion to try. A window between two of them goes unseen.
-    model : Nonlinear or Linearized, or their names
-        Equation of motion; see `respond`.
+        Increasing factors on the motion. A window between two of them goes unseen.
 
     Returns
     -------
@@ -219,18 +201,6 @@ def survival_windows(
         edges = np.append(as_real("factors", factors)[0], edges)
     if edges.size == 0:
         return SurvivalWindows(np.inf, np.empty((0, 2)))
-    rest = edges[1:]
-    if rest.size % 2:
-        rest = np.append(rest, np.inf)
-    return SurvivalWindows(float(edges[0]), rest.reshape(-1, 2))
-
-
-def _places(name: str, between: Sequence[float], resolution: float) -> np.ndarray:
-    """So many places between two that, halved, none is further from the next than asked."""
-    low, high = between
-    if not 0 < low < high < math.inf:
-        raise ValueError(f"{name} must be two increasing positive numbers, got {between}")
-    if not 1e-6 < resolution < 1:
-        raise ValueError(f"resolution must be between 1e-6 and 1, got {resolution:g}")
-    ratio = 1 + resolution * 2**_HALVINGS
-    return np.geomspace(low, high, math.ceil(math.log(high / low) / math.log(ratio)) + 1)
+    # An even number of edges: the block stands at the end of the range.
+    later = edges[1:] if edges.size % 2 else np.append(edges[1:], np.inf)
+    return SurvivalWindows(float(edges[0]), later.reshape(-1, 2))

@@ -15,15 +15,18 @@ _CHUNK = 2**14  # points, whose intermediate results fit into the cache of a pro
 def value_and_slopes(
     function: Callable[..., Array], argnums: int | Sequence[int] = 0
 ) -> Callable[..., tuple[Array, Any]]:
-    """What `jax.value_and_grad` is to a number, for an elementwise function of arrays.
+    """`jax.value_and_grad` for an elementwise function of arrays.
+
+    Compiled once for each function. On a processor, large arrays are computed in chunks, so
+    that no intermediate result goes to memory.
 
     Parameters
     ----------
     function : callable
-        Any function of this package with one array as its answer, or one made of such.
+        Any function of this package that returns one array, or a hashable one made of such.
     argnums : int or sequence of int
-        Which arguments to differentiate with respect to: numbers, arrays, or a `Scene` or
-        `Block` of them.
+        Arguments to differentiate with respect to: numbers, arrays, or a `Scene` or `Block`
+        of them.
 
     Returns
     -------
@@ -31,11 +34,6 @@ def value_and_slopes(
         Takes what `function` takes. Returns its values, and the partial derivatives in the
         form of the argument (a tuple of them if `argnums` is a sequence), each in the shape
         of the values, also where the argument is broadcast.
-
-    Notes
-    -----
-    It is compiled, once for a function, and runs over large arrays in chunks, so that a processor
-    need not write to memory what it does not return.
 
     Examples
     --------
@@ -47,69 +45,66 @@ def value_and_slopes(
     0.233, 1.79 and -0.67
     """
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
-    try:
-        hash(function)
-    except TypeError:  # a module with arrays, say: compiled for this wrapper alone
-        held = functools.partial(function)
-    else:
-        held = function
 
     @functools.wraps(function)
     def differentiated(*arguments: Any, **named: Any) -> tuple[Array, Any]:
-        return _both(held, argnums, arguments, named)
+        return _value_and_slopes(function, argnums, arguments, named)
 
     return differentiated
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
-def _both(
+def _value_and_slopes(
     function: Callable[..., Array],
     argnums: int | tuple[int, ...],
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> tuple[Array, Any]:
-    def at(*arguments: Any) -> Array:
-        return function(*arguments, **named)
-
+    value = functools.partial(function, **named)
+    shape = jax.eval_shape(value, *arguments).shape
     leaves, form = jax.tree.flatten(arguments)
-    shape = jax.eval_shape(at, *arguments).shape
-    several = [jnp.ndim(leaf) > 0 for leaf in leaves]
-    spread = [
-        jnp.broadcast_to(leaf, shape).reshape(-1) if ndim else leaf
-        for leaf, ndim in zip(leaves, several, strict=True)
+    axes = [0 if jnp.ndim(leaf) else None for leaf in leaves]
+    flat = [
+        leaf if axis is None else jnp.broadcast_to(leaf, shape).reshape(-1)
+        for leaf, axis in zip(leaves, axes, strict=True)
     ]
 
-    def one(point: list[Array]) -> tuple[Array, Any]:
-        return jax.value_and_grad(at, argnums)(*jax.tree.unflatten(form, point))
+    def at(point: list[Array]) -> tuple[Array, Any]:
+        return jax.value_and_grad(value, argnums)(*jax.tree.unflatten(form, point))
 
     size = math.prod(shape)
-    along = [0 if ndim else None for ndim in several]
-    points = jax.vmap(one, (along,), axis_size=size)
-    answer = jax.lax.platform_dependent(
-        spread, cpu=functools.partial(_in_chunks, one, along, size), default=points
+    result = jax.lax.platform_dependent(
+        flat,
+        cpu=functools.partial(_in_chunks, at, axes, size),
+        default=jax.vmap(at, (axes,), axis_size=size),
     )
-    return jax.tree.map(lambda leaf: leaf.reshape(shape), answer)
+    return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
 
-def _in_chunks(one: Callable[[Any], Any], along: list[int | None], size: int, spread: Any) -> Any:
-    """`one` of all points, chunk by chunk; the last one overlaps with the one before it."""
+def _in_chunks(
+    at: Callable[[list[Array]], Any], axes: list[int | None], size: int, flat: list[Array]
+) -> Any:
+    """`at` of all points, chunk by chunk; the last chunk overlaps with the one before it.
+
+    A last chunk of another size would be a second program.
+    """
     chunk = min(size, _CHUNK)
-    points = jax.vmap(one, (along,), axis_size=chunk)
+    points = jax.vmap(at, (axes,), axis_size=chunk)
     if chunk == size:
-        return points(spread)
+        return points(flat)
 
-    def step(number: Array, answer: Any) -> Any:
+    def step(number: Array, result: Any) -> Any:
         start = jnp.minimum(number * chunk, size - chunk)
         part = [
             leaf if axis is None else jax.lax.dynamic_slice_in_dim(leaf, start, chunk)
-            for leaf, axis in zip(spread, along, strict=True)
+            for leaf, axis in zip(flat, axes, strict=True)
         ]
         return jax.tree.map(
-            lambda whole, new: jax.lax.dynamic_update_slice_in_dim(whole, new, start, 0),
-            answer,
+            lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, start, 0),
+            result,
             points(part),
         )
 
-    form = jax.eval_shape(jax.vmap(one, (along,), axis_size=size), spread)
-    begin = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), form)
-    return jax.lax.fori_loop(0, -(-size // chunk), step, begin)
+    forms = jax.eval_shape(jax.vmap(at, (axes,), axis_size=size), flat)
+    empty = jax.tree.map(lambda form: jnp.zeros(form.shape, form.dtype), forms)
+    return jax.lax.fori_loop(0, -(-size // chunk), step, empty)

@@ -1,57 +1,57 @@
-"""How uncertain numbers are distributed, by what they are."""
+"""Distributions of uncertain parameters, chosen by what the parameters are."""
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-# What is between 0 and 1, by the end of its name.
-_BOUNDED = ("restitution", "damping_ratio")
+_BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
 
 
-class Distributions(NamedTuple):
-    """Independent numbers of a median and a coefficient of variation each.
+class Distributions(eqx.Module):
+    """Independent distributions of given medians and coefficients of variation.
 
-    Attributes
-    ----------
-    median : Array, shape (numbers,)
-    width : Array, shape (numbers,)
-        Standard deviation of what is normal: of the logit of a number between 0 and 1, of
-        the logarithm of a positive one; of all others over the median.
-    bounded : ndarray of bool, shape (numbers,)
-        Which are between 0 and 1.
+    Logit-normal for `bounded` parameters between 0 and 1, lognormal for other positive ones,
+    normal for the rest. `width` is the standard deviation of the logit, of the logarithm, or
+    (normal) of the parameter over its median.
     """
 
-    median: Any
-    width: Any
-    bounded: np.ndarray
+    median: Array | np.ndarray  # (parameters,)
+    width: Array | np.ndarray
+    bounded: Array | np.ndarray
 
     @classmethod
-    def of(cls, names: tuple[str, ...], median: np.ndarray, variation: np.ndarray) -> Any:
-        """What realizes the coefficients of variation, standard deviation over mean."""
-        bounded = np.asarray([name.endswith(_BOUNDED) for name in names], bool)
+    def of(
+        cls, names: tuple[str, ...], median: np.ndarray, variation: np.ndarray
+    ) -> "Distributions":
+        """Those whose standard deviation over their mean is `variation`."""
+        bounded = np.asarray([name.endswith(_BETWEEN_0_AND_1) for name in names], bool)
         bounded &= (median > 0) & (variation > 0)
         width = np.where(median > 0, np.log1p(variation**2) ** 0.5, variation)
         for k in np.flatnonzero(bounded):
-            width[k] = _deviation_of_logit(names[k], float(median[k]), float(variation[k]))
+            width[k] = _logit_width(names[k], float(median[k]), float(variation[k]))
         return cls(median, width, bounded)
 
-    def at(self, z: Any) -> Any:
-        """The numbers for independent standard normal ones, shape (numbers,)."""
-        median, width, bounded = self
+    def quantiles(self, z: Array) -> Array:
+        """The parameters at standard normal numbers, shape (parameters,)."""
+        median, width, bounded = self.median, self.width, self.bounded
         odds = jnp.where(bounded, median / jnp.where(bounded, 1 - median, 1), 1.0)
-        between = jax.nn.sigmoid(jnp.log(odds) + width * z)
-        grown = median * jnp.exp(width * z)
-        shifted = median + width * abs(median) * z
-        return jnp.where(bounded, between, jnp.where(median > 0, grown, shifted))
+        logit_normal = jax.nn.sigmoid(jnp.log(odds) + width * z)
+        lognormal = median * jnp.exp(width * z)
+        normal = median + width * abs(median) * z
+        return jnp.where(bounded, logit_normal, jnp.where(median > 0, lognormal, normal))
 
 
-def _deviation_of_logit(name: str, median: float, variation: float) -> float:
+def _logit_width(name: str, median: float, variation: float) -> float:
+    """Standard deviation of the logit that gives a coefficient of variation, by quadrature."""
+    must_be = f"coefficient of variation of {name} must be"
     if median >= 1:
-        raise ValueError(f"variation of {name} must be 0 at {median:g}, got {variation:g}")
+        raise ValueError(f"{must_be} 0 at {median:g}, got {variation:g}")
     z = np.linspace(-9, 9, 1801)
     weight = np.exp(-0.5 * z**2)
     weight /= weight.sum()
@@ -62,30 +62,31 @@ def _deviation_of_logit(name: str, median: float, variation: float) -> float:
         mean = above @ weight
         return ((above - mean[..., None]) ** 2 @ weight) ** 0.5 / (median + mean)
 
-    # Two peaks have a minimum between them, where logit(x) = median + width^2 (2 x - 1).
     logit = abs(math.log(median) - math.log1p(-median))
 
     def has_one_peak(width: float) -> bool:
+        # Two peaks have a minimum between them, where logit(x) = median + width^2 (2 x - 1).
         if width**2 <= 2:
             return True
         apart = width**2 * (1 - 2 / width**2) ** 0.5 - 2 * math.acosh(width / 2**0.5)
         return apart <= logit
 
     widths = np.linspace(0, _last(has_one_peak, 4 + logit), 201)
-    reached = realized(widths)
-    most = int(np.argmax(reached))  # from where on the mean grows faster than the deviation
-    if variation > reached[most]:
+    variations = realized(widths)
+    # Beyond its maximum the coefficient decreases: the mean grows faster than the deviation.
+    largest = int(np.argmax(variations))
+    if variation > variations[largest]:
         raise ValueError(
-            f"variation of {name} must be at most {reached[most]:.3g} at {median:g}, since with"
-            f" more it has two peaks, near 0 and near 1; got {variation:g}"
+            f"{must_be} at most {variations[largest]:.3g} at {median:g}, since with"
+            f" more the density has two peaks, near 0 and near 1; got {variation:g}"
         )
-    return _last(lambda width: bool(realized(width) <= variation), float(widths[most]))
+    return _last(lambda width: bool(realized(width) <= variation), float(widths[largest]))
 
 
-def _last(holds: Callable[[float], bool], end: float) -> float:
-    """Up to where a condition holds that does from 0 on."""
+def _last(condition: Callable[[float], bool], end: float) -> float:
+    """Where a condition that is true at 0 becomes false, or `end`, by bisection."""
     low, high = 0.0, end
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
+        low, high = (middle, high) if condition(middle) else (low, middle)
     return low

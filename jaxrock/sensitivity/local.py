@@ -1,31 +1,27 @@
-"""Slopes, elasticities and tornado diagrams around one point."""
+"""Derivatives, elasticities and tornado diagrams around one point."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
+import jax
 import numpy as np
 
 from ..host import table
-from .parameters import Answer, Numbers, expanded, sampled, values_at
+from .parameters import Answer, Ranges, evaluated, expansion, parametric, sampled
 
 
-class Sensitivities(NamedTuple):
-    """An answer's derivatives to every number it depends on; see `sensitivities`.
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of an answer y with respect to all its parameters x; see `sensitivities`.
 
     Attributes
     ----------
     names : tuple of str
-        Of the numbers.
-    at : ndarray, shape (numbers,)
-        Where the derivatives are taken, each in its unit.
+    at : ndarray, shape (parameters,)
     value : float
-        The answer there, in the unit of the answer.
-    gradient : ndarray, shape (numbers,)
-        Slope to each number.
-    elasticity : ndarray, shape (numbers,)
-        Relative change of the answer over that of the number, ``(x / y) dy / dx``.
-    hessian : ndarray, shape (numbers, numbers)
-        Second derivatives.
+    gradient, elasticity : ndarray, shape (parameters,)
+        ``dy / dx``, and relative, ``(x / y) dy / dx`` [-].
+    hessian : ndarray, shape (parameters, parameters)
     """
 
     names: tuple[str, ...]
@@ -40,19 +36,20 @@ class Sensitivities(NamedTuple):
         return table(f"{self.value:.6g}", self.names, **columns)
 
 
-class TornadoBars(NamedTuple):
-    """What each number can do to an answer within its range; see `tornado`.
+@dataclass(frozen=True)
+class TornadoBars:
+    """How far each parameter moves an answer within its range; see `tornado`.
 
     Attributes
     ----------
     names : tuple of str
-        Of the numbers, the one with the widest swing first.
-    low, high : ndarray, shape (numbers,)
-        The range of each.
-    at_low, at_high : ndarray, shape (numbers,)
-        The answer there, all others as they are.
+        The parameter with the widest bar first.
+    low, high : ndarray, shape (parameters,)
+        The ranges.
+    at_low, at_high : ndarray, shape (parameters,)
+        The answer there, the other parameters unchanged.
     value : float
-        The answer where none has been changed.
+        The answer with all parameters unchanged.
     """
 
     names: tuple[str, ...]
@@ -68,14 +65,14 @@ class TornadoBars(NamedTuple):
 
 
 def sensitivities(answer: Answer, at: Any) -> Sensitivities:
-    """Value, slopes, elasticities and second derivatives of an answer.
+    """Value, gradient, elasticities and second derivatives of an answer.
 
     Parameters
     ----------
     answer : callable
         From a pytree of numbers to one number.
     at : pytree
-        Where to ask.
+        The numbers at which to differentiate.
 
     Returns
     -------
@@ -84,7 +81,7 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     Raises
     ------
     ValueError
-        If `at` is not made of single numbers, or `answer` not one.
+        If `at` does not consist of single numbers, or the answer is not one.
 
     Examples
     --------
@@ -99,36 +96,28 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     restitution                    0.7       0.87915       4.99457
     intensity                     0.15        1.7583       2.14053
     """
-    numbers = Numbers.of(at)
-    value, slope, curvature = expanded(numbers.asked(answer), numbers.values)
+    function = parametric(answer, at)
+    x = np.asarray(function.values)
+    value, gradient, hessian = evaluated(expansion, function, function.values)
+    gradient, hessian = np.asarray(gradient), np.asarray(hessian)
     with np.errstate(divide="ignore", invalid="ignore"):
-        elasticity = np.asarray(slope) * np.asarray(numbers.values) / np.asarray(value)
-    return Sensitivities(
-        numbers.names,
-        np.asarray(numbers.values),
-        float(value),
-        np.asarray(slope),
-        elasticity,
-        np.asarray(curvature),
-    )
+        elasticity = gradient * x / np.asarray(value)
+    return Sensitivities(function.names, x, float(value), gradient, elasticity, hessian)
 
 
-def tornado(answer: Answer, at: Any, ranges: Mapping[str, tuple[float, float]]) -> TornadoBars:
-    """What each number can do to an answer within its range, the others left as they are.
+def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
+    """How far each parameter moves an answer within its range, one at a time.
 
     Parameters
     ----------
-    answer : callable
-        From a pytree of numbers to one number.
-    at : pytree
-        Where to ask.
+    answer, at
+        As in `sensitivities`.
     ranges : dict
-        Low and high value by name, for the numbers to change.
+        Low and high value of each parameter to vary, by name.
 
     Returns
     -------
     TornadoBars
-        Sorted, the widest first.
 
     Raises
     ------
@@ -146,16 +135,15 @@ def tornado(answer: Answer, at: Any, ranges: Mapping[str, tuple[float, float]]) 
     restitution                    0.6           0.8     0.0673033      0.307402
     slenderness                      4             6     0.0954255       0.15161
     """
-    numbers = Numbers.of(at)
-    places = numbers.chosen("ranges", ranges)
-    ends = np.asarray([ranges[name] for name in ranges], float).reshape(-1, 2)
-    points = np.repeat(np.asarray(numbers.values)[None], 1 + ends.size, axis=0)
-    for row, place in enumerate(places):
-        points[1 + 2 * row : 3 + 2 * row, place] = ends[row]
-    values = sampled(values_at, numbers.asked(answer), points)
-    pairs = values[1:].reshape(-1, 2)
-    width = np.nan_to_num(abs(pairs[:, 1] - pairs[:, 0]), nan=np.inf)
+    function = parametric(answer, at, "ranges", ranges)
+    ends = np.asarray(list(ranges.values()), float).reshape(-1, 2)
+    points = np.tile(np.asarray(function.values)[list(function.varied)], (1 + ends.size, 1))
+    for k, pair in enumerate(ends):
+        points[1 + 2 * k : 3 + 2 * k, k] = pair
+    values = sampled(jax.vmap, function, points)
+    answers = values[1:].reshape(-1, 2)
+    width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    (low, high), (at_low, at_high) = ends[order].T, pairs[order].T
+    (low, high), (at_low, at_high) = ends[order].T, answers[order].T
     return TornadoBars(names, low, high, at_low, at_high, float(values[0]))

@@ -1,35 +1,37 @@
-"""Mean and standard deviation of an answer whose numbers scatter."""
+"""Mean and standard deviation of an answer whose parameters scatter."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..host import listed
-from .parameters import Answer, expanded, sampled, scattering, values_at
+from .parameters import Answer, Spread, evaluated, expansion, sampled, under_scatter
 
 _ALLOWED = 0.1  # errors of mean and standard deviation, over the standard deviation
 
 
-class MomentEstimate(NamedTuple):
+@dataclass(frozen=True)
+class MomentEstimate:
     """Mean and standard deviation of an answer; see `propagate`.
 
     Attributes
     ----------
     first_order_mean, first_order_standard_deviation : float
-        To first order in the scatter.
+        From the gradient alone.
     mean, standard_deviation : float
-        To second order.
+        From the gradient and the Hessian.
     shares : dict
-        Of the variance to first order, by number.
+        Of the first-order variance, by parameter.
     valid : bool
-        Whether `mean` is right to a tenth of the standard deviation and the latter to 10 %,
-        as far as samples show, and all of them have an answer. Not so where the answer bends
-        too much within the scatter, is chaotic, or ceases to exist because the block overturns.
+        Whether all samples have an answer, and by them both errors are at most 0.1. Not so
+        where the answer is too nonlinear within the scatter, chaotic, or ceases to exist
+        because the block overturns.
     mean_error, standard_deviation_error : float
-        Errors of `mean` and `standard_deviation` by the samples, with twice the noise of that
-        estimate, over the standard deviation; inf where a sample has no answer.
+        Errors of `mean` and `standard_deviation` by the samples, plus two standard errors of
+        that estimate, over the standard deviation; inf where a sample has no answer.
     left_out : float
         Share of samples without an answer.
     """
@@ -45,20 +47,16 @@ class MomentEstimate(NamedTuple):
     left_out: float
 
     def __str__(self) -> str:
-        return listed(self, **dict.fromkeys(self._fields, ""))
+        return listed(self, **dict.fromkeys(vars(self), ""))
 
 
 def propagate(
-    answer: Answer,
-    at: Any,
-    coefficients_of_variation: Mapping[str, float],
-    samples: int = 1000,
-    seed: int = 0,
+    answer: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 1000, seed: int = 0
 ) -> MomentEstimate:
     """Mean and standard deviation of an answer under scatter, to first and second order.
 
-    Samples then show whether the answer is like that. Only what it differs by from its
-    second order is sampled, so that a thousand are enough.
+    Samples show whether the second order describes the answer. Only the difference between
+    the two is sampled, so that a thousand suffice.
 
     Parameters
     ----------
@@ -67,24 +65,21 @@ def propagate(
     at : pytree
         Medians.
     coefficients_of_variation : dict
-        Coefficient of variation (standard deviation over mean) by name; what is not named
-        does not scatter. Numbers scatter independently: positive ones lognormally, a
-        ``restitution`` or ``damping_ratio`` so that its logit is normal, all others normally.
-    samples : int
-        How many answers to compare with.
-    seed : int
-        Of the random numbers.
+        Coefficient of variation (standard deviation over mean) by name; other parameters do
+        not scatter. Parameters are independent: positive ones lognormal, a ``restitution`` or
+        ``damping_ratio`` logit-normal, all others normal.
+    samples, seed : int
+        Number of samples, and the seed that they are drawn with.
 
     Returns
     -------
     MomentEstimate
-        `valid` is False where the orders are not to be trusted.
 
     Raises
     ------
     ValueError
-        If a name is not one of `at`, or a coefficient is negative, or a restitution cannot
-        scatter so much: at 1, or so that it would have two peaks, near 0 and near 1.
+        If a name is not one of `at`, a coefficient is negative, or that of a restitution is
+        too large: not 0 at a median of 1, or such that the density has two peaks.
 
     Examples
     --------
@@ -95,81 +90,57 @@ def propagate(
     >>> print(f"{found.mean:.4f} +- {found.standard_deviation:.4f}")
     0.1311 +- 0.0419
     """
-    asked, _, _ = scattering(answer, at, coefficients_of_variation)
-    drawn = np.random.default_rng(seed).standard_normal((samples, len(coefficients_of_variation)))
-    value, slope, curvature = map(
-        np.asarray, expanded(asked, jnp.zeros(len(coefficients_of_variation)))
-    )
-    found = sampled(values_at, asked, drawn)
-    return _compared(tuple(coefficients_of_variation), value, slope, curvature, drawn, found)
+    function, z = under_scatter(answer, at, coefficients_of_variation, samples, seed)
+    names, answers = tuple(coefficients_of_variation), sampled(jax.vmap, function, z)
+    return _estimate(names, evaluated(expansion, function, jnp.zeros(len(names))), z, answers)
 
 
-def _compared(
-    names: tuple[str, ...],
-    value: Any,
-    slope: np.ndarray,
-    curvature: np.ndarray,
-    drawn: np.ndarray,
-    found: np.ndarray,
+def _estimate(
+    names: tuple[str, ...], expansion: tuple[Any, Any, Any], z: np.ndarray, answers: np.ndarray
 ) -> MomentEstimate:
-    """Moments of a quadratic in standard normal numbers, and how samples differ from them."""
-    variance = float((slope**2).sum())
-    second = variance + 0.5 * float((curvature**2).sum())
-    mean, deviation = float(value + 0.5 * np.trace(curvature)), second**0.5
-    known = np.isfinite(found)
+    """Moments of a quadratic in standard normal numbers, compared with answers at some."""
+    value, gradient, hessian = map(np.asarray, expansion)
+    first_variance = float((gradient**2).sum())
+    variance = first_variance + 0.5 * float((hessian**2).sum())
+    mean, deviation = float(value + 0.5 * np.trace(hessian)), variance**0.5
+    finite = np.isfinite(answers)
     errors = (np.inf, np.inf)
-    if known.all() and np.isfinite(mean + second):
-        bent = 0.5 * np.einsum("ni,ij,nj->n", drawn, curvature, drawn)
-        expected = value + drawn @ slope + bent
-        errors = _moment_errors(expected, found - expected, mean, deviation)
-    shares = slope**2 / (variance if variance else 1.0)
-    return MomentEstimate(
-        float(value),
-        variance**0.5,
-        mean,
-        deviation,
-        dict(zip(names, shares.tolist(), strict=True)),
-        max(errors) <= _ALLOWED,
-        *errors,
-        float(1 - known.mean()),
-    )
+    if finite.all() and np.isfinite(mean + variance):
+        quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
+        errors = _moment_errors(quadratic, answers - quadratic, mean, deviation)
+    shares = (gradient**2 / (first_variance if first_variance else 1.0)).tolist()
+    by_name, valid = dict(zip(names, shares, strict=True)), max(errors) <= _ALLOWED
+    moments = float(value), first_variance**0.5, mean, deviation
+    return MomentEstimate(*moments, by_name, valid, *errors, left_out=float(1 - finite.mean()))
 
 
 def _moment_errors(
-    expected: np.ndarray, rest: np.ndarray, mean: float, deviation: float
+    quadratic: np.ndarray, remainder: np.ndarray, mean: float, deviation: float
 ) -> tuple[float, float]:
-    """What mean and deviation are off by because of the rest, with twice the noise of that."""
-    noise = 2 / len(rest) ** 0.5
-    rounding = 64 * float(np.finfo(rest.dtype).eps) * abs(mean)
-    # The variance of the answer is that of what is expected and the mean of this.
-    added = (2 * (expected - mean) + rest) * rest - rest.mean() ** 2
-    spread = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
-    of_mean = float(abs(rest.mean()) + noise * rest.std())
-    of_deviation = abs(spread - deviation)
-    of_deviation += float(noise * added.std() / (spread + deviation or 1.0))
-    if deviation == 0:
-        least = 0.0 if max(of_mean, of_deviation) <= rounding else np.inf
-        return least, least
+    """Errors of both moments due to the remainder, with two standard errors of each."""
+    noise = 2 / len(remainder) ** 0.5
+    # The variance of the answer is that of the quadratic plus the mean of this.
+    added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
+    corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
+    of_mean = float(abs(remainder.mean()) + noise * remainder.std())
+    of_deviation = abs(corrected - deviation)
+    of_deviation += float(noise * added.std() / (corrected + deviation or 1.0))
+    if deviation == 0:  # nothing scatters, so that only rounding is allowed
+        rounding = 64 * float(np.finfo(remainder.dtype).eps) * abs(mean)
+        error = 0.0 if max(of_mean, of_deviation) <= rounding else np.inf
+        return error, error
     return of_mean / deviation, of_deviation / deviation
 
 
 def monte_carlo(
-    answer: Answer,
-    at: Any,
-    coefficients_of_variation: Mapping[str, float],
-    samples: int = 10_000,
-    seed: int = 0,
+    answer: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 10_000, seed: int = 0
 ) -> np.ndarray:
-    """Answers for random samples of what scatters, as `propagate` has it scatter.
+    """Answers for random parameters, distributed as in `propagate`.
 
     Parameters
     ----------
-    answer, at, coefficients_of_variation
+    answer, at, coefficients_of_variation, samples, seed
         As in `propagate`.
-    samples : int
-        How many.
-    seed : int
-        Of the random numbers.
 
     Returns
     -------
@@ -180,6 +151,5 @@ def monte_carlo(
     ValueError
         As `propagate`.
     """
-    asked, _, _ = scattering(answer, at, coefficients_of_variation)
-    z = np.random.default_rng(seed).standard_normal((samples, len(coefficients_of_variation)))
-    return sampled(values_at, asked, z)
+    function, z = under_scatter(answer, at, coefficients_of_variation, samples, seed)
+    return sampled(jax.vmap, function, z)

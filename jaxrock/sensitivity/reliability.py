@@ -1,35 +1,36 @@
-"""Probability that a margin is negative."""
+"""Probability that a margin is negative, by first- and second-order reliability."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.stats import norm
 
 from ..host import listed
-from .parameters import Answer, Asked, expanded, sampled, scattering, slope_of, value_of, values_at
+from .parameters import Answer, Spread, evaluated, expansion, sampled, under_scatter
 
 
-class ReliabilityResult(NamedTuple):
+@dataclass(frozen=True)
+class ReliabilityResult:
     """Probability that a margin is negative; see `failure_probability`.
 
     Attributes
     ----------
-    probability : float
-        From the verge as a parabola at its most likely point.
-    first_order_probability : float
-        From the verge as a plane there.
+    probability, first_order_probability : float
+        With the limit state as a paraboloid, and as a plane, at its most likely point.
     reliability_index : float
-        beta, the distance of that point from the median, in standard deviations; negative
-        where the median itself is beyond the verge.
+        beta, the distance of that point from the medians, in standard deviations; negative
+        where the medians themselves fail.
     most_likely : dict
-        The numbers at that point.
+        The parameters at that point, by name.
     misjudged : float
-        Share of samples that the parabola puts on the wrong side of the verge, no less than
-        the error of `probability`, but for the noise of sampling.
+        Share of samples that the paraboloid puts on the wrong side of the limit state: but for
+        the noise of sampling, no less than the error of `probability`.
     valid : bool
-        Whether the search came to an end, and the samples do not contradict.
+        Whether the search has converged, and the samples do not contradict.
     """
 
     probability: float
@@ -40,40 +41,29 @@ class ReliabilityResult(NamedTuple):
     valid: bool
 
     def __str__(self) -> str:
-        return listed(self, **dict.fromkeys(self._fields, ""))
+        return listed(self, **dict.fromkeys(vars(self), ""))
 
 
 def failure_probability(
-    margin: Answer,
-    at: Any,
-    coefficients_of_variation: Mapping[str, float],
-    samples: int = 2000,
-    seed: int = 0,
+    margin: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 2000, seed: int = 0
 ) -> ReliabilityResult:
-    """Probability that a smooth margin is negative, from the verge at its most likely point.
+    """Probability that a smooth margin is negative, by first- and second-order reliability.
 
-    First- and second-order reliability: in the space of independent standard normal numbers,
-    the point of the verge next to the median, and the verge's curvature there. Samples then
-    show whether the verge is like that.
+    From the point of the limit state (where the margin is 0) next to the medians, in the space
+    of independent standard normal numbers, and the curvature there. Samples show whether the
+    limit state has that shape.
 
     Parameters
     ----------
     margin : callable
         From a pytree of numbers to one number, smooth where it passes 0:
         `overturning_margin`, or the margin of a response.
-    at : pytree
-        Medians.
-    coefficients_of_variation : dict
-        Coefficient of variation by name; see `propagate`.
-    samples : int
-        How many fates to compare with.
-    seed : int
-        Of the random numbers.
+    at, coefficients_of_variation, samples, seed
+        As in `propagate`.
 
     Returns
     -------
     ReliabilityResult
-        `valid` is False where the method is not to be trusted.
 
     Raises
     ------
@@ -89,73 +79,64 @@ def failure_probability(
     >>> print(f"{chance.probability:.3f}", chance.valid)
     0.245 True
     """
-    asked, names, spread = scattering(margin, at, coefficients_of_variation)
-    if not spread.any():
+    function, z = under_scatter(margin, at, coefficients_of_variation, samples, seed)
+    if not any(coefficients_of_variation.values()):
         raise ValueError("coefficients_of_variation must be greater than 0 for at least one number")
-    start = float(value_of(asked, jnp.zeros(len(coefficients_of_variation))))
-    z, ended = _nearest(asked, len(coefficients_of_variation))
-    _, slope, curvature = map(np.asarray, expanded(asked, jnp.asarray(z)))
-    steep = float(np.linalg.norm(slope))
-    away = -slope / steep if steep else np.zeros_like(slope)
-    beta = float(away @ z)
-    # Curvature of the verge in the plane that touches it there.
-    basis = np.linalg.svd(away[None])[2][1:]
-    curvature = basis @ curvature @ basis.T / (steep or 1.0)
-    # Beyond where away . z > beta + u . K u / 2, u the rest of z.
-    bend, twist = 0.5 * np.trace(curvature), 0.5 * (curvature**2).sum()
-    first = _normal(-beta)
-    second = _normal(-(beta + float(bend)) / (1 + float(twist)) ** 0.5)
 
-    drawn = np.random.default_rng(seed).standard_normal((samples, len(coefficients_of_variation)))
-    fails = sampled(values_at, asked, drawn) < 0
-    rest = drawn @ basis.T
-    judged = drawn @ away > beta + 0.5 * np.einsum("ij,jk,ik->i", rest, curvature, rest)
+    def evaluate(transform: Callable[..., Any], point: np.ndarray) -> list[np.ndarray]:
+        return [np.asarray(part) for part in evaluated(transform, function, jnp.asarray(point))]
+
+    point, converged = _most_likely(evaluate, np.zeros(z.shape[1]))
+    _, gradient, hessian = evaluate(expansion, point)
+    steepness = float(np.linalg.norm(gradient))
+    normal = -gradient / steepness if steepness else np.zeros_like(gradient)
+    beta = float(normal @ point)
+    # Curvature in the tangent plane: samples fail where normal . z > beta + u . K u / 2, with u
+    # the part of z in that plane.
+    tangent = np.linalg.svd(normal[None])[2][1:]
+    curvature = tangent @ hessian @ tangent.T / (steepness or 1.0)
+    mean, variance = 0.5 * float(np.trace(curvature)), 0.5 * float((curvature**2).sum())
+    second_order = float(norm.cdf(-(beta + mean) / (1 + variance) ** 0.5))
+
+    fails = sampled(jax.vmap, function, z) < 0
+    u = z @ tangent.T
+    judged = z @ normal > beta + 0.5 * np.einsum("ij,jk,ik->i", u, curvature, u)
     misjudged = float((fails != judged).mean())
     noise = 3 * (max(misjudged, 1 / samples) / samples) ** 0.5
-    point = np.asarray(asked.numbers(jnp.asarray(z)))
-    holds = ended and np.isfinite(start) and abs(fails.mean() - judged.mean()) < 0.01 + noise
+    agrees = misjudged < 0.05 and bool(abs(fails.mean() - judged.mean()) < 0.01 + noise)
+    parameters = np.asarray(function.parameters(jnp.asarray(point))).tolist()
+    most_likely = dict(zip(function.names, parameters, strict=True))
     return ReliabilityResult(
-        second,
-        first,
-        beta,
-        dict(zip(names, point.tolist(), strict=True)),
-        misjudged,
-        bool(holds and misjudged < 0.05),
+        second_order, float(norm.cdf(-beta)), beta, most_likely, misjudged, converged and agrees
     )
 
 
-def _nearest(asked: Asked, size: int) -> tuple[np.ndarray, bool]:
-    """The point of the verge that is nearest to 0 (Hasofer, Lind, Rackwitz, Fiessler).
+def _most_likely(
+    evaluate: Callable[..., list[np.ndarray]], z: np.ndarray
+) -> tuple[np.ndarray, bool]:
+    """The point of the limit state next to 0 (Hasofer, Lind, Rackwitz, Fiessler).
 
-    Each step goes to the nearest point of the verge's tangent plane, or part of the way if
-    that would not bring it nearer.
+    Each step goes to the nearest point of the tangent plane, or part of the way where a merit
+    of distance and margin would not decrease. Also whether that has converged.
     """
-    z = np.zeros(size)
+    value, gradient = evaluate(_value_and_gradient, z)
     for _ in range(100):
-        value, slope = (
-            float(value_of(asked, jnp.asarray(z))),
-            np.asarray(slope_of(asked, jnp.asarray(z))),
-        )
-        square = float(slope @ slope)
+        square = float(gradient @ gradient)
         if not np.isfinite(value) or not 0 < square < np.inf:
             return z, False
-        change = (slope @ z - value) / square * slope - z
-        if np.linalg.norm(change) < np.finfo(slope.dtype).eps ** 0.5:
+        step = (gradient @ z - value) / square * gradient - z
+        if np.linalg.norm(step) < np.finfo(gradient.dtype).eps ** 0.5:
             return z, True
-        weight = 2 * max(np.linalg.norm(z) / square**0.5, 1e-3)
-
-        def merit(z: np.ndarray, value: float, weight: float = weight) -> float:
-            return 0.5 * float(z @ z) + weight * abs(value)
-
-        share, now = 1.0, merit(z, value)
-        while share > 1e-3:
-            there = float(value_of(asked, jnp.asarray(z + share * change)))
-            if merit(z + share * change, there) < now:
-                break
+        weight = 2 * max(float(np.linalg.norm(z)) / square**0.5, 1e-3)
+        merit = 0.5 * float(z @ z) + weight * abs(float(value))
+        share, start, lower = 1.0, z, False
+        while not lower:
+            z = start + share * step
+            value, gradient = evaluate(_value_and_gradient, z)
+            lower = 0.5 * float(z @ z) + weight * abs(float(value)) < merit or share <= 1e-3
             share *= 0.5
-        z = z + share * change
     return z, False
 
 
-def _normal(x: float) -> float:
-    return float(jax.scipy.stats.norm.cdf(x))
+def _value_and_gradient(answer: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda point: (answer(point), jax.jacfwd(answer)(point))

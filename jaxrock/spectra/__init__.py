@@ -4,11 +4,11 @@ Names beside those in ``__all__`` are for the other packages.
 """
 
 from .closed_form import RESONANCE_AXES as RESONANCE_AXES
-from .closed_form import axis as axis
-from .closed_form import overturned_share as overturned_share
-from .closed_form import resonance_spectrum, write_table
-from .driven import ROCKING_AXES as ROCKING_AXES
+from .closed_form import resonance_spectrum
 from .driven import overturning_map, overturning_spectrum, rocking_spectrum
+from .grid import axis as axis
+from .storage import overturned_share as overturned_share
+from .storage import write_table
 
 __all__ = [
     "overturning_map",

@@ -1,11 +1,9 @@
-"""Sweeps over grids of scenes, to labelled datasets and files."""
+"""Resonance spectra: functions of one scene, mapped along each axis of a grid."""
 
 import collections
-import itertools
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import equinox as eqx
 import jax
@@ -15,7 +13,7 @@ from jaxtyping import Array
 
 from ..accuracy import linearized_is_enough
 from ..block import Block
-from ..host import labelled, with_progress, written_whole
+from ..host import with_progress
 from ..resonance import (
     Linearized,
     ModelLike,
@@ -31,58 +29,43 @@ from ..resonance import (
     stabilized_period,
     stabilized_rotation,
 )
-from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
+from ..validation import POSITIVE, as_real, check
+from .grid import Chunk, Values, axis, chunks_of, labelled_grid, parts_of
+from .storage import stored
 
 if TYPE_CHECKING:
     import xarray
 
-Values = Number | Sequence[float | int]
+RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
 
-
-class _Axis(NamedTuple):
-    long_name: str
-    units: str
-    domain: Domain
-
-
-class _Variable(NamedTuple):
-    long_name: str
-    units: str
-    function: Callable[[Scene, RockingModel], Array]
-
-
-_PIECE = 2**16  # of points of one model
-
-RESONANCE_AXES = {
-    "slenderness": _Axis("slenderness, height over width", "1", POSITIVE),
-    "width": _Axis("full width 2b of the base", "m", POSITIVE),
-    "restitution": _Axis("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
-    "intensity": _Axis("intensity of each pulse", "m s-1", NON_NEGATIVE),
-}
-
-_VARIABLES = {
-    "rotation_ratio": _Variable(
-        "stabilized peak rotation over critical angle", "1", rotation_ratio
+# By name: a function of one scene and a model, the long name and the unit.
+_VARIABLES: dict[str, tuple[Callable[[Scene, RockingModel], Array], str, str]] = {
+    "rotation_ratio": (rotation_ratio, "stabilized peak rotation over critical angle", "1"),
+    "peak_rotation": (stabilized_rotation, "stabilized peak rotation", "rad"),
+    "period": (stabilized_period, "stabilized period", "s"),
+    "amplification": (
+        amplification,
+        "stabilized peak rotation over peak after the first pulse",
+        "1",
     ),
-    "peak_rotation": _Variable("stabilized peak rotation", "rad", stabilized_rotation),
-    "period": _Variable("stabilized period", "s", stabilized_period),
-    "amplification": _Variable(
-        "stabilized peak rotation over peak after the first pulse", "1", amplification
-    ),
-    "overturning_margin": _Variable(
+    "overturning_margin": (
+        overturning_margin,
         "energy left to the barrier over the barrier, overturns from 0 down",
         "1",
-        overturning_margin,
     ),
-    "overturning_half_cycle": _Variable(
-        "first half-cycle that overturns, inf if none does", "1", overturning_half_cycle
+    "overturning_half_cycle": (
+        overturning_half_cycle,
+        "first half-cycle that overturns, inf if none does",
+        "1",
     ),
-    "critical_intensity": _Variable(
-        "intensity of unlimited pulses on the verge of overturning",
-        "m s-1",
+    "critical_intensity": (
         lambda scene, model: critical_intensity(scene.block, scene.restitution, model=model),
+        "intensity of unlimited pulses that just overturn",
+        "m s-1",
     ),
 }
+
+_POINTS = 2**16  # of one model, computed at once
 
 
 def resonance_spectrum(
@@ -107,8 +90,8 @@ def resonance_spectrum(
     intensity : array_like
         I [m/s]; a one-dimensional array adds the dimension intensity.
     model : Linearized or Nonlinear, or "auto"
-        Rung of the ladder of models. "auto": at each grid point the cheapest that keeps the
-        `tolerance`, named in the variable model.
+        "auto": at each grid point the cheapest that keeps the `tolerance`, named in the
+        variable model.
     tolerance : float
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
     gravity : float
@@ -118,7 +101,7 @@ def resonance_spectrum(
         progress if it takes long and standard error is a terminal.
     store : path, optional
         A NetCDF file to put the values into as they are computed. The dataset returned then
-        reads from it when asked, so that neither has to fit into memory. An existing file
+        reads from it on demand, so that neither has to fit into memory. An existing file
         is replaced, once all is computed.
     devices : sequence of jax.Device, optional
         That share the chunks; all of this process unless given. The numbers are the same.
@@ -150,124 +133,8 @@ def resonance_spectrum(
     if chunk < 1:
         raise ValueError(f"chunk must be at least 1, got {chunk}")
     given = (slenderness, width, restitution, intensity)
-    axes = {
-        name: axis(name, value, RESONANCE_AXES[name].domain)
-        for name, value in zip(RESONANCE_AXES, given, strict=True)
-    }
-    template = _template(axes, np.ndim(np.asarray(intensity)) > 0, model, tolerance, gravity)
-
-    def fill(targets: Mapping[str, Any]) -> None:
-        _fill(targets, axes, model, tolerance, gravity, chunk, devices or jax.local_devices())
-
-    if store is None:
-        values = {
-            str(name): np.empty(variable.shape, variable.dtype)
-            for name, variable in template.items()
-        }
-        fill(values)
-        return template.assign(
-            {name: (template[name].dims, values[name], template[name].attrs) for name in values}
-        )
-    path = Path(store)
-    with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
-        _store(scratch / path.name, template, fill)
-    import xarray
-
-    return xarray.open_dataset(path)
-
-
-def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
-    """Write a spectrum as CSV: a column each dimension and variable, a row each grid point.
-
-    Part by part, so that the table need not fit into memory. An existing file is replaced.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From `resonance_spectrum`.
-    path : str or path
-        The file to write.
-
-    Raises
-    ------
-    ValueError
-        If `path` cannot be written.
-    """
-    path = Path(path)
-    with (
-        written_whole("path", path.parent, [path.name], overwrite=True) as scratch,
-        open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
-    ):
-        for index, part in enumerate(with_progress(_parts(dataset), "table")):
-            dataset.isel(part).to_dataframe().to_csv(file, header=index == 0)
-
-
-def overturned_share(dataset: "xarray.Dataset") -> float:
-    """The share of the scenes in a spectrum that overturn under unlimited pulses."""
-    margin = dataset.overturning_margin
-    overturned = sum(
-        int((margin.isel(part) <= 0).sum()) for part in with_progress(_parts(dataset), "overturned")
-    )
-    return overturned / margin.size
-
-
-def _parts(dataset: "xarray.Dataset", most: int = 2**18) -> list[dict[str, slice]]:
-    """Cut a dataset into parts of at most `most` points, in the order of its rows."""
-    dims = dataset.overturning_margin.dims
-    parts = chunks_of([dataset.sizes[dim] for dim in dims], most)
-    return [dict(zip(map(str, dims), part, strict=True)) for part in parts]
-
-
-def axis(name: str, value: Values, domain: Domain) -> np.ndarray:
-    """The values along a dimension: one or more, different, and all in `domain`."""
-    try:
-        values = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number or numbers, got {value!r}") from None
-    if values.ndim > 1 or values.size == 0:
-        raise ValueError(
-            f"{name} must be a number or a one-dimensional array of at least one,"
-            f" got an array of shape {values.shape}"
-        )
-    check(name, values, domain)
-    values = np.atleast_1d(values)
-    distinct, counts = np.unique(values, return_counts=True)
-    if distinct.size < values.size:
-        raise ValueError(f"{name} must not have a value twice, got {distinct[counts > 1][0]:g}")
-    return values
-
-
-def _template(
-    axes: Mapping[str, np.ndarray],
-    with_intensity: bool,
-    model: RockingModel | str,
-    tolerance: float,
-    gravity: float,
-) -> "xarray.Dataset":
-    """The dataset without values: coordinates, attributes, and variables that take no memory."""
-    dims = tuple(axes) if with_intensity else tuple(axes)[:3]
-    dtype = jnp.result_type(float)
-    variables = {}
-    for name, variable in _VARIABLES.items():
-        own = dims[:3] if name == "critical_intensity" else dims
-        empty = np.broadcast_to(np.zeros((), dtype), [axes[dim].size for dim in own])
-        variables[name] = (own, empty, {"long_name": variable.long_name, "units": variable.units})
-    if model == "auto":
-        shape = [axes[dim].size for dim in dims]
-        meanings = {
-            "long_name": "model that this point is computed with",
-            "flag_values": np.array([0, 1], np.int8),
-            "flag_meanings": "linearized nonlinear",
-        }
-        variables["model"] = (dims, np.broadcast_to(np.zeros((), np.int8), shape), meanings)
-    coordinates = {
-        name: (
-            (name,) if name in dims else (),
-            values if name in dims else values[0],
-            {"long_name": RESONANCE_AXES[name].long_name, "units": RESONANCE_AXES[name].units},
-        )
-        for name, values in axes.items()
-    }
+    axes = {name: axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)}
+    dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
     attributes = {
         "model": model if isinstance(model, str) else model.name,
         "gravity": gravity,
@@ -275,12 +142,76 @@ def _template(
     }
     if model == "auto":
         attributes["tolerance"] = tolerance
-    return labelled("Resonance spectra of rigid rocking blocks", variables, coordinates, attributes)
+    # In a file the values need no memory: the dataset only gives their shapes.
+    array = np.empty if store is None else _without_memory
+    variables = _variables(axes, dims, model, array)
+
+    def fill(targets: Mapping[str, Any]) -> None:
+        _fill(targets, axes, model, tolerance, gravity, chunk, devices or jax.local_devices())
+
+    if store is None:
+        fill({name: values for name, (_, values, _) in variables.items()})
+    title = "Resonance spectra of rigid rocking blocks"
+    dataset = labelled_grid(title, axes, dims, variables, attributes)
+    return dataset if store is None else stored(Path(store), dataset, fill)
 
 
-@eqx.filter_jit
-def _evaluate(scene: Scene, model: RockingModel) -> dict[str, Array]:
-    return {name: variable.function(scene, model) for name, variable in _VARIABLES.items()}
+def _without_memory(shape: Sequence[int], dtype: Any) -> np.ndarray:
+    return np.broadcast_to(np.zeros((), dtype), shape)
+
+
+def _variables(
+    axes: Mapping[str, np.ndarray],
+    dims: tuple[str, ...],
+    model: RockingModel | str,
+    array: Callable[..., np.ndarray],
+) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, Any]]]:
+    """Dimensions, arrays and attributes of the variables."""
+    shape, variables = [axes[dim].size for dim in dims], {}
+    for name, (_, long_name, units) in _VARIABLES.items():
+        rank = 3 if name == "critical_intensity" else len(dims)
+        values = array(shape[:rank], jnp.result_type(float))
+        variables[name] = (dims[:rank], values, {"long_name": long_name, "units": units})
+    if model == "auto":
+        flags = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "linearized nonlinear"}
+        attributes = {"long_name": "model that this point is computed with", **flags}
+        variables["model"] = (dims, array(shape, np.int8), attributes)
+    return variables
+
+
+def _of_one_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
+    return {name: function(scene, model) for name, (function, _, _) in _VARIABLES.items()}
+
+
+def _along_axes(function: Callable[..., Any], of_intensity: Any = 0) -> Callable[..., Any]:
+    """A function of one scene, under `jax.vmap` along each axis of a grid.
+
+    `of_intensity` is None for results that do not depend on the intensity.
+    """
+
+    def over_grid(
+        slenderness: Array, width: Array, restitution: Array, intensity: Array, g: Array, *rest: Any
+    ) -> Any:
+        def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
+            block = Block(width / 2, slenderness, g)
+            return function(Scene(block, restitution, intensity), *rest)
+
+        # What does not depend on an axis is computed once for it: nothing is broadcast before.
+        along_intensity = jax.vmap(of_one, (None, None, None, 0), of_intensity)
+        along_restitution = jax.vmap(along_intensity, (None, None, 0, None))
+        along_width = jax.vmap(along_restitution, (None, 0, None, None))
+        along_slenderness = jax.vmap(along_width, (0, None, None, None))
+        return along_slenderness(slenderness, width, restitution, intensity)
+
+    return eqx.filter_jit(over_grid)
+
+
+_evaluate = _along_axes(
+    _of_one_scene, {name: None if name == "critical_intensity" else 0 for name in _VARIABLES}
+)
+_evaluate_points = eqx.filter_jit(jax.vmap(_of_one_scene, (0, None)))
+_linearized_is_enough = _along_axes(linearized_is_enough)
+_critical_intensity = _along_axes(_VARIABLES["critical_intensity"][0], None)
 
 
 def _fill(
@@ -298,86 +229,44 @@ def _fill(
     run the same program for one device: XLA makes another one, whose last digits differ, of
     what is partitioned.
     """
-    under_way: collections.deque[tuple[tuple[slice, ...], Mapping[str, Any]]] = collections.deque()
+    under_way: collections.deque[tuple[Chunk, Mapping[str, Any]]] = collections.deque()
 
     def put_away() -> None:
-        block, answers = under_way.popleft()
+        place, answers = under_way.popleft()
         for name, values in answers.items():
             target = targets[name]
-            part = block[: target.ndim]
+            part = place[: target.ndim]
             target[part] = np.asarray(values).reshape([p.stop - p.start for p in part])
 
-    blocks = list(chunks_of([values.size for values in axes.values()], chunk))
-    for number, block in enumerate(with_progress(blocks, "spectrum")):
-        grid = (
-            np.expand_dims(values[part], tuple(other for other in range(4) if other != position))
-            for position, (values, part) in enumerate(zip(axes.values(), block, strict=True))
-        )
-        slenderness, width, restitution, intensity = grid
-        scene = Scene(Block(width / 2, slenderness, gravity), restitution, intensity)
-        device = devices[number % len(devices)]
-        if isinstance(model, str):
-            answers = _by_model(scene, tolerance, device)
-        else:
-            answers = _evaluate(jax.device_put(scene, device), model)
-        under_way.append((block, answers))
+    places = list(chunks_of([values.size for values in axes.values()], chunk))
+    for number, place in enumerate(with_progress(places, "spectrum")):
+        grid = (*parts_of(axes, place), as_real("gravity", gravity))
+        grid = jax.device_put(grid, devices[number % len(devices)])
+        answers = _auto(grid, tolerance) if isinstance(model, str) else _evaluate(*grid, model)
+        under_way.append((place, answers))
         if len(under_way) > len(devices):
             put_away()
     while under_way:
         put_away()
 
 
-def _by_model(scene: Scene, tolerance: float, device: Any) -> dict[str, np.ndarray]:
+def _auto(grid: tuple[Array, ...], tolerance: float) -> dict[str, np.ndarray]:
     """As `_evaluate`, the linearized points apart from the nonlinear ones; and which is which."""
-    linear = np.asarray(linearized_is_enough(scene, tolerance))
-    shape, linear = linear.shape, linear.reshape(-1)
-    columns = jax.tree.map(lambda leaf: np.broadcast_to(leaf, shape).reshape(-1), scene)
-    found = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
-    for model, where in ((Linearized(), linear), (Nonlinear(), ~linear)):
-        (places,) = np.nonzero(where)
-        for start in range(0, places.size, _PIECE):
-            part = places[start : start + _PIECE]
+    linear = np.asarray(_linearized_is_enough(*grid, as_real("tolerance", tolerance)))
+    answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
+    slenderness, width, restitution, intensity, gravity = map(np.asarray, grid)
+    for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
+        places = np.flatnonzero(mask)
+        for start in range(0, places.size, _POINTS):
+            part = places[start : start + _POINTS]
             # Few different sizes, so that little is compiled.
-            room = min(_PIECE, max(1 << (part.size - 1).bit_length(), 1024))
-            wanted = np.pad(part, (0, room - part.size), mode="edge")
-            scenes = jax.tree.map(lambda leaf, wanted=wanted: leaf[wanted], columns)
-            for name, values in _evaluate(jax.device_put(scenes, device), model).items():
-                found[name][part] = np.asarray(values)[: part.size]
-    shaped = {name: values.reshape(shape) for name, values in found.items()}
+            room = min(_POINTS, max(1 << (part.size - 1).bit_length(), 1024))
+            padded = np.pad(part, (0, room - part.size), mode="edge")
+            a, b, c, i = np.unravel_index(padded, linear.shape)
+            block = Block(width[b] / 2, slenderness[a], np.full(room, gravity))
+            scenes = jax.device_put(Scene(block, restitution[c], intensity[i]), grid[0].device)
+            for name, values in _evaluate_points(scenes, model).items():
+                answers[name].reshape(-1)[part] = np.asarray(values)[: part.size]
     # It has no intensity, and all intensities have to agree about it.
-    exact = critical_intensity(scene.block, scene.restitution, model=Nonlinear())
-    chosen = np.where(linear, 0, 1).reshape(shape)
-    return shaped | {"critical_intensity": np.asarray(exact), "model": chosen}
-
-
-def chunks_of(sizes: list[int], most: int) -> Iterator[tuple[slice, ...]]:
-    """Cut a grid into blocks of at most `most` points, the last axes kept whole first."""
-    lengths, left = [], most
-    for size in reversed(sizes):
-        lengths.insert(0, min(size, max(left, 1)))
-        left //= max(lengths[0], 1)
-    starts = (range(0, size, length) for size, length in zip(sizes, lengths, strict=True))
-    for corner in itertools.product(*starts):
-        yield tuple(
-            slice(start, min(start + length, size))
-            for start, length, size in zip(corner, lengths, sizes, strict=True)
-        )
-
-
-def _store(
-    path: Path, template: "xarray.Dataset", fill: Callable[[Mapping[str, Any]], None]
-) -> None:
-    """Make a NetCDF file like `template` and let `fill` put the values into its variables."""
-    import netCDF4
-
-    template.drop_vars(list(template)).reset_coords().to_netcdf(path)
-    with netCDF4.Dataset(path, "a") as file:
-        for name, variable in template.items():
-            dims = [str(dim) for dim in variable.dims]
-            missing = math.nan if variable.dtype.kind == "f" else None
-            target = file.createVariable(str(name), variable.dtype, dims, fill_value=missing)
-            target.setncatts(variable.attrs)
-            scalars = [str(other) for other in variable.coords if other not in variable.dims]
-            if scalars:
-                target.coordinates = " ".join(scalars)
-        fill(file.variables)
+    exact = np.asarray(_critical_intensity(*grid, Nonlinear()))
+    return answers | {"critical_intensity": exact, "model": np.where(linear, 0, 1)}

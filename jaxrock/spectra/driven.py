@@ -1,47 +1,39 @@
 """Spectra of driven motion: rocking spectra of records, overturning spectra of pulses."""
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..accuracy import EstimatedResponse, respond_within
+from ..accuracy import respond_within
 from ..block import Block, housner_restitution
-from ..dynamics import BatchResponse, respond_batch, uplift_acceleration
+from ..dynamics import respond_batch, uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
-from ..host import labelled, with_progress
+from ..host import with_progress
 from ..overturning import critical_amplitude
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, as_real, check
-from .closed_form import Values, axis, chunks_of
+from ..validation import POSITIVE, as_real, check
+from .grid import Values, axis, chunks_of, label, labelled_grid, parts_of
 
 if TYPE_CHECKING:
     import xarray
 
-_CHUNK = 2**14
+_CHUNK = 2**14  # blocks of a spectrum that are followed at once
+_MAP_CHUNK = 256  # pulses of a map, each with hundreds of amplitudes
 
-ROCKING_AXES: Mapping[str, tuple[str, str, Domain]] = {
-    "period": ("period 2 pi / p of the block", "s", POSITIVE),
-    "slenderness": ("slenderness, height over width", "1", POSITIVE),
-    "restitution": ("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
-    "frequency_ratio": ("frequency of the pulse over p", "1", POSITIVE),
-    "amplitude_ratio": ("amplitude of the pulse over what just lifts the block", "1", NON_NEGATIVE),
+# By name: type, long name and unit.
+_VARIABLES: dict[str, tuple[Any, str, str]] = {
+    "rotation_ratio": (float, "peak rotation over critical angle", "1"),
+    "peak_rotation": (float, "peak rotation", "rad"),
+    "overturned": (np.int8, "1 where the block overturns", "1"),
+    "margin": (float, "margin at the end of the input, overturns below 0", "1"),
+    "impacts": (int, "number of impacts", "1"),
 }
-
-_VARIABLES: dict[str, tuple[str, str]] = {
-    "rotation_ratio": ("peak rotation over critical angle", "1"),
-    "peak_rotation": ("peak rotation", "rad"),
-    "overturned": ("1 where the block overturns", "1"),
-    "margin": ("margin at the end of the input, overturns below 0", "1"),
-    "impacts": ("number of impacts", "1"),
-}
-
-_WITHIN: dict[str, tuple[str, str]] = {
-    "order": ("order of the polynomials that this block is computed with", "1"),
-    "error": ("what the peak rotation is off by at most, relative", "1"),
-    "within_tolerance": ("1 where that is within the tolerance", "1"),
+_ESTIMATES: dict[str, tuple[Any, str, str]] = {
+    "order": (np.int8, "order of the polynomials that this block is computed with", "1"),
+    "error": (float, "upper bound of the relative error of the peak rotation", "1"),
+    "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
 }
 
 
@@ -73,10 +65,9 @@ def rocking_spectrum(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
-        Compute each block at the order that this relative error of the peak rotation needs; see
-        `respond_within`. The
-        dataset then says in the variables order and error which one that is and how good,
-        and in within_tolerance, 0 where the response is so chaotic that no order is good enough.
+        Compute each block at the order that this relative error of the peak rotation needs;
+        see `respond_within`. The dataset then has the variables order, error and
+        within_tolerance, 0 where the response is so chaotic that no order is good enough.
 
     Returns
     -------
@@ -104,23 +95,16 @@ def rocking_spectrum(
         if not ((angle > 0) & (angle < 0.5 * math.pi)).all():
             raise ValueError("critical_angle must be between 0 and pi / 2")
         slenderness = 1 / np.tan(angle)
-    assert slenderness is not None
-    axes = {"period": _axis("period", period), "slenderness": _axis("slenderness", slenderness)}
-    if restitution is not None:
-        axes["restitution"] = _axis("restitution", restitution)
+    values = {"period": period, "slenderness": slenderness, "restitution": restitution}
+    axes = {name: axis(name, given) for name, given in values.items() if given is not None}
 
-    model = as_model(model)
-    respond = _responding(model, tolerance)
-
-    def run(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Block, Any]:
+    def problem(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Any, ...]:
         half_diagonal = 0.75 * gravity * (period / (2 * math.pi)) ** 2
         block = Block(half_diagonal / np.sqrt(1 + slenderness**2), slenderness, gravity)
-        given = restitution is not None
-        c = restitution if given else _housner(block)
-        return block, respond(block, c, motion)
+        return block, _housner(block) if restitution is None else restitution, motion
 
-    found = _dataset("Rocking spectrum", axes, run, gravity, model, motion.name)
-    return found.assign_attrs(_promise(tolerance))
+    name = motion.name
+    return _spectrum("Rocking spectrum", axes, problem, as_model(model), tolerance, gravity, name)
 
 
 def overturning_spectrum(
@@ -143,13 +127,9 @@ def overturning_spectrum(
         omega_p / p [-], a number or one-dimensional; see `Pulse.frequency`.
     amplitude_ratio : array_like
         a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-]: lifts from 1 on.
-    slenderness : float
-        lambda [-].
-    restitution : float, optional
-        C [-]; Housner's by default.
-    model : Nonlinear or Linearized, or their names
-        Equation of motion; see `respond`.
-    tolerance : float, optional
+    slenderness, restitution : float
+        lambda [-] and C [-], Housner's by default.
+    model, tolerance
         As in `rocking_spectrum`.
 
     Returns
@@ -163,23 +143,17 @@ def overturning_spectrum(
     ValueError
         If an argument is outside of what is allowed.
     """
-    axes = {
-        "frequency_ratio": _axis("frequency_ratio", frequency_ratio),
-        "amplitude_ratio": _axis("amplitude_ratio", amplitude_ratio),
-    }
-    model = as_model(model)
-    block, c, just_lifts = _normal_block(slenderness, restitution, model)
-    p, of = float(block.frequency_parameter), pulse_class(shape)
+    values = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
+    axes = {name: axis(name, given) for name, given in values.items()}
+    model, kind = as_model(model), pulse_class(shape)
+    block, c, uplift = _unit_block(slenderness, restitution, model)
+    p, gravity = float(block.frequency_parameter), float(block.gravity)
 
-    respond = _responding(model, tolerance)
+    def problem(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Any, ...]:
+        return block, c, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * p))
 
-    def run(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Block, Any]:
-        pulse = of(amplitude_ratio * just_lifts, of.angle / (frequency_ratio * p))
-        return block, respond(block, c, pulse)
-
-    gravity = float(block.gravity)
-    found = _dataset("Overturning spectrum", axes, run, gravity, model, of.name)
-    return found.assign_attrs(_promise(tolerance))
+    title = "Overturning spectrum"
+    return _spectrum(title, axes, problem, model, tolerance, gravity, kind.name)
 
 
 def overturning_map(
@@ -196,20 +170,12 @@ def overturning_map(
 
     Parameters
     ----------
-    shape : type
-        `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
-    frequency_ratio : array_like
-        omega_p / p [-], a number or one-dimensional; see `Pulse.frequency`.
+    shape, frequency_ratio, slenderness, restitution, model
+        As in `overturning_spectrum`.
     amplitude_ratios : sequence of two floats
         The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
-    slenderness : float
-        lambda [-].
-    restitution : float, optional
-        C [-]; Housner's by default.
     resolution : float
         Windows wider than this share of their amplitude are found; see `critical_amplitude`.
-    model : Nonlinear or Linearized, or their names
-        Equation of motion; see `respond`.
 
     Returns
     -------
@@ -223,58 +189,40 @@ def overturning_map(
     ValueError
         If an argument is outside of what is allowed.
     """
-    model = as_model(model)
-    ratios = _axis("frequency_ratio", frequency_ratio)
-    block, c, just_lifts = _normal_block(slenderness, restitution, model)
-    title, parts = "Overturning map", []
-    for (part,) in with_progress(list(chunks_of([ratios.size], 256)), title.lower()):
-        duration = pulse_class(shape).angle / (ratios[part] * float(block.frequency_parameter))
-        found = critical_amplitude(
-            block,
-            c,
-            shape,
-            duration,
-            amplitude_ratios,
-            resolution=resolution,
-            model=model,
-        )
+    model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
+    block, c, uplift = _unit_block(slenderness, restitution, model)
+    durations = pulse_class(shape).angle / (ratios * float(block.frequency_parameter))
+    parts, options = [], {"resolution": resolution, "model": model}
+    for (part,) in with_progress(list(chunks_of([ratios.size], _MAP_CHUNK)), "overturning map"):
+        found = critical_amplitude(block, c, shape, durations[part], amplitude_ratios, **options)
         if not bool(found.complete.all()):
             raise ValueError("motion could not be followed to its end for every pulse")
         parts.append(found)
-    most = max(found.value.shape[-1] for found in parts)
+    columns = max(found.value.shape[-1] for found in parts)
 
     def joined(name: str, missing: Any) -> np.ndarray:
-        columns = [np.asarray(getattr(found, name)) for found in parts]
-        return np.concatenate(
-            [np.pad(c, ((0, 0), (0, most - c.shape[1])), constant_values=missing) for c in columns]
-        )
+        entries = [np.asarray(getattr(found, name)) for found in parts]
+        padding = [((0, 0), (0, columns - part.shape[1])) for part in entries]
+        padded = map(lambda *pair: np.pad(*pair, constant_values=missing), entries, padding)
+        return np.concatenate(list(padded))
 
     both = ("frequency_ratio", "boundary")
     first = np.concatenate([np.asarray(found.overturns_first) for found in parts])
-    long_name, units, _ = ROCKING_AXES["amplitude_ratio"]
-    variables = {
-        "amplitude_ratio": (
-            both,
-            joined("value", np.nan) / just_lifts,
-            {"long_name": long_name, "units": units},
-        ),
-        "overturns_beyond": (
-            both,
-            joined("overturns_beyond", 0).astype(np.int8),
-            {"long_name": "1 where the block overturns beyond the boundary", "units": "1"},
-        ),
-        "impacts": (
-            both,
-            joined("impacts", -1),
-            {"long_name": "impacts before it overturns, -1 for none", "units": "1"},
-        ),
+    beyond = joined("overturns_beyond", 0).astype(np.int8)
+    table = {
+        "overturns_beyond": (both, beyond, "1 where the block overturns beyond the boundary"),
+        "impacts": (both, joined("impacts", -1), "impacts before it overturns, -1 for none"),
         "overturns_first": (
-            "frequency_ratio",
+            both[:1],
             first.astype(np.int8),
-            {"long_name": "1 where it overturns at the lowest amplitude", "units": "1"},
+            "1 where it overturns at the lowest amplitude",
         ),
     }
-    long_name, units, _ = ROCKING_AXES["frequency_ratio"]
+    ratio = (both, joined("value", np.nan) / uplift, label("amplitude_ratio"))
+    variables = {"amplitude_ratio": ratio} | {
+        name: (dims, values, {"long_name": long_name, "units": "1"})
+        for name, (dims, values, long_name) in table.items()
+    }
     attributes = {
         "model": model.name,
         "motion": shape.name,
@@ -284,13 +232,11 @@ def overturning_map(
         "highest_amplitude_ratio": float(amplitude_ratios[1]),
         "resolution": resolution,
     }
-    coordinates = {
-        "frequency_ratio": ("frequency_ratio", ratios, {"long_name": long_name, "units": units})
-    }
-    return labelled(title, variables, coordinates, attributes)
+    axes = {"frequency_ratio": ratios}
+    return labelled_grid("Overturning map", axes, both, variables, attributes)
 
 
-def _normal_block(
+def _unit_block(
     slenderness: float, restitution: float | None, model: RockingModel
 ) -> tuple[Block, float, float]:
     """A block of any size, its restitution, and the acceleration that just lifts it."""
@@ -299,67 +245,43 @@ def _normal_block(
     return block, c, float(uplift_acceleration(block, model))
 
 
-def _responding(
-    model: RockingModel, tolerance: float | None
-) -> Callable[..., BatchResponse | EstimatedResponse]:
-    if tolerance is None:
-        return functools.partial(respond_batch, model=model)
-    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
-    return functools.partial(respond_within, tolerance=tolerance, model=model)
-
-
-def _promise(tolerance: float | None) -> dict[str, float]:
-    return {} if tolerance is None else {"tolerance": tolerance}
-
-
-def _axis(name: str, value: Values) -> np.ndarray:
-    return axis(name, value, ROCKING_AXES[name][2])
-
-
 def _housner(block: Block) -> np.ndarray:
     return np.maximum(np.atleast_1d(housner_restitution(block)), 0)
 
 
-def _dataset(
+def _spectrum(
     title: str,
     axes: Mapping[str, np.ndarray],
-    run: Callable[..., tuple[Block, BatchResponse | EstimatedResponse]],
-    gravity: float,
+    problem: Callable[..., tuple[Any, ...]],
     model: RockingModel,
+    tolerance: float | None,
+    gravity: float,
     motion: str,
 ) -> "xarray.Dataset":
+    """Responses over a grid, where `problem` says of which blocks to which motions."""
+    attributes = {"model": model.name, "motion": motion, "gravity": gravity}
+    attributes["gravity_units"] = "m s-2"
+    table = _VARIABLES
+    if tolerance is not None:
+        check("tolerance", as_real("tolerance", tolerance), POSITIVE)
+        attributes["tolerance"] = tolerance
+        table = _VARIABLES | _ESTIMATES
     sizes = [values.size for values in axes.values()]
-    kinds = {"overturned": np.int8, "impacts": int, "order": np.int8, "within_tolerance": np.int8}
-    extra: dict[str, np.ndarray] = {}
-    answers = {name: np.empty(sizes, kinds.get(name, float)) for name in _VARIABLES}
-    for part in with_progress(list(chunks_of(sizes, _CHUNK)), title.lower()):
-        grid = np.meshgrid(
-            *(values[where] for values, where in zip(axes.values(), part, strict=True)),
-            indexing="ij",
-        )
-        block, response = run(*grid)
-        if isinstance(response, EstimatedResponse):
-            for name in _WITHIN:
-                whole = extra.setdefault(name, np.empty(sizes, kinds.get(name, float)))
-                whole[part] = getattr(response, name)
-            response = response.response
+    answers = {name: np.empty(sizes, dtype) for name, (dtype, _, _) in table.items()}
+    for place in with_progress(list(chunks_of(sizes, _CHUNK)), title.lower()):
+        blocks, c, motions = problem(*np.meshgrid(*parts_of(axes, place), indexing="ij"))
+        if tolerance is None:
+            response = estimate = respond_batch(blocks, c, motions, model=model)
+        else:
+            estimate = respond_within(blocks, c, motions, tolerance, model=model)
+            response = estimate.response
         if not bool(response.complete.all()):
             raise ValueError("motion could not be followed to its end for every block")
-        for name in ("peak_rotation", "overturned", "margin", "impacts"):
-            answers[name][part] = getattr(response, name)
-        answers["rotation_ratio"][part] = response.peak_rotation / block.critical_angle
+        answers["rotation_ratio"][place] = response.peak_rotation / blocks.critical_angle
+        for name in table.keys() - {"rotation_ratio"}:
+            answers[name][place] = getattr(response if name in _VARIABLES else estimate, name)
     variables = {
-        name: (tuple(axes), (answers | extra)[name], {"long_name": long_name, "units": units})
-        for name, (long_name, units) in (_VARIABLES | _WITHIN if extra else _VARIABLES).items()
+        name: (tuple(axes), answers[name], {"long_name": long_name, "units": units})
+        for name, (_, long_name, units) in table.items()
     }
-    coordinates = {
-        name: (name, values, {"long_name": ROCKING_AXES[name][0], "units": ROCKING_AXES[name][1]})
-        for name, values in axes.items()
-    }
-    attributes = {
-        "model": model.name,
-        "motion": motion,
-        "gravity": gravity,
-        "gravity_units": "m s-2",
-    }
-    return labelled(title, variables, coordinates, attributes)
+    return labelled_grid(title, axes, tuple(axes), variables, attributes)
