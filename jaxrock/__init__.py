@@ -35,7 +35,7 @@ from . import (
     spectra,
 )
 from .accuracy import choose, model_error, respond_within
-from .block import Block, housner_restitution
+from .block import Block
 from .dynamics import (
     DrivenScene,
     Status,
@@ -55,6 +55,7 @@ from .ground_motion import (
     example_record,
     read_record,
 )
+from .impact import housner_restitution
 from .overturning import (
     critical_amplitude,
     critical_duration,

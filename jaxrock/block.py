@@ -119,30 +119,3 @@ class Block(Checked):
 def diagonal_ratio(block: Block) -> Reals:
     """R / b = sqrt(1 + lambda^2); ``1 / (R / b)`` is sin(alpha_c)."""
     return jnp.sqrt(1 + block.slenderness**2)
-
-
-@elementwise()
-def housner_restitution(block: Block) -> Reals:
-    """Housner's coefficient of restitution, a ratio of angular velocities (Housner 1963).
-
-    From the angular momentum about the new corner, which the impact conserves. Negative
-    below a slenderness of 0.707: such a block does not rock on.
-
-    Parameters
-    ----------
-    block : Block
-
-    Returns
-    -------
-    restitution : Array, shape (...)
-        ``1 - (3/2) sin(alpha_c)^2`` [-].
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> print(f"{jr.housner_restitution(jr.Block(half_width=0.4, slenderness=5.0)):.3f}")
-    0.942
-    """
-    square = block.slenderness**2
-    # Near slenderness 0.707 the first form cancels, for tall blocks the second.
-    return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)

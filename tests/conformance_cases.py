@@ -19,7 +19,7 @@ import numpy as np
 
 import jaxrock as jr
 from jaxrock import resonance
-from jaxrock.block import Block, housner_restitution
+from jaxrock.block import Block
 from jaxrock.dynamics import respond, respond_batch, uplift_acceleration
 from jaxrock.ground_motion import (
     PULSES,
@@ -30,6 +30,7 @@ from jaxrock.ground_motion import (
     Ricker,
     Sine,
 )
+from jaxrock.impact import housner_restitution
 from jaxrock.overturning import critical_amplitude, overturning_boundaries
 from jaxrock.reports import conformance
 from jaxrock.reports.paper import printed_tables

@@ -204,7 +204,7 @@ ROWS = (
     Row("peak and margin through impacts against SciPy, relative", RESPONSE, scipy),
     Row("slope of a peak to C through impacts, relative", RESPONSE, driven_slope),
     Row("Housner's critical rectangular pulses, relative", "tests/test_boundaries.py", thresholds),
-    Row("order 8 against order 10 on a record", "tests/test_fidelity.py", orders),
+    Row("order 8 against order 10 on a record", "tests/test_choose.py", orders),
     Row("a million rotation ratios, linearized", SPEED, lambda: million(jr.Linearized())),
     Row("a million rotation ratios, nonlinear", SPEED, lambda: million(jr.Nonlinear())),
     Row("the same with their four slopes", SPEED, lambda: million(jr.Nonlinear(), True)),

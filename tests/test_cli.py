@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import xarray
-from cf import assert_follows_cf
+from cf_conventions import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.cli import COMMANDS, main

@@ -2,17 +2,17 @@
 
 import functools
 
+import finite_pulses as lasting
 import jax
 import jax.numpy as jnp
-import lasting
 import mpmath as mp
 import numpy as np
 import pytest
 import reference
 
 import jaxrock as jr
-from jaxrock.accuracy.choice import CLOSED
-from jaxrock.accuracy.simplification import Answers, answers_of, linearized_is_enough
+from jaxrock.accuracy.cheapest_setting import CLOSED
+from jaxrock.accuracy.model_errors import Answers, answers_of, linearized_is_enough
 
 pytestmark = pytest.mark.float64
 NUMBER, COMPARED = 2000, 60  # one number, since each takes seconds to compile

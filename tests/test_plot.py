@@ -37,7 +37,7 @@ from jaxrock.plot import (
     plot_train,
 )
 from jaxrock.resonance.pulse_train import Rocker
-from jaxrock.resonance.timed_train import Train, shot
+from jaxrock.resonance.train_through_impacts import Train, shot
 
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 

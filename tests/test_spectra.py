@@ -3,7 +3,7 @@ import csv
 import numpy as np
 import pytest
 import xarray
-from cf import assert_follows_cf
+from cf_conventions import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.spectra import closed_form as spectra

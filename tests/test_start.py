@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from jaxrock.cli import compiled_programs as compiled
+from jaxrock.cli import compilation_cache as compiled
 
 HEAVY = {
     *("diffrax", "lineax", "optimistix", "optax", "scipy"),

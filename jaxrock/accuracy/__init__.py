@@ -3,10 +3,10 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
-from .choice import Choice, choose
-from .simplification import ModelError, model_error
-from .simplification import linearized_is_enough as linearized_is_enough
-from .tolerance import EstimatedResponse, respond_within
+from .batch_to_tolerance import EstimatedResponse, respond_within
+from .cheapest_setting import Choice, choose
+from .model_errors import ModelError, model_error
+from .model_errors import linearized_is_enough as linearized_is_enough
 from .tradeoff import Tradeoff, measure_tradeoff
 from .tradeoff import default_scene as default_scene
 

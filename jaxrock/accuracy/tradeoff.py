@@ -33,8 +33,8 @@ from ..resonance import (
     stabilized_velocity,
 )
 from ..validation import Reals
-from .choice import CLOSED
-from .simplification import model_error
+from .cheapest_setting import CLOSED
+from .model_errors import model_error
 
 if TYPE_CHECKING:
     import xarray

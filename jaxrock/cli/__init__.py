@@ -1,7 +1,7 @@
 """The command line; each command is a file: its options as fields, `check`, `run`."""
 
-from .application import main
 from .commands import COMMANDS
+from .main_program import main
 from .study import Run
 
 __all__ = ["COMMANDS", "Run", "main"]

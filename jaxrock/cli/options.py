@@ -12,9 +12,10 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 import tyro
 
-from ..block import Block, housner_restitution
+from ..block import Block
 from ..ground_motion import PULSES, Motion, Record, example_record, read_record
 from ..host import check_free, written_whole
+from ..impact import housner_restitution
 from ..validation import POSITIVE, UNIT_INTERVAL, check
 
 GridValue = float | str

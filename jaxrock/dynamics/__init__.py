@@ -12,12 +12,12 @@ from .driven_scene import Driven as Driven
 from .driven_scene import DrivenScene
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
-from .event_loop import follow as follow
+from .impact_to_impact import follow as follow
 from .overturning_criterion import free_motion_margin
+from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
+from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
 from .response import Response, Status
-from .segment import Method as Method
-from .steady_state import PulsedPhase, pulsed_next_velocity, pulsed_phase
-from .steady_state_limit import PulsedThreshold, critical_pulsed_amplitude
+from .solver_steps import Method as Method
 
 __all__ = [
     "BatchResponse",

@@ -15,9 +15,9 @@ from ..ground_motion import Motion, Record
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Number, as_array, as_real, of_one_precision
 from .driven_scene import Driven
-from .event_loop import follow
+from .impact_to_impact import follow
 from .response import Response, Status
-from .segment import Method
+from .solver_steps import Method
 
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8")
 _MAX_IMPACTS = 2048  # in a list outside of transformations, until it is full

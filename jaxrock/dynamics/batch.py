@@ -23,7 +23,7 @@ from ..host import listed, mapped
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .batch_step import Case, Lanes, max_steps, take_step
-from .intervals import Grid, factor_length_and_end, grid_of
+from .input_intervals import Grid, factor_length_and_end, grid_of
 from .overturning_criterion import free_motion_margins
 from .taylor import materialized
 

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..impact import velocity_after_impact
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
 from .equation import Equation
-from .intervals import Grid
+from .input_intervals import Grid
 from .taylor import Coefficients, derivative, evaluate, materialized, rotation_series
 
 _LONGEST = 0.15  # step times p
@@ -273,7 +274,7 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     # Impact. The block comes to rest if all further bounces end within the step. Their time is
     # bounded by that of bounces to the side where the ground presses less, under an acceleration
     # that must not change much meanwhile.
-    leaving = case.restitution * jnp.abs(velocity)
+    leaving = velocity_after_impact(case.restitution, jnp.abs(velocity))
 
     def onward(time: Any) -> Any:
         sideways = jnp.abs(evaluate(push, time))

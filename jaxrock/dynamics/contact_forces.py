@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..validation import Booleans, Reals
-from .segment import Segment
+from .solver_steps import Segment
 
 _NODES = 9
 # Coefficients of the third, fourth and fifth power of a quintic: what the first three powers miss

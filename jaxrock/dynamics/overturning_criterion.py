@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from ..block import Block
+from ..impact import velocity_after_impact
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
 from .equation import Equation
@@ -15,7 +16,8 @@ def free_motion_margins(
     critical = equation.critical_velocity
     before = (equation.returning_velocity(rotation) - velocity) / critical
     # A block that lands with more than the critical velocity may overturn on the other side.
-    after = 1 - restitution * equation.landing_velocity(rotation, velocity) / critical
+    landing = equation.landing_velocity(rotation, velocity)
+    after = 1 - velocity_after_impact(restitution, landing) / critical
     return before, after
 
 

@@ -15,7 +15,7 @@ from ..resonance import RockingModel
 from ..validation import Booleans, Numbers, Reals, as_array, as_real
 from .driven_scene import Driven
 from .equation import Equation
-from .segment import Segment, Stepper, first_step, limited
+from .solver_steps import Segment, Stepper, first_step, limited
 
 _TIMES = 512  # of a history at once
 _EVENTS = 8192  # at least, for a history

@@ -1,10 +1,10 @@
 """The machine outside: files, signals, threads, progress, printing."""
 
 from . import signals as signals
+from .datasets import labelled as labelled
 from .files import check_free as check_free
 from .files import read_regular as read_regular
 from .files import written_whole as written_whole
-from .labelled import labelled as labelled
 from .printing import listed as listed
 from .printing import shown as shown
 from .printing import table as table

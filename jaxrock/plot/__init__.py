@@ -5,7 +5,7 @@ of which `plot_curves` and `plot_rocking_curves` draw one.
 """
 
 from .block import animate, plot_block
-from .design import plot_convergence, plot_overturning_map
+from .inverse_design import plot_convergence, plot_overturning_map
 from .motion import plot_phase, plot_response
 from .pulses import plot_resonance, plot_train
 from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado

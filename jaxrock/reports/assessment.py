@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from ..accuracy import choose
-from ..block import housner_restitution
 from ..host import mapped
+from ..impact import housner_restitution
 from ..resonance import (
     Linearized,
     Nonlinear,

@@ -23,7 +23,7 @@ from ..resonance import (
     equivalent_damping_as_printed,
 )
 from ..spectra import resonance_spectrum
-from .findings import (
+from .paper_claims import (
     CLAIMS,
     FAULTS,
     INTENSITY,

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..host import shown
+from ..impact import velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from ..validation import (
     COUNT,
@@ -98,7 +99,7 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
     velocity : Array, shape (...)
         Launch velocity of the next half-cycle [rad/s].
     """
-    return scene.restitution * velocity + launch_velocity(scene)
+    return velocity_after_impact(scene.restitution, velocity) + launch_velocity(scene)
 
 
 @elementwise(half_cycle=COUNT)

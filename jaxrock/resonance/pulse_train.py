@@ -10,6 +10,7 @@ import numpy as np
 
 from ..block import Block
 from ..host import listed
+from ..impact import velocity_after_impact
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -263,7 +264,7 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     last, (ratios, sides) = jax.lax.scan(pulse, at_rest, (intervals, intensities))
     # A block that falls after the last pulse may leave the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
-    x = jnp.where(rises, last.x, rocker.restitution * last.x)
+    x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))
     overturned, peak = last.overturned | (x >= 1), jnp.maximum(last.peak, _peak(rocker, x))
     complete = last.impacts < _MAX_IMPACTS
     return TrainResponse(
@@ -288,7 +289,7 @@ def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
     def impact(carry: Any) -> Any:
         motion, left = carry
         left = left - (motion.duration - motion.since)
-        x = rocker.restitution * motion.x
+        x = velocity_after_impact(rocker.restitution, motion.x)
         rises = motion.since <= 0.5 * motion.duration
         passed = jnp.maximum(motion.peak, _peak(rocker, motion.x))
         after = _Motion(

@@ -12,7 +12,7 @@ from ..host import with_clock
 from ..validation import UNIT_INTERVAL, Number, as_real, check, of_one_precision
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Rocker, follow
-from .timed_train import Train, shot
+from .train_through_impacts import Train, shot
 
 _DELAYS = (0.05, 0.1, 0.2)  # half-cycles
 _MAX_CORRECTIONS = 200

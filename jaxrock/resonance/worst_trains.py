@@ -21,9 +21,9 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow
-from .timed_train import MAX_IMPACTS
-from .train_descent import Goal, Problem, Search, outcomes
-from .train_moves import best_start, evaluated, searched, trial_of, with_time_to_verify
+from .train_optimization import Goal, Problem, Search, outcomes
+from .train_sequences import best_start, evaluated, searched, trial_of, with_time_to_verify
+from .train_through_impacts import MAX_IMPACTS
 
 _MAX_IMPACTS_APART = 20  # between two pulses, if they have to be apart
 

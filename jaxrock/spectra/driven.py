@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..accuracy import respond_within
-from ..block import Block, housner_restitution
+from ..block import Block
 from ..dynamics import respond_batch, uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import with_progress
+from ..impact import housner_restitution
 from ..overturning import critical_amplitude
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, as_real, check

@@ -15,8 +15,8 @@ from ..ground_motion import Pulse, Record
 from ..host import listed
 from ..resonance import Scene
 from ..validation import POSITIVE, Number, Reals, check
-from .simplification import Answers, ModelError, model_error
-from .tolerance import ORDERS, respond_within
+from .batch_to_tolerance import ORDERS, respond_within
+from .model_errors import Answers, ModelError, model_error
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..impact import velocity_after_impact
 from ..validation import Booleans, Reals
 from .contact_forces import with_step
-from .event_state import FALLING, REST, RISING, TOPPLED, Ints, Problem, State
-from .segment import (
+from .motion_state import FALLING, REST, RISING, TOPPLED, Ints, Problem, State
+from .solver_steps import (
     CONTACT,
     CRITICAL,
     PEAK,
@@ -216,7 +217,7 @@ def _land(problem: Problem, stop: Reals, state: State, flight: _Flight) -> State
 
     # Impact: the block goes on to the other side with what restitution leaves.
     arriving = -velocity
-    leaving = jnp.where(lands, restitution * arriving, 0)
+    leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
     other_side = problem.segment(time, -state.side, problem.motion.acts(time))
     fixed = jax.lax.stop_gradient((other_side, jnp.stack([zero, leaving])))

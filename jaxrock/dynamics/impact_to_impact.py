@@ -16,11 +16,11 @@ from ..validation import Booleans, Reals, guarding, module_within
 from .contact_forces import larger, smaller
 from .driven_scene import Driven
 from .equation import Equation
-from .event_state import FALLING, REST, RISING, TOPPLED, Problem, State
-from .flight import fly
+from .motion_state import FALLING, REST, RISING, TOPPLED, Problem, State
+from .motion_to_event import fly
 from .overturning_criterion import free_motion_margins
 from .response import Events, Response, Status
-from .segment import Method, Stepper, close_to
+from .solver_steps import Method, Stepper, close_to
 
 _MAX_EVENTS = 2**22
 _EVENTS_PER_IMPACT = 4  # for which the list of events has room

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .timed_train import Outcome
-from .train_descent import LATE_PENALTY, ROUNDS, Problem, Search, outcomes, solve, tolerance
+from .train_optimization import LATE_PENALTY, ROUNDS, Problem, Search, outcomes, solve, tolerance
+from .train_through_impacts import Outcome
 
 _MAX_CANDIDATES = 8  # moves that are solved, of those that look good
 _NO_GAIN = 1e-9  # relative improvement that is none

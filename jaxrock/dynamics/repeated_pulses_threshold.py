@@ -14,8 +14,8 @@ from ..host import listed, with_clock
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Number, Reals
 from .equation import Equation, uplift_acceleration
-from .implicit_root import Root, with_implicit_derivatives
-from .steady_state import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
+from .implicit_derivative import Root, with_implicit_derivatives
+from .repeated_pulses import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
 
 _STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
 _HIGHEST = 60.0  # above the first logarithm

@@ -14,7 +14,7 @@ import tyro
 
 from ..host import signals, with_clock
 from .commands import COMMANDS
-from .compiled_programs import cached
+from .compilation_cache import cached
 from .options import Command
 from .output import dumps
 from .study import Run

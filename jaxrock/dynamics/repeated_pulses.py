@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..ground_motion import Pulse
 from ..host import listed, with_clock
+from ..impact import velocity_after_impact
 from ..numerics import through_jacobian
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -29,9 +30,9 @@ from ..validation import (
     of_one_precision,
 )
 from .driven_scene import Driven
-from .event_loop import Followed, run
-from .fixed_points import FAILS, LANDS, OVERTURNS, RESTS, Landing, stable_fixed_point
-from .implicit_root import Root, with_implicit_derivatives
+from .half_cycle_fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, stable_fixed_point
+from .impact_to_impact import Followed, run
+from .implicit_derivative import Root, with_implicit_derivatives
 from .response import Status
 
 _LONGEST = 200.0  # time to wait for an impact, times p
@@ -206,7 +207,7 @@ def half_cycle(
         motion=pulse,
         duration=pulse.end + wait / block.frequency_parameter if wait else pulse.end,
         rotation=jnp.zeros_like(velocity),
-        velocity=restitution * velocity,
+        velocity=velocity_after_impact(restitution, velocity),
     )
     rtol = tolerance_of(velocity, rtol)
     return run(driven, rtol=rtol, atol=1e-9 * rtol, model=model, once=True, forced=False)

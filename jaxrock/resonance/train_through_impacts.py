@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..impact import velocity_after_impact
 from .pulse_train import Flight, Rocker
 
 MAX_IMPACTS = 3  # between two pulses, as long as they need not be apart
@@ -99,7 +100,7 @@ def shot(
     (flight, *_), later = jax.lax.scan(
         pulse, first, (train.phase[1:], impulses[1:], train.impacts[1:], comes)
     )
-    x = jnp.where(flight.q < 0, rocker.restitution * flight.x, flight.x)
+    x = jnp.where(flight.q < 0, velocity_after_impact(rocker.restitution, flight.x), flight.x)
     of_first = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
     columns = (jnp.append(b, a.astype(b.dtype)) for b, a in zip(of_first, later, strict=True))
     return Outcome(x, *columns, weights=train.weight)

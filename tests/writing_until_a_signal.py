@@ -1,6 +1,6 @@
 """Writes into a folder until a signal comes; in a process of its own, without JAX.
 
-Usage: writing.py PACKAGE FOLDER SITUATION
+Usage: writing_until_a_signal.py PACKAGE FOLDER SITUATION
 """
 
 import concurrent.futures

@@ -11,7 +11,7 @@ from ..ground_motion import Motion
 from ..validation import Booleans, Reals
 from .driven_scene import Driven
 from .equation import Equation
-from .segment import Segment, Stepper
+from .solver_steps import Segment, Stepper
 from .uplift import Uplifts
 
 REST, RISING, FALLING, TOPPLED = range(4)

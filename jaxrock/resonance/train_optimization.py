@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .pulse_train import Rocker
-from .timed_train import Outcome, Train, shot
+from .train_through_impacts import Outcome, Train, shot
 
 Goal = Literal["smallest largest", "smallest total", "most rotation"]
 

@@ -7,7 +7,7 @@ import pytest
 from test_model_error import NUMBER, apart, computed, each, lasting_scenes, scenes
 
 import jaxrock as jr
-from jaxrock.accuracy.choice import CLOSED
+from jaxrock.accuracy.cheapest_setting import CLOSED
 
 pytestmark = pytest.mark.float64
 

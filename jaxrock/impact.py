@@ -1,0 +1,44 @@
+"""The impact law: what an impact leaves of the velocity, and Housner's value of that share.
+
+Every motion passes through here, in closed form and integrated. Sums over many impacts, such as
+``(1 - C^i) / (1 - C)`` in `resonance.half_cycle_velocity`, follow from the same law.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from .block import Block
+from .validation import Reals, elementwise
+
+
+def velocity_after_impact(restitution: Any, velocity: Any) -> Any:
+    """Velocity of a block that goes on about its other corner, ``C`` times that before."""
+    return restitution * velocity
+
+
+@elementwise()
+def housner_restitution(block: Block) -> Reals:
+    """Housner's coefficient of restitution, a ratio of angular velocities (Housner 1963).
+
+    From the angular momentum about the new corner, which the impact conserves. Negative
+    below a slenderness of 0.707: such a block does not rock on.
+
+    Parameters
+    ----------
+    block : Block
+
+    Returns
+    -------
+    restitution : Array, shape (...)
+        ``1 - (3/2) sin(alpha_c)^2`` [-].
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.housner_restitution(jr.Block(half_width=0.4, slenderness=5.0)):.3f}")
+    0.942
+    """
+    square = block.slenderness**2
+    # Near slenderness 0.707 the first form cancels, for tall blocks the second.
+    return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)
