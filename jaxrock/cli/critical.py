@@ -73,8 +73,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
         return options.get(self.sought) if self.pulse else None
 
     def check(self) -> None:
-        """The block, the files and the question."""
-        super().check()
+        """The question, the block and the files."""
+        _ = self.coefficient  # which has a block
         check("intensity", self.intensity, NON_NEGATIVE)
         for number in self.half_cycles:
             check("half_cycles", number, COUNT)
@@ -85,6 +85,7 @@ class Critical(MotionOptions, BlockOptions, Writing):
         else:
             self.refuse_motion()
             self.refuse("along", "values", "model", only_with="a pulse or a record")
+        super().check()
 
     def _check_search(self) -> None:
         self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")

@@ -54,11 +54,12 @@ class Respond(MotionOptions, BlockOptions, Writing):
         return [*self.FILES, "response.gif"] if self.animate else self.FILES
 
     def check(self) -> None:
-        """The block, the files, the motion and the duration."""
-        super().check()
+        """The motion, the duration, the block and the files."""
+        _ = self.coefficient  # which has a block
         _ = self.motion
         if self.duration is not None:
             check("duration", self.duration, POSITIVE)
+        super().check()
 
     def run(self) -> Answer:
         """Follow the block."""

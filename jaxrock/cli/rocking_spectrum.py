@@ -29,11 +29,11 @@ class RockingSpectrum(RecordOptions, Writing):
     out: Path = Path("rocking_spectrum")
 
     def check(self) -> None:
-        """The files, the record and the grid."""
-        super().check()
+        """The record, the grid and the files."""
         _ = self.motion
         for name, values in self._grid.items():
             axis(name, values)
+        super().check()
 
     def run(self) -> Answer:
         """Compute the grid."""

@@ -81,8 +81,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return self.model or ("nonlinear" if self.shaken else "linearized")
 
     def check(self) -> None:
-        """The block, the files, the question and the ranges."""
-        super().check()
+        """The question, the ranges, the block and the files."""
+        _ = self.coefficient  # which has a block
         check("intensity", self.intensity, NON_NEGATIVE)
         check("swing", self.swing, POSITIVE)
         if self.swing >= 1:
@@ -98,6 +98,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
                     f" a record, got {self.answer}"
                 )
             _ = self.motion
+        super().check()
 
     def run(self) -> Answer:
         """Differentiate, swing and scatter."""

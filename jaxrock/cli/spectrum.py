@@ -40,14 +40,14 @@ class Spectrum(Writing):
     out: Path = Path("spectrum")
 
     def check(self) -> None:
-        """The files, the grid, gravity and the tolerance."""
-        super().check()
+        """The grid, gravity, the tolerance and the files."""
         for name, values in self._grid.items():
             axis(name, values)
         check("gravity", self.gravity, POSITIVE)
         check("tolerance", self.tolerance, POSITIVE)
         if self.model != "auto":
             self.refuse("tolerance", only_with="the model auto")
+        super().check()
 
     def run(self) -> Answer:
         """Compute the grid part by part into the files."""
