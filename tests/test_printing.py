@@ -92,7 +92,7 @@ def test_many_at_once():
     restitution = jnp.array([0.7, 0.9])
     response = jr.respond_batch(BLOCK, restitution, jr.Sine(3.5, 0.5))
     assert "overturned          1 of 2" in str(response)
-    assert "kept                2 of 2" in str(
+    assert "within tolerance    2 of 2" in str(
         jr.respond_within(BLOCK, restitution, jr.Sine(3.5, 0.5), 1e-3)
     )
     found = jr.critical_amplitude(BLOCK, restitution, jr.Sine, 0.5)
