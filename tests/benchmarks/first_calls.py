@@ -97,7 +97,7 @@ def wall():
 def of_wall(name, *arguments):
     import jaxrock as jr
 
-    block, f = wall().block, getattr(jr, name)
+    block, f = wall().block, getattr(jr if name in jr.__all__ else jr.resonance, name)
     return lambda c: f(block, c, *arguments)
 
 
@@ -116,7 +116,7 @@ def pulsed():
 def of_scene(name, answer, *arguments):
     import jaxrock as jr
 
-    scene, f, answer = wall(), getattr(jr, name), getattr(jr, answer)
+    scene, f, answer = wall(), getattr(jr.sensitivity, name), getattr(jr, answer)
     return lambda: f(answer, scene, *arguments)
 
 
