@@ -42,8 +42,8 @@ class EstimatedResponse(eqx.Module):
     cheapest : Array of int
         The lowest order that keeps the tolerance, too: cheaper, next time.
     within_tolerance : Array of bool
-        Whether the tolerance is kept. Where it is not the response is chaotic, or the precision
-        cannot deliver it.
+        Whether the error is within the tolerance. Where it is not, the response is chaotic,
+        or the precision cannot deliver it.
     """
 
     response: BatchResponse

@@ -1,6 +1,7 @@
 """What commands have in common: options, checks before anything runs, answers."""
 
 import abc
+import contextlib
 import functools
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -245,13 +246,11 @@ def numbers(name: str, values: Grid) -> list[float]:
 
 
 def _span(name: str, value: GridValue) -> list[float]:
-    try:
+    with contextlib.suppress(ValueError):
         if ":" not in str(value):
             return [float(value)]
         start, stop, count = str(value).split(":")
         ends = float(start), float(stop)
         if np.isfinite(ends).all() and int(count) > 0:
             return np.linspace(*ends, int(count)).tolist()
-    except ValueError:
-        pass
     raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")

@@ -10,37 +10,37 @@ from .axes import ACCENT, INK, LIGHT, LINE, axes_or_new, draws, label_of, labell
 
 
 @draws
-def plot_tornado(swing: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
+def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
     """Draw what each number can do to an answer within its range.
 
     Parameters
     ----------
-    swing, label : TornadoBars, str
+    bars, label : TornadoBars, str
         From `jaxrock.tornado`, and the name of the answer with its unit.
     """
     ax = axes_or_new(ax)
-    rows = np.arange(len(swing.names))[::-1]
+    rows = np.arange(len(bars.names))[::-1]
     for ends, opposite, limits, colour, name in (
-        (swing.at_low, swing.at_high, swing.low, INK, "low"),
-        (swing.at_high, swing.at_low, swing.high, LIGHT, "high"),
+        (bars.at_low, bars.at_high, bars.low, INK, "low"),
+        (bars.at_high, bars.at_low, bars.high, LIGHT, "high"),
     ):
-        width = np.nan_to_num(ends - swing.value)
-        ax.barh(rows, width, left=swing.value, height=0.6, color=colour, label=f"at the {name} end")
+        width = np.nan_to_num(ends - bars.value)
+        ax.barh(rows, width, left=bars.value, height=0.6, color=colour, label=f"at the {name} end")
         for row, limit, end, other in zip(rows, limits, ends, opposite, strict=True):
             # Where there is no answer, on the side that the other end leaves free.
             missing = not np.isfinite(end)
-            outward = other < swing.value if missing else end >= swing.value
+            outward = other < bars.value if missing else end >= bars.value
             ax.annotate(
                 f"{limit:.4g}: no answer" if missing else f"{limit:.4g}",
-                (swing.value if missing else end, row),
+                (bars.value if missing else end, row),
                 xytext=(3 if outward else -3, 0),
                 textcoords="offset points",
                 ha="left" if outward else "right",
                 va="center",
                 fontsize="small",
             )
-    ax.axvline(swing.value, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [name.replace("_", " ") for name in swing.names])
+    ax.axvline(bars.value, color=LINE, linewidth=0.8)
+    ax.set_yticks(rows, [name.replace("_", " ") for name in bars.names])
     ax.margins(x=0.15)
     legend_above(ax, 2)
     labelled(ax, label, "").grid(visible=False, axis="y")
