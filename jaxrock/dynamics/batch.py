@@ -22,14 +22,14 @@ from ..ground_motion import Motion, Pulse, Record
 from ..host import listed, mapped
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
+from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
 from .batch_step import Case, Lanes, max_steps, take_step
-from .input_intervals import Grid, factor_length_and_end, grid_of
 from .overturning_criterion import free_motion_margins
 from .taylor import materialized
 
-_LANES = 64  # on a processor
+_LANES = int(os.environ.get('JR_LANES', 64))  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
-_STEPS = 64  # between two refills of the lanes
+_STEPS = int(os.environ.get('JR_STEPS', 8))  # between two refills of the lanes
 _ORDERS = range(3, 13)
 
 
@@ -88,10 +88,18 @@ class _Progress(NamedTuple):
 
 
 def _march(
-    grid: Grid, arguments: Any, count: Any, form: Any, model: RockingModel, lanes: int, order: int
+    ground: PulseInput | RecordInput,
+    arguments: Any,
+    count: Any,
+    tolerance: Any,
+    form: Any,
+    model: RockingModel,
+    lanes: int,
+    order: int,
+    parts: int,
 ) -> BatchResponse:
     """The first `count` columns of arguments, the leaves of a tree of the given form."""
-    queue = Case.of(grid, jax.tree.unflatten(form, list(arguments)), model)
+    queue = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
     dtype, size = queue.duration.dtype, queue.duration.size
     valid = queue.valid()
     # Those that are lifted most easily, and so move longest, go first.
@@ -101,15 +109,15 @@ def _march(
     def refilled(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
-        idle = ~lanes.active(grid)
+        idle = ~lanes.active(ground)
         row = (
             lanes.peak,
             lanes.side * lanes.rotation,
             lanes.side * lanes.velocity,
             lanes.end_rotation,
             lanes.end_velocity,
-            lanes.impacts.astype(dtype),
-            (lanes.steps < max_steps(grid)).astype(dtype),
+            (lanes.steps if os.environ.get('JR_DEBUG') else lanes.impacts).astype(dtype),
+            (lanes.steps < max_steps(ground)).astype(dtype),
         )
         results = results.at[jnp.where(idle, block, size)].set(jnp.stack(row, axis=-1))
         place = taken + jnp.cumsum(idle) - 1
@@ -122,7 +130,7 @@ def _march(
 
         next_case = jax.tree.map(lambda leaf: leaf[ranked[place]], queue)
         case = jax.tree.map(replaced, next_case, case)
-        fresh = grid.next_interval(jnp.zeros_like(lanes.interval), case.trail)
+        fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case.trail)
         lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + idle.sum(), count), results)
 
@@ -130,13 +138,13 @@ def _march(
         case = progress.case
         _, lanes = jax.lax.while_loop(
             lambda state: state[0] < _STEPS,
-            lambda state: (state[0] + 1, take_step(state[1], case, grid, order)),
+            lambda state: (state[0] + 1, take_step(state[1], case, ground, tolerance, order, parts)),
             (0, progress.lanes),
         )
         return refilled(progress._replace(lanes=lanes))
 
     begin = _Progress(
-        Lanes.at_rest(jnp.full(lanes, grid.intervals, jnp.int32), dtype),
+        Lanes.at_rest(jnp.full(lanes, ground.intervals, jnp.int32), dtype),
         jnp.full(lanes, size),
         jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue),
         jnp.zeros((), int),
@@ -160,7 +168,7 @@ def _march(
     return BatchResponse(
         peak_rotation=where_complete(jnp.minimum(peak, 0.5 * jnp.pi)),
         final_rotation=where_complete(rotation),
-        final_velocity=where_complete(velocity),
+        final_velocity=where_complete(velocity / queue.unit),
         overturned=overturned,
         margin=where_complete(margin),
         impacts=impacts,
@@ -199,7 +207,7 @@ def compiler_options(platform: str) -> dict[str, Any] | None:
 
 @functools.cache
 def _compiled(platform: str) -> Callable[..., BatchResponse]:
-    static = ("form", "model", "lanes", "order")
+    static = ("form", "model", "lanes", "order", "parts")
     return jax.jit(_march, static_argnames=static, compiler_options=compiler_options(platform))
 
 
@@ -274,8 +282,10 @@ def respond_batch(
     leaves = jax.tree.leaves((blocks, restitution, motion, duration))
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves)
-    if order is None:
-        order = 8 if dtype == np.float64 else 6
+    import os as _o
+    order = int(_o.environ.get("JR_ORDER", 12)) if dtype == np.float64 else 8
+    parts = int(_o.environ.get("JR_PARTS", 4)) if isinstance(motion, Pulse) else 1
+    tolerance = np.asarray(float(_o.environ.get("JR_TOL", 1e-11)), dtype)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     # Outside of a transformation NumPy is quicker, and compiles nothing.
     library: Any = jnp if traced else np
@@ -284,8 +294,9 @@ def respond_batch(
         return jax.tree.map(lambda leaf: library.asarray(leaf, dtype), tree)
 
     shaking = converted(motion)
-    grid = grid_of(shaking)
+    ground = input_of(shaking)
     factor, length, end = factor_length_and_end(shaking)
+    motions = ground.motions if isinstance(ground, RecordInput) else ()
     arguments = (
         converted(blocks),
         converted(restitution),
@@ -293,14 +304,14 @@ def respond_batch(
         length,
         shaking.start,
         end if duration is None else converted(duration),
-        np.arange(math.prod(grid.motions), dtype=dtype).reshape(grid.motions),
+        np.arange(math.prod(motions), dtype=dtype).reshape(motions),
     )
     leaves, form = jax.tree.flatten(arguments)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
     rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
     if traced:
-        result = _march(grid, rows, size, form, model, _LANES, order)
+        result = _march(ground, rows, size, tolerance, form, model, _LANES, order, parts)
         return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
     default = jax.config.jax_default_device
@@ -323,8 +334,10 @@ def respond_batch(
         part = rows[:, k * share : (k + 1) * share]
         count = part.shape[1]
         queue = np.pad(part, ((0, 0), (0, room - count)), constant_values=1)
-        placed = jax.device_put((grid, queue), devices[k % len(devices)])
-        result = march(*placed, count, form=form, model=model, lanes=lanes, order=order)
+        placed = jax.device_put((ground, queue), devices[k % len(devices)])
+        result = march(
+            *placed, count, tolerance, form=form, model=model, lanes=lanes, order=order, parts=parts
+        )
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     pieces = max(1, -(-size // share))

@@ -1,48 +1,58 @@
-"""Many blocks side by side, each at its own pace through the intervals of a `Grid`.
+"""Many blocks side by side, each at its own pace through a ground motion.
 
-Every lane takes a step at a time: by a Taylor polynomial to the end of its interval or, if the
-block lands before, to the impact, which is a root of that polynomial. A block at rest goes
-to the next interval that might lift it. What a lane does depends on no other.
+Every lane takes a step at a time by a Taylor polynomial: as long as its last terms allow, to a
+corner of the input at most, or to the impact, which is a root of that polynomial. A block at
+rest goes to the next time that might lift it. What a lane does depends on no other.
 """
 
-import math
-from operator import sub
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
+from .batch_input import PulseInput, RecordInput, negligible
 from .equation import Equation
-from .input_intervals import Grid
-from .taylor import Coefficients, derivative, evaluate, materialized, rotation_series
+from .taylor import (
+    Coefficients,
+    binary_logarithm,
+    binary_power,
+    derivative,
+    evaluate,
+    materialized,
+    rotation_series,
+)
 
-_LONGEST = 0.15  # step times p
-# Part of the critical angle beside which the relative error is taken below order 6: right after
-# uplift the third power is the whole motion, and no step would be short enough.
-_COARSE = 1e-3
+# Longest part of a step times the fastest rate: on it, the rotation is close to a parabola.
+import os
+_LONGEST = float(os.environ.get("JR_LONGEST", 0.25))
 
 
 class Case(NamedTuple):
-    """What follows from the arguments once for all steps."""
+    """What follows from the arguments once for all steps. Times are in units of `unit`."""
 
     equation: Equation
     on_ground: tuple[Any, Any]  # sine and cosine of the tilt on the ground
-    longest: Any  # step in time
+    unit: Any  # of time
+    longest: tuple[Any, Any]  # part of a step under the input, and behind its end
     restitution: Any
     strength: Any  # factor over g
     length: Any  # of an interval
-    frequency: Any  # 1 / length
+    rate: Any  # of the phase of the input
     start: Any
     duration: Any
     first: Any  # interval of the motion
     trail: Any  # of intervals that might lift the block
+    uplifts: tuple[Any, ...]  # times at which a pulse might, and to which side
     finite: Any  # whether the motion is
 
     @classmethod
-    def of(cls, grid: Grid, arguments: tuple[Any, ...], model: RockingModel) -> "Case":
+    def of(
+        cls, ground: PulseInput | RecordInput, arguments: tuple[Any, ...], model: RockingModel
+    ) -> "Case":
         """The case of the arguments of `respond_batch`, elementwise.
 
         `factor` is on the motion (its amplitude or scale), `length` that of an interval, `motion`
@@ -52,24 +62,40 @@ class Case(NamedTuple):
         motion = motion.astype(jnp.int32)
         equation = Equation.of(block, model)
         angle, strength = equation.critical_angle, factor / equation.gravity
+        rate = ground.rate(length)
+        natural = fastest = jnp.sqrt(equation.p_squared)
+        if isinstance(ground, PulseInput):
+            fastest = jnp.maximum(fastest, jnp.abs(rate))
+        # The unit is arbitrary, so that no derivative depends on it.
+        unit = jax.lax.stop_gradient(1 / fastest)
+        equation = eqx.tree_at(
+            lambda e: (e.p_squared, e.critical_velocity),
+            equation,
+            (equation.p_squared * unit * unit, equation.critical_velocity * unit),
+        )
         needed = equation.tangent / jnp.abs(strength)
-        if grid.vertical:
+        rate = rate * unit
+        uplifts = ground.uplifts(rate, needed)
+        if ground.vertical:
             needed = needed / (1 + equation.tangent)
+        pulse = isinstance(ground, PulseInput)
         return cls(
             equation=equation,
             on_ground=(angle, jnp.ones_like(angle))
             if isinstance(model, Linearized)
             else (jnp.sin(angle), jnp.cos(angle)),
-            longest=_LONGEST / jnp.sqrt(equation.p_squared),
+            unit=unit,
+            longest=(_LONGEST + 0 * unit, _LONGEST / (natural * unit)),
             restitution=restitution,
             strength=strength,
-            length=length,
-            frequency=1 / length,
-            start=start,
-            duration=duration,
-            first=motion * grid.room,
-            trail=grid.trail(motion, needed),
-            finite=grid.finite[motion],
+            length=length / unit,
+            rate=rate,
+            start=start / unit,
+            duration=duration / unit,
+            first=motion * (0 if pulse else ground.room),
+            trail=ground.trail(motion, needed),
+            uplifts=uplifts,
+            finite=jnp.isfinite(strength) if pulse else ground.finite[motion],
         )
 
     def valid(self) -> Booleans:
@@ -105,201 +131,235 @@ class Lanes(NamedTuple):
         fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
         return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
 
-    def active(self, grid: Grid) -> Booleans:
+    def active(self, ground: PulseInput | RecordInput) -> Booleans:
         """Whether the motion goes on."""
-        return self.moves | (self.interval < grid.intervals)
+        return self.moves | (self.interval < ground.intervals)
 
 
-def max_steps(grid: Grid) -> Any:
+def max_steps(ground: PulseInput | RecordInput) -> Any:
     """Largest number of steps of a lane, which bounds the time; reported where it is reached."""
-    return 1000 * jnp.minimum(grid.intervals, 2 * 10**6) + 10**6
+    return 1000 * jnp.minimum(ground.intervals, 2 * 10**6) + 10**6
 
 
-def _tiny(dtype: Any) -> float:
-    """What counts as nothing beside 1."""
-    return 64 * float(jnp.finfo(dtype).eps)
+def _accurate(path: Coefficients, tolerance: Any) -> Any:
+    """The longest step in which the last two terms are small beside the largest of the first.
 
-
-def _lift(
-    case: Case, horizontal: Coefficients, lift: Coefficients, step: Any
-) -> tuple[Any, Any, Any]:
-    """Whether a block at rest is lifted within a step, when, and to which side."""
-    tangent = case.equation.tangent
-    needed = (tangent * (1 + _tiny(step.dtype)), *(jnp.zeros_like(step) for _ in horizontal[1:]))
-    if lift:
-        needed = tuple(a + tangent * b for a, b in zip(needed, lift, strict=True))
-    last = evaluate(horizontal, step)
-    at_once = jnp.abs(horizontal[0]) > needed[0]
-    lifted = at_once | (jnp.abs(last) > evaluate(needed, step))
-    side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
-    if lift:
-        # Where the ground falls away, both sides are lifted within the step: the first counts.
-        begin, end = (
-            [one * part - need for one in (1.0, -1.0)]
-            for part, need in ((horizontal[0], needed[0]), (last, evaluate(needed, step)))
-        )
-        first = begin[0] * (end[1] - begin[1]) >= begin[1] * (end[0] - begin[0])
-        both = (end[0] > 0) & (end[1] > 0) & ~at_once
-        side = jnp.where(both, jnp.where(first, 1.0, -1.0), side)
-    excess = tuple(map(sub, (side * part for part in horizontal), needed))
-    rise = evaluate(excess[1:], step)
-    wait = -excess[0] / jnp.where(rise > 0, rise, 1)
-    if len(excess) > 2:
-        for _ in range(3):
-            slope = evaluate(derivative(excess), wait)
-            better = wait - evaluate(excess, wait) / jnp.where(slope > 0, slope, 1)
-            wait = jnp.where(slope > 0, jnp.clip(better, 0, step), wait)
-    return lifted, jnp.where(at_once, 0, wait), side
-
-
-def _accurate(equation: Equation, path: Coefficients, step: Any) -> Any:
-    """The step, or as much of it as the polynomial is accurate for.
-
-    Beside the others, its last term must be at most a tenth of what it is for a free motion in
-    the longest step, since a rough input takes many such steps. The term before it counts too,
-    since every other term may vanish.
+    Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
+    power is the whole motion.
     """
     order = len(path) - 1
-    allowed = 0.1 * _LONGEST**order / math.factorial(order)
-    path, length, rate = jax.lax.stop_gradient((path, step, jnp.sqrt(equation.p_squared)))
-    sizes = tuple(map(jnp.abs, path))
-    moved = evaluate(sizes, length)
-    if order < 6:
-        moved = moved + _COARSE * jax.lax.stop_gradient(equation.critical_angle)
-    last = (sizes[-1] + sizes[-2] * rate) * length**order
-    excess = last / (allowed * jnp.where(moved > 0, moved, 1))
-    # The length of a step need not be exact: a power in float32 is cheaper. The motion grows
-    # with the third power of the time at most.
-    excess = jnp.maximum(excess, 1).astype(jnp.float32)
-    shorter = length * jnp.exp2(jnp.log2(excess) * (-1 / max(order - 3, 1))).astype(length.dtype)
-    return jnp.where(excess > 1, shorter, step)
+    log = [binary_logarithm(part) for part in jax.lax.stop_gradient(path)]
+    allowed = jnp.log2(tolerance).astype(jnp.float32)
+
+    def length(last: int) -> Any:
+        terms = (
+            (log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1))
+        )
+        return jax.tree.reduce(jnp.maximum, list(terms))
+
+    return binary_power(jnp.minimum(length(order), length(order - 1)), path[0].dtype)
 
 
-def _dip_and_peak(slope: Coefficients, step: Any) -> tuple[Any, Any]:
-    """When a rotation is lowest and when highest within a step; `step` where it is at no time.
+class _Piece(NamedTuple):
+    """A part of a step, or what of it comes before the impact."""
 
-    The slope vanishes there: from a parabola and one step of Newton's method, which is enough
-    since an extreme value changes little with the time. Only that step has a derivative, which
-    the second derivative of the extreme value needs.
+    start: Any
+    end: Any
+    rotation: Any
+    end_rotation: Any
+    slope: Any
+    end_slope: Any
+
+
+class _Parts(NamedTuple):
+    """A step in parts of equal length."""
+
+    part: Any  # their length
+    times: list[Any]
+    rotations: list[Any]
+    slopes: list[Any]
+
+    @classmethod
+    def of(cls, path: Coefficients, slope: Coefficients, step: Any, parts: int) -> "_Parts":
+        part = step * (1 / parts)
+        times = [k * part for k in range(1, parts)] + [step]
+        rotations = materialized([evaluate(path, time) for time in times])
+        slopes = materialized([evaluate(slope, time) for time in times])
+        start = jnp.zeros_like(step)
+        return cls(part, [start, *times], [path[0], *rotations], [slope[0], *slopes])
+
+    def piece(self, number: Any) -> _Piece:
+        """The part of a number."""
+        ends = (self.times, self.rotations, self.slopes)
+        chosen = [_chosen(number, end[k : len(end) - 1 + k]) for end in ends for k in (0, 1)]
+        return _Piece(*chosen)
+
+    def bounds(self, k: int) -> tuple[Any, Any]:
+        """Between which the cubic through both ends of a part is."""
+        third = self.part * (1 / 3)
+        left, right = self.rotations[k], self.rotations[k + 1]
+        near, far = left + third * self.slopes[k], right - third * self.slopes[k + 1]
+        low = jnp.minimum(jnp.minimum(left, right), jnp.minimum(near, far))
+        return low, jnp.maximum(jnp.maximum(left, right), jnp.maximum(near, far))
+
+
+def _chosen(index: Any, values: list[Any]) -> Any:
+    """The values at an index, by comparisons, which run on SIMD lanes."""
+    chosen = values[-1]
+    for k in reversed(range(len(values) - 1)):
+        chosen = jnp.where(index == k, values[k], chosen)
+    return chosen
+
+
+def _extreme(slope: Coefficients, piece: "_Piece", sign: float, newtons: int) -> Any:
+    """When a rotation is highest (sign 1) or lowest (-1) in a piece; its end if never.
+
+    From the parabola that the slope of a cubic is, and Newton's method. Only its last step has a
+    derivative, which the second derivative of the extreme value needs.
     """
     changing = slope
-    slope, step = jax.lax.stop_gradient((slope, step))
-    a, b, c = slope[0], 0.5 * slope[1], slope[2]
+    slope, piece = jax.lax.stop_gradient((slope, piece))
+    start, width = piece.start, piece.end - piece.start
+    mean = (piece.end_rotation - piece.rotation) / jnp.where(width > 0, width, 1)
+    a = sign * piece.slope
+    b = sign * (3 * mean - 2 * piece.slope - piece.end_slope)
+    c = sign * 3 * (piece.slope + piece.end_slope - 2 * mean)
     square, up = b * b - a * c, b > 0
     root = jnp.sqrt(jnp.maximum(square, 0))
+    # -(root + b) / c, without cancellation
+    above, below = jnp.where(up, -(root + b), a), jnp.where(up, c, root - b)
+    share = above / jnp.where(below == 0, 1, below)
+    inside = (square > 0) & (below != 0) & (share > 0) & (share < 1)
+    time = materialized(jnp.where(inside, start + share * width, piece.end))
+    bend = derivative(slope)
+    for k in range(newtons):
+        value = evaluate(changing if k == newtons - 1 else slope, time)
+        curved = evaluate(bend, time)
+        better = time - value / jnp.where(curved == 0, 1, curved)
+        inside = inside & (better > start) & (better < piece.end)
+        time = materialized(jnp.where(inside, better, time))
+    return time
 
-    def improved(above: Any, below: Any) -> Any:
-        time = above / jnp.where(below == 0, 1, below)
-        inside = (square > 0) & (below != 0) & (time > 0) & (time < step)
-        time = jnp.where(inside, time, step)
-        curved = evaluate(derivative(slope), time)
-        better = time - evaluate(changing, time) / jnp.where(curved == 0, 1, curved)
-        return jnp.where(inside & (better > 0) & (better < step), better, time)
 
-    # (root - b) / c and -(root + b) / c, without cancellation
-    low = improved(jnp.where(up, -a, root - b), jnp.where(up, root + b, c))
-    high = improved(jnp.where(up, -(root + b), a), jnp.where(up, c, root - b))
-    return low, high
-
-
-def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
+def _landing(
+    path: Coefficients, slope: Coefficients, start: Any, parabola: Any, latest: Any
+) -> tuple[Any, Booleans]:
     """When a rotation falls through 0 that is negative at `latest`, and whether that was located.
 
     By Halley's method from the root of a parabola. One more step shows whether that was enough,
     and gives the time its derivatives.
     """
-    a, b, c = path[:3]
-    slope = derivative(path)
+    a, b, c = parabola
+    bend = derivative(slope)
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0))
     up = b >= 0
     below = jnp.where(up, -2 * c, root - b)
-    time = jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
-    time = jnp.where((below > 0) & (time > 0) & (time < latest), time, 0.5 * latest)
+    time = start + jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
+    inside = (below > 0) & (time > start) & (time < latest)
+    time = materialized(jnp.where(inside, time, 0.5 * (start + latest)))
     for _ in range(2):
-        value, steep, bent = (evaluate(each, time) for each in (path, slope, derivative(slope)))
+        value, steep, bent = (evaluate(each, time) for each in (path, slope, bend))
         below = steep * steep - 0.5 * value * bent
-        time = time - value * steep / jnp.where(below > 0, below, jnp.inf)
-    # A barrier: the series below use it often, and XLA would repeat both iterations.
-    before = materialized(jax.lax.stop_gradient(time))
-    steep, bent = evaluate(slope, before), evaluate(derivative(slope), before)
+        time = materialized(time - value * steep / jnp.where(below > 0, below, jnp.inf))
+    before = jax.lax.stop_gradient(time)
+    steep, bent = materialized((evaluate(slope, before), evaluate(bend, before)))
     below = jnp.where(steep < 0, steep, -1)
     off = evaluate(path, before) / below
     # The square matters only in the second derivative of the time.
     time = materialized(before - off - 0.5 * off * off * bent / below)
     near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
-    return time, near & (steep < 0) & (time > 0) & (time <= latest)
+    return time, near & (steep < 0) & (time > start) & (time <= latest)
 
 
-def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
-    """Take each lane to the end of its interval, its impact or its uplift."""
+def take_step(
+    lanes: Lanes,
+    case: Case,
+    ground: PulseInput | RecordInput,
+    tolerance: Any,
+    order: int,
+    parts: int,
+) -> Lanes:
+    """Take each lane a step further: to its impact, its uplift or the end of its interval."""
     equation, dtype = case.equation, lanes.rotation.dtype
-    acts = lanes.interval < grid.intervals
+    acts = lanes.interval < ground.intervals
     begin = case.start + lanes.interval.astype(dtype) * case.length
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
     left = stop - lanes.along
-    step = jnp.minimum(jnp.minimum(left, case.longest), lanes.reach)
-    step = jnp.where(lanes.moves, step, jnp.where(acts, left, 0))
-    strength = materialized(jnp.where(acts, case.strength, 0))
-    horizontal, lift = grid.ahead(
-        case.first + lanes.interval, lanes.along, case.frequency, strength
-    )
-    push = tuple(lanes.side * part for part in horizontal)
     # All that follows uses these many times. Without a barrier (here and at each `materialized`
     # below), XLA would fuse their computation into every use and repeat it there.
-    horizontal, lift, push, step, left = materialized((horizontal, lift, push, step, left))
+    strength = materialized(jnp.where(acts, case.strength, 0))
+    horizontal, lift = ground.series(
+        case._replace(strength=strength), lanes.interval, lanes.along, order
+    )
+    push = tuple(lanes.side * part for part in horizontal)
+    horizontal, lift, push, left = materialized((horizontal, lift, push, left))
 
-    lifted, wait, uplift_side = _lift(case, horizontal, lift, step)
-    lifted = ~lanes.moves & lifted & (left > 0)
+    lifted, wait, uplift_side = ground.uplift(case, lanes, horizontal, lift, left)
+    lifted = ~lanes.moves & acts & lifted & (left > wait)
     lifted, wait, uplift_side = materialized((lifted, wait, uplift_side))
 
     path = rotation_series(equation, lanes.rotation, lanes.velocity, push, lift, order)
-    step = materialized(jnp.where(lanes.moves, _accurate(equation, path, step), step))
     slope = derivative(path)
-    dip, top = materialized(_dip_and_peak(slope, step))
-    end, lowest, highest = materialized(tuple(evaluate(path, time) for time in (step, dip, top)))
-    lands = lanes.moves & (jnp.minimum(end, lowest) < 0)
-    lands, latest = materialized((lands, jnp.where(lowest < 0, dip, step)))
-    landing, located = materialized(_landing(path, latest))
+    longest = parts * jnp.where(acts, case.longest[0], case.longest[1])
+    step = jnp.minimum(jnp.minimum(left, longest), lanes.reach)
+    step = materialized(jnp.where(lanes.moves, jnp.minimum(step, _accurate(path, tolerance)), 0))
+    split = _Parts.of(path, slope, step, parts)
+    bounds = [split.bounds(k) for k in range(parts)]
+    # The first part in which the block might land.
+    number = jnp.full(step.shape, parts, jnp.int32)
+    for k in reversed(range(parts)):
+        number = jnp.where(bounds[k][0] < 0, k, number)
+    suspect = number < parts
+    number = materialized(jnp.minimum(number, parts - 1))
+    part = split.piece(number)
+    start, until, near, far, steep, _ = part
+    dip = _extreme(slope, part, -1.0, 1)
+    lowest = materialized(evaluate(path, dip))
+    lands = lanes.moves & suspect & (jnp.minimum(far, lowest) < 0)
+    latest, depth = jnp.where(lowest < 0, dip, until), jnp.where(lowest < 0, lowest, far)
+    lands, latest, depth = materialized((lands, latest, depth))
+    width = jnp.where(latest > start, latest - start, 1)
+    chord = (depth - near - steep * width) / (width * width)
+    bent = jnp.where(number == 0, path[2], chord)
+    landing, located = _landing(path, slope, start, (near, steep, bent), latest)
     # Where the impact is not located, the next step begins here and is half as long.
     blocked, lands = lands & ~located, lands & located
-    flight = jnp.where(lands, landing, jnp.where(blocked, 0, step))
+    # Behind a part that was suspected wrongly, there may be another one.
+    flight = jnp.where(lands, landing, jnp.where(blocked, 0, jnp.where(suspect, until, step)))
     flight, blocked, lands = materialized((flight, blocked, lands))
+
     velocity = materialized(evaluate(slope, flight))
     # Never on the ground without an impact, which could not be located from there.
     above = jnp.maximum(evaluate(path, flight), float(jnp.finfo(dtype).tiny))
     rotation = materialized(jnp.where(lands, 0, above))
+    # The highest rotation: in the part with the highest bound, before the impact.
+    highest, place = bounds[0][1], jnp.zeros_like(number)
+    for k in range(1, parts):
+        higher = (bounds[k][1] > highest) & (split.times[k] < flight)
+        highest, place = jnp.where(higher, bounds[k][1], highest), jnp.where(higher, k, place)
+    part = split.piece(materialized(place))
+    cut = flight < part.end
+    part = part._replace(
+        end=jnp.where(cut, flight, part.end),
+        end_rotation=jnp.where(cut, rotation, part.end_rotation),
+        end_slope=jnp.where(cut, velocity, part.end_slope),
+    )
+    top = _extreme(slope, part, 1.0, 1 if parts == 1 else 2)
+    highest = materialized(evaluate(path, top))
     peak = materialized(jnp.maximum(rotation, jnp.where(top < flight, highest, 0)))
 
-    # Impact. The block comes to rest if all further bounces end within the step. Their time is
-    # bounded by that of bounces to the side where the ground presses less, under an acceleration
-    # that must not change much meanwhile.
     leaving = velocity_after_impact(case.restitution, jnp.abs(velocity))
-
-    def onward(time: Any) -> Any:
-        sideways = jnp.abs(evaluate(push, time))
-        upward = evaluate(lift, time) if lift else 0.0
-        return equation.right_hand_side(*case.on_ground, sideways, upward)
-
-    down, leaving = materialized((-onward(flight), leaving))
-    little = 0.125 * (1 - case.restitution) * down
-    settled = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
-    steady = jnp.abs(onward(settled) + down) <= little
-    low = equation.p_squared * leaving * leaving <= little * down
-    nothing = leaving <= _tiny(dtype) * equation.critical_velocity
-    level = -down <= 2 * _tiny(dtype) * equation.p_squared * case.on_ground[0]
-    # The next bounce is not computed any more: it must not be the highest.
-    low = low & (leaving * leaving <= down * lanes.peak)
-    settles = (little > 0) & (settled <= step) & steady & low
-    settles = materialized(lands & (settles | (nothing & level)))
+    settles = lands & _settles(case, push, lift, flight, step, leaving, lanes.peak)
+    settles = materialized(settles)
 
     over = peak >= 0.5 * jnp.pi
-    arrives = jnp.where(lanes.moves, ~(lands | blocked) & (step >= left), ~lifted)
+    arrives = jnp.where(lanes.moves, ~(lands | blocked) & (flight >= left), ~lifted)
     ended = (arrives & ~(stop >= length)) | (
-        lanes.moves & (over | (lanes.steps >= max_steps(grid)))
+        lanes.moves & (over | (lanes.steps >= max_steps(ground)))
     )
     interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
-    interval = jnp.where(lanes.moves | lifted, interval, grid.next_interval(interval, case.trail))
+    interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case.trail))
     rotation = jnp.where(lanes.moves, jnp.minimum(rotation, 0.5 * jnp.pi), lanes.rotation)
     velocity = jnp.where(lands, jnp.where(settles, 0, leaving), velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
@@ -307,7 +367,7 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     # The state for the overturning criterion is that where the input ends.
     return materialized(
         Lanes(
-            interval=jnp.where(ended, grid.intervals, interval),
+            interval=jnp.where(ended, ground.intervals, interval),
             along=jnp.where(arrives, 0, lanes.along + taken),
             side=jnp.where(lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side)),
             rotation=rotation,
@@ -321,3 +381,37 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
             end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
         )
     )
+
+
+def _settles(
+    case: Case,
+    push: Coefficients,
+    lift: Coefficients,
+    flight: Any,
+    step: Any,
+    leaving: Any,
+    peak: Any,
+) -> Booleans:
+    """Whether a block comes to rest after an impact: if all further bounces end within the step.
+
+    Their time is bounded by that of bounces to the side where the ground presses less, under an
+    acceleration that must not change much meanwhile.
+    """
+    equation = case.equation
+
+    def onward(time: Any) -> Any:
+        sideways = jnp.abs(evaluate(push, time))
+        upward = evaluate(lift, time) if lift else 0.0
+        return equation.right_hand_side(*case.on_ground, sideways, upward)
+
+    down, leaving = materialized((-onward(flight), leaving))
+    little = 0.125 * (1 - case.restitution) * down
+    settled = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
+    steady = jnp.abs(onward(settled) + down) <= little
+    low = equation.p_squared * leaving * leaving <= little * down
+    tiny = negligible(leaving.dtype)
+    nothing = leaving <= tiny * equation.critical_velocity
+    level = -down <= 2 * tiny * equation.p_squared * case.on_ground[0]
+    # The next bounce is not computed any more: it must not be the highest.
+    low = low & (leaving * leaving <= down * peak)
+    return ((little > 0) & (settled <= step) & steady & low) | (nothing & level)
