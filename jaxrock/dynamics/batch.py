@@ -27,10 +27,13 @@ from .batch_step import Case, Lanes, max_steps, take_step
 from .overturning_criterion import free_motion_margins
 from .taylor import materialized
 
-_LANES = int(os.environ.get('JR_LANES', 64))  # on a processor
+_LANES = 64  # on a processor
 _ROOMS = (512, 4096)  # for the queue, on a processor
-_STEPS = int(os.environ.get('JR_STEPS', 8))  # between two refills of the lanes
-_ORDERS = range(3, 13)
+_STEPS = 4  # between two refills of the lanes
+# Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
+# samples keep the steps short.
+_ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-5, 6), (1e-10, 10), (0, 14)))
+_SHARE = 0.05  # of the tolerance that a step may take
 
 
 class BatchResponse(eqx.Module):
@@ -87,6 +90,15 @@ class _Progress(NamedTuple):
     results: Any  # (queue + 1, results): those of no block go to the last row
 
 
+def _running_sum(x: Any) -> Any:
+    """Sums of all up to each, by doubling: XLA's own takes all pairs."""
+    shift = 1
+    while shift < x.size:
+        x = x + jnp.pad(x[:-shift], (shift, 0))
+        shift *= 2
+    return x
+
+
 def _march(
     ground: PulseInput | RecordInput,
     arguments: Any,
@@ -105,6 +117,7 @@ def _march(
     # Those that are lifted most easily, and so move longest, go first.
     effort = queue.equation.tangent / jnp.abs(queue.strength)
     ranked = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
+    sorted_queue = jax.tree.map(lambda leaf: leaf[ranked], queue.for_steps())
 
     def refilled(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
@@ -116,42 +129,49 @@ def _march(
             lanes.side * lanes.velocity,
             lanes.end_rotation,
             lanes.end_velocity,
-            (lanes.steps if os.environ.get('JR_DEBUG') else lanes.impacts).astype(dtype),
+            lanes.impacts.astype(dtype),
             (lanes.steps < max_steps(ground)).astype(dtype),
         )
         results = results.at[jnp.where(idle, block, size)].set(jnp.stack(row, axis=-1))
-        place = taken + jnp.cumsum(idle) - 1
+        number = _running_sum(idle.astype(jnp.int32))
+        place = taken + number - 1
         gets = idle & (place < count)
         place = jnp.clip(place, 0, size - 1)
-        block = jnp.where(idle, jnp.where(gets, ranked[place], size), block)
+        block = jnp.where(idle, jnp.where(gets, place, size), block)
 
         def replaced(new: Any, old: Any) -> Any:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(lambda leaf: leaf[ranked[place]], queue)
+        next_case = jax.tree.map(
+            lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), sorted_queue
+        )
         case = jax.tree.map(replaced, next_case, case)
         fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case.trail)
         lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
-        return _Progress(lanes, block, case, jnp.minimum(taken + idle.sum(), count), results)
+        return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
     def steps(progress: _Progress) -> _Progress:
         case = progress.case
         _, lanes = jax.lax.while_loop(
             lambda state: state[0] < _STEPS,
-            lambda state: (state[0] + 1, take_step(state[1], case, ground, tolerance, order, parts)),
+            lambda state: (
+                state[0] + 1,
+                take_step(state[1], case, ground, tolerance, order, parts),
+            ),
             (0, progress.lanes),
         )
         return refilled(progress._replace(lanes=lanes))
 
     begin = _Progress(
         Lanes.at_rest(jnp.full(lanes, ground.intervals, jnp.int32), dtype),
-        jnp.full(lanes, size),
-        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue),
-        jnp.zeros((), int),
+        jnp.full(lanes, size, jnp.int32),
+        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), sorted_queue),
+        jnp.zeros((), jnp.int32),
         jnp.zeros((size + 1, 7), dtype),
     )
     *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
-    peak, rotation, velocity, end_rotation, end_velocity, impacts, finished = results[:-1].T
+    results = jnp.zeros_like(results[:-1]).at[ranked].set(results[:-1], unique_indices=True)
+    peak, rotation, velocity, end_rotation, end_velocity, impacts, finished = results.T
     complete = valid & (finished > 0)
     before_impact, after_impact = free_motion_margins(
         queue.equation, queue.restitution, end_rotation, end_velocity
@@ -218,7 +238,7 @@ def respond_batch(
     duration: Number | None = None,
     *,
     model: ModelLike = Nonlinear(),
-    order: int | None = None,
+    rtol: float | None = None,
 ) -> BatchResponse:
     """Response of many blocks, from rest, on the grid of the input.
 
@@ -237,10 +257,9 @@ def respond_batch(
         How long to follow each block [s], greater than 0; by default to the end of the motion.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
-    order : int, optional
-        Order of the Taylor polynomials, 3 to 12, which sets the accuracy. 8 by default, and 6
-        in float32, where rounding dominates then. `choose` says which one a motion needs,
-        `respond_within` takes it.
+    rtol : float, optional
+        Relative error of peak rotations that is aimed at; 1e-9 by default, 1e-5 in float32.
+        Where impacts amplify errors, more is left: `respond_within` says of which blocks.
 
     Returns
     -------
@@ -254,9 +273,9 @@ def respond_batch(
 
     Notes
     -----
-    One Taylor polynomial per sample, more where the block is fast. A pulse is taken as 128
-    quintics per period. Outside of transformations, the batch is shared out to the devices, or
-    to the cores of a processor. Has forward-mode derivatives.
+    By Taylor polynomials, each as long as its last terms allow: a pulse enters by its own series,
+    a record by one line from sample to sample. Outside of transformations, the batch is shared
+    out to the devices, or to the cores of a processor. Has forward-mode derivatives.
 
     Examples
     --------
@@ -274,18 +293,20 @@ def respond_batch(
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
-    if order is not None and order not in _ORDERS:
-        raise ValueError(f"order must be a whole number from 3 to 12, got {order}")
+    if rtol is not None:
+        check("rtol", as_real("rtol", rtol), POSITIVE)
     blocks.check()
     motion.check()
     model = as_model(model)
     leaves = jax.tree.leaves((blocks, restitution, motion, duration))
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves)
-    import os as _o
-    order = int(_o.environ.get("JR_ORDER", 12)) if dtype == np.float64 else 8
-    parts = int(_o.environ.get("JR_PARTS", 4)) if isinstance(motion, Pulse) else 1
-    tolerance = np.asarray(float(_o.environ.get("JR_TOL", 1e-11)), dtype)
+    eps = float(jnp.finfo(dtype).eps)
+    if rtol is None:
+        rtol = 1e-9 if dtype == np.float64 else 1e-5
+    order = next(order for least, order in _ORDERS[type(motion) is Record] if rtol >= least)
+    parts = 1 if isinstance(motion, Record) else 2
+    tolerance = np.asarray(max(_SHARE * rtol, eps), dtype)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     # Outside of a transformation NumPy is quicker, and compiles nothing.
     library: Any = jnp if traced else np

@@ -39,8 +39,8 @@ class PulseInput(eqx.Module):
         if kind.harmonic is None:
             harmonic = None
         else:
-            harmonic = tuple(np_scalar(part, dtype) for part in kind.harmonic)
-        return cls(harmonic, np_scalar(kind.extremes[-1], dtype), np_scalar(1, jnp.int32))
+            harmonic = tuple(jnp.asarray(part, dtype) for part in kind.harmonic)
+        return cls(harmonic, jnp.asarray(kind.extremes[-1], dtype), jnp.asarray(1, jnp.int32))
 
     def rate(self, length: Any) -> Any:
         """Rate of the phase in time, for intervals of a length."""
@@ -72,29 +72,30 @@ class PulseInput(eqx.Module):
         """Phase at a time, of the sine, or of the wavelet from its peak."""
         return rate * along + (-2 * math.pi if self.harmonic is None else self.harmonic[1])
 
-    def uplifts(self, rate: Any, ratio: Any) -> tuple[tuple[Any, Any], ...]:
-        """Times at which the magnitude of the pulse rises through a ratio, inf for none; signs."""
+    def uplifts(self, rate: Any, ratio: Any) -> tuple[Any, ...]:
+        """Times at which the magnitude of the pulse rises through a ratio, inf for none."""
         if self.harmonic is None:
             inner, outer = _wavelet_crossings(ratio)
-            phases = ((-outer, -1.0), (-inner[0], 1.0), (inner[1], -1.0))
+            phases = (-outer, -inner[0], inner[1])
         else:
             first = jnp.where(ratio < 1, jnp.arcsin(jnp.where(ratio < 1, ratio, 0)), jnp.inf)
-            phases = tuple((k * math.pi + first, (-1.0) ** k) for k in range(3))
+            phases = tuple(k * math.pi + first for k in range(3))
         moving = jnp.where(rate > 0, rate, 1)
         begin = self.phase(rate, jnp.zeros_like(rate))
 
         def time(phase: Any) -> Any:
             return jnp.where((rate > 0) & (phase > begin), (phase - begin) / moving, jnp.inf)
 
-        return tuple((time(phase), jnp.full_like(rate, sign)) for phase, sign in phases)
+        return tuple(map(time, phases))
 
     def uplift(self, case: Any, lanes: Any, horizontal: Any, *_: Any) -> tuple[Any, Any, Any]:
         """Whether a block at rest is lifted in the interval, when, and to which side."""
-        at_once = jnp.abs(horizontal[0]) > case.equation.tangent * (1 + negligible(_dtype(lanes)))
+        at_once = jnp.abs(horizontal[0]) > case.equation.tangent * (1 + negligible(lanes.rotation.dtype))
         time, side = jnp.full_like(lanes.along, jnp.inf), jnp.ones_like(lanes.along)
-        for rise, sign in reversed(case.uplifts):
-            later = rise >= lanes.along
-            time, side = jnp.where(later, rise, time), jnp.where(later, sign, side)
+        first = 1.0 if self.harmonic is not None else -1.0  # sign of the first, and of the third
+        for rise, sign in reversed(list(zip(case.uplifts, (first, -first, first), strict=True))):
+            sooner = (rise >= lanes.along) & (rise <= time)
+            time, side = jnp.where(sooner, rise, time), jnp.where(sooner, sign, side)
         side = jnp.where(at_once, horizontal[0], side * case.strength) < 0
         lifted = at_once | (time < case.length)
         wait = jnp.where(at_once | ~lifted, 0, time - lanes.along)
@@ -109,14 +110,6 @@ class PulseInput(eqx.Module):
         """The interval itself: there is only one."""
         del trail
         return jnp.minimum(interval, self.intervals)
-
-
-def np_scalar(value: Any, dtype: Any) -> Any:
-    return jnp.asarray(value, dtype)
-
-
-def _dtype(lanes: Any) -> Any:
-    return lanes.rotation.dtype
 
 
 def _periodic(phase: Any) -> tuple[Any, Any]:
@@ -190,7 +183,7 @@ class RecordInput(eqx.Module):
         """Rate of the samples."""
         return 1 / length
 
-    def uplifts(self, rate: Any, ratio: Any) -> tuple[tuple[Any, Any], ...]:
+    def uplifts(self, rate: Any, ratio: Any) -> tuple[Any, ...]:
         """None: `following` says where to look."""
         del rate, ratio
         return ()

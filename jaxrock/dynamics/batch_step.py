@@ -27,8 +27,7 @@ from .taylor import (
 )
 
 # Longest part of a step times the fastest rate: on it, the rotation is close to a parabola.
-import os
-_LONGEST = float(os.environ.get("JR_LONGEST", 0.25))
+_LONGEST = 0.45
 
 
 class Case(NamedTuple):
@@ -37,7 +36,7 @@ class Case(NamedTuple):
     equation: Equation
     on_ground: tuple[Any, Any]  # sine and cosine of the tilt on the ground
     unit: Any  # of time
-    longest: tuple[Any, Any]  # part of a step under the input, and behind its end
+    longest: Any  # part of a step behind the end of the input
     restitution: Any
     strength: Any  # factor over g
     length: Any  # of an interval
@@ -85,7 +84,7 @@ class Case(NamedTuple):
             if isinstance(model, Linearized)
             else (jnp.sin(angle), jnp.cos(angle)),
             unit=unit,
-            longest=(_LONGEST + 0 * unit, _LONGEST / (natural * unit)),
+            longest=_LONGEST / (natural * unit),
             restitution=restitution,
             strength=strength,
             length=length / unit,
@@ -97,6 +96,11 @@ class Case(NamedTuple):
             uplifts=uplifts,
             finite=jnp.isfinite(strength) if pulse else ground.finite[motion],
         )
+
+    def for_steps(self) -> "Case":
+        """What the steps need of it."""
+        equation = eqx.tree_at(lambda e: e.gravity, self.equation, None)
+        return self._replace(equation=equation, unit=None, finite=None)
 
     def valid(self) -> Booleans:
         """Whether all arguments are allowed."""
@@ -152,9 +156,7 @@ def _accurate(path: Coefficients, tolerance: Any) -> Any:
     allowed = jnp.log2(tolerance).astype(jnp.float32)
 
     def length(last: int) -> Any:
-        terms = (
-            (log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1))
-        )
+        terms = ((log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1)))
         return jax.tree.reduce(jnp.maximum, list(terms))
 
     return binary_power(jnp.minimum(length(order), length(order - 1)), path[0].dtype)
@@ -301,7 +303,7 @@ def take_step(
 
     path = rotation_series(equation, lanes.rotation, lanes.velocity, push, lift, order)
     slope = derivative(path)
-    longest = parts * jnp.where(acts, case.longest[0], case.longest[1])
+    longest = parts * jnp.where(acts, _LONGEST, case.longest)
     step = jnp.minimum(jnp.minimum(left, longest), lanes.reach)
     step = materialized(jnp.where(lanes.moves, jnp.minimum(step, _accurate(path, tolerance)), 0))
     split = _Parts.of(path, slope, step, parts)
