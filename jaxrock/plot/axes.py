@@ -77,7 +77,7 @@ def labelled(ax: Axes, x: str, y: str, grid: Any = "both") -> Axes:
     return ax
 
 
-def draw_levels(ax: Axes, level: float, name: str | None) -> None:
+def add_level(ax: Axes, level: float, name: str | None) -> None:
     """A level to both sides of 0, with one entry in the legend, or none."""
     for sign, label in ((1, name), (-1, None)):
         ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)

@@ -12,18 +12,7 @@ from matplotlib.patches import Arc, Polygon
 
 from ..block import Block
 from ..dynamics import Equation, Response
-from .axes import (
-    ABOVE,
-    ACCENT,
-    INK,
-    LINE,
-    NEUTRAL,
-    RATIO,
-    axes_or_new,
-    draw_levels,
-    draws,
-    labelled,
-)
+from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
 _RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
@@ -45,7 +34,6 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     reach = max(2 * b + 0.6 * a, 1.1 * (b + 2 * a * abs(np.sin(rotation))))
     shape = _block_on(ax, block, reach, max(2.2 * a, 2.1 * float(block.half_diagonal)))
     shape.set_xy(_rotated(_corners(block), block, rotation))
-
     pivot = np.array([side * b, 0.0])
     inside = np.array([[0.0, a], [0.0, 2 * a], [-side * b, a]])
     centre, top, across = _rotated(inside, block, rotation)
@@ -91,7 +79,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     impacts = np.asarray(response.impact_times)
     ax.plot(impacts, np.zeros_like(impacts), "|", color=ACCENT, markersize=6, label="impacts")
     # Without an entry in the legend where the lines lie outside of the limits.
-    draw_levels(ax, 1.0, "critical angle" if limit > 1 else None)
+    add_level(ax, 1.0, "critical angle" if limit > 1 else None)
     if bool(response.overturned) and np.isfinite(response.overturning_time):
         ax.axvline(float(response.overturning_time), color=LINE, linestyle=":", label="overturning")
     ax.set(xlim=(0, times[-1]), ylim=(-limit, limit))

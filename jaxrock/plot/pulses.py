@@ -15,18 +15,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from .. import resonance
 from ..block import Block
 from ..resonance import Linearized, ModelLike, Rocker, RockingModel, Scene, WorstTrain
-from .axes import (
-    ACCENT,
-    BESIDE,
-    INK,
-    LINE,
-    NEUTRAL,
-    RATIO,
-    axes_or_new,
-    draw_levels,
-    draws,
-    labelled,
-)
+from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
 _STRIP = 0.28  # of the height, for the pulses
 _POINTS = 60  # of a half-cycle
@@ -142,7 +131,7 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     limits = about["lowest_amplitude_ratio"], about["highest_amplitude_ratio"]
     # Every column reaches halfway to its neighbours.
     step = np.diff(ratios) if ratios.size > 1 else 0.1 * ratios
-    step = np.append(step, step[-1:]) if ratios.size > 1 else step
+    step = np.append(step, step[-1])[: ratios.size]
     sides = np.append(ratios[0] - step[0] / 2, ratios + step / 2)
     areas: tuple[list, list] = [], []
     columns = zip(itertools.pairwise(sides), found.overturns_first.values, edges, strict=True)
@@ -157,30 +146,30 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     survives = {"facecolor": "w", "label": "survives again", "hatch": "////"}
     for shapes, look in zip(areas, (overturns, survives), strict=True):
         if shapes:
-            area = PolyCollection(shapes, linewidth=0, zorder=0)
-            ax.add_collection(area).set(edgecolor="0.6", **look)
-    column = np.broadcast_to(ratios[:, None], edges.shape)
-    for impacts, colour, marker, when in (
+            area = PolyCollection(shapes, linewidth=0, zorder=0, edgecolor="0.6")
+            ax.add_collection(area).set(**look)
+    impacts = np.where(np.isfinite(edges), np.minimum(found.impacts.values, 2), -1)
+    for number, colour, marker, when in (
         (0, INK, ".", "without an impact"),
         (1, ACCENT, "x", "after one impact"),
         (2, NEUTRAL, "+", "after more impacts"),
     ):
-        chosen = (np.minimum(found.impacts.values, 2) == impacts) & np.isfinite(edges)
-        if chosen.any():
+        row, column = np.nonzero(impacts == number)
+        if row.size:
             look = {"color": colour, "markersize": 4, "label": f"boundary: {when}"}
-            ax.plot(column[chosen], edges[chosen], marker, **look)
+            ax.plot(ratios[row], edges[row, column], marker, **look)
     ax.set_yscale("log")
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set(xlim=(sides[0], sides[-1]), ylim=limits)
-    angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
     numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"
     ax.set_title(f"{about['motion']}, {numbers}", fontsize="medium")
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**BESIDE)
-    labels = r"frequency ratio $\omega_p/p$ [-]", rf"amplitude ratio $a_p/(g\,{angle})$ [-]"
-    return labelled(ax, *labels)
+    angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
+    vertical = rf"amplitude ratio $a_p/(g\,{angle})$ [-]"
+    return labelled(ax, r"frequency ratio $\omega_p/p$ [-]", vertical)
 
 
 @jax.jit
@@ -221,7 +210,7 @@ def _draw_under_pulses(
     limit = 1.1 * float(abs(ratio).max())
     if 1.1 * level < 2 * limit:  # else the motion would hardly be visible
         limit = max(limit, 1.1 * level)
-        draw_levels(ax, level, name)
+        add_level(ax, level, name)
     low = -1.3 * limit  # room for the legend
     top = low + (limit - low) / (1 - _STRIP)
     ax.set(xlim=(-0.02 * time[-1], 1.02 * time[-1]), ylim=(low, top))
