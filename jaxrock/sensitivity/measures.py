@@ -173,7 +173,9 @@ def derivative_based_measures(
 ) -> DerivativeBasedMeasures:
     """Which parameters matter over whole ranges, from gradients at random points.
 
-    A parameter whose `bound` is near 0 need not be known well.
+    A parameter whose `bound` is near 0 need not be known well (I. M. Sobol and S. Kucherenko,
+    Derivative based global sensitivity measures and their link with global sensitivity indices,
+    Math. Comput. Simul. 79 (2009) 3009-3017).
 
     Parameters
     ----------
@@ -190,11 +192,6 @@ def derivative_based_measures(
     ------
     ValueError
         If a name is not one of `at`, or a range is empty.
-
-    References
-    ----------
-    I. M. Sobol and S. Kucherenko, Derivative based global sensitivity measures and their link
-    with global sensitivity indices, Math. Comput. Simul. 79 (2009) 3009-3017.
     """
     function = parametric(answer, at, "ranges", ranges)
     low, high = np.asarray(list(ranges.values()), float).reshape(-1, 2).T
