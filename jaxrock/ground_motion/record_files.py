@@ -106,22 +106,19 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     """Take a ground motion from a trace of obspy, or of gmprocess.
 
     Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
-    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``. It must
-    be an acceleration already; counts of an instrument are for obspy's ``remove_response``.
+    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``. Counts
+    of an instrument are for obspy's ``remove_response`` first.
 
     Parameters
     ----------
-    trace : obspy.Trace
-        Horizontal acceleration, shape (samples,).
+    trace, vertical : obspy.Trace
+        Horizontal and perhaps vertical acceleration, positive upward, both sampled alike.
     unit : str
         Unit of the accelerations, as for `read_record`.
-    vertical : obspy.Trace, optional
-        Vertical acceleration, positive upward, with the same sampling and start.
 
     Returns
     -------
     Record
-        As from `read_record`.
 
     Raises
     ------

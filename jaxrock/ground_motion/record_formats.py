@@ -27,8 +27,10 @@ from .record_units import (
     units_in_text,
 )
 
-_STEPS = "a time step in s, ms or the like, or in samples per second"
 _UNIFORM = 1e-3  # relative difference of time steps that are the same: printed with few digits
+# What statements are about, and how much they may differ.
+_UNIT = UNITS, 1e-9
+_STEP = "a time step in s, ms or the like, or in samples per second", _UNIFORM
 _BINARY = bytes({*range(0x20)} - {*b"\t\n\v\f\r"})
 _HEADER_LINES = 20  # at most, usually four
 _POINTS_AND_STEP = (  # the third group is what follows the name DT
@@ -66,16 +68,20 @@ class _Text:
             raise self.fault(f"the file cannot be read: {error.strerror or error}") from error
         # Files from DOS end with a Ctrl-Z.
         content = content.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a\r\n\t ")
-        if not content:
-            raise self.fault("the file is empty")
-        if len(content.translate(None, _BINARY)) < len(content):
-            raise self.fault("a text file was expected, this one is binary")
+        self.refuse(not content, "the file is empty")
+        binary = len(content.translate(None, _BINARY)) < len(content)
+        self.refuse(binary, "a text file was expected, this one is binary")
         self.lines = [_decoded(line) for line in content.splitlines()]
 
     def fault(self, reason: str, line: int | None = None) -> ValueError:
         """What is wrong with the file, or with one line of it."""
         where = repr(str(self.path)) + ("" if line is None else f", line {line}")
         return ValueError(f"{where}: {reason}")
+
+    def refuse(self, wrong: bool, reason: str, line: int | None = None) -> None:
+        """Raise a fault if something is wrong."""
+        if wrong:
+            raise self.fault(reason, line)
 
     def number(self, word: str, line: int, name: str = "a value") -> float:
         """A word as a finite number; `name` says of what."""
@@ -84,8 +90,7 @@ class _Text:
         except ValueError:
             got = _short(word) if word.strip() else "an empty field"
             raise self.fault(f"{name} must be a number, got {got}", line) from None
-        if not math.isfinite(value):
-            raise self.fault(f"{name} must be finite, got {_short(word)}", line)
+        self.refuse(not math.isfinite(value), f"{name} must be finite, got {_short(word)}", line)
         return value
 
     def values(
@@ -102,17 +107,21 @@ class _Text:
         numbered = enumerate(with_progress(lines, f"reading {self.path.name}"), top + 1)
         return np.array([value for n, line in numbered for value in numbers(line, n)])
 
-    def agreed(self, statements: Statements, kind: str, tolerance: float) -> float | None:
-        """The value that all statements agree on, the first one's; None if there is none."""
-        if not statements:
-            return None
+    def agreed(
+        self,
+        about: tuple[str, float],
+        statements: Statements,
+        missing: str,
+        at: int | None = None,
+    ) -> float:
+        """The value that all statements agree on, the first one's."""
+        self.refuse(not statements, missing, at)
         line, first, value = statements[0]
-        if math.isnan(value):
-            raise self.fault(f"{first}, which is not {kind}", line)
+        self.refuse(math.isnan(value), f"{first}, which is not {about[0]}", line)
         for number, words, other in statements[1:]:
-            if not math.isclose(value, other, rel_tol=tolerance):
-                where = "" if line is None else f" in line {line}"
-                raise self.fault(f"{first}{where}, but {words}", number)
+            where = "" if line is None else f" in line {line}"
+            differs = not math.isclose(value, other, rel_tol=about[1])
+            self.refuse(differs, f"{first}{where}, but {words}", number)
         return value
 
 
@@ -136,21 +145,19 @@ def read_at2(path: Path, units: Statements, steps: Statements) -> Component:
     found = [(n, *each) for n, line in header for each in re.findall(_QUANTITY, line.lower())]
     others = [each for each in found if each[1] != "acceleration"]
     for number, quantity, series in others:
-        if series or others == found:
-            raise text.fault(f"acceleration was expected, not {quantity}", number)
-    factor = text.agreed(units + _stated(units_in_text, header, "the header"), UNITS, 1e-9)
-    if factor is None:
-        raise text.fault(f"the header states no unit, so that unit must be given: {UNITS}")
+        wrong = bool(series) or others == found
+        text.refuse(wrong, f"acceleration was expected, not {quantity}", number)
+    no_unit = f"the header states no unit, so that unit must be given: {UNITS}"
+    units = units + _stated(units_in_text, header, "the header")
+    factor = text.agreed(_UNIT, units, no_unit)
     steps = [*steps, (top, f"the header states DT= {step:.6g} s", step)]
-    steps += _stated(steps_in_text, header, "the header")
-    step = text.agreed(steps, _STEPS, _UNIFORM) or step
+    step = text.agreed(_STEP, steps + _stated(steps_in_text, header, "the header"), "")
     values = text.values(
         top,
         lambda lines: np.array([*map(float, " ".join(lines).replace("_", "?").split())]),
         lambda line, n: [value for word in line.split() for value in _split(text, word, n)],
     )
-    if values.size != points:
-        raise text.fault(f"NPTS is {points}, but {values.size} values follow", top)
+    text.refuse(values.size != points, f"NPTS is {points}, but {values.size} values follow", top)
     return Component(repr(str(path)), factor, values, step)
 
 
@@ -161,19 +168,16 @@ def _points_and_step(text: _Text) -> tuple[int, int, float]:
         if not (match := next(filter(None, matches), None)):
             continue
         points = text.number(match["points"], number, "NPTS")
-        if points < 2 or points % 1:
-            got = match["points"]
-            raise text.fault(f"NPTS must be a whole number from 2 on, got {got}", number)
+        wrong = f"NPTS must be a whole number from 2 on, got {match['points']}"
+        text.refuse(points < 2 or points % 1 > 0, wrong, number)
         words = f"{match['step']} {match[3]}".strip()  # such as "10 MSEC"
         value = re.match(NUMBER, words, re.I)
         word = value[0] if value else re.split(r"[\s,]", words)[0]
         step = as_number(word) if value else text.number(word, number, "DT")
         step *= unit_after(words[len(word) :].lstrip())[1]
-        if math.isnan(step):
-            must = "DT must be a number, if need be with a unit of time"
-            raise text.fault(f"{must}, got {_short(words)}", number)
-        if not 0 < step < math.inf:
-            raise text.fault(f"DT must be greater than 0, got {word}", number)
+        wrong = f"DT must be a number, if need be with a unit of time, got {_short(words)}"
+        text.refuse(math.isnan(step), wrong, number)
+        text.refuse(not 0 < step < math.inf, f"DT must be greater than 0, got {word}", number)
         return number, int(points), step
     raise text.fault(
         "an .AT2 file was expected, with 'NPTS= ..., DT= ...' or '... NPTS, DT' within its"
@@ -188,11 +192,11 @@ def _split(text: _Text, word: str, line: int) -> list[float]:
     # .1-02.3-02 may be .1e-02 and .3e-02 or .1 and -02.3e-02, unless a number begins with 0.
     perhaps = re.findall(r"(?<=[\d.])[-+]\d{2,3}\.", word)
     bare_exponent = re.search(r"[\d.][-+]\d{2,3}(?![\d.])", word)
-    if any(each[1] == "0" for each in perhaps) or (perhaps and bare_exponent):
-        raise text.fault(f"numbers that run together are not clear, got {_short(word)}", line)
+    unclear = any(each[1] == "0" for each in perhaps) or bool(perhaps and bare_exponent)
+    text.refuse(unclear, f"numbers that run together are not clear, got {_short(word)}", line)
     values = [as_number(match[0]) for match in re.finditer(NUMBER, word, re.I)]
-    if not np.isfinite(values).all():
-        raise text.fault(f"a value must be finite, got {_short(word)}", line)
+    finite = all(map(math.isfinite, values))
+    text.refuse(not finite, f"a value must be finite, got {_short(word)}", line)
     return values
 
 
@@ -204,50 +208,41 @@ def read_csv(
     top, names = _column_names(text)
     comments = list(enumerate(text.lines[: top - 1], 1))
     said = _stated(units_in_text, comments, "a comment")
-    no_unit = text.fault(f"unit must be given for a .csv file: {UNITS}")
-    if not units and not said and not any(map(units_in_name, names)):
-        raise no_unit
+    no_unit = f"unit must be given for a .csv file: {UNITS}"
+    text.refuse(not units and not said and not any(map(units_in_name, names)), no_unit)
     times = {name: seconds for name in names if (seconds := times_in(name)) is not None}
-    if len(times) > 1:
-        raise text.fault(f"one column of times was expected, got {_quoted(times)}", top)
-    others = [name for name in names if name not in (*times, vertical)]
-    if column is None and len(others) != 1:
-        what = "column must be given, the name of the horizontal acceleration"
-        raise text.fault(f"{what}: {_quoted(others) or 'no column is left for it'}", top)
-    wanted = {"column": others[0] if column is None else column, "vertical": vertical}
-    if column is not None and column == vertical:
-        raise text.fault(f"column and vertical are the same, {column!r}", top)
+    text.refuse(len(times) > 1, f"one column of times was expected, got {_quoted(times)}", top)
+    if column is None:
+        others = [name for name in names if name not in (*times, vertical)]
+        which = "column must be given, the name of the horizontal acceleration: "
+        text.refuse(len(others) != 1, which + (_quoted(others) or "no column is left for it"), top)
+        column = others[0]
+    text.refuse(column == vertical, f"column and vertical are the same, {column!r}", top)
     factors = {}
-    for argument, name in wanted.items():
+    for argument, name in (("column", column), ("vertical", vertical)):
         if name is None:
             continue
-        if name in times:
-            raise text.fault(f"{argument} is {name!r}, which is taken for the times", top)
-        if (count := names.count(name)) != 1:
-            among = f"there are {count} such columns among {_quoted(names)}"
-            raise text.fault(f"{argument} is {name!r}, but {among}", top)
-        if re.search(_NOT_ACCELERATION, name, re.I):
-            raise text.fault(f"acceleration was expected, not column {name!r}", top)
+        given, count = f"{argument} is {name!r}", names.count(name)
+        text.refuse(name in times, f"{given}, which is taken for the times", top)
+        among = f"but there are {count} such columns among {_quoted(names)}"
+        text.refuse(count != 1, f"{given}, {among}", top)
+        wrong = re.search(_NOT_ACCELERATION, name, re.I) is not None
+        text.refuse(wrong, f"acceleration was expected, not column {name!r}", top)
         ours = list(units)
         if units or name.lower() != "a_g":  # which may mean ground acceleration as well
             ours += _stated(units_in_name, [(top, name)], f"column {name!r}")
         # Comments may speak of several columns: one that agrees is enough.
         agreeing = [each for each in said if ours and math.isclose(each[2], ours[0][2])]
-        factor = text.agreed(ours + (agreeing or said), UNITS, 1e-9)
-        if factor is None:
-            raise no_unit
-        factors[name] = factor
+        factors[name] = text.agreed(_UNIT, ours + (agreeing or said), no_unit)
     values = _columns(text, top, names, [*factors, *times])
-    said = _stated(steps_in_text, comments, "a comment")
     for name, seconds in times.items():
-        if math.isnan(seconds):
-            raise text.fault(f"the unit of the times is not understood: {_short(name)}", top)
+        not_understood = f"the unit of the times is not understood: {_short(name)}"
+        text.refuse(math.isnan(seconds), not_understood, top)
         step = _uniform_step(text, top, name, seconds * values[-1])
-        said.insert(0, (None, f"column {name!r} has a step of {step:.6g} s", step))
-    step = text.agreed(steps + said, _STEPS, _UNIFORM)
-    if step is None:
-        among = f"no column of times is among {_quoted(names)}"
-        raise text.fault(f"time_step must be given, since {among}", top)
+        steps = [*steps, (None, f"column {name!r} has a step of {step:.6g} s", step)]
+    no_step = f"time_step must be given, since no column of times is among {_quoted(names)}"
+    steps = steps + _stated(steps_in_text, comments, "a comment")
+    step = text.agreed(_STEP, steps, no_step, top)
     rows = zip(factors.values(), values, strict=False)
     return [Component(repr(str(path)), factor, row, step) for factor, row in rows]
 
@@ -257,8 +252,9 @@ def _column_names(text: _Text) -> tuple[int, list[str]]:
     for number, line in enumerate(text.lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
             names = [name.strip() for name in _fields(line)]
-            if all(re.fullmatch(rf"{NUMBER}|[-+]?(nan|inf(inity)?)", name, re.I) for name in names):
-                raise text.fault(f"names of the columns were expected, got {_short(line)}", number)
+            numbers = [re.fullmatch(rf"{NUMBER}|[-+]?(nan|inf(inity)?)", n, re.I) for n in names]
+            wrong = f"names of the columns were expected, got {_short(line)}"
+            text.refuse(all(numbers), wrong, number)
             return number, names
     raise text.fault("a line with the names of the columns was expected, all are comments")
 
@@ -278,14 +274,13 @@ def _columns(text: _Text, top: int, names: list[str], wanted: list[str]) -> np.n
 
     def numbers(line: str, number: int) -> list[float]:
         fields = _fields(line)
-        if len(fields) != len(names):
-            counts = f"{len(names)} fields separated by commas were expected, got {len(fields)}"
-            raise text.fault(counts, number)
+        counts = f"{len(names)} fields separated by commas were expected, got {len(fields)}"
+        text.refuse(len(fields) != len(names), counts, number)
         return [text.number(fields[i], number, f"column {names[i]!r}") for i in indices]
 
     values = text.values(top, quick, numbers).reshape(-1, len(indices)).T
-    if len(values[0]) < 2:
-        raise text.fault(f"at least two samples were expected, got {len(values[0])}")
+    samples = values.shape[1]
+    text.refuse(samples < 2, f"at least two samples were expected, got {samples}")
     return values
 
 
@@ -302,10 +297,9 @@ def _uniform_step(text: _Text, top: int, name: str, times: np.ndarray) -> float:
     uneven = f"must have a uniform step, mostly {usual:.6g} s"
     differs = abs(steps - usual) > _UNIFORM * usual
     for faulty, reason in ((steps <= 0, "must increase"), (differs, uneven)):
-        if faulty.any():
-            at = int(np.argmax(faulty))
-            got = f"got {times[at]} and then {times[at + 1]}"
-            raise text.fault(f"column {name!r} {reason}, {got}", top + at + 2)
+        at = int(np.argmax(faulty))
+        got = f"got {times[at]} and then {times[at + 1]}"
+        text.refuse(bool(faulty[at]), f"column {name!r} {reason}, {got}", top + at + 2)
     return float(times[-1] - times[0]) / steps.size
 
 

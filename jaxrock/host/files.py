@@ -118,7 +118,7 @@ def _scratch(folder: Path, undo: contextlib.ExitStack) -> Path:
         lock = undo.enter_context((scratch / ".new").open("x"))
         undo.callback(_removed, scratch)
         with contextlib.suppress(OSError):  # where there are no locks
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.rename(lock.name, scratch / _LOCK)  # which others look for
     return scratch
 
