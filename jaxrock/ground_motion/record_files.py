@@ -79,13 +79,12 @@ def read_record(
     6001 samples, 0.01 s apart
     """
     path = Path(path)
-    units: Statements = []
-    steps: Statements = []
+    units, steps = Statements(), Statements()
     if time_step is not None:
         check("time_step", as_real("time_step", time_step), POSITIVE)
-        steps = [(None, f"time_step is {float(time_step)} s", float(time_step))]
+        steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
     if unit is not None:
-        units = [(None, f"unit is {unit!r}", _factor(unit))]
+        units = [(0, f"unit is {unit!r}", _factor(unit))]
     if path.suffix.lower() == ".csv":
         upward = None if vertical is None else str(vertical)
         return _record(*read_csv(path, units, steps, column, upward))

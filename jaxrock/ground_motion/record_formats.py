@@ -45,7 +45,7 @@ _FIELD = rf"(?=[-+]?\d*\.){NUMBER}"
 _FIELDS = re.compile(rf"{_FIELD}(?:(?=[-+]){_FIELD})*", re.I)
 
 _Lines = list[tuple[int, str]]  # with their numbers, counted from 1 on
-Statements = list[tuple[int | None, str, float]]  # line, unless the caller's; words; value
+Statements = list[tuple[int, str, float]]  # line, 0 for the caller's or none; words; value
 
 
 class Component(NamedTuple):
@@ -73,12 +73,11 @@ class _Text:
         self.refuse(binary, "a text file was expected, this one is binary")
         self.lines = [_decoded(line) for line in content.splitlines()]
 
-    def fault(self, reason: str, line: int | None = None) -> ValueError:
+    def fault(self, reason: str, line: int = 0) -> ValueError:
         """What is wrong with the file, or with one line of it."""
-        where = repr(str(self.path)) + ("" if line is None else f", line {line}")
-        return ValueError(f"{where}: {reason}")
+        return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
 
-    def refuse(self, wrong: bool, reason: str, line: int | None = None) -> None:
+    def refuse(self, wrong: bool, reason: str, line: int = 0) -> None:
         """Raise a fault if something is wrong."""
         if wrong:
             raise self.fault(reason, line)
@@ -108,18 +107,14 @@ class _Text:
         return np.array([value for n, line in numbered for value in numbers(line, n)])
 
     def agreed(
-        self,
-        about: tuple[str, float],
-        statements: Statements,
-        missing: str,
-        at: int | None = None,
+        self, about: tuple[str, float], statements: Statements, missing: str, at: int = 0
     ) -> float:
         """The value that all statements agree on, the first one's."""
         self.refuse(not statements, missing, at)
         line, first, value = statements[0]
         self.refuse(math.isnan(value), f"{first}, which is not {about[0]}", line)
         for number, words, other in statements[1:]:
-            where = "" if line is None else f" in line {line}"
+            where = f" in line {line}" if line else ""
             differs = not math.isclose(value, other, rel_tol=about[1])
             self.refuse(differs, f"{first}{where}, but {words}", number)
         return value
@@ -239,7 +234,7 @@ def read_csv(
         not_understood = f"the unit of the times is not understood: {_short(name)}"
         text.refuse(math.isnan(seconds), not_understood, top)
         step = _uniform_step(text, top, name, seconds * values[-1])
-        steps = [*steps, (None, f"column {name!r} has a step of {step:.6g} s", step)]
+        steps = [*steps, (0, f"column {name!r} has a step of {step:.6g} s", step)]
     no_step = f"time_step must be given, since no column of times is among {_quoted(names)}"
     steps = steps + _stated(steps_in_text, comments, "a comment")
     step = text.agreed(_STEP, steps, no_step, top)
