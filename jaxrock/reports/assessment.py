@@ -26,7 +26,48 @@ from ..resonance import (
     stabilized_velocity,
 )
 
-HALF_CYCLES = ("1", "2", "5", "10", "unlimited")
+_HALF_CYCLES = {"1": 1, "2": 2, "5": 5, "10": 10, "unlimited": math.inf}
+# What derivatives are taken with respect to: symbol, and unit of the derivative.
+_PARAMETERS = {
+    "restitution": ("C", "-"),
+    "slenderness": ("lambda", "-"),
+    "half_width": ("b", "1/m"),
+    "intensity": ("I", "s/m"),
+}
+# Labels of the text, and where in the answers their numbers are.
+_SCENE = {
+    "half-diagonal R [m]": "half_diagonal",
+    "critical angle alpha_c [rad]": "critical_angle",
+    "frequency parameter p [1/s]": "frequency_parameter",
+    "Housner's restitution [-]": "housner_restitution",
+    "launch velocity (Eq. 2) [rad/s]": "launch_velocity",
+}
+_SECTIONS = {
+    "": {"critical velocity [rad/s]": "critical_velocity"},
+    "after one pulse": {
+        "peak rotation [rad]": "single_pulse.peak_rotation",
+        "peak / alpha_c [-]": "single_pulse.rotation_ratio",
+        "half-cycle [s]": "single_pulse.half_cycle_duration",
+    },
+    "pulses without end": {
+        "overturning margin [-]": "overturning_margin",
+        "overturns in half-cycle [-]": "overturning_half_cycle",
+        "peak rotation [rad]": "stabilized.peak_rotation",
+        "rotation ratio [-]": "stabilized.rotation_ratio",
+        "period T* [s]": "stabilized.period",
+        "amplification zeta [-]": "stabilized.amplification",
+    },
+    "critical intensity, in half-cycles": {
+        f"{count} [m/s]": f"critical_intensity.{count}" for count in _HALF_CYCLES
+    },
+    "derivative of the rotation ratio with respect to": {
+        f"{name} {symbol} [{unit}]": f"derivatives.{name}"
+        for name, (symbol, unit) in _PARAMETERS.items()
+    },
+    "elasticity of the rotation ratio with respect to": {
+        f"{name} {symbol} [-]": f"elasticities.{name}" for name, (symbol, _) in _PARAMETERS.items()
+    },
+}
 
 
 def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
@@ -54,24 +95,19 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
-    types = tuple(jax.typeof(leaf) for leaf in jax.tree.leaves(scene))
-    answers = [program(scene) for program in _programs(types, jax.tree.structure(scene))]
-    described, linearized, nonlinear = jax.tree.map(float, jax.device_get(answers))
-    for model in (linearized, nonlinear):  # whose labels JAX has sorted as text
+    answers = [program(scene) for program in _programs(jax.tree.map(jax.typeof, scene))]
+    described, *models = jax.tree.map(float, jax.device_get(answers))
+    for model in models:  # whose labels JAX has sorted as text
         by_label = model["critical_intensity"]
-        model["critical_intensity"] = {label: by_label[label] for label in HALF_CYCLES}
+        model["critical_intensity"] = {label: by_label[label] for label in _HALF_CYCLES}
     compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
     result: dict[str, Any] = {
         "scene": described,
-        "models": {"linearized": linearized, "nonlinear": nonlinear},
-        "linearization_error": {
-            key: jax.tree.map(
-                lambda simple, full: simple / full - 1 if full else math.nan,
-                linearized[key],
-                nonlinear[key],
-            )
-            for key in compared
-        },
+        "models": dict(zip(("linearized", "nonlinear"), models, strict=True)),
+        "linearization_error": jax.tree.map(
+            lambda simple, full: simple / full - 1 if full else math.nan,
+            *({key: model[key] for key in compared} for model in models),
+        ),
     }
     if tolerance is not None:
         choice = choose(scene, tolerance)
@@ -87,17 +123,13 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
 
 
 @functools.cache
-def _programs(types: tuple[Any, ...], structure: Any) -> list[Callable[[Scene], Any]]:
+def _programs(scene: Scene) -> list[Callable[[Scene], Any]]:
     """The programs for a scene of these types, compiled side by side.
 
     Each runs once, so what counts is how long it takes to compile.
     """
-    scene = jax.tree.unflatten(structure, types)
-    parts = [
-        _described,
-        *(functools.partial(_answers, model=m) for m in (Linearized(), Nonlinear())),
-    ]
-    lowered = [jax.jit(part).lower(scene) for part in parts]
+    models = (functools.partial(_answers, model=model) for model in (Linearized(), Nonlinear()))
+    lowered = [jax.jit(part).lower(scene) for part in (_described, *models)]
     options: Any = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
     return mapped(lambda part: part.compile(compiler_options=options), lowered, len(lowered))
 
@@ -118,20 +150,18 @@ def _described(scene: Scene) -> dict[str, Any]:
 
 
 def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
-    block, velocity = scene.block, launch_velocity(scene)
+    block = scene.block
     ratio, slopes = jax.value_and_grad(rotation_ratio)(scene, model)
     margin = overturning_margin(scene, model)
     derivatives, elasticities = {}, {}
-    for name, value, slope in (
-        ("restitution", scene.restitution, slopes.restitution),
-        ("slenderness", block.slenderness, slopes.block.slenderness),
-        ("half_width", block.half_width, slopes.block.half_width),
-        ("intensity", scene.intensity, slopes.intensity),
-    ):
+    for name in _PARAMETERS:
+        value, slope = (
+            getattr(tree if hasattr(tree, name) else tree.block, name) for tree in (scene, slopes)
+        )
         derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
-        elasticities[name] = jnp.where(margin > 0, slope * value / ratio, jnp.nan)
-    peak = model.peak_rotation(block, velocity)
-    half_cycles = jnp.asarray([float(n.replace("unlimited", "inf")) for n in HALF_CYCLES])
+        elasticities[name] = derivatives[name] * value / ratio
+    peak = model.peak_rotation(block, launch_velocity(scene))
+    half_cycles = jnp.asarray([float(count) for count in _HALF_CYCLES.values()])
     critical = critical_intensity(block, scene.restitution, half_cycles, model)
     # A single pulse is what is left of all without restitution; compiled once for both.
     restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
@@ -151,7 +181,7 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
             "period": periods[1],
             "amplification": amplification(scene, model),
         },
-        "critical_intensity": dict(zip(HALF_CYCLES, critical, strict=True)),
+        "critical_intensity": dict(zip(_HALF_CYCLES, critical, strict=True)),
         "derivatives": derivatives,
         "elasticities": elasticities,
     }
@@ -159,82 +189,40 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
 
 def text(result: dict[str, Any]) -> str:
     """The answers of `assess` as a page to read."""
-    scene, models = result["scene"], result["models"]
-    columns = (models["linearized"], models["nonlinear"], result["linearization_error"])
+
+    def by_place(nested: Any) -> dict[str, float]:
+        leaves = jax.tree.leaves_with_path(nested)
+        return {jax.tree_util.keystr(at, simple=True, separator="."): leaf for at, leaf in leaves}
+
+    def number(value: float) -> str:
+        return f"{'none' if math.isnan(value) else f'{value:.6g}':>14}"
+
+    scene = result["scene"]
     lines = [
         f"Block {scene['width']:.6g} m wide, {scene['height']:.6g} m high"
         f" (slenderness {scene['slenderness']:.6g}), C = {scene['restitution']:.6g},"
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
+        *(f"  {label:32}{number(scene[place])}" for label, place in _SCENE.items()),
+        "",
+        f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}",
     ]
-    lines += [f"  {label:32}{_number(scene[key]):>14}" for label, key in _SCENE_ROWS]
-    lines += ["", f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}"]
-    for label, *path in _ROWS:
-        if not path:
-            lines.append(label)
-            continue
-        values = [_at(column, path) for column in columns]
-        numbers = [_number(value) for value in values[:2]]
-        if path == ["overturning_half_cycle"]:
-            numbers = [number.replace("inf", "never") for number in numbers]
-        error = f"{100 * values[2]:+.2f} %" if math.isfinite(values[2]) else ""
-        lines.append(f"  {label:32}{numbers[0]:>14}{numbers[1]:>14}{error:>10}".rstrip())
-    lines += ["", _verdict(models["nonlinear"])]
+    models, errors = map(by_place, (result["models"], result["linearization_error"]))
+    for heading, rows in _SECTIONS.items():
+        lines += [heading] if heading else []
+        for label, place in rows.items():
+            values = [number(models[f"{model}.{place}"]) for model in ("linearized", "nonlinear")]
+            if place == "overturning_half_cycle":
+                values = [value.replace("  inf", "never") for value in values]
+            error = errors.get(place, math.nan)
+            values += [f"{100 * error:+.2f} %".rjust(10)] if math.isfinite(error) else []
+            lines.append(f"  {label:32}{''.join(values)}")
+    half_cycle = models["nonlinear.overturning_half_cycle"]
+    verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
+    if math.isinf(half_cycle):
+        settled = 100 * models["nonlinear.stabilized.rotation_ratio"]
+        verdict = f"Stands (nonlinear): the rocking settles at {settled:.3g} % of the critical angle."
+    lines += ["", verdict]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
     return "\n".join(lines)
-
-
-_SCENE_ROWS = (
-    ("half-diagonal R [m]", "half_diagonal"),
-    ("critical angle alpha_c [rad]", "critical_angle"),
-    ("frequency parameter p [1/s]", "frequency_parameter"),
-    ("Housner's restitution [-]", "housner_restitution"),
-    ("launch velocity (Eq. 2) [rad/s]", "launch_velocity"),
-)
-# Label and where in the answers of a model; headings without.
-_ROWS = (
-    ("critical velocity [rad/s]", "critical_velocity"),
-    ("after one pulse",),
-    ("peak rotation [rad]", "single_pulse", "peak_rotation"),
-    ("peak / alpha_c [-]", "single_pulse", "rotation_ratio"),
-    ("half-cycle [s]", "single_pulse", "half_cycle_duration"),
-    ("pulses without end",),
-    ("overturning margin [-]", "overturning_margin"),
-    ("overturns in half-cycle [-]", "overturning_half_cycle"),
-    ("peak rotation [rad]", "stabilized", "peak_rotation"),
-    ("rotation ratio [-]", "stabilized", "rotation_ratio"),
-    ("period T* [s]", "stabilized", "period"),
-    ("amplification zeta [-]", "stabilized", "amplification"),
-    ("critical intensity, in half-cycles",),
-    *((f"{count} [m/s]", "critical_intensity", count) for count in HALF_CYCLES),
-    ("derivative of the rotation ratio with respect to",),
-    ("restitution C [-]", "derivatives", "restitution"),
-    ("slenderness lambda [-]", "derivatives", "slenderness"),
-    ("half_width b [1/m]", "derivatives", "half_width"),
-    ("intensity I [s/m]", "derivatives", "intensity"),
-    ("elasticity of the rotation ratio with respect to",),
-    ("restitution C [-]", "elasticities", "restitution"),
-    ("slenderness lambda [-]", "elasticities", "slenderness"),
-    ("half_width b [-]", "elasticities", "half_width"),
-    ("intensity I [-]", "elasticities", "intensity"),
-)
-
-
-def _at(values: Any, path: list[str]) -> float:
-    """The value at a path in nested answers; NaN if there is none."""
-    for key in path:
-        values = values.get(key, {})
-    return values if isinstance(values, float) else math.nan
-
-
-def _number(value: float) -> str:
-    return "none" if math.isnan(value) else f"{value:.6g}"
-
-
-def _verdict(answers: dict[str, Any]) -> str:
-    half_cycle = answers["overturning_half_cycle"]
-    if math.isfinite(half_cycle):
-        return f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
-    ratio = answers["stabilized"]["rotation_ratio"]
-    return f"Stands (nonlinear): the rocking settles at {100 * ratio:.3g} % of the critical angle."
