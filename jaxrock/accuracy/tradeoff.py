@@ -268,9 +268,7 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
     start = {"velocity": stabilized_velocity(scene)}
     settings = {"rtol": dials.tolerance, "solver": dials.solver}
     found = respond(scene.block, zero, Rectangular(zero, zero + 1), duration, **start, **settings)
-    return np.stack(
-        [found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]]
-    )
+    return np.stack([found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]])
 
 
 @functools.partial(jax.jit, static_argnames="model")
@@ -291,7 +289,7 @@ def _duration(scene: Scene | DrivenScene) -> float:
 
 
 def _varied(scene: Scene | DrivenScene, number: int, dials: _Dials) -> list[Any]:
-    """One scene of blocks whose sizes are up to 5 % apart, or, for the integrator, a scene of each."""
+    """Blocks whose sizes are up to 5 % apart: one scene, or for the integrator one of each."""
     factors = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
     widths = scene.block.half_width * factors
     dtype = jnp.float64 if dials.bits == 64 else jnp.float32

@@ -221,7 +221,9 @@ def text(result: dict[str, Any]) -> str:
     verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
     if math.isinf(half_cycle):
         settled = 100 * models["nonlinear.stabilized.rotation_ratio"]
-        verdict = f"Stands (nonlinear): the rocking settles at {settled:.3g} % of the critical angle."
+        verdict = (
+            f"Stands (nonlinear): the rocking settles at {settled:.3g} % of the critical angle."
+        )
     lines += ["", verdict]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
