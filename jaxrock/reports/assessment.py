@@ -26,48 +26,42 @@ from ..resonance import (
     stabilized_velocity,
 )
 
-_HALF_CYCLES = {"1": 1, "2": 2, "5": 5, "10": 10, "unlimited": math.inf}
-# What derivatives are taken with respect to: symbol, and unit of the derivative.
-_PARAMETERS = {
-    "restitution": ("C", "-"),
-    "slenderness": ("lambda", "-"),
-    "half_width": ("b", "1/m"),
-    "intensity": ("I", "s/m"),
-}
-# Labels of the text, and where in the answers their numbers are.
-_SCENE = {
-    "half-diagonal R [m]": "half_diagonal",
-    "critical angle alpha_c [rad]": "critical_angle",
-    "frequency parameter p [1/s]": "frequency_parameter",
-    "Housner's restitution [-]": "housner_restitution",
-    "launch velocity (Eq. 2) [rad/s]": "launch_velocity",
-}
-_SECTIONS = {
-    "": {"critical velocity [rad/s]": "critical_velocity"},
-    "after one pulse": {
-        "peak rotation [rad]": "single_pulse.peak_rotation",
-        "peak / alpha_c [-]": "single_pulse.rotation_ratio",
-        "half-cycle [s]": "single_pulse.half_cycle_duration",
-    },
-    "pulses without end": {
-        "overturning margin [-]": "overturning_margin",
-        "overturns in half-cycle [-]": "overturning_half_cycle",
-        "peak rotation [rad]": "stabilized.peak_rotation",
-        "rotation ratio [-]": "stabilized.rotation_ratio",
-        "period T* [s]": "stabilized.period",
-        "amplification zeta [-]": "stabilized.amplification",
-    },
-    "critical intensity, in half-cycles": {
-        f"{count} [m/s]": f"critical_intensity.{count}" for count in _HALF_CYCLES
-    },
-    "derivative of the rotation ratio with respect to": {
-        f"{name} {symbol} [{unit}]": f"derivatives.{name}"
-        for name, (symbol, unit) in _PARAMETERS.items()
-    },
-    "elasticity of the rotation ratio with respect to": {
-        f"{name} {symbol} [-]": f"elasticities.{name}" for name, (symbol, _) in _PARAMETERS.items()
-    },
-}
+_HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
+_PARAMETERS = ("restitution", "slenderness", "half_width", "intensity")
+# Labels of the text, and where in the answers their numbers are; headings without.
+_ROWS = (
+    ("half-diagonal R [m]", "scene.half_diagonal"),
+    ("critical angle alpha_c [rad]", "scene.critical_angle"),
+    ("frequency parameter p [1/s]", "scene.frequency_parameter"),
+    ("Housner's restitution [-]", "scene.housner_restitution"),
+    ("launch velocity (Eq. 2) [rad/s]", "scene.launch_velocity"),
+    ("",),
+    (f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}",),
+    ("critical velocity [rad/s]", "critical_velocity"),
+    ("after one pulse",),
+    ("peak rotation [rad]", "single_pulse.peak_rotation"),
+    ("peak / alpha_c [-]", "single_pulse.rotation_ratio"),
+    ("half-cycle [s]", "single_pulse.half_cycle_duration"),
+    ("pulses without end",),
+    ("overturning margin [-]", "overturning_margin"),
+    ("overturns in half-cycle [-]", "overturning_half_cycle"),
+    ("peak rotation [rad]", "stabilized.peak_rotation"),
+    ("rotation ratio [-]", "stabilized.rotation_ratio"),
+    ("period T* [s]", "stabilized.period"),
+    ("amplification zeta [-]", "stabilized.amplification"),
+    ("critical intensity, in half-cycles",),
+    *((f"{count} [m/s]", f"critical_intensity.{count}") for count in _HALF_CYCLES),
+    ("derivative of the rotation ratio with respect to",),
+    ("restitution C [-]", "derivatives.restitution"),
+    ("slenderness lambda [-]", "derivatives.slenderness"),
+    ("half_width b [1/m]", "derivatives.half_width"),
+    ("intensity I [s/m]", "derivatives.intensity"),
+    ("elasticity of the rotation ratio with respect to",),
+    ("restitution C [-]", "elasticities.restitution"),
+    ("slenderness lambda [-]", "elasticities.slenderness"),
+    ("half_width b [-]", "elasticities.half_width"),
+    ("intensity I [-]", "elasticities.intensity"),
+)
 
 
 def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
@@ -161,7 +155,7 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
         derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
         elasticities[name] = derivatives[name] * value / ratio
     peak = model.peak_rotation(block, launch_velocity(scene))
-    half_cycles = jnp.asarray([float(count) for count in _HALF_CYCLES.values()])
+    half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
     critical = critical_intensity(block, scene.restitution, half_cycles, model)
     # A single pulse is what is left of all without restitution; compiled once for both.
     restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
@@ -189,42 +183,34 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
 
 def text(result: dict[str, Any]) -> str:
     """The answers of `assess` as a page to read."""
-
-    def by_place(nested: Any) -> dict[str, float]:
-        leaves = jax.tree.leaves_with_path(nested)
-        return {jax.tree_util.keystr(at, simple=True, separator="."): leaf for at, leaf in leaves}
-
-    def number(value: float) -> str:
-        return f"{'none' if math.isnan(value) else f'{value:.6g}':>14}"
-
-    scene = result["scene"]
+    scene, models = result["scene"], result["models"]
+    columns = ({"scene": scene} | models["linearized"], models["nonlinear"])
+    *columns, errors = map(_by_place, (*columns, result["linearization_error"]))
     lines = [
         f"Block {scene['width']:.6g} m wide, {scene['height']:.6g} m high"
         f" (slenderness {scene['slenderness']:.6g}), C = {scene['restitution']:.6g},"
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
-        *(f"  {label:32}{number(scene[place])}" for label, place in _SCENE.items()),
-        "",
-        f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}",
     ]
-    models, errors = map(by_place, (result["models"], result["linearization_error"]))
-    for heading, rows in _SECTIONS.items():
-        lines += [heading] if heading else []
-        for label, place in rows.items():
-            values = [number(models[f"{model}.{place}"]) for model in ("linearized", "nonlinear")]
-            if place == "overturning_half_cycle":
-                values = [value.replace("  inf", "never") for value in values]
-            error = errors.get(place, math.nan)
-            values += [f"{100 * error:+.2f} %".rjust(10)] if math.isfinite(error) else []
-            lines.append(f"  {label:32}{''.join(values)}")
-    half_cycle = models["nonlinear.overturning_half_cycle"]
+    for label, *place in _ROWS:
+        line = f"  {label:32}" if place else label
+        for number in (column[at] for at in place for column in columns if at in column):
+            never = place == ["overturning_half_cycle"] and math.isinf(number)
+            shown = "never" if never else "none" if math.isnan(number) else f"{number:.6g}"
+            line += f"{shown:>14}"
+        error = errors.get(*place, math.nan) if place else math.nan
+        lines.append(line + (f"{f'{100 * error:+.2f} %':>10}" if math.isfinite(error) else ""))
+    half_cycle = models["nonlinear"]["overturning_half_cycle"]
     verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
     if math.isinf(half_cycle):
-        settled = 100 * models["nonlinear.stabilized.rotation_ratio"]
-        verdict = (
-            f"Stands (nonlinear): the rocking settles at {settled:.3g} % of the critical angle."
-        )
+        share = 100 * models["nonlinear"]["stabilized"]["rotation_ratio"]
+        verdict = f"Stands (nonlinear): the rocking settles at {share:.3g} % of the critical angle."
     lines += ["", verdict]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
     return "\n".join(lines)
+
+
+def _by_place(nested: Any) -> dict[str, float]:
+    leaves = jax.tree.leaves_with_path(nested)
+    return {jax.tree_util.keystr(at, simple=True, separator="."): leaf for at, leaf in leaves}

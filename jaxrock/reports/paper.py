@@ -1,14 +1,15 @@
 """The paper regenerated: its tables, figures and claims, and its faults.
 
-C. Casapulla, On the Resonance Conditions of Rigid Rocking Blocks. What it prints is in
-``data/paper.json``; everything else is computed.
+C. Casapulla, On the Resonance Conditions of Rigid Rocking Blocks. What it prints and claims is
+in ``data/paper.json``, with the bounds by which a claim is judged. The numbers are computed
+here, by the names they have there; shares and changes in percent, pairs the least and the largest.
 """
 
 import csv
 import functools
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from decimal import Decimal
 from importlib.resources import files
@@ -19,17 +20,29 @@ import numpy as np
 
 from ..block import Block
 from ..resonance import (
+    Linearized,
+    Nonlinear,
     Oscillator,
     Scene,
     amplification,
     damping_from_decay,
+    equivalent_damping,
     equivalent_damping_as_printed,
+    half_cycle_velocity,
+    launch_velocity,
+    overturning_half_cycle,
+    stabilized_velocity,
 )
-from .paper_numbers import INTENSITY, MODELS, paper_numbers, paper_scene, paper_spectrum
+from ..spectra import resonance_spectrum
 
 if TYPE_CHECKING:
     import xarray
 
+_MODELS = _LINEARIZED, _NONLINEAR = Linearized(), Nonlinear()
+_INTENSITY = 0.15
+_WIDTHS = np.array([0.4, 0.6, 0.8, 1.0, 1.2])
+_SLENDERNESS = np.linspace(3.0, 10.0, 701)
+_RESTITUTION = np.append(np.linspace(0.5, 0.7, 41).round(3), [0.75, 0.8, 0.85])
 _TABLES = {"I": "table_1", "II": "table_2", "III": "table_3"}
 FILES = (
     "report.md",
@@ -94,15 +107,32 @@ class Report:
 
 
 def printed_tables() -> dict[str, Any]:
-    """The tables as printed, the claims and the faults, with the bounds that tell them."""
+    """The tables as printed, the claims and the faults, with the bounds that judge them."""
     return json.loads((files("jaxrock") / "data" / "paper.json").read_text(encoding="utf-8"))
 
 
 def regenerate() -> Report:
     """Recompute all that the paper states. Float64 is needed for the printed digits."""
-    data, numbers = printed_tables(), paper_numbers()
+    parts = (_of_tables, _of_one_pulse, _of_the_spectrum, _of_the_map, _of_damping, _of_linearizing)
+    numbers = {name: np.asarray(value) for part in parts for name, value in part().items()}
+    data = printed_tables()
+    entries = [
+        Entry(
+            table=table["table"],
+            quantity=table["quantity"],
+            row=row,
+            column=column,
+            printed=table["printed"][i][j],
+            computed=float(numbers[table["computed"]][0, i, j]),
+            nonlinear=float(numbers[table["computed"]][1, i, j]),
+            fault=data["known"].get(f"Table {table['table']}, {row}, {column}", ""),
+        )
+        for table in data["tables"]
+        for i, row in enumerate(table["rows"])
+        for j, column in enumerate(table["columns"])
+    ]
     claims, faults = ([finding(row, numbers) for row in data[key]] for key in ("claims", "faults"))
-    return Report(list(_entries(data)), claims, faults)
+    return Report(entries, claims, faults)
 
 
 def finding(row: Mapping[str, Any], numbers: Mapping[str, np.ndarray]) -> Finding:
@@ -114,59 +144,9 @@ def finding(row: Mapping[str, Any], numbers: Mapping[str, np.ndarray]) -> Findin
     return Finding(row["where"], row["statement"], valid, row["figure"].format_map(numbers))
 
 
-def _entries(data: Mapping[str, Any]) -> Iterator[Entry]:
-    for numeral, method in (("I", "peak_rotation"), ("II", "half_cycle_duration")):
-        table = data[_TABLES[numeral]]
-        widths, slenderness = (np.asarray(table[key], float) for key in ("width", "slenderness"))
-        block = Block(widths[:, None] / 2, slenderness[None])
-        velocity = block.pulse_velocity(table["intensity"])
-        values = [np.asarray(getattr(model, method)(block, velocity)) for model in MODELS]
-        rows = [f"2b = {width} m" for width in table["width"]]
-        columns = [f"lambda = {value}" for value in table["slenderness"]]
-        yield from _sheet(numeral, table["quantity"], rows, columns, table["printed"], values)
-        if "difference_percent" in table:
-            quantity = "difference from smallest to largest width [%]"
-            values = [100 * (1 - each[-1:] / each[:1]) for each in values]
-            printed = [table["difference_percent"]]
-            yield from _sheet(numeral, quantity, ["all"], columns, printed, values)
-    table = data["table_3"]
-    damping, decay, restitution = (np.asarray(table[key], float) for key in ("xi", "B", "C"))
-    oscillator, none = Oscillator(1.0, damping), np.full(damping.shape, np.nan)
-    scene = Scene(Block(table["width"] / 2, table["slenderness"]), restitution, table["intensity"])
-    computed = {
-        "B": [oscillator.velocity_decay, none],
-        "xi": [damping_from_decay(decay), none],
-        "psi": [oscillator.amplification, none],
-        "beta": [equivalent_damping_as_printed(restitution), none],
-        "zeta": [amplification(scene, model) for model in MODELS],
-    }
-    for name, (quantity, argument) in table["quantities"].items():
-        rows = [f"{argument} = {value}" for value in table[argument]]
-        printed = [[value] for value in table[name]]
-        values = [np.asarray(each)[:, None] for each in computed[name]]
-        yield from _sheet("III", quantity, rows, [name], printed, values, table["faults"])
-
-
-def _sheet(
-    table: str,
-    quantity: str,
-    rows: Sequence[str],
-    columns: Sequence[str],
-    printed: Sequence[Sequence[str]],
-    values: Sequence[np.ndarray],
-    faults: Mapping[str, str] = {},
-) -> Iterator[Entry]:
-    """The entries of one quantity; `values` are linearized and nonlinear."""
-    for i, row in enumerate(rows):
-        for j, column in enumerate(columns):
-            computed, nonlinear = (float(of_model[i, j]) for of_model in values)
-            fault = faults.get(f"{column}, {row}", "")
-            yield Entry(table, quantity, row, column, printed[i][j], computed, nonlinear, fault)
-
-
 def figures() -> dict[str, tuple["xarray.DataArray", str, str]]:
     """Figs. 3 to 8: the variable drawn over slenderness, what tells the curves apart, a title."""
-    spectrum = paper_spectrum()
+    spectrum = _spectrum()
     zeta, period, ratio = (
         spectrum[name].sel(restitution=[0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8])
         for name in ("amplification", "period", "rotation_ratio")
@@ -194,7 +174,7 @@ def write(report: Report, folder: Path) -> None:
             writer = csv.writer(file)
             writer.writerow([*(field.name for field in fields(Entry)[1:]), "agrees"])
             writer.writerows([*astuple(entry)[1:], entry.agrees] for entry in entries)
-    scene, pulses = paper_scene(3.0, 0.8, 0.7), f"$I$ = {INTENSITY} m/s"
+    scene, pulses = _scene(3.0, 0.8, 0.7), f"$I$ = {_INTENSITY} m/s"
     size = r"$\lambda$ = 3, $2b$ = 0.8 m"
     drawings = {
         "figure_1": (f"a block, {size}", functools.partial(plot_block, scene.block)),
@@ -225,7 +205,7 @@ def summary(report: Report) -> str:
 
 def _markdown(report: Report, titles: Mapping[str, str]) -> str:
     lines = ["# On the Resonance Conditions of Rigid Rocking Blocks, recomputed", ""]
-    lines += [f"{summary(report)} Gravity 9.81 m/s2, pulses of {INTENSITY} m/s.", ""]
+    lines += [f"{summary(report)} Gravity 9.81 m/s2, pulses of {_INTENSITY} m/s.", ""]
     if report.mismatches:
         lines += ["## Mismatches", "", *(f"- {line}" for line in report.mismatches), ""]
     for title, verdict in (("Claims", "valid"), ("Faults", "reproduced")):
@@ -255,3 +235,151 @@ def _cells(entry: Entry) -> tuple[str, ...]:
     agrees = "yes" if entry.agrees else f"**no**: {entry.fault or 'unexplained'}"
     computed, nonlinear = shown(entry.computed, "overturns"), shown(entry.nonlinear, "")
     return entry.quantity, entry.row, entry.column, entry.printed, computed, agrees, nonlinear
+
+
+def _scene(slenderness: Any, width: Any, restitution: Any) -> Scene:
+    """A block under the pulses of the paper."""
+    return Scene(Block(width / 2, slenderness), restitution, _INTENSITY)
+
+
+def _spectrum() -> "xarray.Dataset":
+    """The stabilized phase over all that the paper draws and makes claims about."""
+    return resonance_spectrum(_SLENDERNESS, _WIDTHS, _RESTITUTION, _INTENSITY, chunk=2**20)
+
+
+def _of_tables() -> dict[str, Any]:
+    """The tables by both models; NaN where no block is involved."""
+    block = Block(_WIDTHS[:, None] / 2, np.array([[3.0, 5.0, 8.0, 10.0]]))
+    velocity = block.pulse_velocity(_INTENSITY)
+    durations = np.stack([model.half_cycle_duration(block, velocity) for model in _MODELS])
+    oscillator = Oscillator(1.0, np.append(0.0, np.arange(1, 18, 2) / 100))
+    decay = np.array([1.0, 0.97, 0.91, 0.85, 0.80, 0.75, 0.71, 0.66, 0.62, 0.58])
+    restitution = np.arange(100, 50, -5) / 100
+    elastic = {
+        "velocity_decay": oscillator.velocity_decay,
+        "damping_from_decay": damping_from_decay(decay),
+        "elastic_amplification": oscillator.amplification,
+        "equivalent_damping": equivalent_damping_as_printed(restitution),
+    }
+    scene = _scene(4.0, 1.2, restitution)
+    rocking = np.stack([amplification(scene, model) for model in _MODELS])
+    return {
+        "peaks": [model.peak_rotation(block, velocity) for model in _MODELS],
+        "durations": durations,
+        "duration_differences": 100 * (1 - durations[:, -1:] / durations[:, :1]),
+        **{n: np.stack([v, np.full_like(v, np.nan)])[..., None] for n, v in elastic.items()},
+        "rocking_amplification": rocking[..., None],
+    }
+
+
+def _of_one_pulse() -> dict[str, Any]:
+    """Eq. 2, Tables I and II: axis 0 is the slenderness, axis 1 the width."""
+    scene = _scene(_SLENDERNESS[:, None], _WIDTHS[None], 0.6)
+    block, launch = scene.block, np.asarray(launch_velocity(scene))
+    peak = np.asarray(_LINEARIZED.peak_rotation(block, launch))
+    duration = np.asarray(_LINEARIZED.half_cycle_duration(block, launch))
+    doubled = np.asarray(launch_velocity(Scene(block, 0.6, 2 * _INTENSITY)))
+    return {
+        "launch": (launch[-1, -1], launch[0, 0]),
+        "launch_doubled": _range(doubled / launch),
+        "launch_by_slenderness": _steps(launch, 0),
+        "launch_by_size": _steps(launch, 1),
+        "peak_by_slenderness": _steps(peak, 0),
+        "peak_by_size": _steps(peak, 1),
+        "peak_growth": _range(100 * (peak[-1] / peak[0] - 1)),
+        "duration_by_slenderness": _steps(duration, 0),
+        "duration_and_size": 100 * (1 - duration[:, -1] / duration[:, 0]).max(),
+    }
+
+
+def _of_the_spectrum() -> dict[str, Any]:
+    """Figs. 3 to 8 and the amplification of Table III."""
+    spectrum = _spectrum()
+    at_05, at_06, at_08 = (spectrum.sel(restitution=c) for c in (0.5, 0.6, 0.8))
+    upward = spectrum.sel(restitution=slice(0.5, 0.7))
+    period, ratio, zeta = (
+        at_06[name].values for name in ("period", "rotation_ratio", "amplification")
+    )
+    of_08 = upward.period.sel(width=0.8).values
+    growth = (at_08.amplification / at_05.amplification)[0]
+    by_size = (each.amplification.sel(slenderness=4.0).values for each in (at_05, at_08))
+    limits = np.where(at_08.overturning_margin > 0, _SLENDERNESS[:, None], 0).max(axis=0)
+    highest = float(spectrum.amplification.sel(slenderness=4.0, width=1.2, restitution=0.85))
+    elastic = float(Oscillator(1.0, 0.05).amplification)
+    return {
+        "period_by_slenderness": _steps(period, 0),
+        "period_growth": _range(period[-1] / period[0]),
+        "period_and_size": _range(100 * (1 - period[:, -1] / period[:, 0])),
+        "period_by_restitution": _steps(of_08, 1),
+        "period_stocky": of_08[0, [0, -1]],
+        "period_slender": of_08[-1, [0, -1]],
+        "amplification_growth": _range(growth),
+        "amplification_and_slenderness": 100 * (zeta[-1] / zeta[0] - 1).max(),
+        "amplification_and_size": [100 * np.ptp(each) / each.min() for each in by_size],
+        "margin": _range(at_06.overturning_margin),
+        "limits": limits,
+        "ratio_by_slenderness": _steps(ratio, 0),
+        "ratio_by_size": _steps(ratio, 1),
+        "ratio_by_restitution": _steps(upward.rotation_ratio.sel(width=1.2), 1),
+        "ratio_power": _range(
+            np.gradient(np.log(ratio), np.log(_SLENDERNESS), axis=0, edge_order=2)
+        ),
+        "amplifications": (highest, elastic, highest / elastic),
+    }
+
+
+def _of_the_map() -> dict[str, Any]:
+    """Eq. 8, whose sum as printed stands beside its recursion, and Table III at C = 0.9."""
+    scene = _scene(4.0, 1.2, 0.6)
+    recursion = sum(0.6**j for j in range(5))
+    fifth = float(half_cycle_velocity(scene, 5) / launch_velocity(scene))
+    printed = recursion - 0.6**4
+    scene = _scene(4.0, 1.2, 0.9)
+    settled = stabilized_velocity(scene) / _LINEARIZED.critical_velocity(scene.block)
+    velocity = half_cycle_velocity(scene, np.array([1.0, 30.0]))
+    first, last = np.asarray(_LINEARIZED.peak_rotation(scene.block, velocity))
+    return {
+        "sums": (printed, recursion),
+        "sum_share": (printed / recursion, fifth / recursion),
+        "settled": settled,
+        "overturns": overturning_half_cycle(scene),
+        "last_amplification": last / first,
+    }
+
+
+def _of_damping() -> dict[str, Any]:
+    """Eqs. 13, 18 and 22."""
+    functions = (equivalent_damping_as_printed, equivalent_damping, damping_from_decay)
+    printed, meant, elastic = (float(function(0.85)) for function in functions)
+    oscillator = Oscillator(2 * math.pi, np.array([0.05, 0.17]))
+    largest = oscillator.peak_displacement(1.0)
+    return {
+        "dampings": (printed, meant, elastic),
+        "damping_ratios": (meant / printed, printed / elastic, meant / elastic),
+        "psi": (Oscillator(1.0, 0.01).amplification, 1 / (1 - 0.97)),
+        "excess": 100 * (largest / oscillator.quarter_cycle_displacement(1.0) - 1),
+    }
+
+
+def _of_linearizing() -> dict[str, Any]:
+    """What it costs at slenderness 3, up to 0.9 of the critical velocity and close to it."""
+    block = Block(0.5, 3.0)
+    critical, true = (float(model.critical_velocity(block)) for model in _MODELS)
+    velocity = np.append(np.linspace(1e-3, 0.9, 200), 0.995) * critical
+    peak, true_peak = (np.asarray(model.peak_rotation(block, velocity)) for model in _MODELS)
+    time, true_time = (np.asarray(model.half_cycle_duration(block, velocity)) for model in _MODELS)
+    peak, time = 100 * (1 - peak / true_peak), 100 * (1 - time / true_time)
+    return {
+        "short_peak": _range(peak[:-1]),
+        "short_duration": _range(time[:-1]),
+        "at_the_verge": (peak[-1], time[-1], 100 * (critical / true - 1)),
+    }
+
+
+def _range(values: Any) -> tuple[Any, Any]:
+    return np.min(values), np.max(values)
+
+
+def _steps(values: Any, axis: int) -> tuple[Any, Any]:
+    """From one value to the next: above 0 where they rise, below 0 where they fall."""
+    return _range(np.diff(values, axis=axis))
