@@ -108,29 +108,27 @@ class ModelError(eqx.Module):
 
         Parameters
         ----------
-        model : str
-            "linearized" or "nonlinear", under instantaneous pulses.
-        bits : int
-            32 or 64.
+        model, bits : str, int
+            "linearized" or "nonlinear", under instantaneous pulses; 32 or 64.
 
         Returns
         -------
         Answers
         """
         own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)
-        roundings = [self.rounding[model][bits]]
+        roundings, share = [self.rounding[model][bits]], self.linearization
         if model == "linearized":
             roundings += [by_bits[own_bits] for by_bits in self.rounding.values()]
+        else:
+            share = jax.tree.map(jnp.zeros_like, share)
 
         def added(simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals) -> Reals:
-            simpler = simpler if model == "linearized" else jnp.zeros_like(simpler)
             both = jnp.abs(simpler + duration + simpler * duration)
             bound = bound + functools.reduce(jnp.add, roundings)
             known = jnp.isfinite(simpler + duration)
             return jnp.where(known, both + bound * (1 + simpler), jnp.inf)
 
-        costs = self.linearization, self.duration, self.duration_bound
-        return jax.tree.map(added, *costs, *roundings)
+        return jax.tree.map(added, share, self.duration, self.duration_bound, *roundings)
 
 
 def model_error(
@@ -223,13 +221,12 @@ def _model_error(
     linearization = _relative(answers["linearized"][0], answers["nonlinear"][0])
     own_rounding = roundings["nonlinear"][int(own.bits)]
     costs = _duration_costs(scene, pulse, answers["nonlinear"][:4], unit, known, own_rounding)
-    return ModelError(
-        *(Answers(*cost) for cost in (linearization, *costs)),
-        {
-            name: {bits: Answers(*bound) for bits, bound in bounds.items()}
-            for name, bounds in roundings.items()
-        },
-    )
+    linearizing, estimate, bound = (Answers(*cost) for cost in (linearization, *costs))
+    by_model = {
+        name: {bits: Answers(*bound) for bits, bound in bounds.items()}
+        for name, bounds in roundings.items()
+    }
+    return ModelError(linearizing, estimate, bound, by_model)
 
 
 def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
@@ -255,23 +252,18 @@ def _duration_costs(
     critical = answers[0, 2]
     limit = Nonlinear().critical_velocity(scene.block)
     shift, unit_at_limit, known_at_limit = _shift(_with_intensity(scene, critical), limit, *pulse)
-    finite = jnp.stack(
-        [
-            jnp.stack(
-                [
-                    at[0],
-                    at[1] * (1 + sign * _TIME * unit) + later,
-                    critical * (1 - shift + sign * _CRITICAL * unit_at_limit),
-                ]
-            )
-            for sign, at in zip((0.0, -1.0, 1.0), answers[1:], strict=True)
-        ]
-    )
-    estimate, low, high = _relative(answers[0], finite)
+
+    def lasting(sign: float, at: Reals) -> Reals:
+        period = at[1] * (1 + sign * _TIME * unit) + later
+        intensity = critical * (1 - shift + sign * _CRITICAL * unit_at_limit)
+        return jnp.stack([at[0], period, intensity])
+
+    finite = [*map(lasting, (0.0, -1.0, 1.0), answers[1:])]
+    estimate, low, high = (_relative(answers[0], each) for each in finite)
     spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
     bound = jnp.where(jnp.isfinite(estimate), spread, 0) + rounding
     # If no answer is finite the block overturns in any case, and nothing is left to lose.
-    some = jnp.isfinite(answers[0]) | jnp.isfinite(finite).any(axis=0)
+    some = jnp.isfinite(jnp.stack([answers[0], *finite])).any(axis=0)
     known = jnp.stack([known, known, known_at_limit])
     bound = jnp.where(known, jnp.where(some, bound, 0), jnp.inf)
     lasts = jnp.stack([duration > 0] * 3)

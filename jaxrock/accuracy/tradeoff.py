@@ -104,11 +104,11 @@ class Tradeoff:
         str or None
             None if no setting keeps it.
         """
-        rows = self.dataset.to_dataframe()
-        rows = rows[(rows.error <= tolerance) & ((batch is None) | (rows.batch == batch))]
-        if rows.empty:
+        enough = self.dataset.to_dataframe().query("error <= @tolerance")
+        enough = enough if batch is None else enough.query("batch == @batch")
+        if enough.empty:
             return None
-        fastest = rows.sort_values("seconds").iloc[0]
+        fastest = enough.sort_values("seconds").iloc[0]
         return f"{fastest.label} ({_with_unit(fastest.seconds)} per answer)"
 
     def sentence(self, batch: int | None = None) -> str:
@@ -148,23 +148,17 @@ class Tradeoff:
 
     def __str__(self) -> str:
         rows = self.dataset.to_dataframe()
-        front = rows[rows.front == 1].sort_values(["batch", "seconds"])
-        return "\n".join(
-            [
-                f"{'error':>8}  {'time':>9}  {'batch':>6}  setting",
-                *(
-                    f"{row.error:8.1e}  {_with_unit(row.seconds):>9}  {row.batch:6}  {row.label}"
-                    for row in front.itertuples()
-                ),
-                *(f"batches of {n}: {self.sentence(int(n))}" for n in np.unique(rows.batch)),
-                *(
-                    f"default in batches of {row.batch}: {row.label}, error {row.error:.1e},"
-                    f" {row.behind:.2f} times the fastest as accurate"
-                    for row in rows[rows.default == 1].itertuples()
-                ),
-                *self.notes(),
-            ]
-        )
+        lines = [f"{'error':>8}  {'time':>9}  {'batch':>6}  setting"]
+        for _, row in rows.query("front == 1").sort_values(["batch", "seconds"]).iterrows():
+            time = _with_unit(row.seconds)
+            lines.append(f"{row.error:8.1e}  {time:>9}  {row.batch:6}  {row.label}")
+        lines += [f"batches of {n}: {self.sentence(int(n))}" for n in np.unique(rows.batch)]
+        for _, row in rows.query("default == 1").iterrows():
+            lines.append(
+                f"default in batches of {row.batch}: {row.label}, error {row.error:.1e},"
+                f" {row.behind:.2f} times the fastest as accurate"
+            )
+        return "\n".join(lines + self.notes())
 
 
 def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int = 15) -> Tradeoff:

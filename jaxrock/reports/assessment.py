@@ -35,28 +35,28 @@ _ROWS = (
     ("frequency parameter p [1/s]", "scene.frequency_parameter"),
     ("Housner's restitution [-]", "scene.housner_restitution"),
     ("launch velocity (Eq. 2) [rad/s]", "scene.launch_velocity"),
-    ("",),
-    (f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}",),
+    ("", ""),
+    (f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}", ""),
     ("critical velocity [rad/s]", "critical_velocity"),
-    ("after one pulse",),
+    ("after one pulse", ""),
     ("peak rotation [rad]", "single_pulse.peak_rotation"),
     ("peak / alpha_c [-]", "single_pulse.rotation_ratio"),
     ("half-cycle [s]", "single_pulse.half_cycle_duration"),
-    ("pulses without end",),
+    ("pulses without end", ""),
     ("overturning margin [-]", "overturning_margin"),
     ("overturns in half-cycle [-]", "overturning_half_cycle"),
     ("peak rotation [rad]", "stabilized.peak_rotation"),
     ("rotation ratio [-]", "stabilized.rotation_ratio"),
     ("period T* [s]", "stabilized.period"),
     ("amplification zeta [-]", "stabilized.amplification"),
-    ("critical intensity, in half-cycles",),
+    ("critical intensity, in half-cycles", ""),
     *((f"{count} [m/s]", f"critical_intensity.{count}") for count in _HALF_CYCLES),
-    ("derivative of the rotation ratio with respect to",),
+    ("derivative of the rotation ratio with respect to", ""),
     ("restitution C [-]", "derivatives.restitution"),
     ("slenderness lambda [-]", "derivatives.slenderness"),
     ("half_width b [1/m]", "derivatives.half_width"),
     ("intensity I [s/m]", "derivatives.intensity"),
-    ("elasticity of the rotation ratio with respect to",),
+    ("elasticity of the rotation ratio with respect to", ""),
     ("restitution C [-]", "elasticities.restitution"),
     ("slenderness lambda [-]", "elasticities.slenderness"),
     ("half_width b [-]", "elasticities.half_width"),
@@ -192,13 +192,13 @@ def text(result: dict[str, Any]) -> str:
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
     ]
-    for label, *place in _ROWS:
+    for label, place in _ROWS:
         line = f"  {label:32}" if place else label
-        for number in (column[at] for at in place for column in columns if at in column):
-            never = place == ["overturning_half_cycle"] and math.isinf(number)
+        for number in (column[place] for column in columns if place in column):
+            never = place == "overturning_half_cycle" and math.isinf(number)
             shown = "never" if never else "none" if math.isnan(number) else f"{number:.6g}"
             line += f"{shown:>14}"
-        error = errors.get(*place, math.nan) if place else math.nan
+        error = errors.get(place, math.nan)
         lines.append(line + (f"{f'{100 * error:+.2f} %':>10}" if math.isfinite(error) else ""))
     half_cycle = models["nonlinear"]["overturning_half_cycle"]
     verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
