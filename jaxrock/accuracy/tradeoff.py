@@ -97,7 +97,7 @@ class Tradeoff:
         Parameters
         ----------
         tolerance, batch : float, int, optional
-            Among the settings measured at this size of batch; of all unless given.
+            Relative; among the settings measured at this size of batch, of all unless given.
 
         Returns
         -------
@@ -257,11 +257,10 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
             return respond_batch(*given, order=dials.order).peak_rotation
         response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
         return np.where(response.overturned, np.nan, response.peak_rotation)
-    # The stabilized half-cycle: without restitution there is no other one.
-    zero = jnp.zeros_like(scene.restitution)
-    start = {"velocity": stabilized_velocity(scene)}
+    zero = jnp.zeros_like(scene.restitution)  # after the stabilized half-cycle there is no other
+    still, velocity = Rectangular(zero, zero + 1), stabilized_velocity(scene)
     settings = {"rtol": dials.tolerance, "solver": dials.solver}
-    found = respond(scene.block, zero, Rectangular(zero, zero + 1), duration, **start, **settings)
+    found = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
     return np.stack([found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]])
 
 
@@ -286,10 +285,9 @@ def _varied(scene: Scene | DrivenScene, number: int, dials: _Dials) -> list[Any]
     """Blocks whose sizes are up to 5 % apart: one scene, or for the integrator one of each."""
     factors = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
     widths = scene.block.half_width * factors
-    dtype = jnp.float64 if dials.bits == 64 else jnp.float32
     return [
         jax.tree.map(
-            lambda leaf: jnp.asarray(leaf, dtype),
+            lambda leaf: jnp.asarray(leaf, f"float{dials.bits}"),
             eqx.tree_at(lambda s: s.block.half_width, scene, width),
         )
         for width in (widths if dials.level == "adaptive" else [widths])
