@@ -8,23 +8,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from .. import resonance
 from ..accuracy import choose
 from ..host import mapped
 from ..impact import housner_restitution
-from ..resonance import (
-    Linearized,
-    Nonlinear,
-    RockingModel,
-    Scene,
-    amplification,
-    critical_intensity,
-    launch_velocity,
-    overturning_half_cycle,
-    overturning_margin,
-    rotation_ratio,
-    stabilized_period,
-    stabilized_velocity,
-)
+from ..resonance import Linearized, Nonlinear, RockingModel, Scene
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
 _PARAMETERS = ("restitution", "slenderness", "half_width", "intensity")
@@ -138,15 +126,15 @@ def _described(scene: Scene) -> dict[str, Any]:
         "restitution": scene.restitution,
         "housner_restitution": housner_restitution(block),
         "intensity": scene.intensity,
-        "launch_velocity": launch_velocity(scene),
-        "stabilized_velocity": stabilized_velocity(scene),
+        "launch_velocity": resonance.launch_velocity(scene),
+        "stabilized_velocity": resonance.stabilized_velocity(scene),
     }
 
 
 def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     block = scene.block
-    ratio, slopes = jax.value_and_grad(rotation_ratio)(scene, model)
-    margin = overturning_margin(scene, model)
+    ratio, slopes = jax.value_and_grad(resonance.rotation_ratio)(scene, model)
+    margin = resonance.overturning_margin(scene, model)
     derivatives, elasticities = {}, {}
     for name in _PARAMETERS:
         value, slope = (
@@ -154,12 +142,12 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
         )
         derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
         elasticities[name] = derivatives[name] * value / ratio
-    peak = model.peak_rotation(block, launch_velocity(scene))
+    peak = model.peak_rotation(block, resonance.launch_velocity(scene))
     half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
-    critical = critical_intensity(block, scene.restitution, half_cycles, model)
+    critical = resonance.critical_intensity(block, scene.restitution, half_cycles, model)
     # A single pulse is what is left of all without restitution; compiled once for both.
     restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
-    periods = stabilized_period(Scene(block, restitutions, scene.intensity), model)
+    periods = resonance.stabilized_period(Scene(block, restitutions, scene.intensity), model)
     return {
         "critical_velocity": model.critical_velocity(block),
         "single_pulse": {
@@ -168,12 +156,12 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
             "half_cycle_duration": periods[0] / 2,
         },
         "overturning_margin": margin,
-        "overturning_half_cycle": overturning_half_cycle(scene, model),
+        "overturning_half_cycle": resonance.overturning_half_cycle(scene, model),
         "stabilized": {
             "peak_rotation": ratio * block.critical_angle,
             "rotation_ratio": ratio,
             "period": periods[1],
-            "amplification": amplification(scene, model),
+            "amplification": resonance.amplification(scene, model),
         },
         "critical_intensity": dict(zip(_HALF_CYCLES, critical, strict=True)),
         "derivatives": derivatives,

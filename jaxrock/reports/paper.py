@@ -18,21 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import resonance
 from ..block import Block
-from ..resonance import (
-    Linearized,
-    Nonlinear,
-    Oscillator,
-    Scene,
-    amplification,
-    damping_from_decay,
-    equivalent_damping,
-    equivalent_damping_as_printed,
-    half_cycle_velocity,
-    launch_velocity,
-    overturning_half_cycle,
-    stabilized_velocity,
-)
+from ..resonance import Linearized, Nonlinear, Oscillator, Scene
 from ..spectra import resonance_spectrum
 
 if TYPE_CHECKING:
@@ -257,12 +245,12 @@ def _of_tables() -> dict[str, Any]:
     restitution = np.arange(100, 50, -5) / 100
     elastic = {
         "velocity_decay": oscillator.velocity_decay,
-        "damping_from_decay": damping_from_decay(decay),
+        "damping_from_decay": resonance.damping_from_decay(decay),
         "elastic_amplification": oscillator.amplification,
-        "equivalent_damping": equivalent_damping_as_printed(restitution),
+        "equivalent_damping": resonance.equivalent_damping_as_printed(restitution),
     }
     scene = _scene(4.0, 1.2, restitution)
-    rocking = np.stack([amplification(scene, model) for model in _MODELS])
+    rocking = np.stack([resonance.amplification(scene, model) for model in _MODELS])
     return {
         "peaks": [model.peak_rotation(block, velocity) for model in _MODELS],
         "durations": durations,
@@ -275,10 +263,10 @@ def _of_tables() -> dict[str, Any]:
 def _of_one_pulse() -> dict[str, Any]:
     """Eq. 2, Tables I and II: axis 0 is the slenderness, axis 1 the width."""
     scene = _scene(_SLENDERNESS[:, None], _WIDTHS[None], 0.6)
-    block, launch = scene.block, np.asarray(launch_velocity(scene))
+    block, launch = scene.block, np.asarray(resonance.launch_velocity(scene))
     peak = np.asarray(_LINEARIZED.peak_rotation(block, launch))
     duration = np.asarray(_LINEARIZED.half_cycle_duration(block, launch))
-    doubled = np.asarray(launch_velocity(Scene(block, 0.6, 2 * _INTENSITY)))
+    doubled = np.asarray(resonance.launch_velocity(Scene(block, 0.6, 2 * _INTENSITY)))
     return {
         "launch": (launch[-1, -1], launch[0, 0]),
         "launch_doubled": _range(doubled / launch),
@@ -332,25 +320,26 @@ def _of_the_map() -> dict[str, Any]:
     """Eq. 8, whose sum as printed stands beside its recursion, and Table III at C = 0.9."""
     scene = _scene(4.0, 1.2, 0.6)
     recursion = sum(0.6**j for j in range(5))
-    fifth = float(half_cycle_velocity(scene, 5) / launch_velocity(scene))
+    fifth = float(resonance.half_cycle_velocity(scene, 5) / resonance.launch_velocity(scene))
     printed = recursion - 0.6**4
     scene = _scene(4.0, 1.2, 0.9)
-    settled = stabilized_velocity(scene) / _LINEARIZED.critical_velocity(scene.block)
-    velocity = half_cycle_velocity(scene, np.array([1.0, 30.0]))
+    settled = resonance.stabilized_velocity(scene) / _LINEARIZED.critical_velocity(scene.block)
+    velocity = resonance.half_cycle_velocity(scene, np.array([1.0, 30.0]))
     first, last = np.asarray(_LINEARIZED.peak_rotation(scene.block, velocity))
     return {
         "sums": (printed, recursion),
         "sum_share": (printed / recursion, fifth / recursion),
         "settled": settled,
-        "overturns": overturning_half_cycle(scene),
+        "overturns": resonance.overturning_half_cycle(scene),
         "last_amplification": last / first,
     }
 
 
 def _of_damping() -> dict[str, Any]:
     """Eqs. 13, 18 and 22."""
-    functions = (equivalent_damping_as_printed, equivalent_damping, damping_from_decay)
-    printed, meant, elastic = (float(function(0.85)) for function in functions)
+    printed = float(resonance.equivalent_damping_as_printed(0.85))
+    meant = float(resonance.equivalent_damping(0.85))
+    elastic = float(resonance.damping_from_decay(0.85))
     oscillator = Oscillator(2 * math.pi, np.array([0.05, 0.17]))
     largest = oscillator.peak_displacement(1.0)
     return {
