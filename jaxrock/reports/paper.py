@@ -26,7 +26,8 @@ from ..spectra import resonance_spectrum
 if TYPE_CHECKING:
     import xarray
 
-_MODELS = _LINEARIZED, _NONLINEAR = Linearized(), Nonlinear()
+_LINEARIZED = Linearized()
+_MODELS = (_LINEARIZED, Nonlinear())
 _INTENSITY = 0.15
 _WIDTHS = np.array([0.4, 0.6, 0.8, 1.0, 1.2])
 _SLENDERNESS = np.linspace(3.0, 10.0, 701)
