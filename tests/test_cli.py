@@ -242,7 +242,7 @@ def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     from jaxrock.reports import paper
 
     tables = paper.printed_tables()
-    tables["table_1"]["printed"][0][0] = "3.84e-3"
+    tables["tables"][0]["printed"][0][0] = "3.84e-3"
     monkeypatch.setattr(paper, "printed_tables", lambda: tables)
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper")
     assert code == 1
