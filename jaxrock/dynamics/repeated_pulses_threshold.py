@@ -1,25 +1,23 @@
 """The pulses of finite duration that just overturn in resonance."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Pulse, pulse_class
 from ..host import listed, with_clock
+from ..numerics import ABOVE, BELOW, Root, Sample, Scan, through_residual
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Number, Reals
 from .equation import Equation, uplift_acceleration
-from .implicit_derivative import Root, with_implicit_derivatives
 from .repeated_pulses import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
 
 _STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
 _HIGHEST = 60.0  # above the first logarithm
-_MAX_NARROWING = 100  # evaluations of a bracket
 _BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is computed
 _NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
 
@@ -102,25 +100,13 @@ def critical_pulsed_amplitude(
     return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
-class _Search(NamedTuple):
-    evaluations: Int[Array, ""]  # since there is a bracket
-    logarithm: Reals  # of the amplitude of the next trial
-    low: Reals
-    high: Reals
-    move: Reals  # Newton's, from the last trial to the threshold
-    gain: Reals  # slope of the landing velocity there, with respect to the logarithm
-    bracketed: Booleans
-    goes_on: Booleans
-    found: Booleans
-    rate: Reals  # of the half-cycle map at the threshold, which takes one evaluation more
-
-
 def _margin(
-    scene: PulsedScene, direction: Any, logarithm: Reals, model: RockingModel, rtol: float
+    scene: PulsedScene, logarithm: Reals, directions: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
-    """The margin when the pulse ends, and its slope; the velocity then, and whether it landed.
+    """The margin when the pulse ends, and its slopes; the velocity then, and whether it landed.
 
-    In a direction of the logarithm of the amplitude and of the landing velocity.
+    Of a block that lands with the critical velocity, in directions of the logarithm of the
+    amplitude and of that velocity.
     """
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
@@ -135,74 +121,65 @@ def _margin(
         left = (returning - outward) / equation.critical_velocity
         return left, (outward, response.impacts > 0)
 
-    at = (logarithm, equation.critical_velocity)
-    return jax.jvp(margin, at, tuple(direction), has_aux=True)
+    def along(direction: Reals) -> Any:
+        at = (logarithm, equation.critical_velocity)
+        return jax.jvp(margin, at, tuple(direction), has_aux=True)
+
+    return jax.vmap(along, out_axes=(None, 0, None))(directions)
 
 
 def _residual(
-    scene: PulsedScene, logarithm: Reals, model: RockingModel, rtol: float
+    scene: PulsedScene, logarithm: Reals, *, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """What is 0 at the threshold, and the rate of the half-cycle map there."""
-    along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (velocity, _) = _margin(scene, along_velocity, logarithm, model, rtol)
+    along_velocity = jnp.array([[0, 1]], logarithm.dtype)
+    margin, (slope,), (velocity, _) = _margin(scene, logarithm, along_velocity, model, rtol)
     # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
     # to come back, and at the threshold its velocity v is D.
     return margin, (-velocity * slope,)
 
 
-def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
+def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
     """Up from next to nothing until the block overturns, and back to the threshold."""
     block, _, pulse = scene
-    eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
+    dtype = pulse.amplitude.dtype
     tolerance = tolerance_of(pulse.amplitude, rtol)
-    first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
-    no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
+    weakest = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(
+        float(jnp.finfo(dtype).eps)
+    )
 
-    def step(search: _Search) -> _Search:
-        # Once the threshold is found, along the velocity, for the rate of the map.
-        along = jnp.where(search.found, zero, 1), jnp.where(search.found, 1, zero)
-        margin, slope, (velocity, lands) = _margin(scene, along, search.logarithm, model, rtol)
-        overturns, steep = ~lands & ~(margin >= 0), ~lands & (slope != 0)
-        move = jnp.where(steep, -margin / jnp.where(steep, slope, 1), jnp.inf)
-        bracketed = search.bracketed | overturns
-        low = jnp.where(overturns, search.low, search.logarithm)
-        high = jnp.where(overturns, search.logarithm, search.high)
-        newton = search.logarithm + move
-        inside = (newton > low) & (newton < high) & (search.evaluations % 3 != 2)
-        inner = jnp.where(inside, newton, 0.5 * (low + high))
+    def points(index: Any) -> Reals:
+        """Minus logarithms of amplitudes, since a scan goes from the top down."""
+        return -weakest - _STEP * index
+
+    def step(state: tuple[Scan, Any, Any, Any]) -> tuple[Scan, Any, Any, Any]:
+        scan, *_ = state
+        at = -scan.trial
+        margin, slopes, (velocity, lands) = _margin(scene, at, jnp.eye(2, dtype=dtype), model, rtol)
+        overturns = ~lands & ~(margin >= 0)
+        kind = jnp.where(overturns, ABOVE, BELOW)
+        new = Sample(scan.trial, -margin, jnp.where(lands, 0, slopes[0]), kind)
         # Newton's steps that no longer shrink are the error of the integration.
-        size, last = jnp.abs(move), jnp.abs(search.move)
-        stuck = (size <= 1e3 * tolerance) & (size >= 0.5 * last)
-        found = bracketed & ((size <= tolerance) | stuck)
+        size, last = jnp.abs(new.newton), jnp.abs(scan.last.newton)
+        close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
+        found = close & (overturns | (scan.since > 0))
+        scan = scan.after(new, found, points)
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
-        narrow = high - low <= 4 * eps * jnp.abs(high)
-        hopeless = narrow | (search.evaluations >= _MAX_NARROWING) | ~jnp.isfinite(low)
-        nowhere = jnp.where(bracketed, hopeless, search.logarithm > first + _HIGHEST)
-        onward = jnp.where(bracketed, inner, search.logarithm + _STEP)
-        following = _Search(
-            evaluations=jnp.where(search.bracketed, search.evaluations + 1, 0),
-            logarithm=jnp.where(found, search.logarithm, onward),
-            low=low,
-            high=high,
-            move=move,
-            gain=-velocity * slope,
-            bracketed=bracketed,
-            goes_on=found | ~nowhere,
-            found=found,
-            rate=search.rate,
-        )
-        done = search._replace(goes_on=no, rate=-velocity * slope)
-        return jax.tree.map(lambda a, b: jnp.where(search.found, a, b), done, following)
+        at_once = (scan.since == 0) & (scan.right.kind == ABOVE)
+        goes_on = ~found & ~at_once & (scan.point * _STEP <= _HIGHEST)
+        return scan, goes_on, found, -velocity * slopes
 
-    none, infinite = jnp.zeros((), int), zero + jnp.inf
-    begin = _Search(none, first, -infinite, infinite, infinite, zero, no, ~no, no, zero)
-    end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
-    root, rate, gain = (jnp.where(end.found, x, 0) for x in (end.logarithm, end.rate, end.gain))
-    return Root(root, (rate,), end.found, (gain,))
+    no = jnp.zeros((), bool)
+    begin = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
+    scan, _, found, slopes = jax.lax.while_loop(
+        lambda state: state[1], step, (begin, ~no, no, jnp.zeros(2, dtype))
+    )
+    root, gain, rate = (jnp.where(found, x, 0) for x in (-scan.last.place, *slopes))
+    return Root(root, (rate,), found, (gain,))
 
 
-_root = with_implicit_derivatives(_search, _residual)
+_root = through_residual(_search, _residual)
 
 
 @eqx.filter_jit
