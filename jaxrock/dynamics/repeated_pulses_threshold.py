@@ -1,7 +1,7 @@
 """The pulses of finite duration that just overturn in resonance."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..ground_motion import Pulse, pulse_class
 from ..host import listed, with_clock
-from ..numerics import ABOVE, BELOW, Root, Sample, Scan, through_residual
+from ..numerics import ABOVE, BELOW, Root, Sample, Scan, chosen, through_residual
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Number, Reals
 from .equation import Equation, uplift_acceleration
@@ -101,11 +101,11 @@ def critical_pulsed_amplitude(
 
 
 def _margin(
-    scene: PulsedScene, logarithm: Reals, directions: Reals, model: RockingModel, rtol: float
+    scene: PulsedScene, logarithm: Reals, direction: Any, model: RockingModel, rtol: float
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
-    """The margin when the pulse ends, and its slopes; the velocity then, and whether it landed.
+    """The margin when the pulse ends, and its slope; the velocity then, and whether it landed.
 
-    Of a block that lands with the critical velocity, in directions of the logarithm of the
+    Of a block that lands with the critical velocity, in a direction of the logarithm of the
     amplitude and of that velocity.
     """
     block, restitution, pulse = scene
@@ -121,62 +121,66 @@ def _margin(
         left = (returning - outward) / equation.critical_velocity
         return left, (outward, response.impacts > 0)
 
-    def along(direction: Reals) -> Any:
-        at = (logarithm, equation.critical_velocity)
-        return jax.jvp(margin, at, tuple(direction), has_aux=True)
-
-    return jax.vmap(along, out_axes=(None, 0, None))(directions)
+    return jax.jvp(margin, (logarithm, equation.critical_velocity), direction, has_aux=True)
 
 
 def _residual(
     scene: PulsedScene, logarithm: Reals, *, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """What is 0 at the threshold, and the rate of the half-cycle map there."""
-    along_velocity = jnp.array([[0, 1]], logarithm.dtype)
-    margin, (slope,), (velocity, _) = _margin(scene, logarithm, along_velocity, model, rtol)
+    along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
+    margin, slope, (velocity, _) = _margin(scene, logarithm, along_velocity, model, rtol)
     # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
     # to come back, and at the threshold its velocity v is D.
     return margin, (-velocity * slope,)
 
 
+class _Search(NamedTuple):
+    scan: Scan  # of minus the logarithm of the amplitude, so that it goes up
+    found: Booleans
+    goes_on: Booleans
+    gain: Reals  # slope of the landing velocity there, with respect to the logarithm
+    rate: Reals  # of the half-cycle map there, which takes one evaluation more
+
+
 def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
     """Up from next to nothing until the block overturns, and back to the threshold."""
     block, _, pulse = scene
-    dtype = pulse.amplitude.dtype
     tolerance = tolerance_of(pulse.amplitude, rtol)
-    weakest = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(
-        float(jnp.finfo(dtype).eps)
-    )
+    eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
+    first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
+    no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
 
     def points(index: Any) -> Reals:
-        """Minus logarithms of amplitudes, since a scan goes from the top down."""
-        return -weakest - _STEP * index
+        return -first - _STEP * index
 
-    def step(state: tuple[Scan, Any, Any, Any]) -> tuple[Scan, Any, Any, Any]:
-        scan, *_ = state
-        at = -scan.trial
-        margin, slopes, (velocity, lands) = _margin(scene, at, jnp.eye(2, dtype=dtype), model, rtol)
+    def step(search: _Search) -> _Search:
+        scan, one = search.scan, zero + 1
+        # Once the threshold is found, along the velocity, for the rate of the map.
+        along = jnp.where(search.found, zero, one), jnp.where(search.found, one, zero)
+        margin, slope, (velocity, lands) = _margin(scene, -scan.trial, along, model, rtol)
         overturns = ~lands & ~(margin >= 0)
         kind = jnp.where(overturns, ABOVE, BELOW)
-        new = Sample(scan.trial, -margin, jnp.where(lands, 0, slopes[0]), kind)
+        new = Sample(scan.trial, -margin, jnp.where(lands, 0, slope), kind)
         # Newton's steps that no longer shrink are the error of the integration.
         size, last = jnp.abs(new.newton), jnp.abs(scan.last.newton)
         close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
         found = close & (overturns | (scan.since > 0))
-        scan = scan.after(new, found, points)
+        following = scan.after(new, found, points)
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
-        at_once = (scan.since == 0) & (scan.right.kind == ABOVE)
-        goes_on = ~found & ~at_once & (scan.point * _STEP <= _HIGHEST)
-        return scan, goes_on, found, -velocity * slopes
+        at_once = (following.since == 0) & (following.right.kind == ABOVE)
+        goes_on = found | ~at_once & (following.point * _STEP <= _HIGHEST)
+        following = following._replace(trial=jnp.where(found, scan.trial, following.trial))
+        onward = _Search(following, found, goes_on, -velocity * slope, zero)
+        done = search._replace(goes_on=no, rate=-velocity * slope)
+        return chosen(search.found, done, onward)
 
-    no = jnp.zeros((), bool)
-    begin = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
-    scan, _, found, slopes = jax.lax.while_loop(
-        lambda state: state[1], step, (begin, ~no, no, jnp.zeros(2, dtype))
-    )
-    root, gain, rate = (jnp.where(found, x, 0) for x in (-scan.last.place, *slopes))
-    return Root(root, (rate,), found, (gain,))
+    scan = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
+    begin = _Search(scan, no, ~no, zero, zero)
+    end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
+    root, rate, gain = (jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain))
+    return Root(root, (rate,), end.found, (gain,))
 
 
 _root = through_residual(_search, _residual)
