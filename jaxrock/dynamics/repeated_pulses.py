@@ -69,8 +69,8 @@ class PulsedPhase(eqx.Module):
     stands : Array of bool
         Whether there is a stabilized phase, be it that the block settles.
     from_rest : Array of bool
-        Whether the pulses lead to it from rest. If not, the motion from rest dies out, or the
-        first pulse does not lift the block: only a block in motion is kept in motion.
+        Whether the pulses lead to it from rest. If not, the motion from rest dies out or never
+        begins: only a block in motion is kept in motion.
     settles : Array of bool
         Whether the motion dies out and no other stable phase was found: velocity and
         rotations are 0, and the rate is C.
@@ -130,8 +130,7 @@ def pulsed_next_velocity(
     ValueError
         If an argument is not scalar, or a concrete one is out of range.
     """
-    block, restitution, pulse, velocity = checked(block, restitution, pulse, velocity, rtol)
-    scene = block, restitution, pulse
+    scene, velocity = checked(block, restitution, pulse, velocity, rtol)
     return _next_velocity(scene, velocity, model=as_model(model), rtol=rtol)
 
 
@@ -181,14 +180,14 @@ def pulsed_phase(
     >>> print(f"{phase.rotation_ratio:.3f}", bool(phase.from_rest), bool(phase.settles))
     0.241 False False
     """
-    block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
-    return phase_of(block, restitution, pulse, as_model(model), rtol)
+    scene, _ = checked(block, restitution, pulse, 0.0, rtol)
+    return phase_of(scene, as_model(model), rtol)
 
 
 def checked(
     block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
-) -> tuple[Block, Reals, Pulse, Reals]:
-    """The arguments in one precision; a `ValueError` if they are not allowed."""
+) -> tuple[PulsedScene, Reals]:
+    """The scene and the velocity in one precision; a `ValueError` if they are not allowed."""
     if not isinstance(pulse, Pulse):
         raise ValueError(f"pulse must be a Pulse, got a {type(pulse).__name__}")
     if not 0 < rtol <= 1e-3:
@@ -198,7 +197,7 @@ def checked(
     check("velocity", velocity, NON_NEGATIVE)
     block.check()
     pulse.check()
-    arguments = (block, restitution, pulse, velocity)
+    arguments = ((block, restitution, pulse), velocity)
     for leaf in jax.tree.leaves(arguments):
         if leaf.ndim:
             raise ValueError(f"arguments must be scalar, got an array of shape {leaf.shape}")
@@ -305,9 +304,8 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
 
     zero, no = jnp.zeros_like(top), jnp.zeros((), bool)
     begin = _Search(Scan.beginning(zero), zero + 1, no, zero, ~no, no, no)
-    end, values = jax.lax.while_loop(
-        lambda state: state[0].goes_on, step, (begin, (zero, zero, zero))
-    )
+    start = begin, (zero, zero, zero)
+    end, values = jax.lax.while_loop(lambda state: state[0].goes_on, step, start)
     root, *values = (jnp.where(end.exists, x, 0) for x in (end.scan.last.place, *values))
     at_rest = end.scan.point < 0
     return Root(
@@ -369,11 +367,10 @@ _fixed_point = through_residual(_search, _residual)
 
 
 @eqx.filter_jit
-def phase_of(
-    block: Block, restitution: Reals, pulse: Pulse, model: RockingModel, rtol: float
-) -> PulsedPhase:
+def phase_of(scene: PulsedScene, model: RockingModel, rtol: float) -> PulsedPhase:
     """`pulsed_phase`, compiled."""
-    root = _fixed_point((block, restitution, pulse), model=model, rtol=rtol)
+    block, restitution, _ = scene
+    root = _fixed_point(scene, model=model, rtol=rtol)
     (rate, time, peak), (from_rest, settles, overturns) = root.values, root.flags
     stands = root.exists | settles
     # As factors, so that what does not exist has no slope either.

@@ -17,7 +17,7 @@ from .equation import Equation, uplift_acceleration
 from .repeated_pulses import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
 
 _STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
-_HIGHEST = 60.0  # above the first logarithm
+_STEPS = 300  # at most
 _BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is computed
 _NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
 
@@ -32,12 +32,11 @@ class PulsedThreshold(eqx.Module):
     rate : Array
         Slope of the half-cycle map there.
     lifts : Array of bool
-        Whether pulses of that amplitude lift the block from rest. If not, only a block in motion
-        is kept in motion.
+        Whether they lift the block from rest. If not, only a block in motion is kept in motion.
     from_rest : Array of bool
         Whether pulses weaker by 1e-6 lead to that fixed point from rest. If not, they do not lift
-        the block, or its motion dies out; or they overturn it, and so do weaker ones: a one-sine
-        pulse can overturn a block at rest and keep one in motion that moves fast enough.
+        the block, or its motion dies out; or they, and weaker ones, overturn it: a one-sine
+        pulse can overturn a block at rest and keep one up that moves fast enough.
     """
 
     amplitude: Reals
@@ -89,24 +88,24 @@ def critical_pulsed_amplitude(
         If `shape` is no class of pulses, or a concrete argument is out of range.
     """
     pulse = pulse_class(shape)(1.0, duration)
-    block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
+    scene, _ = checked(block, restitution, pulse, 0.0, rtol)
     model = as_model(model)
-    threshold, weaker, expected = _threshold((block, restitution, pulse), model, rtol)
+    threshold, weaker, expected = _threshold(scene, model, rtol)
     # Without derivatives, which a yes or no has not; and apart, since this program is likely
     # to be compiled already.
-    fixed = jax.lax.stop_gradient((block, restitution, weaker))
-    phase = phase_of(*fixed, model, max(rtol, 1e-9))
-    leads = _leads_there(*jax.lax.stop_gradient((block, phase, expected)), model)
+    weaker, expected = jax.lax.stop_gradient(((*scene[:2], weaker), expected))
+    phase = phase_of(weaker, model, max(rtol, 1e-9))
+    leads = _leads_there(phase, *expected)
     return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
 def _margin(
     scene: PulsedScene, logarithm: Reals, direction: Any, model: RockingModel, rtol: float
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
-    """The margin when the pulse ends, and its slope; the velocity then, and whether it landed.
+    """The margin at the end of the pulse, its slope; the velocity then, and whether it landed.
 
-    Of a block that lands with the critical velocity, in a direction of the logarithm of the
-    amplitude and of that velocity.
+    Of a block that landed with the critical velocity. The direction is one of the logarithm of
+    the amplitude and of that velocity.
     """
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
@@ -170,7 +169,7 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
         at_once = (following.since == 0) & (following.right.kind == ABOVE)
-        goes_on = found | ~at_once & (following.point * _STEP <= _HIGHEST)
+        goes_on = found | ~at_once & (following.point <= _STEPS)
         following = following._replace(trial=jnp.where(found, scan.trial, following.trial))
         onward = _Search(following, found, goes_on, -velocity * slope, zero)
         done = search._replace(goes_on=no, rate=-velocity * slope)
@@ -189,8 +188,8 @@ _root = through_residual(_search, _residual)
 @eqx.filter_jit
 def _threshold(
     scene: PulsedScene, model: RockingModel, rtol: float
-) -> tuple[PulsedThreshold, Pulse, Reals]:
-    """The threshold, pulses a little weaker, and with what velocity the block should land then."""
+) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
+    """The threshold, pulses a little weaker; how fast the block should land then, and how near."""
     block, _, pulse = scene
     root = _root(scene, model=model, rtol=rtol)
     (rate,), (gain,) = root.values, root.flags
@@ -208,15 +207,10 @@ def _threshold(
     weaker = pulse.scaled(jnp.where(stable, amplitude, 1) * (1 - _BELOW))
     critical = Equation.of(block, model).critical_velocity
     # Short cosines nearly cancel: there a little less amplitude is much less velocity.
-    expected = critical - _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
-    return threshold, weaker, expected
+    less = _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
+    return threshold, weaker, (critical - less, _NEAR * critical + 0.5 * jnp.abs(less))
 
 
-@eqx.filter_jit
-def _leads_there(
-    block: Block, phase: PulsedPhase, expected: Reals, model: RockingModel
-) -> Booleans:
-    critical = Equation.of(block, model).critical_velocity
-    off = jnp.abs(phase.velocity - expected)
-    near = off <= _NEAR * critical + 0.5 * jnp.abs(critical - expected)
-    return phase.stands & phase.from_rest & near
+@jax.jit
+def _leads_there(phase: PulsedPhase, expected: Reals, near: Reals) -> Booleans:
+    return phase.stands & phase.from_rest & (jnp.abs(phase.velocity - expected) <= near)

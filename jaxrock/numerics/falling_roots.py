@@ -50,7 +50,7 @@ class Scan(NamedTuple):
         above = Sample(zero, zero, zero, count + ABOVE)
         return cls(trial, above, above, above, count - 1, count)
 
-    def after(self, new: Sample, done: Booleans, points: Callable[[Ints], Reals]) -> "Scan":
+    def after(self, new: Sample, done: Booleans, points: Callable[[Reals], Reals]) -> "Scan":
         """After one more sample; with `done`, nothing more is sought around it."""
         climbs = (self.right.kind == NOWHERE) | (new.slope > 0)
         below = (self.left.kind == BELOW) & climbs
@@ -64,7 +64,7 @@ class Scan(NamedTuple):
         hides = hides & wide & (self.since <= _MOST) & ~done
         point = jnp.where(hides, self.point, self.point + 1)
         return Scan(
-            trial=jnp.where(hides, trial, points(point)),
+            trial=jnp.where(hides, trial, points(point.astype(trial.dtype))),
             last=new,
             left=left,
             right=chosen(hides, right, left),
