@@ -169,22 +169,23 @@ _critical_intensities = _over_grid(_critical_intensity)
 
 
 def _auto(grid: tuple[Array, ...], tolerance: float) -> dict[str, np.ndarray]:
-    """As `_evaluate`, the nonlinear model where the linearized one is not enough; and where."""
-    nonlinear = ~np.asarray(_linearized_is_enough(*grid, as_real("tolerance", tolerance)))
-    answers = {name: np.array(values) for name, values in _evaluate(*grid, Linearized()).items()}
-    if nonlinear.any():
+    """As `_evaluate`, the linearized points apart from the nonlinear ones; and which is which."""
+    linear = np.asarray(_linearized_is_enough(*grid, as_real("tolerance", tolerance)))
+    answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
+    *axes, gravity = map(np.asarray, grid)
+    for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
+        places = np.flatnonzero(mask)
+        if not places.size:
+            continue
         # Few different sizes, so that little is compiled.
-        places = np.flatnonzero(nonlinear)
         room = max(1 << (places.size - 1).bit_length(), 1024)
         padded = np.pad(places, (0, room - places.size), mode="edge")
-        at = np.unravel_index(padded, nonlinear.shape)
-        *axes, gravity = map(np.asarray, grid)
+        at = np.unravel_index(padded, linear.shape)
         slenderness, width, restitution, intensity = (v[k] for v, k in zip(axes, at, strict=True))
         block = Block(width / 2, slenderness, np.full(room, gravity))
         scenes = jax.device_put(Scene(block, restitution, intensity), grid[0].device)
-        for name, values in _evaluate_points(scenes, Nonlinear()).items():
-            if name != "critical_intensity":
-                answers[name].reshape(-1)[places] = np.asarray(values)[: places.size]
+        for name, values in _evaluate_points(scenes, model).items():
+            answers[name].reshape(-1)[places] = np.asarray(values)[: places.size]
     # It has no intensity, and all intensities have to agree about it.
     exact = np.asarray(_critical_intensities(*grid, Nonlinear()))
-    return answers | {"critical_intensity": exact, "model": nonlinear}
+    return answers | {"critical_intensity": exact, "model": ~linear}
