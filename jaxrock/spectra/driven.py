@@ -35,6 +35,11 @@ _ESTIMATES: dict[str, tuple[Any, str, str]] = {
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
     "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
 }
+_BOUNDARIES = {  # long names
+    "overturns_beyond": "1 where the block overturns beyond the boundary",
+    "impacts": "impacts before it overturns, -1 for none",
+    "overturns_first": "1 where it overturns at the lowest amplitude",
+}
 
 
 def rocking_spectrum(
@@ -141,10 +146,10 @@ def overturning_spectrum(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If an argument is out of range, or a motion could not be followed.
     """
-    values = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    axes = {name: axis(name, given) for name, given in values.items()}
+    given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
+    axes = {name: axis(name, values) for name, values in given.items()}
     kind = pulse_class(shape)
     block, c, uplift = _unit_block(slenderness, restitution, model)
     p = float(block.frequency_parameter)
@@ -192,27 +197,18 @@ def overturning_map(
     model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
     block, c, uplift = _unit_block(slenderness, restitution, model)
     durations = pulse_class(shape).angle / (ratios * float(block.frequency_parameter))
-    options = {"resolution": resolution, "model": model}
-    found = critical_amplitude(block, c, shape, durations, amplitude_ratios, **options)
+    found = critical_amplitude(
+        block, c, shape, durations, amplitude_ratios, resolution=resolution, model=model
+    )
     if not bool(found.complete.all()):
         raise ValueError("motion could not be followed to its end for every pulse")
-    beyond, first = (
-        np.asarray(x, np.int8) for x in (found.overturns_beyond, found.overturns_first)
-    )
-    table = {
-        "amplitude_ratio": (
-            np.asarray(found.value) / uplift,
-            label("amplitude_ratio")["long_name"],
-        ),
-        "overturns_beyond": (beyond, "1 where the block overturns beyond the boundary"),
-        "impacts": (np.asarray(found.impacts), "impacts before it overturns, -1 for none"),
-        "overturns_first": (first, "1 where it overturns at the lowest amplitude"),
-    }
     dims = ("frequency_ratio", "boundary")
-    variables = {
-        name: (dims[: values.ndim], values, {"long_name": long_name, "units": "1"})
-        for name, (values, long_name) in table.items()
-    }
+    ratio = (dims, np.asarray(found.value) / uplift, label("amplitude_ratio"))
+    variables: dict[str, Any] = {"amplitude_ratio": ratio}
+    for name, long_name in _BOUNDARIES.items():
+        values = np.asarray(getattr(found, name))
+        values = values.astype(np.int8) if values.dtype == bool else values
+        variables[name] = (dims[: values.ndim], values, {"long_name": long_name, "units": "1"})
     attributes = {
         "model": model.name,
         "motion": shape.name,
