@@ -25,6 +25,7 @@ from .options import (
     Grid,
     MotionOptions,
     RecordOptions,
+    Steps,
     Writing,
     picture,
 )
@@ -39,8 +40,6 @@ class Spectrum(Writing):
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
     """
 
-    FILES = ("spectrum.nc", "spectrum.csv", "spectrum.png")
-
     slenderness: Grid = ("3:10:141",)  # Height over width [-].
     width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2)  # Full widths 2b of the base [m].
     restitution: Grid = (0.6, 0.7, 0.8)  # Coefficients of restitution [-], 0 to 1.
@@ -51,7 +50,7 @@ class Spectrum(Writing):
     tolerance: float = 1e-3  # Relative error that is allowed; for the model auto.
     out: Path = Path("spectrum")
 
-    def _inputs(self) -> dict[str, Any]:
+    def _steps(self) -> Steps:
         grid: dict[str, Any] = {name: axis(name, self.numbers(name)) for name in RESONANCE_AXES}
         check("gravity", self.gravity, POSITIVE)
         check("tolerance", self.tolerance, POSITIVE)
@@ -59,13 +58,11 @@ class Spectrum(Writing):
             self.refuse("tolerance", only_with="the model auto")
         if len(grid["intensity"]) == 1:  # then it is no dimension
             grid["intensity"] = grid["intensity"][0]
-        return grid | {"model": self.model, "tolerance": self.tolerance, "gravity": self.gravity}
-
-    def _answer(self, folder: Path) -> Answer:
-        """Computed part by part into the file."""
+        folder = yield "spectrum.nc", "spectrum.csv", "spectrum.png"
         from ..plot import plot_spectrum
 
-        with resonance_spectrum(**self.inputs, store=folder / "spectrum.nc") as dataset:
+        grid |= {"model": self.model, "tolerance": self.tolerance, "gravity": self.gravity}
+        with resonance_spectrum(**grid, store=folder / "spectrum.nc") as dataset:
             write_table(dataset, folder / "spectrum.csv")
             picture(plot_spectrum(dataset), folder / "spectrum.png")
             sizes = {str(name): size for name, size in dataset.sizes.items()}
@@ -84,22 +81,19 @@ class RockingSpectrum(RecordOptions, Writing):
     Example: jaxrock rocking-spectrum --record example --scale 1.5
     """
 
-    FILES = ("rocking_spectrum.nc", "rocking_spectrum.csv", "rocking_spectrum.png")
-
     record: str | None = "example"
     period: Grid = ("1:8:71",)  # 2 pi / p of the blocks [s].
     slenderness: Grid = (4.0, 6.0, 8.0)  # Height over width [-].
     restitution: Grid = (0.9,)  # Velocity after an impact over velocity before it [-].
     out: Path = Path("rocking_spectrum")
 
-    def _inputs(self) -> tuple[Any, ...]:
-        names = ("period", "slenderness", "restitution")
-        return self.motion, *(axis(name, self.numbers(name)) for name in names)
-
-    def _answer(self, folder: Path) -> Answer:
+    def _steps(self) -> Steps:
+        motion = self.motion
+        grid = [axis(n, self.numbers(n)) for n in ("period", "slenderness", "restitution")]
+        folder = yield [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
         from ..plot import plot_rocking_spectrum
 
-        dataset = rocking_spectrum(*self.inputs)
+        dataset = rocking_spectrum(motion, *grid)
         dataset.to_netcdf(folder / "rocking_spectrum.nc")
         dataset.to_dataframe().to_csv(folder / "rocking_spectrum.csv")
         picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
@@ -119,28 +113,25 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
     Example: jaxrock tradeoff --record example
     """
 
-    FILES = ("tradeoff.nc", "tradeoff.csv", "tradeoff.png")
-
     restitution: float | None = 0.7
     intensity: float | None = None  # Change of ground velocity in each instantaneous pulse [m/s].
     repeats: int = 15  # How many times each setting is timed.
     out: Path = Path("tradeoff")
 
-    def _inputs(self) -> Scene | DrivenScene:
+    def _steps(self) -> Steps:
         if self.repeats < 1:
             raise ValueError(f"repeats must be at least 1, got {self.repeats}")
-        block, c = self.block, self.coefficient
-        if self.intensity is None:
-            motion = self.motion if self.shaken else default_scene().motion
-            return DrivenScene(block, c, motion)
-        if self.shaken:
+        if self.shaken and self.intensity is not None:
             raise ValueError("intensity excludes a pulse or a record")
-        return Scene(block, c, self.intensity)
-
-    def _answer(self, folder: Path) -> Answer:
+        block, c = self.block, self.coefficient
+        if self.intensity is not None:
+            scene = Scene(block, c, self.intensity)
+        else:
+            scene = DrivenScene(block, c, self.motion if self.shaken else default_scene().motion)
+        folder = yield "tradeoff.nc", "tradeoff.csv", "tradeoff.png"
         from ..plot import plot_tradeoff
 
-        tradeoff = measure_tradeoff(self.inputs, repeats=self.repeats)
+        tradeoff = measure_tradeoff(scene, repeats=self.repeats)
         table = tradeoff.dataset.to_dataframe()
         tradeoff.dataset.to_netcdf(folder / "tradeoff.nc")
         table.to_csv(folder / "tradeoff.csv", index=False)
@@ -158,11 +149,10 @@ class Paper(Writing):
     Example: jaxrock paper --out paper
     """
 
-    FILES = paper.FILES
-
     out: Path = Path("paper")
 
-    def _answer(self, folder: Path) -> Answer:
+    def _steps(self) -> Steps:
+        folder = yield paper.FILES
         report = paper.regenerate()
         paper.write(report, folder)
         data = {
@@ -189,12 +179,10 @@ class Conformance(Writing):
     Example: jaxrock conformance --out conformance
     """
 
-    FILES = conformance.FILES
-
     out: Path = Path("conformance")
 
-    def _answer(self, folder: Path) -> Answer:
-        count = conformance.write(folder)
+    def _steps(self) -> Steps:
+        count = conformance.write((yield conformance.FILES))
         return Answer(f"{count} cases", {"cases": count})
 
 

@@ -25,8 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command; what is not allowed or cannot be done ends it with exit code 2.
 
     Without arguments it is the command of this process, which signals may end and which starts
-    from what others have compiled; see `jaxrock.signals` and `compiled_programs`. With them,
-    Ctrl-C raises `SystemExit` with exit code 130.
+    from what others have compiled. With them, Ctrl-C raises `SystemExit` with exit code 130.
     """
     if arguments is None:
         signals.watch()

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +18,9 @@ from ..overturning import checked, critical_amplitude, overturning_boundaries
 from ..reports import assessment
 from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
 from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
-from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Writing, picture
+from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Steps, Writing, picture
+
+Quantity = Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
 
 
 class Assess(BlockOptions):
@@ -35,14 +37,12 @@ class Assess(BlockOptions):
     tolerance: float | None = None
     """Name the equation and the precision that are good enough for this relative error."""
 
-    def _inputs(self) -> resonance.Scene:
+    def _steps(self) -> Steps:
         if self.tolerance is not None:
             check("tolerance", self.tolerance, POSITIVE)
-        return resonance.Scene(self.block, self.coefficient, self.intensity)
-
-    def run(self) -> Answer:
-        """Assess the scene."""
-        result = assessment.assess(self.inputs, self.tolerance)
+        scene = resonance.Scene(self.block, self.coefficient, self.intensity)
+        yield ()
+        result = assessment.assess(scene, self.tolerance)
         return Answer(assessment.text(result), result)
 
 
@@ -55,37 +55,27 @@ class Respond(MotionOptions, BlockOptions, Writing):
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
 
-    FILES = ("response.csv", "impacts.csv", "response.nc", "response.png")
-
     duration: float | None = None  # Time to follow the block for [s]. By default input and 10 s.
     model: ModelName = "nonlinear"  # Equation of motion.
     animate: bool = False  # Write response.gif as well.
     out: Path = Path("response")
 
-    @property
-    def names(self) -> Sequence[str]:
-        """An animation if asked for, besides the files that are always written."""
-        return [*self.FILES, "response.gif"] if self.animate else self.FILES
-
-    def _inputs(self) -> tuple[Any, ...]:
+    def _steps(self) -> Steps:
         if self.duration is not None:
             check("duration", self.duration, POSITIVE)
-        return self.block, self.coefficient, self.motion
-
-    def _answer(self, folder: Path) -> Answer:
+        block, c, motion = self.block, self.coefficient, self.motion
+        names = "response.csv", "impacts.csv", "response.nc", "response.png"
+        folder = yield (*names, "response.gif") if self.animate else names
         import matplotlib.pyplot as plt
 
         from ..plot import animate, plot_phase, plot_response
 
-        block, c, motion = self.inputs
         length = float(motion.end) + 10 if self.duration is None else self.duration
         response = respond(block, c, motion, length, model=self.model)
         if response.status > Status.LIST_FULL:
             raise ValueError(f"motion could not be followed to its end: {response}")
         data: dict[str, Any] = {"status": Status(int(response.status)).name.lower()}
-        data |= {
-            name: int(getattr(response, name)) for name in ("overturned", "impacts", "at_rest")
-        }
+        data |= {n: int(getattr(response, n)) for n in ("overturned", "impacts", "at_rest")}
         data |= {name: float(getattr(response, name)) for name in _NUMBERS}
         times = np.linspace(0, length, 4001)
         rotation, velocity = response.history(times)
@@ -128,31 +118,39 @@ class Critical(MotionOptions, BlockOptions, Writing):
     Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
     """
 
-    FILES = ("critical.csv",)
-
     intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
     half_cycles: tuple[float, ...] = (1.0, 2.0, 5.0, math.inf)
     """Numbers of half-cycles in which instantaneous pulses are to overturn the block."""
     out: Path | None = None  # Folder for critical.csv; none is written if not given.
-    along: (
-        Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
-        | None
-    ) = None
+    along: Quantity | None = None
     """What to seek, instead of giving it: by default a pulse's amplitude, a record's factor."""
     values: Grid | None = None
     """Values to examine; by default amplitudes of 1 to 10 times uplift, or factors 0.05:5:397."""
     model: ModelName | None = None
     """Equation of motion under a pulse or a record; nonlinear if not given."""
 
-    def _inputs(self) -> tuple[Any, ...]:
-        block, c = self.block, self.coefficient
+    def _steps(self) -> Steps:
+        _ = self.block, self.coefficient
         check("intensity", self.intensity, NON_NEGATIVE)
         for number in self.numbers("half_cycles"):
             check("half_cycles", number, COUNT)
-        if not self.shaken:
+        if self.shaken:
+            self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")
+        else:
             self.refuse("along", "values", "model", only_with="a pulse or a record")
-            return block, c
-        self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")
+        search = self._search() if self.shaken else None
+        folder = yield ["critical.csv"]
+        columns, text = self._boundaries(*search) if search else self._closed_form()
+        columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
+        if folder is not None:
+            import pandas
+
+            pandas.DataFrame(columns).to_csv(folder / "critical.csv", index=False, na_rep="nan")
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return Answer(text, {"rows": rows})
+
+    def _search(self) -> tuple[Any, str, np.ndarray | None]:
+        """Under which motion along what where; None for the amplitudes of a pulse."""
         along = self.along or ("amplitude" if self.pulse else "factor")
         sought = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(along)
         if sought and self.pulse is None:
@@ -167,51 +165,42 @@ class Critical(MotionOptions, BlockOptions, Writing):
         elif along == "factor":
             values = np.linspace(0.05, 5, 397)
         elif along == "amplitude":
-            return block, c, motion
+            return motion, along, None
         else:
             raise ValueError(f"values must be given along {along}")
-        checked(block, c, motion, along, values)
-        return block, c, motion, along, values
+        checked(self.block, self.coefficient, motion, along, values)
+        return motion, along, values
 
-    def _answer(self, folder: Path | None) -> Answer:
-        columns, text = (self._boundaries if self.shaken else self._closed_form)(*self.inputs)
-        if folder is not None:
-            import pandas
-
-            pandas.DataFrame(columns).to_csv(folder / "critical.csv", index=False, na_rep="nan")
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        return Answer(text, {"rows": rows})
-
-    def _boundaries(
-        self, block: Block, c: float, motion: Any, along: str = "amplitude", values: Any = None
-    ) -> tuple[dict[str, Any], str]:
-        model = self.model or "nonlinear"
+    def _boundaries(self, motion: Any, along: str, values: Any) -> tuple[dict[str, Any], str]:
+        block, c, model = self.block, self.coefficient, self.model or "nonlinear"
         if values is None:
             found = critical_amplitude(block, c, type(motion), motion.duration, model=model)
         else:
             found = overturning_boundaries(block, c, motion, along, values, model=model)
         if not bool(found.complete):
             raise ValueError("motion could not be followed to its end for every one of the values")
-        names = {along: "value"} | {n: n for n in ("overturns_beyond", "impacts", "toppled")}
-        columns = {k: np.asarray(getattr(found, name)).tolist() for k, name in names.items()}
-        return columns, str(found)
-
-    def _closed_form(self, block: Block, c: float) -> tuple[dict[str, Any], str]:
-        cases = list(itertools.product(self.half_cycles, ("linearized", "nonlinear")))
-        numbers, models = zip(*cases, strict=True)
-        columns = {"half_cycles": numbers, "model": models}
-        functions = {
-            "critical_intensity": (resonance.critical_intensity, (block, c)),
-            "critical_width": (resonance.critical_width, (block, c, self.intensity)),
-            "critical_slenderness": (resonance.critical_slenderness, (block, c, self.intensity)),
-            "critical_restitution": (resonance.critical_restitution, (block, self.intensity)),
+        columns = {
+            name: getattr(found, name) for name in ("overturns_beyond", "impacts", "toppled")
         }
-        for name, (function, given) in functions.items():
-            columns[name] = tuple(float(function(*given, *case)) for case in cases)
+        return {along: found.value, **columns}, str(found)
+
+    def _closed_form(self) -> tuple[dict[str, Any], str]:
+        block, c, pulse = self.block, self.coefficient, self.intensity
+        cases = list(itertools.product(self.half_cycles, ("linearized", "nonlinear")))
+        given = {
+            resonance.critical_intensity: (block, c),
+            resonance.critical_width: (block, c, pulse),
+            resonance.critical_slenderness: (block, c, pulse),
+            resonance.critical_restitution: (block, pulse),
+        }
+        columns: dict[str, Any] = {"half_cycles": [n for n, _ in cases]}
+        columns["model"] = [model for _, model in cases]
+        for solve, first in given.items():
+            columns[solve.__name__] = [float(solve(*first, *case)) for case in cases]
         line = "{:<11g}  {:<11}  {:<15.6g}  {:<9.5g}  {:<11.5g}  {:.6g}"
         lines = [
             f"restitution {c:.6g}; width, slenderness and restitution are those"
-            f" that {self.intensity:g} m/s just overturn",
+            f" that {pulse:g} m/s just overturn",
             "half-cycles  model        intensity [m/s]  width [m]  slenderness  restitution",
             *(line.format(*row) for row in zip(*columns.values(), strict=True)),
         ]
@@ -229,8 +218,6 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     Example: jaxrock sensitivity --answer rotation-ratio --swing 0.1
     """
 
-    FILES = ("sensitivity.csv", "tornado.png")
-
     answer: Literal[
         "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
     ] = "rotation-ratio"
@@ -243,12 +230,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     coefficient_of_variation: float = 0.05  # Coefficient of variation of each number.
     out: Path = Path("sensitivity")
 
-    @property
-    def names(self) -> Sequence[str]:
-        """A map in closed form only, besides the files that are always written."""
-        return self.FILES if self.shaken else [*self.FILES, "map.png"]
-
-    def _inputs(self) -> dict[str, float]:
+    def _at(self) -> dict[str, float]:
         """The numbers that the answer depends on."""
         block = self.block
         at = {"half_width": float(block.half_width), "slenderness": float(block.slenderness)}
@@ -269,8 +251,10 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         motion: Any = self.motion
         if self.pulse is None:
             return at | {"scale": self.scale}
-        numbers = {"amplitude": motion.amplitude, "pulse_duration": motion.duration}
-        return at | {name: float(number) for name, number in numbers.items()}
+        return at | {
+            "amplitude": float(motion.amplitude),
+            "pulse_duration": float(motion.duration),
+        }
 
     @property
     def _model(self) -> ModelName:
@@ -293,13 +277,13 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
         return peak / block.critical_angle if self.answer == "rotation-ratio" else peak
 
-    def _answer(self, folder: Path) -> Answer:
-        """Differentiate, swing and scatter."""
+    def _steps(self) -> Steps:
+        at, names = self._at(), ("sensitivity.csv", "tornado.png")
+        folder = yield names if self.shaken else (*names, "map.png")
         import pandas
 
         from ..plot import plot_tornado
 
-        at: dict[str, float] = self.inputs
         slopes = sensitivities(self._question, at)
         if not math.isfinite(slopes.value):
             raise ValueError(f"answer {self.answer} does not exist here: the block overturns")
@@ -310,21 +294,17 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
         variation = dict.fromkeys(at, self.coefficient_of_variation)
         scatter = propagate(self._question, at, variation, samples)
-        order = [swings.names.index(name) for name in slopes.names]  # the tornado has its own
-        columns = {
-            "quantity": slopes.names,
-            "value": slopes.at,
-            "slope": slopes.gradient,
-            "elasticity": slopes.elasticity,
-            **{name: getattr(swings, name)[order] for name in ("low", "high", "at_low", "at_high")},
-            "share_of_variance": [scatter.shares[name] for name in slopes.names],
-        }
-        table = pandas.DataFrame(columns)
+        columns = {"value": slopes.at, "slope": slopes.gradient, "elasticity": slopes.elasticity}
+        table = pandas.DataFrame(columns, index=pandas.Index(slopes.names, name="quantity"))
+        for name in ("low", "high", "at_low", "at_high"):
+            table[name] = pandas.Series(getattr(swings, name), swings.names)
+        table["share_of_variance"] = pandas.Series(scatter.shares)
+        table = table.reset_index()
         table.to_csv(folder / "sensitivity.csv", index=False, na_rep="nan")
         label = self.answer.replace("-", " ")
         picture(plot_tornado(swings, label=label), folder / "tornado.png")
         if not self.shaken:
-            self._draw_map(folder / "map.png", label)
+            self._draw_map(at, folder / "map.png", label)
         text = (
             f"{self.answer} {slopes}\nby the {self._model} model;"
             f" with a coefficient of variation of {100 * self.coefficient_of_variation:g} % in"
@@ -336,14 +316,14 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         data = {"answer": self.answer, "model": self._model, "value": slopes.value, **moments}
         return Answer(text, data | {"rows": table.to_dict("records")})
 
-    def _draw_map(self, path: Path, label: str) -> None:
+    def _draw_map(self, at: dict[str, float], path: Path, label: str) -> None:
         """The elasticity to the restitution over restitution and slenderness."""
         import xarray
 
         from ..plot import plot_sensitivity_map
 
         def question(c: Any, slenderness: Any) -> Any:
-            return self._question(self.inputs | {"restitution": c, "slenderness": slenderness})
+            return self._question(at | {"restitution": c, "slenderness": slenderness})
 
         c, slenderness = np.linspace(0.3, 0.95, 66), np.linspace(3, 10, 71)
         value, slope = value_and_slopes(question)(c[:, None], slenderness[None])

@@ -3,10 +3,10 @@
 import abc
 import contextlib
 import functools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, dataclass_transform
+from typing import Annotated, Any, Literal, dataclass_transform
 
 import numpy as np
 import tyro
@@ -33,10 +33,16 @@ class Answer:
     errors: Sequence[str] = ()
 
 
+Steps = Generator[Any, Any, Answer]
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 @dataclass(frozen=True, kw_only=True)
 class Command(abc.ABC):
-    """One command: a dataclass whose fields are its options; what stands beside them is help."""
+    """One command: a dataclass, whose fields are its options and what stands beside them is help.
+
+    What it does is a generator: above the `yield` all is checked, below it is computed.
+    """
 
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print JSON; null stands for what does not exist or never happens."""
@@ -45,27 +51,35 @@ class Command(abc.ABC):
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
 
-    @functools.cached_property
-    def inputs(self) -> Any:
-        """What the answer is computed from; a `ValueError` if it is not allowed."""
-        return self._inputs()
+    @abc.abstractmethod
+    def _steps(self) -> Steps:
+        """Yields the names of the files once all is checked; then gets the folder for them."""
 
-    def _inputs(self) -> Any:
-        return None
+    @functools.cached_property
+    def _begun(self) -> tuple[Sequence[str], Steps]:
+        steps = self._steps()
+        return next(steps), steps
+
+    def _ended(self, folder: Path | None) -> Answer:
+        _, steps = self._begun
+        del vars(self)["_begun"]  # another time from the beginning
+        try:
+            return steps.send(folder)
+        except StopIteration as end:
+            return end.value
 
     def check(self) -> None:
         """Raise `ValueError` for what is not allowed, before anything expensive is done."""
-        _ = self.inputs
+        _ = self._begun
 
-    @abc.abstractmethod
     def run(self) -> Answer:
         """Do what the command is for."""
+        return self._ended(None)
 
     def refuse(self, *names: str, only_with: str) -> None:
         """Raise `ValueError` if one of these options is given, since it would be ignored."""
-        default = {field.name: field.default for field in fields(self)}
         for name in names:
-            if getattr(self, name) != default[name]:
+            if getattr(self, name) != getattr(type(self), name):
                 raise ValueError(f"{name} goes with {only_with} only")
 
     def numbers(self, name: str) -> list[float]:
@@ -77,18 +91,26 @@ class Command(abc.ABC):
 
     def paths(self) -> dict[str, Any]:
         """The options that are paths: those of that type, and names of record files."""
-        options = {field.name: getattr(self, field.name) for field in fields(self)}
         return {
             name: value
-            for name, value in options.items()
+            for name, value in vars(self).items()
             if isinstance(value, Path) or str(value).lower().endswith((".at2", ".csv"))
         }
 
 
+def _span(name: str, value: GridValue) -> list[float]:
+    with contextlib.suppress(ValueError):
+        if ":" not in str(value):
+            return [float(value)]
+        start, stop, count = str(value).split(":")
+        ends = float(start), float(stop)
+        if np.isfinite(ends).all() and int(count) > 0:
+            return np.linspace(*ends, int(count)).tolist()
+    raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")
+
+
 class Writing(Command):
     """A command that writes files, all or none."""
-
-    FILES: ClassVar[Sequence[str]]
 
     out: Path | None
     """Folder to write to; made if it is missing."""
@@ -97,7 +119,7 @@ class Writing(Command):
     @property
     def names(self) -> Sequence[str]:
         """The names of its files."""
-        return self.FILES
+        return self._begun[0]
 
     def check(self) -> None:
         """Raise `ValueError` also for files that exist and must not be overwritten."""
@@ -113,13 +135,9 @@ class Writing(Command):
             files = [str(self.out / name) for name in self.names]
             writing = written_whole("out", self.out, self.names, self.force)
         with writing as folder:
-            answer = self._answer(folder)
+            answer = self._ended(folder)
         text, data = "\n".join([answer.text, *files]), {**answer.data, "files": files}
         return replace(answer, text=text, data=data)
-
-    @abc.abstractmethod
-    def _answer(self, folder: Any) -> Answer:
-        """The answer, with all files written into the folder, unless it is None."""
 
 
 class BlockOptions(Command):
@@ -231,17 +249,6 @@ class MotionOptions(RecordOptions):
         if self.amplitude is None or self.pulse_duration is None:
             raise ValueError("amplitude and pulse_duration must be given with a pulse")
         return PULSES[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
-
-
-def _span(name: str, value: GridValue) -> list[float]:
-    with contextlib.suppress(ValueError):
-        if ":" not in str(value):
-            return [float(value)]
-        start, stop, count = str(value).split(":")
-        ends = float(start), float(stop)
-        if np.isfinite(ends).all() and int(count) > 0:
-            return np.linspace(*ends, int(count)).tolist()
-    raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")
 
 
 def picture(drawn: Any, path: Path) -> None:

@@ -11,8 +11,9 @@ import tyro
 
 from ..host import read_regular, with_progress
 from .commands import COMMANDS
-from .options import Answer, Command, GridValue, Writing
+from .options import Answer, Command, GridValue, Steps, Writing
 
+Table = dict[str, Any]  # of TOML
 Jobs = dict[str, Command]  # by the names that errors and answers give them
 
 
@@ -29,50 +30,46 @@ class Run(Command):
 
     study: Annotated[Path, tyro.conf.Positional]  # The study file.
 
-    def _inputs(self) -> Jobs:
+    @functools.cached_property
+    def jobs(self) -> Jobs:
         """The jobs, checked; a `ValueError` names all faults of the study."""
         faults: list[str] = []
-        try:
-            jobs = _jobs(_read(self.study), self.study.parent, faults)
-        except RecursionError:
-            raise ValueError(f"study: {str(self.study)!r} is nested too deeply") from None
-        for name, command in with_progress(jobs.items(), "checking jobs"):
-            try:
-                command.check()
-            except ValueError as error:
-                faults.append(f"{name}: {error}")
+        jobs = _jobs(_read(self.study), self.study.parent, faults)
         faults += _collisions(jobs)
         if faults:
             raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
         return jobs
 
-    def run(self) -> Answer:
-        """Run the jobs in their order."""
-        answers: dict[str, Answer] = {}
-        for name, command in with_progress(self.inputs.items(), "jobs"):
+    def _steps(self) -> Steps:
+        jobs, answers = self.jobs, list[tuple[str, Answer]]()
+        yield ()
+        for name, command in with_progress(jobs.items(), "jobs"):
             try:
-                answers[name] = command.run()
+                answer = command.run()
             except (ValueError, OSError, MemoryError) as error:
                 said = [f"{self.study}: {name}: {error}"]
-                answers[name] = Answer(f"error: {error}", {"error": str(error)}, 2, said)
+                answer = Answer(f"error: {error}", {"error": str(error)}, 2, said)
+            answers.append((name, answer))
         return Answer(
-            "\n\n".join(f"{name}\n{answer.text}" for name, answer in answers.items()),
-            {"jobs": [{"job": n, "code": a.code, **a.data} for n, a in answers.items()]},
-            max(answer.code for answer in answers.values()),
-            [error for answer in answers.values() for error in answer.errors],
+            "\n\n".join(f"{name}\n{answer.text}" for name, answer in answers),
+            {"jobs": [{"job": name, "code": a.code, **a.data} for name, a in answers]},
+            max(answer.code for _, answer in answers),
+            [error for _, answer in answers for error in answer.errors],
         )
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Table:
     try:
         return tomllib.loads(read_regular(path).decode("utf-8-sig"))
     except OSError as error:
         raise ValueError(f"study: {str(path)!r} cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"study: {str(path)!r} is not TOML: {error}") from error
+    except RecursionError:
+        raise ValueError(f"study: {str(path)!r} is nested too deeply") from None
 
 
-def _jobs(study: dict[str, Any], folder: Path, faults: list[str]) -> Jobs:
+def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
     """The jobs that can be made; `faults` gets what is wrong with the others."""
     common, tables = study.pop("common", {}), study.pop("job", [])
     faults += [f"{key} is unknown; allowed are common, job" for key in study]
@@ -84,30 +81,47 @@ def _jobs(study: dict[str, Any], folder: Path, faults: list[str]) -> Jobs:
         tables = []
     elif not tables:
         faults.append("job is missing: there must be at least one table [[job]]")
-    used: set[str] = set()
-    jobs: Jobs = {}
-    for number, table in enumerate(tables, 1):
-        kind = table.get("command")
+    unused, jobs = dict(common), Jobs()
+    for number, table in with_progress(list(enumerate(tables, 1)), "checking jobs"):
+        kind = table.pop("command", None)
         if not isinstance(kind, str) or kind not in COMMANDS:
-            got = repr(kind)[:60] if "command" in table else f"only {', '.join(table) or 'nothing'}"
+            got = f"only {', '.join(table) or 'nothing'}" if kind is None else repr(kind)[:60]
             allowed = ", ".join(COMMANDS)
             faults.append(f"job {number}: command must be one of {allowed}, got {got}")
             continue
         name, types = f"job {number} ({kind})", _types(COMMANDS[kind])
-        used |= types.keys()
-        shared = {key: value for key, value in common.items() if _option(key) in types}
-        own = {key: value for key, value in table.items() if key != "command"}
-        before = len(faults)
-        options = _converted(shared, types, f"{name}: common: ", faults)
-        options |= _converted(own, types, f"{name}: ", faults)
-        if len(faults) == before:
-            command = COMMANDS[kind](**options)
-            paths = {name: type(path)(folder / path) for name, path in command.paths().items()}
-            jobs[name] = replace(command, **paths)
-    faults += [
-        f"common: {key} is an option of no job" for key in common if _option(key) not in used
-    ]
+        unused = {key: value for key, value in unused.items() if _option(key) not in types}
+        try:
+            job = _job(COMMANDS[kind], table, common, folder)
+            job.check()
+            jobs[name] = job
+        except ValueError as error:
+            faults += [f"{name}: {fault}" for fault in str(error).splitlines()]
+    faults += [f"common: {key} is an option of no job" for key in unused]
     return jobs
+
+
+def _job(command: type[Command], table: Table, common: Table, folder: Path) -> Command:
+    """A command with the options of a job; a `ValueError` names all faults of these."""
+    types = _types(command)
+    given = [("common: ", key, common[key]) for key in common if _option(key) in types]
+    given += [("", key, value) for key, value in table.items()]
+    options, keys, faults = Table(), dict[tuple[str, str], str](), list[str]()
+    for where, key, value in given:
+        option = _option(key)
+        if option not in types:
+            faults.append(f"{where}{key} is unknown; allowed are {', '.join(types)}")
+        elif keys.setdefault((where, option), key) != key:
+            faults.append(f"{where}{key} and {keys[where, option]} are the same")
+        else:
+            try:
+                options[option] = _as(types[option], value)
+            except ValueError as error:
+                faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
+    if faults:
+        raise ValueError("\n".join(faults))
+    job = command(**options)
+    return replace(job, **{name: type(path)(folder / path) for name, path in job.paths().items()})
 
 
 @functools.cache
@@ -120,26 +134,6 @@ def _types(command: type[Command]) -> dict[str, Any]:
 
 def _option(key: str) -> str:
     return key.replace("-", "_")
-
-
-def _converted(
-    table: dict[str, Any], types: dict[str, Any], where: str, faults: list[str]
-) -> dict[str, Any]:
-    """The options of a table in their types; `faults` gets what is wrong with the others."""
-    options: dict[str, Any] = {}
-    keys: dict[str, str] = {}
-    for key, value in table.items():
-        option = _option(key)
-        if option not in types:
-            faults.append(f"{where}{key} is unknown; allowed are {', '.join(types)}")
-            continue
-        if keys.setdefault(option, key) != key:
-            faults.append(f"{where}{key} and {keys[option]} are the same")
-        try:
-            options[option] = _as(types[option], value)
-        except ValueError as error:
-            faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
-    return options
 
 
 # How an option is written in TOML: in words, its types there, and what makes the option of it.
@@ -159,9 +153,8 @@ def _as(kind: Any, value: Any) -> Any:
     if type(None) in parts:  # an option that may be left out: TOML has no None
         return _as(parts[0], value)
     if get_origin(kind) is tuple:
-        return tuple(
-            _as(parts[0], each) for each in (value if isinstance(value, list) else [value])
-        )
+        values = value if isinstance(value, list) else [value]
+        return tuple(_as(parts[0], each) for each in values)
     if get_origin(kind) is Literal:
         if value in parts:
             return value
