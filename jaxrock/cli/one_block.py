@@ -55,7 +55,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
 
-    duration: float | None = None  # Time to follow the block for [s]. By default input and 10 s.
+    duration: float | None = None  # Time to follow the block [s]; 10 s beyond the input if None.
     model: ModelName = "nonlinear"  # Equation of motion.
     animate: bool = False  # Write response.gif as well.
     out: Path = Path("response")
@@ -121,7 +121,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
     intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
     half_cycles: tuple[float, ...] = (1.0, 2.0, 5.0, math.inf)
     """Numbers of half-cycles in which instantaneous pulses are to overturn the block."""
-    out: Path | None = None  # Folder for critical.csv; none is written if not given.
+    out: Path | None = None
+    """Folder for critical.csv; none is written if not given."""
     along: Quantity | None = None
     """What to seek, instead of giving it: by default a pulse's amplitude, a record's factor."""
     values: Grid | None = None
