@@ -1,5 +1,6 @@
 """Commands about one block: assessed, followed, what overturns it, what answers depend on."""
 
+import csv
 import itertools
 import math
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ import numpy as np
 from .. import resonance
 from ..block import Block
 from ..dynamics import Status, respond
+from ..ground_motion import PULSES, Motion
 from ..host import labelled
 from ..overturning import checked, critical_amplitude, overturning_boundaries
 from ..reports import assessment
@@ -143,12 +145,11 @@ class Critical(MotionOptions, BlockOptions, Writing):
         folder = yield ["critical.csv"]
         columns, text = self._boundaries(*search) if search else self._closed_form()
         columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
+        table = list(zip(*columns.values(), strict=True))
         if folder is not None:
-            import pandas
-
-            pandas.DataFrame(columns).to_csv(folder / "critical.csv", index=False, na_rep="nan")
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        return Answer(text, {"rows": rows})
+            with open(folder / "critical.csv", "w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows([columns, *table])
+        return Answer(text, {"rows": [dict(zip(columns, row, strict=True)) for row in table]})
 
     def _search(self) -> tuple[Any, str, np.ndarray | None]:
         """Under which motion along what where; None for the amplitudes of a pulse."""
@@ -269,8 +270,10 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             if self.answer == "critical-intensity":
                 return resonance.critical_intensity(block, c, math.inf, model)
             return _OF_SCENE[self.answer](resonance.Scene(block, c, at["intensity"]), model)
-        given = {name: value for name, value in at.items() if name != "half_width"}
-        motion = replace(self, **{"scale": 1.0, **given}).motion  # the amplitude is scaled already
+        if self.pulse is None:
+            motion: Motion = replace(self, scale=1.0).motion.scaled(at["scale"])
+        else:
+            motion = PULSES[self.pulse](at["amplitude"], at["pulse_duration"])
         duration = motion.end + (0.0 if self.answer == "margin" else 10.0)
         response = respond(block, c, motion, duration, model=model)
         if self.answer == "margin":
