@@ -169,7 +169,7 @@ def test_ctrl_c_is_one_line(capsys, tmp_path, monkeypatch):
         ran.append(command.out)
         if len(ran) == 2:
             raise KeyboardInterrupt
-        return command.finished("", {})
+        return Answer("", {})
 
     monkeypatch.setattr(COMMANDS["critical"], "run", fake)
     study = tmp_path / "study.toml"
