@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from ..numerics import through_jacobian
 from ..resonance import RockingModel
-from ..validation import Booleans, Reals, guarding, module_within
+from ..validation import Booleans, Reals, guarding, within
 from .contact_forces import larger, smaller
 from .driven_scene import Driven
 from .equation import Equation
@@ -68,7 +68,7 @@ def run(
     Without `forced`, friction demand and normal force are left out.
     """
     with guarding():
-        driven, valid = module_within(driven)
+        driven, valid = within(driven)
         equation = Equation.of(driven.block, model)
     valid = jnp.all(valid)
     dtype = driven.duration.dtype

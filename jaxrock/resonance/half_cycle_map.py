@@ -41,13 +41,6 @@ class Scene(Checked):
     -----
     To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
     if leaf.ndim else None, scene)``.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> scene = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
-    >>> print(f"{jr.rotation_ratio(scene):.4f}")
-    0.1232
     """
 
     block: Block
@@ -70,10 +63,6 @@ class Scene(Checked):
 def launch_velocity(scene: Scene) -> Reals:
     """Velocity at the beginning of the first half-cycle (Eq. 2).
 
-    Parameters
-    ----------
-    scene : Scene
-
     Returns
     -------
     velocity : Array, shape (...)
@@ -84,15 +73,10 @@ def launch_velocity(scene: Scene) -> Reals:
 
 @elementwise(velocity=NON_NEGATIVE)
 def next_velocity(scene: Scene, velocity: Number) -> Reals:
-    """The half-cycle map: one launch velocity to the next (Eq. 8, its recursion).
+    """The half-cycle map: one launch velocity [rad/s] to the next (Eq. 8, its recursion).
 
     The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
     pulse adds `launch_velocity`: exact in both models.
-
-    Parameters
-    ----------
-    scene, velocity : Scene, array_like
-        Launched with a velocity [rad/s], at least 0.
 
     Returns
     -------
@@ -104,14 +88,9 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
 
 @elementwise(half_cycle=COUNT)
 def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
-    """Launch velocity of a half-cycle (Eq. 8), whether or not an earlier one overturns.
+    """Launch velocity of half-cycle i (Eq. 8), whether or not an earlier one overturns.
 
     From the recursion of Eq. 8; the closed sum printed there lacks its last term.
-
-    Parameters
-    ----------
-    scene, half_cycle : Scene, array_like
-        i, a whole number from 1 on, or inf for the limit.
 
     Returns
     -------
@@ -135,10 +114,6 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 def stabilized_velocity(scene: Scene) -> Reals:
     """Limit of the launch velocity (Eq. 10), whether or not the block stands.
 
-    Parameters
-    ----------
-    scene : Scene
-
     Returns
     -------
     velocity : Array, shape (...)
@@ -151,10 +126,7 @@ def stabilized_velocity(scene: Scene) -> Reals:
 def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Full period of the stabilized phase (Eq. 11).
 
-    Parameters
-    ----------
-    scene, model : Scene, Linearized or Nonlinear
-        Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
+    Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
 
     Returns
     -------
@@ -177,10 +149,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Peak rotation in the stabilized phase (Eq. 12).
 
-    Parameters
-    ----------
-    scene, model : Scene, Linearized or Nonlinear
-        Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
+    Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
     Returns
     -------
@@ -194,10 +163,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Peak rotation in the stabilized phase over the critical angle (Figs. 6 to 8).
 
-    Parameters
-    ----------
-    scene, model : Scene, Linearized or Nonlinear
-        Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
+    Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
     Returns
     -------
@@ -218,10 +184,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Stabilized peak rotation over the peak after the first pulse (zeta, Fig. 4).
 
-    Parameters
-    ----------
-    scene, model : Scene, Linearized or Nonlinear
-        Linearized, it is right for weak pulses.
+    Linearized, it is right for weak pulses.
 
     Returns
     -------
@@ -246,10 +209,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     Smooth through the overturning threshold, where the peak rotation has an infinite slope:
     the quantity to search and to optimise on.
 
-    Parameters
-    ----------
-    scene, model : Scene, Linearized or Nonlinear
-        Linearized, v_c is 0.16 % too large at slenderness 5: the unsafe side.
+    Linearized, v_c is 0.16 % too large at slenderness 5: the unsafe side.
 
     Returns
     -------
@@ -272,10 +232,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """The first half-cycle in which the block overturns.
 
-    Parameters
-    ----------
-    scene, model : Scene, Linearized or Nonlinear
-        Linearized, it may be too late: v_c is too large.
+    Linearized, it may be too late: v_c is too large.
 
     Returns
     -------

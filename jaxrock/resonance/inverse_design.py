@@ -22,15 +22,8 @@ def critical_intensity(
 ) -> Reals:
     """Intensity of the pulses that just overturn the block within so many half-cycles.
 
-    With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8).
-
-    Parameters
-    ----------
-    block : Block
-    restitution, half_cycles : array_like
-        C [-], between 0 and 1, and n, a whole number from 1 on or inf.
-    model : Linearized or Nonlinear
-        Linearized, I is 0.16 % too large at slenderness 5: the unsafe side.
+    With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8). Linearized, it is
+    0.16 % too large at slenderness 5: the unsafe side.
 
     Returns
     -------
@@ -55,18 +48,10 @@ def critical_width(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Width of the block of this slenderness that the pulses just overturn.
+    """Width of the block of this slenderness that pulses [m/s] just overturn.
 
-    Critical intensities grow with the square root of the size.
-
-    Parameters
-    ----------
-    block : Block
-        Its half-width does not matter.
-    restitution, intensity, half_cycles : array_like
-        C [-], I of each pulse [m/s], and n, a whole number from 1 on or inf.
-    model : Linearized or Nonlinear
-        Linearized, 2b is 0.32 % too small at slenderness 5: the unsafe side.
+    Its half-width does not matter. Critical intensities grow with the square root of the size.
+    Linearized, the width is 0.32 % too small at slenderness 5: the unsafe side.
 
     Returns
     -------
@@ -86,16 +71,9 @@ def critical_slenderness(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Slenderness of the block of this width that the pulses just overturn.
+    """Slenderness of the block of this width that pulses [m/s] just overturn.
 
-    Parameters
-    ----------
-    block : Block
-        Its slenderness does not matter.
-    restitution, intensity, half_cycles : array_like
-        As in `critical_width`.
-    model : Linearized or Nonlinear
-        Linearized, lambda is too large: the unsafe side.
+    Its slenderness does not matter. Linearized, lambda is too large: the unsafe side.
 
     Returns
     -------
@@ -137,14 +115,9 @@ def critical_restitution(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Restitution with which the pulses just overturn the block.
+    """Restitution with which pulses [m/s] just overturn the block within so many half-cycles.
 
-    Parameters
-    ----------
-    block, intensity, half_cycles : Block, array_like, array_like
-        As in `critical_width`.
-    model : Linearized or Nonlinear
-        Linearized, C is too large: the unsafe side.
+    Linearized, C is too large: the unsafe side.
 
     Returns
     -------
