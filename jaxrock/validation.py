@@ -131,10 +131,10 @@ class Checked(eqx.Module):
         ValueError
             If a concrete value is outside of its domain.
         """
-        for each in self._fields():
+        for each in self._quantities():
             check(*each)
 
-    def _fields(self) -> list[tuple[str, Any, Domain | None]]:
+    def _quantities(self) -> list[tuple[str, Any, Domain | None]]:
         fields = self.__dataclass_fields__.items()
         return [(name, getattr(self, name), f.metadata.get("domain")) for name, f in fields]
 
@@ -160,7 +160,7 @@ def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
     """The value, a number or a module, with stand-ins outside of domains; where it is valid."""
     if isinstance(value, Checked):
         oks = []
-        for name, part, its_domain in value._fields():
+        for name, part, its_domain in value._quantities():
             part, ok = within(part, its_domain)
             if ok is not True:
                 value = eqx.tree_at(lambda m, name=name: getattr(m, name), value, part)

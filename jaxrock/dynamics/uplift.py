@@ -23,6 +23,7 @@ class Uplifts(eqx.Module):
     lifted: Booleans  # (2, knots): whether a block at rest would be, to each side
     demand: Reals  # of friction by a block at rest
     normal: Reals
+    lasting: Reals  # time for which a block that has been lifted stays so
 
     @classmethod
     def of(cls, equation: Equation, motion: Motion) -> "Uplifts":
@@ -30,7 +31,12 @@ class Uplifts(eqx.Module):
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
         lifted = jnp.stack([equation.uplift_excess(side * push, lift) > 0 for side in _SIDES])
-        return cls(equation, motion, knots, lifted, friction(push, 1 + lift), 1 + lift)
+        # Little beside the block's own time and that in which the input changes.
+        intervals = jnp.sum(knots < motion.end).astype(knots.dtype)
+        changes = (motion.end - motion.start) / intervals
+        lasting = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
+        forces = friction(push, 1 + lift), 1 + lift
+        return cls(equation, motion, knots, lifted, *forces, jax.lax.stop_gradient(lasting))
 
     def following(self, time: Reals, stop: Reals) -> tuple[Booleans, Reals, Reals]:
         """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""
