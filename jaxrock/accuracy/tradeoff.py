@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..dynamics import Driven, DrivenScene, Method, Response, compiled, follow, respond_batch
+from ..dynamics import Driven, DrivenScene, Response, follow, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import labelled, with_progress
 from ..resonance import (
@@ -258,7 +258,7 @@ def _contenders(scene: Scene | DrivenScene) -> list[_Contender]:
         table.append(_Contender("batch", bits, size, answer, order=order, default=default))
     for bits, solver, rtol in _ADAPTIVE:
         follow_one = _peak if driven else _half_cycle
-        relative, method = _in(bits, rtol), Method(solver)
+        relative, method = _in(bits, rtol), solver
         answer = functools.partial(
             follow_one, duration=durations[bits], rtol=relative, method=method
         )
@@ -305,7 +305,7 @@ def _batch(scene: DrivenScene, duration: Reals, order: int) -> Reals:
 
 
 @eqx.filter_jit
-def _half_cycle(scene: Scene, duration: Reals, rtol: Reals, method: Method) -> Reals:
+def _half_cycle(scene: Scene, duration: Reals, rtol: Reals, method: str) -> Reals:
     """Rotation ratio and period of the stabilized half-cycle, from one impact to the next."""
     zero = jnp.zeros_like(scene.restitution)
     still = DrivenScene(scene.block, scene.restitution, Rectangular(zero, zero + 1))
@@ -317,12 +317,13 @@ def _half_cycle(scene: Scene, duration: Reals, rtol: Reals, method: Method) -> R
 
 # Compiled with all of its answers: the peak alone would be had for less than a user pays.
 @eqx.filter_jit
-def _response(scene: DrivenScene, duration: Reals, rtol: Reals, method: Method) -> Response:
+def _response(scene: DrivenScene, duration: Reals, rtol: Reals, method: str) -> Response:
     driven = _driven(scene, duration, jnp.zeros_like(scene.restitution))
-    return compiled(driven, rtol, 1e-9 * rtol, Nonlinear(), 0, method)
+    settings = {"rtol": rtol, "atol": 1e-9 * rtol, "model": Nonlinear(), "method": method}
+    return follow(driven, **settings).response
 
 
-def _peak(scene: DrivenScene, duration: Reals, rtol: Reals, method: Method) -> Reals:
+def _peak(scene: DrivenScene, duration: Reals, rtol: Reals, method: str) -> Reals:
     return _response(scene, duration, rtol, method).peak_rotation
 
 
@@ -344,7 +345,7 @@ def _truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
         rounding = model_error(scene).rounding["nonlinear"][64]
         floor = max(float(rounding.rotation_ratio), float(rounding.period))
         return np.asarray(_closed_form(sample, Nonlinear())), floor
-    duration, method = _duration(scene), Method("Tsit5")
+    duration, method = _duration(scene), "Tsit5"
     sample = _varied(scene, _SAMPLE, 64, singly=True)
     peaks = []
     for rtol in (1e-9, 1e-10, 1e-11, 1e-12):

@@ -3,8 +3,6 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
-from .adaptive import SOLVERS as SOLVERS
-from .adaptive import compiled as compiled
 from .adaptive import respond
 from .batch import BatchResponse, respond_batch
 from .batch import compiler_options as compiler_options
@@ -17,7 +15,6 @@ from .overturning_criterion import free_motion_margin
 from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
 from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
 from .response import Response, Status
-from .solver_steps import Method as Method
 
 __all__ = [
     "BatchResponse",

@@ -19,7 +19,7 @@ from .equation import Equation
 from .motion_to_event import FALLING, REST, RISING, TOPPLED, Problem, State, fly
 from .overturning_criterion import free_motion_margins
 from .response import Events, Response, Status
-from .solver_steps import Method, Stepper, close_to
+from .solver_steps import Stepper, close_to
 from .uplift import Uplifts
 
 _MAX_EVENTS = 2**22
@@ -46,7 +46,7 @@ def run(
     max_impacts: int = 0,
     once: bool = False,
     forced: bool = True,
-    method: Method = "Tsit5",
+    method: str = "Tsit5",
 ) -> Followed:
     """Follow a block to the end of the duration, or with `once` to its first impact.
 

@@ -82,15 +82,21 @@ class Ends(eqx.Module):
     crossed: Booleans
     hold: Reals  # time before which it does not end
 
-    @jax.jit
     def left(self, y: Reals) -> Reals:
-        """What is positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`; linear in y."""
+        """What is positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
+        unit, none = 1 / self.equation.critical_angle, jnp.zeros_like(self.hold)
+        contact = jnp.where(self.rising, 0.5 * jnp.pi * unit, 0)
+        critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
+        return jnp.stack([none, contact, critical]) + self.change(y)
+
+    @jax.jit
+    def change(self, rate: Reals) -> Reals:
+        """The rate at which that changes, linear in that of the state."""
         unit = 1 / self.equation.critical_angle
         up = jnp.where(self.rising, unit, -unit)
-        peak = up / jnp.sqrt(self.equation.p_squared) * y[1]
-        contact = jnp.where(self.rising, 0.5 * jnp.pi * unit, 0) - up * y[0]
-        critical = jnp.where(self.rising & ~self.crossed, 1 - unit * y[0], jnp.inf)
-        return jnp.stack([peak, contact, critical])
+        critical = jnp.where(self.rising & ~self.crossed, -unit, 0)
+        peak = up / jnp.sqrt(self.equation.p_squared)
+        return jnp.stack([peak * rate[1], -up * rate[0], critical * rate[0]])
 
 
 class _Course(NamedTuple):
@@ -131,18 +137,8 @@ def flown(
     """From the state at its beginning to the end of a segment, or for its whole length."""
     course = _Course(stepper, segment, length, ends)
     zero, none = jnp.zeros_like(length), jnp.zeros((), int)
-    begin = Flight(
-        elapsed=zero,
-        y=y,
-        until=first_step(segment, length, y, lifted),
-        wanted=zero,
-        repetitions=none,
-        event=none + STOP,
-        done=~moves,
-        forces=forces,
-        steps=none,
-        solver_state=stepper.begin(segment, y),
-    )
+    until, solver_state = first_step(segment, length, y, lifted), stepper.begin(segment, y)
+    begin = Flight(zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state)
     return jax.lax.while_loop(
         lambda flight: ~flight.done & (flight.steps < _MAX_STEPS),
         lambda flight: _advance(course, flight),
@@ -188,19 +184,11 @@ def _advance(course: _Course, flight: Flight) -> Flight:
             ],
         )
     stuck = ~done & ~repeats & ~found & ~(until > elapsed)
+    y, wanted = jnp.where(stuck, jnp.nan, y), jnp.where(goes_on, wanted, 0)
+    done, steps = done | stuck, flight.steps + 1
     kept = step.solver_state, flight.solver_state
-    return Flight(
-        elapsed=elapsed,
-        y=jnp.where(stuck, jnp.nan, y),
-        until=until,
-        wanted=jnp.where(goes_on, wanted, 0),
-        repetitions=repetitions,
-        event=event,
-        done=done | stuck,
-        forces=forces,
-        steps=flight.steps + 1,
-        solver_state=jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *kept),
-    )
+    solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *kept)
+    return Flight(elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state)
 
 
 def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
@@ -225,8 +213,8 @@ def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Ints) 
     """The end of a segment by Halley's method, from a time and the state there."""
     rate = segment.field(time, y)
     _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
-    (left, slopes), (_, curvatures) = (jax.jvp(ends.left, (y,), (d,)) for d in (rate, change))
-    value, slope, curvature = left[event], slopes[event], curvatures[event]
+    parts = ends.left(y), ends.change(rate), ends.change(change)
+    value, slope, curvature = (part[event] for part in parts)
     steep = jnp.where(slope < 0, slope, -1)
     newton = value / steep
     # The series of Halley's step, to the second power of Newton's.

@@ -51,13 +51,11 @@ class Response(eqx.Module):
     overturned : Array of bool
         Whether the block falls: by reaching pi / 2, or by energy once the input has ended (or
         the duration, if that is shorter, as if the input ended there).
-    overturning_time : Array
-        When it passed the critical angle for the last time [s]; NaN if it stands, or if that
-        comes after the duration.
-    margin : Array
-        `free_motion_margin` at the end of the input [-]: negative where the block falls.
+    overturning_time, margin : Array
+        When it passed the critical angle for the last time [s], NaN if it stands or that comes
+        after the duration; and `free_motion_margin` at the end of the input [-].
     impacts : Array of int
-        Number of impacts.
+        How many.
     impact_times, impact_velocities : Array, shape (impacts,)
         When [s], and the angular velocity just before [rad/s], signed as alpha is. Under a
         transformation the shape is (`max_impacts`,), filled up with NaN.
@@ -65,11 +63,10 @@ class Response(eqx.Module):
         Whether the block rests on the ground at the end of the duration.
     friction_demand, normal_force : Array
         Largest ratio of horizontal to normal force at the base, and smallest normal force over
-        weight [-], from the accelerations of the centre of mass: at rest, in motion, just before
-        and after every impact, and until a block that overturns reaches pi / 2. The impulses of
-        impacts do not count. Where the normal force is 0 or less, the block would leave the
-        ground: the friction demand is inf, and the model no longer applies. 0 and inf for a
-        block that lies on its side from the beginning.
+        weight [-], from the accelerations of the centre of mass until a block that overturns
+        reaches pi / 2; the impulses of impacts do not count. Where the normal force is 0 or
+        less, the block would leave the ground: the friction demand is inf, and the model no
+        longer applies. 0 and inf for a block that lies on its side from the beginning.
     status : Array of int
         A `Status`; other than 0 or 1, the results are NaN.
     events, scene, model
@@ -100,13 +97,13 @@ class Response(eqx.Module):
         Parameters
         ----------
         time : array_like
-            Times [s], from 0 to the duration.
+            [s]
 
         Returns
         -------
         rotation, velocity : Array, shape (...)
-            alpha [rad] and its rate [rad/s]; NaN outside. A block that has overturned stays
-            where it lies.
+            alpha [rad] and its rate [rad/s]; NaN before 0 and after the duration. A block that
+            has overturned stays where it lies.
 
         Raises
         ------

@@ -14,8 +14,6 @@ from ..ground_motion import Motion
 from ..validation import Booleans, Reals
 from .equation import Equation
 
-Method = str  # the name of a solver of diffrax
-
 
 class Segment(eqx.Module):
     """The equation of motion on one side, in a time counted from `origin`."""
@@ -54,7 +52,7 @@ class Step(NamedTuple):
 class Stepper:
     """Diffrax's solver and step-size control, one step at a time."""
 
-    def __init__(self, method: Method, rtol: Any, atol: Any):
+    def __init__(self, method: str, rtol: Any, atol: Any):
         import diffrax  # which loads slowly
 
         # Of the ways to run over the stages, only "lax" has forward derivatives.
