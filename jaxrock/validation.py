@@ -12,6 +12,7 @@ import contextvars
 import functools
 import inspect
 import operator
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar, cast, get_args
 
@@ -190,7 +191,7 @@ def elementwise(
     function in the place of a domain converts its argument. The decorated function sees valid
     elements only. Where an argument is not valid, results are NaN with derivative zero, so that a
     masked sum over a batch has the derivative of the elements that are summed. Docstrings get
-    their sections on parameters and on errors.
+    a section on errors; a paragraph that begins with "Returns" becomes one, after parameters.
     """
     guards = {name: domain for name, domain in domains.items() if isinstance(domain, Domain)}
 
@@ -232,18 +233,20 @@ def elementwise(
 
 
 def _documented(text: str, signature: inspect.Signature, guards: dict[str, Domain]) -> str:
-    """A docstring with what signature and domains say of parameters and errors."""
-    entries = []
-    for name, parameter in signature.parameters.items():
-        kinds = get_args(parameter.annotation) or (parameter.annotation,)
-        words = [inspect.formatannotation(kind).rpartition(".")[2] for kind in kinds]
-        if name in guards:
-            words = [f"array_like\n    {guards[name].allowed.capitalize()}."]
-        if name != "self":
-            entries.append(f"{name} : {' or '.join(words)}")
-    if entries and "\nParameters\n---" not in text:
-        section = "\n".join(["Parameters", "----------", *entries, "\nReturns\n-"])
-        text = text.replace("Returns\n-", section)
+    """A docstring in sections, with what signature and domains say."""
+    summary, result, rest = text.partition("\nReturns ")
+    if result and not rest.startswith("\n"):
+        text = f"{summary}\nParameters\n----------\n"
+        for name, parameter in signature.parameters.items():
+            kinds = get_args(parameter.annotation) or (parameter.annotation,)
+            words = [inspect.formatannotation(kind).rpartition(".")[2] for kind in kinds]
+            if name in guards:
+                words = [f"array_like\n    {guards[name].allowed.capitalize()}."]
+            text += f"{name} : {' or '.join(words)}\n" if name != "self" else ""
+        kind = "tuple of Array" if get_args(signature.return_annotation) else "Array"
+        result, *rest = rest.rstrip().split("\n\n", 1)
+        text += f"\nReturns\n-------\n{kind}, shape (...)\n{textwrap.indent(result, '    ')}\n"
+        text += "".join(f"\n{part}" for part in rest)
     if guards:
         names = " or ".join(f"`{name}`" for name in guards)
         text += f"\n\nRaises\n------\nValueError\n    If a concrete {names} is out of range."

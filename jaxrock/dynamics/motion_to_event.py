@@ -99,15 +99,6 @@ class Ends(eqx.Module):
         return jnp.stack([peak * rate[1], -up * rate[0], critical * rate[0]])
 
 
-class _Course(NamedTuple):
-    """What the steps of a segment have in common."""
-
-    stepper: Stepper
-    segment: Segment
-    length: Reals
-    ends: Ends | None
-
-
 class Flight(NamedTuple):
     """From step to step of a segment."""
 
@@ -135,20 +126,20 @@ def flown(
     forces: tuple[Reals, Reals] | None = None,
 ) -> Flight:
     """From the state at its beginning to the end of a segment, or for its whole length."""
-    course = _Course(stepper, segment, length, ends)
     zero, none = jnp.zeros_like(length), jnp.zeros((), int)
     until, solver_state = first_step(segment, length, y, lifted), stepper.begin(segment, y)
     begin = Flight(zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state)
     return jax.lax.while_loop(
         lambda flight: ~flight.done & (flight.steps < _MAX_STEPS),
-        lambda flight: _advance(course, flight),
+        lambda flight: _advance(stepper, segment, length, ends, flight),
         begin,
     )
 
 
-def _advance(course: _Course, flight: Flight) -> Flight:
+def _advance(
+    stepper: Stepper, segment: Segment, length: Reals, ends: Ends | None, flight: Flight
+) -> Flight:
     """One step, or one more repetition of the last."""
-    stepper, segment, length, ends = course
     step = stepper.step(segment, flight.elapsed, flight.until, flight.y, flight.solver_state)
     repeats, event = flight.repetitions > 0, flight.event
     goes_on, found = step.accepted & ~repeats, jnp.array(False)

@@ -35,12 +35,9 @@ def free_motion_margin(
     critical angle has not overturned yet: one that moves back fast enough returns, and may then
     overturn on the other side. The margin is continuous everywhere and smooth through 0.
 
-    Returns
-    -------
-    margin : Array, shape (...)
-        The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
-        2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the
-        one at the next impact, v_c the critical velocity. 1 at rest.
+    Returns the smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
+    2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the one at the
+    next impact, v_c the critical velocity. 1 at rest.
 
     Examples
     --------

@@ -56,10 +56,7 @@ class RockingModel(eqx.Module):
     def critical_velocity(self, block: Block) -> Reals:
         """Launch velocity that just overturns the block.
 
-        Returns
-        -------
-        velocity : Array, shape (...)
-            ``alpha_c p`` (`Linearized`) or ``2 p sin(alpha_c / 2)`` (`Nonlinear`) [rad/s].
+        Returns ``alpha_c p`` (`Linearized`) or ``2 p sin(alpha_c / 2)`` (`Nonlinear`) [rad/s].
         """
         return self._critical_velocity(block)
 
@@ -67,10 +64,7 @@ class RockingModel(eqx.Module):
     def peak_rotation(self, block: Block, velocity: Number) -> Reals:
         """Largest rotation after a launch with a velocity [rad/s] (Eqs. 6 and 12).
 
-        Returns
-        -------
-        rotation : Array, shape (...)
-            Peak rotation [rad]; NaN where the launch overturns the block.
+        Returns peak rotation [rad]; NaN where the launch overturns the block.
         """
         return self._where_standing(self._peak_rotation, block, velocity)
 
@@ -78,10 +72,7 @@ class RockingModel(eqx.Module):
     def half_cycle_duration(self, block: Block, velocity: Number) -> Reals:
         """Time from a launch with a velocity [rad/s] to the next impact (Eqs. 7 and 9).
 
-        Returns
-        -------
-        duration : Array, shape (...)
-            Time [s]; NaN where the launch overturns the block.
+        Returns time [s]; NaN where the launch overturns the block.
         """
         return self._where_standing(self._half_cycle_duration, block, velocity)
 
@@ -92,11 +83,8 @@ class RockingModel(eqx.Module):
         As if there were no ground: after the next impact, at `half_cycle_duration`, the
         rotation is negative. From `critical_velocity` on the block overturns.
 
-        Returns
-        -------
-        rotation, velocity : Array, shape (...)
-            [rad] and [rad/s]; NaN where the linearized motion, which grows without bound,
-            leaves the range of floating-point numbers.
+        Returns both [rad], [rad/s]; NaN where the linearized motion, which grows without bound,
+        leaves the range of floating-point numbers.
         """
         x = velocity / self._critical_velocity(block)
         x, time = jnp.broadcast_arrays(x, time)
@@ -109,11 +97,8 @@ class RockingModel(eqx.Module):
         The quotient of two peaks would lose its derivatives where they are small, and its
         digits where they are almost equal.
 
-        Returns
-        -------
-        amplification : Array, shape (...)
-            ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
-            velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
+        Returns ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
+        velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1

@@ -63,10 +63,7 @@ class Scene(Checked):
 def launch_velocity(scene: Scene) -> Reals:
     """Velocity at the beginning of the first half-cycle (Eq. 2).
 
-    Returns
-    -------
-    velocity : Array, shape (...)
-        `Block.pulse_velocity` of the intensity [rad/s].
+    Returns `Block.pulse_velocity` of the intensity [rad/s].
     """
     return scene.block.pulse_velocity(scene.intensity)
 
@@ -78,10 +75,7 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
     The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
     pulse adds `launch_velocity`: exact in both models.
 
-    Returns
-    -------
-    velocity : Array, shape (...)
-        Launch velocity of the next half-cycle [rad/s].
+    Returns launch velocity of the next half-cycle [rad/s].
     """
     return velocity_after_impact(scene.restitution, velocity) + launch_velocity(scene)
 
@@ -92,10 +86,7 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 
     From the recursion of Eq. 8; the closed sum printed there lacks its last term.
 
-    Returns
-    -------
-    velocity : Array, shape (...)
-        ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
+    Returns ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
 
     Examples
     --------
@@ -114,10 +105,7 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 def stabilized_velocity(scene: Scene) -> Reals:
     """Limit of the launch velocity (Eq. 10), whether or not the block stands.
 
-    Returns
-    -------
-    velocity : Array, shape (...)
-        ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
+    Returns ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
     """
     return quotient_or_infinite(launch_velocity(scene), 1 - scene.restitution)
 
@@ -128,10 +116,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
 
-    Returns
-    -------
-    period : Array, shape (...)
-        T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+    Returns T* [s], twice the duration of a half-cycle; NaN where the block overturns.
     """
     half = _where_stabilized(scene, model, lambda m, *at: m._half_cycle_duration(*at))
     return 2 * half
@@ -143,10 +128,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
-    Returns
-    -------
-    rotation : Array, shape (...)
-        alpha*_max [rad]; NaN where the block overturns.
+    Returns alpha*_max [rad]; NaN where the block overturns.
     """
     return _where_stabilized(scene, model, lambda m, *at: m._peak_rotation(*at))
 
@@ -157,10 +139,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
-    Returns
-    -------
-    ratio : Array, shape (...)
-        alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
+    Returns alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
 
     Examples
     --------
@@ -178,11 +157,8 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Linearized, it is right for weak pulses.
 
-    Returns
-    -------
-    zeta : Array, shape (...)
-        zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
-        it tends to ``1 / (1 - C)^2``.
+    Returns zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses it
+    tends to ``1 / (1 - C)^2``.
     """
     model = as_model(model)
     x_limit, limited = _limit(scene, model)
@@ -202,11 +178,8 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     the quantity to search and to optimise on. Linearized, v_c is 0.16 % too large at
     slenderness 5: the unsafe side.
 
-    Returns
-    -------
-    margin : Array, shape (...)
-        ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns, -inf
-        for C = 1.
+    Returns ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns, -inf
+    for C = 1.
     """
     x, limited = _limit(scene, as_model(model))
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
@@ -218,11 +191,8 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
 
     Linearized, it may be too late: v_c is too large.
 
-    Returns
-    -------
-    half_cycle : Array, shape (...)
-        Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
-        floating-point number; inf where there is none. Its derivative is zero.
+    Returns smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
+    floating-point number; inf where there is none. Its derivative is zero.
     """
     scene, model = jax.lax.stop_gradient(scene), as_model(model)
     launch, critical = launch_velocity(scene), model._critical_velocity(scene.block)

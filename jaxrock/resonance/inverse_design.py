@@ -25,10 +25,7 @@ def critical_intensity(
     With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8). Linearized, it is
     0.16 % too large at slenderness 5: the unsafe side.
 
-    Returns
-    -------
-    intensity : Array, shape (...)
-        I [m/s]; 0 for C = 1 and n = inf.
+    Returns I [m/s]; 0 for C = 1 and n = inf.
 
     Examples
     --------
@@ -53,10 +50,7 @@ def critical_width(
     Its half-width does not matter. Critical intensities grow with the square root of the size.
     Linearized, the width is 0.32 % too small at slenderness 5: the unsafe side.
 
-    Returns
-    -------
-    width : Array, shape (...)
-        2b [m]: wider blocks stand. 0 without pulses; inf for C = 1 and n = inf.
+    Returns 2b [m]: wider blocks stand. 0 without pulses; inf for C = 1 and n = inf.
     """
     unit = eqx.tree_at(lambda b: b.half_width, block, jnp.ones_like(block.half_width))
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
@@ -75,11 +69,8 @@ def critical_slenderness(
 
     Its slenderness does not matter. Linearized, lambda is too large: the unsafe side.
 
-    Returns
-    -------
-    slenderness : Array, shape (...)
-        lambda [-]: stockier blocks stand. inf without pulses, or beyond the range of
-        floating-point numbers; 0 for C = 1 and n = inf.
+    Returns lambda [-]: stockier blocks stand. inf without pulses, or beyond the range of
+    floating-point numbers; 0 for C = 1 and n = inf.
     """
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
     half_width, gravity = block.half_width, block.gravity
@@ -119,11 +110,8 @@ def critical_restitution(
 
     Linearized, C is too large: the unsafe side.
 
-    Returns
-    -------
-    restitution : Array, shape (...)
-        C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN
-        where the first pulse is more than that, or the block stands even with C = 1.
+    Returns C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN
+    where the first pulse is more than that, or the block stands even with C = 1.
     """
     single = _single_pulse(block, model)
     share = intensity / single
