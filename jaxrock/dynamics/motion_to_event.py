@@ -152,17 +152,18 @@ def _advance(
     done = (goes_on & (flight.until >= length)) | (repetitions > _REPETITIONS)
     counts = goes_on | done
 
-    times = jnp.stack([flight.elapsed, flight.until])
-    states = jnp.stack([flight.y, step.y], axis=1)
-    fixed_segment, *fixed = jax.lax.stop_gradient((segment, times, states))
-    accelerations = fixed_segment.field(*fixed)[1]
-    forces = flight.forces
-    if forces is not None:
-        forces = with_step(forces, segment, times, states, accelerations, counts)
     elapsed = jnp.where(counts, flight.until, flight.elapsed)
     y = jnp.where(counts, step.y, flight.y)
     wanted = jnp.where(goes_on, jnp.maximum(step.next_length, flight.wanted), step.next_length)
-    acceleration = jnp.where(goes_on, accelerations[1], accelerations[0])
+    forces, fixed = flight.forces, jax.lax.stop_gradient(segment)
+    if forces is None:
+        acceleration = fixed.field(*jax.lax.stop_gradient((elapsed, y)))[1]
+    else:
+        times = jnp.stack([flight.elapsed, flight.until])
+        states = jnp.stack([flight.y, step.y], axis=1)
+        accelerations = fixed.field(*jax.lax.stop_gradient((times, states)))[1]
+        acceleration = jnp.where(goes_on, accelerations[1], accelerations[0])
+        forces = with_step(forces, segment, times, states, accelerations, counts)
     until = limited(segment, length, elapsed, elapsed + wanted, y, acceleration)
     if ends is not None:
         following = until
