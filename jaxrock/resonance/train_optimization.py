@@ -279,11 +279,8 @@ def _lateness(searches: Search) -> np.ndarray:
 
 def _where(condition: np.ndarray, ones: Search, others: Search) -> Search:
     """Start by start."""
-
-    def chosen(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return np.where(condition.reshape(-1, *(1,) * (one.ndim - 1)), one, other)
-
-    return jax.tree.map(chosen, ones, others)
+    parts = zip(ones, others, strict=True)
+    return Search(*(np.where(condition.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in parts))
 
 
 def _moved(searches: Search, fewest: int, problem: Problem) -> list[Search]:

@@ -38,10 +38,9 @@ def timing_costs(
     Returns
     -------
     dict
-        Intensities [m/s] of pulses right after the impacts, right before them, some parts of
-        a half-cycle after them, and alternating at the best of equal spacings (to 0.5 %, and
-        as if the spacing were off by as much); never larger than the single pulse that
-        overturns. NaN where the search did not converge.
+        Intensities [m/s] of pulses at the impacts, parts of a half-cycle after them, and
+        alternating at the best of equal spacings (to 0.5 %, and as if the spacing were off by
+        as much); at most the single pulse that overturns. NaN where that did not converge.
 
     Raises
     ------

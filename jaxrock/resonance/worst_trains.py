@@ -119,12 +119,10 @@ def worst_train(
         One block and its C [-], between 0 and 1.
     count : int
         Number of pulses, at least 1.
-    goal : str
+    goal, largest : str, float
         ``"smallest largest"``: overturn the block with the smallest largest pulse;
         ``"smallest total"``: with the smallest sum of magnitudes; ``"most rotation"``: the
-        highest peak with pulses of at most `largest`.
-    largest : float, optional
-        Bound on the pulses [m/s] for ``"most rotation"``.
+        highest peak with pulses of at most `largest` [m/s].
     impacts_between : int
         Fewest impacts between a pulse and the next, 0 to 3. With 0 and no spacing the worst
         is that all come at once.
@@ -133,12 +131,11 @@ def worst_train(
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
     starts, seed : int
-        Number of random trains to start from, and seed of the random numbers.
+        Number of random trains to start from, and their seed.
 
     Returns
     -------
     WorstTrain
-        The best of all starts, and what each arrived at.
 
     Raises
     ------
@@ -164,7 +161,27 @@ def worst_train(
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
     block.check()
-    _check_arguments(count, starts, goal, largest, impacts_between, spacing, latest)
+    for name, value in (("count", count), ("starts", starts)):
+        if value < 1:
+            raise ValueError(f"{name} must be at least 1, got {value}")
+    if goal not in get_args(Goal):
+        raise ValueError(
+            f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
+        )
+    if (largest is None) == (goal == "most rotation"):
+        raise ValueError('largest must be given for the goal "most rotation", and only for it')
+    if largest is not None:
+        check("largest", as_real("largest", largest), POSITIVE)
+    if not 0 <= impacts_between <= MAX_IMPACTS:
+        raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
+    check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
+    if not latest >= 0:
+        raise ValueError(f"latest must be at least 0, got {latest:g}")
+    if (count - 1) * spacing > latest:
+        raise ValueError(
+            f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
+            f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
+        )
     block, restitution = of_one_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
@@ -200,38 +217,6 @@ def worst_train(
         searches, _ = solved(searches, problem)
         train = _result(searches, problem, history, spacing, latest)
     return train
-
-
-def _check_arguments(
-    count: int,
-    starts: int,
-    goal: str,
-    largest: float | None,
-    impacts_between: int,
-    spacing: float,
-    latest: float,
-) -> None:
-    for name, value in (("count", count), ("starts", starts)):
-        if value < 1:
-            raise ValueError(f"{name} must be at least 1, got {value}")
-    if goal not in get_args(Goal):
-        raise ValueError(
-            f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
-        )
-    if (largest is None) == (goal == "most rotation"):
-        raise ValueError('largest must be given for the goal "most rotation", and only for it')
-    if largest is not None:
-        check("largest", as_real("largest", largest), POSITIVE)
-    if not 0 <= impacts_between <= MAX_IMPACTS:
-        raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
-    check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
-    if not latest >= 0:
-        raise ValueError(f"latest must be at least 0, got {latest:g}")
-    if (count - 1) * spacing > latest:
-        raise ValueError(
-            f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
-            f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
-        )
 
 
 def _random_starts(
