@@ -19,6 +19,8 @@ Processes beside each other are started with "spawn" or "forkserver", as in
 ``multiprocessing.get_context("spawn").Pool()``.
 """
 
+import importlib
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from .host import signals  # before JAX, so that a command can be interrupted while that loads
@@ -44,7 +46,6 @@ from .dynamics import (
     respond,
     respond_batch,
 )
-from .former_names import found
 from .ground_motion import (
     Cosine,
     HalfSine,
@@ -96,74 +97,45 @@ from .spectra import (
 if TYPE_CHECKING:
     from . import plot
 
-__all__ = [
-    "Block",
-    "Cosine",
-    "DrivenScene",
-    "HalfSine",
-    "Linearized",
-    "Nonlinear",
-    "Record",
-    "Rectangular",
-    "Ricker",
-    "Scene",
-    "Sine",
-    "Status",
-    "accuracy",
-    "amplification",
-    "assess",
-    "choose",
-    "critical_amplitude",
-    "critical_duration",
-    "critical_intensity",
-    "critical_pulsed_amplitude",
-    "critical_restitution",
-    "critical_slenderness",
-    "critical_width",
-    "dynamics",
-    "example_record",
-    "ground_motion",
-    "half_cycle_velocity",
-    "housner_restitution",
-    "launch_velocity",
-    "model_error",
-    "next_velocity",
-    "overturning",
-    "overturning_boundaries",
-    "overturning_half_cycle",
-    "overturning_map",
-    "overturning_margin",
-    "overturning_spectrum",
-    "plot",
-    "pulsed_phase",
-    "read_record",
-    "reports",
-    "resonance",
-    "resonance_spectrum",
-    "respond",
-    "respond_batch",
-    "respond_to_train",
-    "respond_within",
-    "rocking_spectrum",
-    "rotation_ratio",
-    "sensitivities",
-    "sensitivity",
-    "signals",
-    "spectra",
-    "stabilized_period",
-    "stabilized_rotation",
-    "stabilized_velocity",
-    "survival_windows",
-    "tornado",
-    "value_and_slopes",
-    "worst_train",
-    "write_table",
-]
+__all__ = ["accuracy", "dynamics", "ground_motion", "overturning", "plot", "reports", "resonance"]
+__all__ += ["sensitivity", "signals", "spectra"]
+__all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
+__all__ += ["Cosine", "HalfSine", "Rectangular", "Ricker", "Sine"]
+__all__ += ["Record", "example_record", "read_record"]
+__all__ += ["amplification", "overturning_half_cycle", "overturning_margin", "rotation_ratio"]
+__all__ += ["stabilized_period", "stabilized_rotation", "stabilized_velocity"]
+__all__ += ["half_cycle_velocity", "housner_restitution", "launch_velocity", "next_velocity"]
+__all__ += ["critical_intensity", "critical_restitution", "critical_slenderness", "critical_width"]
+__all__ += ["critical_pulsed_amplitude", "pulsed_phase", "respond_to_train", "worst_train"]
+__all__ += ["respond", "respond_batch", "respond_within"]
+__all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]
+__all__ += ["assess", "choose", "model_error", "sensitivities", "tornado", "value_and_slopes"]
+__all__ += ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
+__all__ += ["write_table"]
+
+_RENAMED = {  # since version 0.1
+    "GlobalSensitivities": "DerivativeBasedMeasures",
+    "Probability": "ReliabilityResult",
+    "PulsedVerge": "PulsedThreshold",
+    "Scatter": "MomentEstimate",
+    "Swing": "TornadoBars",
+    "Within": "EstimatedResponse",
+    "fate_margin": "free_motion_margin",
+    "global_sensitivities": "derivative_based_measures",
+}
 
 
 def __getattr__(name: str) -> Any:
-    return found(name)
+    if name == "plot":  # imports matplotlib
+        return importlib.import_module(".plot", __package__)
+    new = _RENAMED.get(name, name)  # what version 0.1 had here is in the packages now
+    for room in (accuracy, dynamics, ground_motion, overturning, resonance, sensitivity):
+        if new in room.__all__:
+            where = f"{room.__name__}.{new}"
+            warnings.warn(f"jaxrock.{name} is now {where}", DeprecationWarning, stacklevel=2)
+            return getattr(room, new)
+    raise AttributeError(f"module 'jaxrock' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return sorted(__all__)

@@ -51,12 +51,11 @@ class Block(Checked):
 
     @classmethod
     def from_size(cls, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
-        """Make the block of a given full width and height.
+        """The block of a given full width 2b [m] and height 2a [m].
 
         Parameters
         ----------
         width, height, gravity : array_like
-            2b [m], 2a [m] and g [m/s2], finite and greater than 0.
 
         Returns
         -------

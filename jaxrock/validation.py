@@ -11,8 +11,10 @@ import contextlib
 import contextvars
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, ParamSpec, TypeVar, cast
+import operator
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, ParamSpec, TypeVar, cast, get_args
 
 import equinox as eqx
 import jax
@@ -64,15 +66,13 @@ def as_array(value: Any) -> Array:
 
 def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
-    try:
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
         array = as_array(float(value) if isinstance(value, int | float) else value)
-    except (TypeError, ValueError, OverflowError):
-        array = None
-    if array is not None and jnp.issubdtype(array.dtype, jnp.floating):
-        return array
-    if array is not None and jnp.issubdtype(array.dtype, jnp.integer):
-        with jax.numpy_dtype_promotion("standard"):
-            return array * 1.0  # weakly typed: it takes the precision of other arguments
+        if jnp.issubdtype(array.dtype, jnp.floating):
+            return array
+        if jnp.issubdtype(array.dtype, jnp.integer):
+            with jax.numpy_dtype_promotion("standard"):
+                return array * 1.0  # weakly typed: it takes the precision of other arguments
     raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
 
 
@@ -91,9 +91,11 @@ def of_one_precision(tree: _T) -> _T:
     return jax.tree.map(converted, tree)
 
 
-def check(name: str, value: Any, domain: Domain) -> None:
-    """Raise `ValueError` if `value` is concrete and anywhere outside `domain`."""
-    if isinstance(value, jax.core.Tracer):
+def check(name: str, value: Any, domain: Domain | None) -> None:
+    """Raise `ValueError` if a value, or a field of a module, is concrete and not in its domain."""
+    if isinstance(value, Checked):
+        value.check()
+    if domain is None or isinstance(value, jax.core.Tracer):
         return
     values = np.asarray(value)
     with np.errstate(invalid="ignore"):
@@ -130,23 +132,13 @@ class Checked(eqx.Module):
         ValueError
             If a concrete value is outside of its domain.
         """
-        for field in self.__dataclass_fields__.values():
-            value = getattr(self, field.name)
-            if "domain" in field.metadata:
-                check(field.name, value, field.metadata["domain"])
-            elif isinstance(value, Checked):
-                value.check()
+        for each in self._quantities():
+            check(*each)
 
+    def _quantities(self) -> list[tuple[str, Any, Domain | None]]:
+        fields = self.__dataclass_fields__.items()
+        return [(name, getattr(self, name), f.metadata.get("domain")) for name, f in fields]
 
-_OUT_OF_RANGE = """
-
-Raises
-------
-ValueError
-    If a concrete {} is out of range. A traced one gives NaN.
-"""
-
-_M = TypeVar("_M", bound=Checked)
 
 # The guarded values of the function being traced. Functions that it calls need not guard them
 # again, which would only hinder the compiler. None outside of a guarded function.
@@ -165,31 +157,29 @@ def guarding() -> Iterator[None]:
         _guarded.reset(token)
 
 
-def within(value: Any, domain: Any) -> tuple[Any, Any]:
-    """The value with stand-ins outside of the domain, if it has one, and where it is valid."""
+def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
+    """The value, a number or a module, with stand-ins outside of domains; where it is valid."""
     if isinstance(value, Checked):
-        return module_within(value)
+        oks = []
+        for name, part, its_domain in value._quantities():
+            part, ok = within(part, its_domain)
+            if ok is not True:
+                value = eqx.tree_at(lambda m, name=name: getattr(m, name), value, part)
+            oks.append(ok)
+        return value, _all(oks)
     guarded = _guarded.get()
-    if not isinstance(domain, Domain) or any(
-        value is other and domain is its_domain for other, its_domain in guarded or ()
-    ):
+    if domain is None or any(value is v and domain is d for v, d in guarded or ()):
         return value, True
     valid = domain.contains(value)
-    value = jnp.where(valid, value, domain.stand_in)
+    value = cast("_T", jnp.where(valid, cast("Any", value), domain.stand_in))
     if guarded is not None:
         guarded.append((value, domain))
     return value, valid
 
 
-def module_within(module: _M) -> tuple[_M, Any]:
-    """The module with stand-ins for quantities outside of their domains, and where it is valid."""
-    valid: Any = True
-    for name, field in module.__dataclass_fields__.items():
-        value, ok = within(getattr(module, name), field.metadata.get("domain"))
-        if ok is not True:
-            module = eqx.tree_at(lambda m, name=name: getattr(m, name), module, value)
-            valid = valid & ok
-    return module, valid
+def _all(oks: Iterable[Any]) -> Any:
+    """Where all are valid; True where nothing had to be guarded."""
+    return functools.reduce(operator.and_, [ok for ok in oks if ok is not True] or [True])
 
 
 def elementwise(
@@ -201,19 +191,18 @@ def elementwise(
     function in the place of a domain converts its argument. The decorated function sees valid
     elements only. Where an argument is not valid, results are NaN with derivative zero, so that a
     masked sum over a batch has the derivative of the elements that are summed. Docstrings get
-    their section on errors.
+    a section on errors; a paragraph that begins with "Returns" becomes one, after parameters.
     """
-    guarded_names = [name for name, domain in domains.items() if isinstance(domain, Domain)]
+    guards = {name: domain for name, domain in domains.items() if isinstance(domain, Domain)}
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
         signature = inspect.signature(function)
 
         def masked(arguments: dict[str, Any]) -> Any:
-            valid: Any = True
-            for name, value in arguments.items():
-                arguments[name], ok = within(value, domains.get(name))
-                valid = valid if ok is True else valid & ok
-            result = cast("Callable[..., Any]", function)(**arguments)
+            pairs = {name: within(value, guards.get(name)) for name, value in arguments.items()}
+            valid = _all(ok for _, ok in pairs.values())
+            inner = cast("Callable[..., Any]", function)
+            result = inner(**{name: value for name, (value, _) in pairs.items()})
             if valid is True:
                 return result
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
@@ -228,20 +217,38 @@ def elementwise(
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> _R:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            for name, value in bound.arguments.items():
-                if isinstance(value, Checked):
-                    value.check()
-                elif isinstance(domain := domains.get(name), Domain):
-                    bound.arguments[name] = as_real(name, value)
-                    check(name, bound.arguments[name], domain)
-                elif domain is not None:
-                    bound.arguments[name] = domain(value)
-            compute = outermost if _guarded.get() is None else masked
-            return compute(bound.arguments)
+            arguments = bound.arguments
+            for name, domain in domains.items():
+                of_name = functools.partial(as_real, name)
+                convert = of_name if isinstance(domain, Domain) else domain
+                arguments[name] = convert(arguments[name])
+            for name, value in arguments.items():
+                check(name, value, guards.get(name))
+            return (outermost if _guarded.get() is None else masked)(arguments)
 
-        if guarded_names and function.__doc__:
-            names = " or ".join(f"`{name}`" for name in guarded_names)
-            guarded.__doc__ = inspect.cleandoc(function.__doc__) + _OUT_OF_RANGE.format(names)
+        guarded.__doc__ = _documented(inspect.cleandoc(function.__doc__ or ""), signature, guards)
         return guarded
 
     return decorate
+
+
+def _documented(text: str, signature: inspect.Signature, guards: dict[str, Domain]) -> str:
+    """A docstring in sections, with what signature and domains say."""
+    summary, result, rest = text.partition("\nReturns ")
+    if result and not rest.startswith("\n"):
+        text = f"{summary}\nParameters\n----------\n"
+        for name, parameter in signature.parameters.items():
+            kinds = get_args(parameter.annotation) or (parameter.annotation,)
+            words = [inspect.formatannotation(kind).rpartition(".")[2] for kind in kinds]
+            if name in guards:
+                words = [f"array_like\n    {guards[name].allowed.capitalize()}."]
+            text += f"{name} : {' or '.join(words)}\n" if name != "self" else ""
+        kind = "tuple of Array" if get_args(signature.return_annotation) else "Array"
+        result, *rest = rest.rstrip().split("\n\n", 1)
+        text += f"\nReturns\n-------\n{kind}, shape (...)\n{textwrap.indent(result, '    ')}\n"
+        text += "".join(f"\n{part}" for part in rest)
+    if guards:
+        names = " or ".join(f"`{name}`" for name in guards)
+        text += f"\n\nRaises\n------\nValueError\n    If a concrete {names} is out of range."
+        text += " A traced one gives NaN.\n"
+    return text

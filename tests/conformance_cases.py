@@ -517,44 +517,45 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
 
 
 def _published_tables(_: Motions) -> Iterator[Row]:
-    tables, paper = printed_tables(), "C. Casapulla, On the Resonance Conditions of Rigid Rocking"
-    for key, numeral, quantity, places in (
-        ("table_1", "I", "half_cycle_peak_rotation", ((0, 0),)),
-        ("table_2", "II", "half_cycle_duration", ((4, 3),)),
+    paper = "C. Casapulla, On the Resonance Conditions of Rigid Rocking"
+    peaks, durations, *others = printed_tables()["tables"]
+    for table, quantity, width, slenderness in (
+        (peaks, "half_cycle_peak_rotation", 0.4, 3.0),
+        (durations, "half_cycle_duration", 1.2, 10.0),
     ):
-        table = tables[key]
-        for i, j in places:
-            printed, width = table["printed"][i][j], table["width"][i]
-            slenderness = float(table["slenderness"][j])
-            yield _row(
-                f"table-{numeral}-{width:g}-{slenderness:g}",
-                "half-cycle map",
-                quantity,
-                f"The {quantity.replace('_', ' ')} after one pulse, as printed.",
-                Block(width / 2, slenderness),
-                float(printed),
-                model="linearized",
-                input="train",
-                intensity=table["intensity"],
-                number=1,
-                relative=0.0,
-                absolute=_half_unit(printed),
-                from_="published",
-                source=f"{paper} Blocks, Table {numeral}: {printed}",
-            )
-    table = tables["table_3"]
-    printed, c = table["zeta"][3], float(table["C"][3])
+        i, j = (
+            table["rows"].index(f"2b = {width} m"),
+            table["columns"].index(f"lambda = {slenderness:g}"),
+        )
+        printed, numeral = table["printed"][i][j], table["table"]
+        yield _row(
+            f"table-{numeral}-{width:g}-{slenderness:g}",
+            "half-cycle map",
+            quantity,
+            f"The {quantity.replace('_', ' ')} after one pulse, as printed.",
+            Block(width / 2, slenderness),
+            float(printed),
+            model="linearized",
+            input="train",
+            intensity=0.15,
+            number=1,
+            relative=0.0,
+            absolute=_half_unit(printed),
+            from_="published",
+            source=f"{paper} Blocks, Table {numeral}: {printed}",
+        )
+    (printed,) = others[-1]["printed"][others[-1]["rows"].index("C = 0.85")]
     yield _row(
-        f"table-III-{c:g}",
+        "table-III-0.85",
         "half-cycle map",
         "amplification",
         "The amplification, as printed.",
-        Block(table["width"] / 2, float(table["slenderness"])),
+        Block(0.6, 4.0),
         float(printed),
         model="linearized",
-        restitution=c,
+        restitution=0.85,
         input="train",
-        intensity=table["intensity"],
+        intensity=0.15,
         relative=0.0,
         absolute=_half_unit(printed),
         from_="published",

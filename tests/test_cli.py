@@ -154,7 +154,7 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     def full(*_):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr("jaxrock.spectra.closed_form._fill", full)
+    monkeypatch.setattr("jaxrock.spectra.closed_form._evaluate", full)
     code, _, err = run(capsys, "spectrum", "--out", tmp_path / "new", *SMALL)
     assert code == 2
     assert f"out: the folder {str(tmp_path / 'new')!r} cannot be written to: NetCDF" in err
@@ -169,7 +169,7 @@ def test_ctrl_c_is_one_line(capsys, tmp_path, monkeypatch):
         ran.append(command.out)
         if len(ran) == 2:
             raise KeyboardInterrupt
-        return command.finished("", {})
+        return Answer("", {})
 
     monkeypatch.setattr(COMMANDS["critical"], "run", fake)
     study = tmp_path / "study.toml"
@@ -242,7 +242,7 @@ def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     from jaxrock.reports import paper
 
     tables = paper.printed_tables()
-    tables["table_1"]["printed"][0][0] = "3.84e-3"
+    tables["tables"][0]["printed"][0][0] = "3.84e-3"
     monkeypatch.setattr(paper, "printed_tables", lambda: tables)
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper")
     assert code == 1

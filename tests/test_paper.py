@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from jaxrock.reports import paper
@@ -67,6 +68,15 @@ def test_mismatches_are_named(report):
     spoiled = paper.Report([wrong, healed], [claim], report.faults)
     assert len(spoiled.mismatches) == 3
     assert spoiled.mismatches[0].startswith("Table I, peak rotation")
+
+
+@pytest.mark.parametrize("bounds", [[None, 1.4], [3.1, None], [[None, None], [None, 2.9]]])
+def test_a_number_out_of_its_bounds_is_noticed(bounds):
+    row = {"where": "", "statement": "", "figure": "{pair[1]:.2f}", "within": {"pair": [1, None]}}
+    numbers = {"pair": np.array([1.5, 3.0])}
+    assert paper.finding(row, numbers) == paper.Finding("", "", valid=True, figure="3.00")
+    assert not paper.finding(row | {"within": {"pair": bounds}}, numbers).valid
+    assert not paper.finding(row, {"pair": np.array([1.5, np.nan])}).valid
 
 
 def test_files(report, tmp_path):

@@ -245,6 +245,14 @@ def test_no_phase_and_no_motion():
         jr.pulsed_phase(BLOCK, C, half_sine(0.1), rtol=0.5)
 
 
+def test_single_precision_where_double_is_allowed():
+    single = np.float32
+    block, pulse = jr.Block(single(0.4), single(5.0)), jr.HalfSine(single(1.3), single(0.1))
+    phase = jr.pulsed_phase(block, single(0.9), pulse)
+    assert phase.velocity.dtype == single
+    assert float(phase.velocity) == pytest.approx(0.26, rel=1e-4)
+
+
 def kept_up(cases, within=1e-9, most=400):
     """Whether pulses keep a block up that lands next to the critical velocity; with which one."""
     rocker = stepping.Rocker(*cases[1:4])

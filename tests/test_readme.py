@@ -65,9 +65,9 @@ def test_the_study_passes_its_check(tmp_path):
     study = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[1]
     path = tmp_path / "study.toml"
     path.write_text(study, encoding="utf-8")
-    jobs = Run(study=path).jobs
-    assert [job.command.width for job in jobs] == [0.4, 0.4]
-    assert [type(job.command.motion) for job in jobs] == [jr.Record, jr.HalfSine]
+    jobs = Run(study=path).jobs.values()
+    assert [job.width for job in jobs] == [0.4, 0.4]
+    assert [type(job.motion) for job in jobs] == [jr.Record, jr.HalfSine]
 
 
 @pytest.mark.float64

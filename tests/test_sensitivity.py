@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.sensitivity.distributions import Distributions
-from jaxrock.sensitivity.moments import _estimate
+from jaxrock.sensitivity.parameters import quantiles, widths
+from jaxrock.sensitivity.scatter import _estimate
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -117,11 +117,11 @@ def scattering_scenes():
 def test_what_holds_is_as_good_as_is_said(answer, model):
     """Mean to a tenth of the deviation, deviation to 10 %, against 20,000 other samples."""
     median, variation = scattering_scenes()
-    width = [Distributions.of(NAMES, m, v).width for m, v in zip(median, variation, strict=True)]
-    bounded = np.array([name == "restitution" for name in NAMES])
+    width = [widths(NAMES, m, v)[0] for m, v in zip(median, variation, strict=True)]
+    bounded = jnp.array([name == "restitution" for name in NAMES])
 
     def asked(median, width, z):
-        b, slenderness, c, intensity = Distributions(median, width, bounded).quantiles(z)
+        b, slenderness, c, intensity = quantiles(z, median, width, bounded)
         block = jr.Block(b, slenderness)
         if answer is jr.critical_intensity:
             return answer(block, c, model=model)
@@ -191,10 +191,11 @@ def test_scatter_is_what_was_asked_for():
     asked += [("start", m, v) for m in (-2.0, 0.0) for v in (0.05, 0.9)]
     asked += [("restitution", 0.99, 0.05), ("restitution", 0.0, 0.05), ("restitution", 1.0, 0.0)]
     names, median, variation = zip(*asked, strict=True)
-    drawn = Distributions.of(names, np.array(median), np.array(variation))
+    median = np.array(median)
+    drawn = [jnp.asarray(x) for x in (median, *widths(names, median, np.array(variation)))]
     # Gauss's formula; of half as many numbers, since there are poles beside the real axis.
     z, weight = np.polynomial.hermite_e.hermegauss(300)
-    found = np.asarray(jax.vmap(drawn.quantiles)(jnp.asarray(np.append(z, 0.0))[:, None]))
+    found = np.asarray(jax.vmap(lambda z: quantiles(z, *drawn))(jnp.asarray(np.append(z, 0.0))))
     weight /= weight.sum()
     np.testing.assert_allclose(found[-1], median, rtol=1e-13)
     above = found[:-1] - found[-1]

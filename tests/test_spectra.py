@@ -7,7 +7,7 @@ from cf_conventions import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.spectra import closed_form as spectra
-from jaxrock.spectra import storage
+from jaxrock.spectra import grid as grids
 
 GRID = {
     "slenderness": np.linspace(3, 10, 8),
@@ -66,11 +66,12 @@ def test_labels():
 def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options):
     """Whatever the numbers are."""
 
-    def fill(targets, *_):
-        for name in spectra._VARIABLES:
-            targets[name][...] = 0
+    def zeros(*grid):
+        sizes = [np.size(values) for values in grid[:4]]
+        return dict.fromkeys([*spectra._VARIABLES, "model"], np.zeros(sizes))
 
-    monkeypatch.setattr(spectra, "_fill", fill)
+    monkeypatch.setattr(spectra, "_evaluate", zeros)
+    monkeypatch.setattr(spectra, "_auto", lambda grid, *_: zeros(*grid))
     grid = GRID | {"intensity": intensity} | options
     with jr.resonance_spectrum(**grid, store=tmp_path / "stored.nc") as stored:
         jr.resonance_spectrum(**grid).to_netcdf(tmp_path / "memory.nc")
@@ -119,11 +120,11 @@ def test_table(tmp_path):
     with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == spectrum.period.size
-    parts = storage._parts(spectrum, 7)
+    parts = grids.parts_of(spectrum, 7)
     assert max(spectrum.isel(part).period.size for part in parts) <= 7
     pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
     np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
-    assert storage.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
+    assert grids.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
     for row in (rows[0], rows[-2]):
         at = {name: float(row[name]) for name in ("slenderness", "width", "restitution")}
         value = float(spectrum.period.sel(at, method="nearest"))

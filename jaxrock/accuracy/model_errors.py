@@ -13,7 +13,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..ground_motion import Pulse
+from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import shown
 from ..resonance import (
     Linearized,
@@ -40,9 +40,11 @@ from ..validation import (
 _MAX_UPLIFT_RATIO, _MIN_SLENDERNESS = 0.8, 0.5
 # Bounds on its remainder; the largest values found by a search are 0.239, 0.267 and 0.159.
 _VELOCITY, _TIME, _CRITICAL = 0.3, 0.35, 0.2
-# Under a half-sine a block launched with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity
-# comes back at once; that velocity may be half of what is estimated.
-_FALLS_BACK = 0.2
+# Of pulses of duration and intensity 1: the centroid, the integral of the pulse times its second
+# integral, and a slack for those that start weakly. Under a half-sine a block launched with less
+# than 3 e^2 (1 - C) / (4 pi^2) of the velocity comes back at once; that velocity may be half of
+# what is estimated.
+_PULSES = {None: (0.0, 0.0, 0.0), Rectangular: (0.5, 1 / 6, 0.0), HalfSine: (0.5, 0.125, 0.2)}
 # Rounding of the closed forms, as a change of the intensity in units of the last place.
 _ROUNDINGS = 3.5
 
@@ -106,29 +108,27 @@ class ModelError(eqx.Module):
 
         Parameters
         ----------
-        model : str
-            "linearized" or "nonlinear", under instantaneous pulses.
-        bits : int
-            32 or 64.
+        model, bits : str, int
+            "linearized" or "nonlinear", under instantaneous pulses; 32 or 64.
 
         Returns
         -------
         Answers
         """
         own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)
-        roundings = [self.rounding[model][bits]]
+        roundings, share = [self.rounding[model][bits]], self.linearization
         if model == "linearized":
             roundings += [by_bits[own_bits] for by_bits in self.rounding.values()]
+        else:
+            share = jax.tree.map(jnp.zeros_like, share)
 
         def added(simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals) -> Reals:
-            simpler = simpler if model == "linearized" else jnp.zeros_like(simpler)
             both = jnp.abs(simpler + duration + simpler * duration)
             bound = bound + functools.reduce(jnp.add, roundings)
             known = jnp.isfinite(simpler + duration)
             return jnp.where(known, both + bound * (1 + simpler), jnp.inf)
 
-        costs = self.linearization, self.duration, self.duration_bound
-        return jax.tree.map(added, *costs, *roundings)
+        return jax.tree.map(added, share, self.duration, self.duration_bound, *roundings)
 
 
 def model_error(
@@ -175,68 +175,68 @@ def model_error(
     >>> print(f"{100 * error.linearization.rotation_ratio:.2f} %")
     -0.61 %
     """
-    centroid, work, slack = (0.0, 0.0, 0.0) if shape is None else _moments(shape)
+    if shape not in tuple(_PULSES):
+        raise ValueError(f"shape must be Rectangular or HalfSine, got {shape!r}")
     duration = as_real("duration", duration)
     if shape is None and not isinstance(duration, jax.core.Tracer) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
     # Broadcast here, so that what is compiled depends on the shape of the result alone.
     leaves, structure = jax.tree.flatten(of_one_precision((scene, duration)))
     scene, duration = jax.tree.unflatten(structure, jnp.broadcast_arrays(*leaves))
-    return _model_error(scene, duration, centroid, work, slack)
+    return _model_error(scene, duration, *_PULSES[shape])
 
 
 @elementwise(duration=NON_NEGATIVE)
 def _model_error(
     scene: Scene, duration: Number, centroid: Number, work: Number, slack: Number
 ) -> ModelError:
-    duration = jnp.asarray(duration)
-    pulse = (duration, centroid, work, slack)
+    pulse = (jnp.asarray(duration), centroid, work, slack)
     shift, unit, known = _shift(scene, stabilized_velocity(scene), *pulse)
-    own = jnp.finfo(duration.dtype)
+    own = jnp.finfo(pulse[0].dtype)
     precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
-    variants = [scene]
-    variants += _around(scene, 1 + shift, _VELOCITY * unit + _ROUNDINGS * float(own.eps))
+    slip = _VELOCITY * unit + _ROUNDINGS * float(own.eps)
+    # As it is; then with the effect of pulses of finite duration, and rounded, each of these also
+    # with less and more. All at once, since each closed form takes long to compile.
+    variants = [scene, *_around(scene, 1 + shift, slip)]
     for kind in precisions.values():
         rounded = jax.tree.map(
             lambda leaf, kind=kind: jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant), scene
         )
         variants += _around(rounded, 1.0, _ROUNDINGS * float(kind.eps))
-    # All variants at once, since each closed form takes long to compile.
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants)
-    linearized, nonlinear = (
-        jnp.stack(jax.tree.leaves(answers_of(stacked, model)), axis=1)
+    answers = {
+        model.name: jnp.stack(jax.tree.leaves(answers_of(stacked, model)), axis=1)
         for model in (Linearized(), Nonlinear())
-    )
-
-    def rounding(answers: Reals) -> dict[int, Reals]:
-        bounds: dict[int, Reals] = {}
-        for k, (bits, kind) in enumerate(precisions.items()):
-            rounded, less, more = answers[4 + 3 * k : 7 + 3 * k]
-            moved = jnp.maximum(
-                jnp.abs(_relative(less, rounded)), jnp.abs(_relative(more, rounded))
-            )
-            bound = jnp.abs(_relative(rounded, answers[0])) + moved
-            bounds[bits] = bound + _ROUNDINGS * float(kind.eps)
+    }
+    roundings: dict[str, dict[int, Reals]] = {}
+    for name, (exact, _, _, _, *rest) in answers.items():
+        bounds = roundings[name] = {}
+        for bits, kind in precisions.items():
+            rounded, less, more, *rest = rest
+            moved = (jnp.abs(_relative(each, rounded)) for each in (less, more))
+            off = jnp.abs(_relative(rounded, exact)) + jnp.maximum(*moved)
+            bounds[bits] = off + _ROUNDINGS * float(kind.eps)
         if 64 not in bounds:  # which grow at least as fast as the unit of the last place
             bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(own.eps) * bounds[32]
-        return bounds
-
-    roundings = {"linearized": rounding(linearized), "nonlinear": rounding(nonlinear)}
-    estimate, bound = _duration_costs(
-        scene, pulse, nonlinear[:4], unit, known, roundings["nonlinear"][int(own.bits)]
-    )
-    linearization = _relative(linearized[0], nonlinear[0])
+    linearization = _relative(answers["linearized"][0], answers["nonlinear"][0])
+    own_rounding = roundings["nonlinear"][int(own.bits)]
+    costs = _duration_costs(scene, pulse, answers["nonlinear"][:4], unit, known, own_rounding)
+    linearizing, estimate, bound = (Answers(*cost) for cost in (linearization, *costs))
     by_model = {
-        model: {bits: Answers(*bound) for bits, bound in by_bits.items()}
-        for model, by_bits in roundings.items()
+        name: {bits: Answers(*bound) for bits, bound in bounds.items()}
+        for name, bounds in roundings.items()
     }
-    return ModelError(Answers(*linearization), Answers(*estimate), Answers(*bound), by_model)
+    return ModelError(linearizing, estimate, bound, by_model)
 
 
 def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
     """Scenes of the intensity times a factor, and of less and more."""
     factors = (factor, factor - slip, factor + slip)
     return [_with_intensity(scene, scene.intensity * each) for each in factors]
+
+
+def _with_intensity(scene: Scene, intensity: Reals) -> Scene:
+    return eqx.tree_at(lambda s: s.intensity, scene, intensity)
 
 
 def _duration_costs(
@@ -253,17 +253,17 @@ def _duration_costs(
     limit = Nonlinear().critical_velocity(scene.block)
     shift, unit_at_limit, known_at_limit = _shift(_with_intensity(scene, critical), limit, *pulse)
 
-    def cost(sign: float, at: Reals) -> tuple[Reals, Booleans]:
+    def lasting(sign: float, at: Reals) -> Reals:
         period = at[1] * (1 + sign * _TIME * unit) + later
         intensity = critical * (1 - shift + sign * _CRITICAL * unit_at_limit)
-        finite = jnp.stack([at[0], period, intensity])
-        return _relative(answers[0], finite), jnp.isfinite(finite)
+        return jnp.stack([at[0], period, intensity])
 
-    (estimate, some), (low, low_some), (high, high_some) = map(cost, (0.0, -1.0, 1.0), answers[1:])
+    finite = [*map(lasting, (0.0, -1.0, 1.0), answers[1:])]
+    estimate, low, high = (_relative(answers[0], each) for each in finite)
     spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
     bound = jnp.where(jnp.isfinite(estimate), spread, 0) + rounding
     # If no answer is finite the block overturns in any case, and nothing is left to lose.
-    some = jnp.isfinite(answers[0]) | some | low_some | high_some
+    some = jnp.isfinite(jnp.stack([answers[0], *finite])).any(axis=0)
     known = jnp.stack([known, known, known_at_limit])
     bound = jnp.where(known, jnp.where(some, bound, 0), jnp.inf)
     lasts = jnp.stack([duration > 0] * 3)
@@ -293,10 +293,6 @@ def _relative(value: Reals, reference: Reals) -> Reals:
     ratio = jnp.where(compared, value, 1) / jnp.where(compared, reference, 1)
     same = (exists == reference_exists) & (compared | (value == reference) | ~exists)
     return jnp.where(same, ratio - 1, jnp.inf)
-
-
-def _with_intensity(scene: Scene, intensity: Reals) -> Scene:
-    return eqx.tree_at(lambda s: s.intensity, scene, intensity)
 
 
 def answers_of(scene: Scene, model: RockingModel) -> Answers:
@@ -339,24 +335,3 @@ def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
     fastest, _ = jax.lax.fori_loop(0, 40, halved, (0 * one, one))
     fastest = jnp.where(enough(1e-3 * one), fastest, -1.0)
     return stabilized_velocity(scene) <= fastest * nonlinear.critical_velocity(scene.block)
-
-
-@functools.cache
-def _moments(shape: type[Pulse]) -> tuple[float, float, float]:
-    """Centroid of a pulse, the integral of it times its second integral, and `_FALLS_BACK`.
-
-    Of a pulse of duration 1 and intensity 1; the last is 0 for one that starts with a jump.
-    """
-    if not (isinstance(shape, type) and issubclass(shape, Pulse)) or shape.area == 0:
-        raise ValueError(f"shape must be Rectangular or HalfSine, got {shape!r}")
-    node, weight = np.polynomial.legendre.leggauss(32)
-    node, weight = 0.5 * (node + 1), 0.5 * weight
-
-    def strength(phase: np.ndarray) -> np.ndarray:
-        return np.asarray(shape.shape(jnp.asarray(phase))) / shape.area
-
-    # The second integral of f up to t is the integral of (t - u) f(u).
-    twice = [np.sum(weight * t * t * (1 - node) * strength(t * node)) for t in node]
-    pulse = weight * strength(node)
-    slack = 0.0 if strength(np.zeros(1))[0] > 0 else _FALLS_BACK
-    return float(np.sum(pulse * node)), float(np.sum(pulse * np.array(twice))), slack

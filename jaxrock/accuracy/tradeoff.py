@@ -11,7 +11,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import equinox as eqx
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..dynamics import Driven, DrivenScene, Method, Response, compiled, follow, respond_batch
+from ..dynamics import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import labelled, with_progress
 from ..resonance import (
@@ -58,13 +58,10 @@ _LONG_NAMES = {
 
 
 @dataclass(frozen=True)
-class _Contender:
-    """A setting of the dials, and the function that answers with it about a scene."""
-
+class _Dials:
     level: str
     bits: int
-    batch: int
-    answer: Callable[[Any], Any]
+    batch: int = 1
     solver: str = "-"
     tolerance: float = math.nan
     order: int = 0
@@ -75,8 +72,7 @@ class _Contender:
         """The setting in words, without the size of the batch."""
         parts = [self.level, f"float{self.bits}"]
         parts += [self.solver, f"rtol {self.tolerance:.0e}"] if self.solver != "-" else []
-        parts += [f"order {self.order}"] if self.order else []
-        return ", ".join(parts)
+        return ", ".join(parts + ([f"order {self.order}"] if self.order else []))
 
 
 @dataclass(frozen=True)
@@ -100,9 +96,8 @@ class Tradeoff:
 
         Parameters
         ----------
-        tolerance : float
-        batch : int, optional
-            Among the settings measured at this size of batch; of all unless given.
+        tolerance, batch : float, int, optional
+            Relative; among the settings measured at this size of batch, of all unless given.
 
         Returns
         -------
@@ -110,8 +105,7 @@ class Tradeoff:
             None if no setting keeps it.
         """
         enough = self.dataset.to_dataframe().query("error <= @tolerance")
-        if batch is not None:
-            enough = enough.query("batch == @batch")
+        enough = enough if batch is None else enough.query("batch == @batch")
         if enough.empty:
             return None
         fastest = enough.sort_values("seconds").iloc[0]
@@ -129,8 +123,7 @@ class Tradeoff:
         -------
         str
         """
-        tolerances = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
-        best = {f"{tolerance:.0e}": self.best(tolerance, batch) for tolerance in tolerances}
+        best = {f"{tol:.0e}": self.best(tol, batch) for tol in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)}
         uses = (f"for {t} {f'use {b}' if b else 'nothing is enough'}" for t, b in best.items())
         return "; ".join(uses) + "."
 
@@ -147,26 +140,25 @@ class Tradeoff:
             ("solver", "the solver", "front_of_level"),
             ("bits", "float", "front_of_level"),
         ):
-            values = rows.query(f"{dial} != '-'")[dial].unique()
-            never = sorted(set(values) - set(rows.query(f"{front} == 1")[dial]))
+            values = set(rows[dial]) - {"-"}
+            never = sorted(values - set(rows[dial][rows[front] == 1]))
             if 0 < len(never) < len(values):
                 lines.append(f"never pays: {name} {', '.join(map(str, never))}")
         return lines
 
     def __str__(self) -> str:
-        lines = [f"{'error':>8}  {'time':>9}  {'batch':>6}  setting"]
         rows = self.dataset.to_dataframe()
+        lines = [f"{'error':>8}  {'time':>9}  {'batch':>6}  setting"]
         for _, row in rows.query("front == 1").sort_values(["batch", "seconds"]).iterrows():
             time = _with_unit(row.seconds)
             lines.append(f"{row.error:8.1e}  {time:>9}  {row.batch:6}  {row.label}")
-        for batch in np.unique(rows.batch):
-            lines.append(f"batches of {batch}: {self.sentence(int(batch))}")
+        lines += [f"batches of {n}: {self.sentence(int(n))}" for n in np.unique(rows.batch)]
         for _, row in rows.query("default == 1").iterrows():
             lines.append(
                 f"default in batches of {row.batch}: {row.label}, error {row.error:.1e},"
                 f" {row.behind:.2f} times the fastest as accurate"
             )
-        return "\n".join([*lines, *self.notes()])
+        return "\n".join(lines + self.notes())
 
 
 def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int = 15) -> Tradeoff:
@@ -199,8 +191,7 @@ def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int =
         raise ValueError("JAX must be set to 64 bits to measure what less costs")
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")
-    if scene is None:
-        scene = default_scene()
+    scene = default_scene() if scene is None else scene
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single one")
     truth, floor = _truth(scene)
@@ -208,20 +199,18 @@ def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int =
         raise ValueError("scene must be one in which the block rocks and stands")
     rows: list[dict[str, Any]] = []
     calls: list[Callable[[], Any]] = []
-    for contender in with_progress(_contenders(scene), "compiling"):
-        sample, timed = (
-            _varied(scene, number, contender.bits, singly=contender.level == "adaptive")
-            for number in (_SAMPLE, contender.batch)
-        )
-        calls.append(functools.partial(contender.answer, timed[0]))
+    for dials in with_progress(_settings(scene), "compiling"):
+        sample, timed = (_varied(scene, number, dials) for number in (_SAMPLE, dials.batch))
+        answer = functools.partial(_answer, dials, _duration(scene))
+        calls.append(functools.partial(answer, timed[0]))
         begin = time.perf_counter()
-        answers = np.stack([contender.answer(one) for one in sample], axis=-1, dtype=float)
+        answers = np.stack([answer(one) for one in sample], axis=-1, dtype=float)
         jax.block_until_ready(calls[-1]())
         compilation = time.perf_counter() - begin
         error = float(np.max(np.abs(answers.reshape(truth.shape) / truth - 1)))
         error = max(error, floor) if math.isfinite(error) else math.inf
-        dials = {name: value for name, value in vars(contender).items() if name != "answer"}
-        rows.append({"label": contender.label, **dials, "error": error, "compilation": compilation})
+        measured = {"error": error, "compilation": compilation}
+        rows.append({"label": dials.label} | asdict(dials) | measured)
     # In turn, so that what else the machine does meets all alike.
     seconds = np.empty((repeats, len(calls)))
     for repeat in with_progress(range(repeats), "timing"):
@@ -237,119 +226,86 @@ def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int =
 
 def default_scene() -> DrivenScene:
     """A block under a pulse so short that every level of fidelity has something to say about it."""
-    amplitude, duration = jnp.asarray(40.0), jnp.asarray(0.01)
-    return DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(amplitude, duration))
+    return DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
 
 
-def _contenders(scene: Scene | DrivenScene) -> list[_Contender]:
+def _settings(scene: Scene | DrivenScene) -> list[_Dials]:
     """Every setting of the dials that the scene has."""
     driven = isinstance(scene, DrivenScene)
     sizes = (1, 1000) if driven else (1, 1000, 100_000)
-    table: list[_Contender] = []
+    table: list[_Dials] = []
     if not driven or (isinstance(scene.motion, Pulse) and type(scene.motion).area):
         for setting, size in itertools.product(CLOSED, sizes):
-            answer = functools.partial(_closed_form, model=as_model(setting.level))
             default = not driven and setting == CLOSED[0]  # in JAX's own precision
-            table.append(_Contender(setting.level, setting.bits, size, answer, default=default))
-    durations = {bits: _in(bits, _duration(scene)) for bits in (32, 64)}
+            table.append(_Dials(setting.level, setting.bits, size, default=default))
     for (bits, order), size in itertools.product(_ORDERS if driven else (), sizes):
-        answer = functools.partial(_batch, duration=durations[bits], order=order)
         default = (bits, order, size) == (64, 8, sizes[-1])
-        table.append(_Contender("batch", bits, size, answer, order=order, default=default))
+        table.append(_Dials("batch", bits, size, order=order, default=default))
     for bits, solver, rtol in _ADAPTIVE:
-        follow_one = _peak if driven else _half_cycle
-        relative, method = _in(bits, rtol), Method(solver)
-        answer = functools.partial(
-            follow_one, duration=durations[bits], rtol=relative, method=method
-        )
         default = (bits, solver, rtol) in ((64, "Tsit5", 1e-8), (32, "Tsit5", 1e-5))
-        table.append(_Contender("adaptive", bits, 1, answer, solver, rtol, default=default))
+        table.append(_Dials("adaptive", bits, 1, solver, rtol, default=default))
     return table
 
 
-def _duration(scene: Scene | DrivenScene) -> Any:
-    """To the end of a record; else until the block has come to rest, or has struck for sure."""
-    if isinstance(scene, Scene):
-        return 1000 / scene.block.frequency_parameter
-    pulse = isinstance(scene.motion, Pulse)
-    return scene.motion.end + (20 / scene.block.frequency_parameter if pulse else 0)
-
-
-def _varied(scene: Scene | DrivenScene, number: int, bits: int, singly: bool = False) -> list[Any]:
-    """One scene of blocks whose sizes are up to 5 % apart, or a scene of each."""
-    factors = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
-    widths = scene.block.half_width * factors
-    return [
-        _in(bits, eqx.tree_at(lambda s: s.block.half_width, scene, width))
-        for width in (widths if singly else [widths])
-    ]
-
-
-def _in(bits: int, tree: Any) -> Any:
-    dtype = jnp.float64 if bits == 64 else jnp.float32
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
+def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
+    """Rotation ratio and period of a `Scene`, peak rotation of a `DrivenScene`."""
+    if dials.level not in ("batch", "adaptive"):
+        return _closed_form(scene, as_model(dials.level))
+    if isinstance(scene, DrivenScene):
+        given = scene.block, scene.restitution, scene.motion, duration
+        if dials.level == "batch":
+            return respond_batch(*given, order=dials.order).peak_rotation
+        response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
+        return np.where(response.overturned, np.nan, response.peak_rotation)
+    zero = jnp.zeros_like(scene.restitution)  # after the stabilized half-cycle there is no other
+    still, velocity = Rectangular(zero, zero + 1), stabilized_velocity(scene)
+    settings = {"rtol": dials.tolerance, "solver": dials.solver}
+    found = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
+    return np.stack([found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]])
 
 
 @functools.partial(jax.jit, static_argnames="model")
 def _closed_form(scene: Scene | DrivenScene, model: RockingModel) -> Reals:
-    """Rotation ratio and period; under a pulse, taken as instantaneous, the peak rotation."""
+    """Under a pulse, it is taken as instantaneous."""
     if isinstance(scene, Scene):
         return jnp.stack([rotation_ratio(scene, model), stabilized_period(scene, model)])
     intensity = cast(Pulse, scene.motion).intensity
     return model.peak_rotation(scene.block, scene.block.pulse_velocity(intensity))
 
 
-def _batch(scene: DrivenScene, duration: Reals, order: int) -> Reals:
-    block, restitution, motion = scene.block, scene.restitution, scene.motion
-    return respond_batch(block, restitution, motion, duration, order=order).peak_rotation
+def _duration(scene: Scene | DrivenScene) -> float:
+    """To the end of a record; else until the block has come to rest, or has struck for sure."""
+    if isinstance(scene, Scene):
+        return float(1000 / scene.block.frequency_parameter)
+    pulse = isinstance(scene.motion, Pulse)
+    return float(scene.motion.end + (20 / scene.block.frequency_parameter if pulse else 0))
 
 
-@eqx.filter_jit
-def _half_cycle(scene: Scene, duration: Reals, rtol: Reals, method: Method) -> Reals:
-    """Rotation ratio and period of the stabilized half-cycle, from one impact to the next."""
-    zero = jnp.zeros_like(scene.restitution)
-    still = DrivenScene(scene.block, scene.restitution, Rectangular(zero, zero + 1))
-    driven = _driven(still, duration, stabilized_velocity(scene))
-    settings = {"rtol": rtol, "atol": 1e-9 * rtol, "model": Nonlinear(), "method": method}
-    end = follow(driven, once=True, forced=False, **settings)
-    return jnp.stack([end.peak / scene.block.critical_angle, 2 * end.struck[0]])
-
-
-# Compiled with all of its answers: the peak alone would be had for less than a user pays.
-@eqx.filter_jit
-def _response(scene: DrivenScene, duration: Reals, rtol: Reals, method: Method) -> Response:
-    driven = _driven(scene, duration, jnp.zeros_like(scene.restitution))
-    return compiled(driven, rtol, 1e-9 * rtol, Nonlinear(), 0, method)
-
-
-def _peak(scene: DrivenScene, duration: Reals, rtol: Reals, method: Method) -> Reals:
-    return _response(scene, duration, rtol, method).peak_rotation
-
-
-def _driven(scene: DrivenScene, duration: Reals, velocity: Reals) -> Driven:
-    return Driven(
-        block=scene.block,
-        restitution=scene.restitution,
-        motion=scene.motion,
-        duration=duration,
-        rotation=jnp.zeros_like(velocity),
-        velocity=velocity,
-    )
+def _varied(scene: Scene | DrivenScene, number: int, dials: _Dials) -> list[Any]:
+    """Blocks whose sizes are up to 5 % apart: one scene, or for the integrator one of each."""
+    factors = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
+    widths = scene.block.half_width * factors
+    return [
+        jax.tree.map(
+            lambda leaf: jnp.asarray(leaf, f"float{dials.bits}"),
+            eqx.tree_at(lambda s: s.block.half_width, scene, width),
+        )
+        for width in (widths if dials.level == "adaptive" else [widths])
+    ]
 
 
 def _truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
     """Answers about the sample, and the relative error below which nothing is told apart."""
     if isinstance(scene, Scene):
-        (sample,) = _varied(scene, _SAMPLE, 64)
+        (sample,) = _varied(scene, _SAMPLE, _Dials("nonlinear", 64))
         rounding = model_error(scene).rounding["nonlinear"][64]
         floor = max(float(rounding.rotation_ratio), float(rounding.period))
         return np.asarray(_closed_form(sample, Nonlinear())), floor
-    duration, method = _duration(scene), Method("Tsit5")
-    sample = _varied(scene, _SAMPLE, 64, singly=True)
     peaks = []
     for rtol in (1e-9, 1e-10, 1e-11, 1e-12):
-        found = [_response(one, duration, jnp.asarray(rtol), method) for one in sample]
-        peaks.append(np.array([np.nan if r.overturned else r.peak_rotation for r in found]))
+        dials = _Dials("adaptive", 64, 1, "Tsit5", rtol)
+        sample = _varied(scene, _SAMPLE, dials)
+        peaks.append(np.stack([_answer(dials, _duration(scene), one) for one in sample]))
     # A stricter tolerance changes less and less, until rounding takes over.
     changes = [float(np.max(np.abs(b / a - 1))) for a, b in itertools.pairwise(peaks)]
     best = int(np.argmin(changes))
@@ -360,19 +316,15 @@ def _dataset(
     rows: list[dict[str, Any]], scene: Scene | DrivenScene, floor: float
 ) -> "xarray.Dataset":
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    columns["default"] = columns["default"].astype(np.int8)
     error, seconds, batch, level = (columns[n] for n in ("error", "seconds", "batch", "level"))
-
-    def behind(same_group: np.ndarray) -> np.ndarray:
-        """Time over that of the fastest setting which is no less accurate."""
-        enough = (error[:, None] <= error) & same_group
-        return seconds / np.where(enough, seconds[:, None], np.inf).min(axis=0)
-
     same_batch = batch[:, None] == batch
     same_level = same_batch & (level[:, None] == level)
-    columns["default"] = columns["default"].astype(np.int8)
-    columns["behind"] = behind(same_batch)
     for name, group in (("front", same_batch), ("front_of_level", same_level)):
-        columns[name] = ((behind(group) == 1) & np.isfinite(error)).astype(np.int8)
+        enough = (error[:, None] <= error) & group  # no less accurate
+        behind = seconds / np.where(enough, seconds[:, None], np.inf).min(axis=0)
+        columns.setdefault("behind", behind)
+        columns[name] = ((behind == 1) & np.isfinite(error)).astype(np.int8)
     variables = {}
     for name, values in columns.items():
         attributes = {"long_name": _LONG_NAMES.get(name, name)}
@@ -389,7 +341,6 @@ def _dataset(
 
 
 def _with_unit(seconds: float) -> str:
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
-        if seconds >= size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds / 1e-9:.3g} ns"
+    units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    unit = next((unit for unit, size in units.items() if seconds >= size), "ns")
+    return f"{seconds / units[unit]:.3g} {unit}"

@@ -1,4 +1,4 @@
-"""The command line; each command is a file: its options as fields, `check`, `run`."""
+"""The command line; a command is a class: its options as fields, `check`, `run`."""
 
 from .commands import COMMANDS
 from .main_program import main

@@ -1,15 +1,190 @@
-"""The commands by name."""
+"""Commands about many blocks, measurements and tables; all commands by name."""
 
-from .assess import Assess
-from .conformance import Conformance
-from .critical import Critical
-from .options import Command
-from .paper import Paper
-from .respond import Respond
-from .rocking_spectrum import RockingSpectrum
-from .sensitivity import Sensitivity
-from .spectrum import Spectrum
-from .tradeoff import Tradeoff
+import math
+from pathlib import Path
+from typing import Any, Literal
+
+from ..accuracy import default_scene, measure_tradeoff
+from ..dynamics import DrivenScene
+from ..reports import conformance, paper
+from ..resonance import Scene
+from ..spectra import (
+    RESONANCE_AXES,
+    axis,
+    overturned_share,
+    resonance_spectrum,
+    rocking_spectrum,
+    write_table,
+)
+from ..validation import POSITIVE, check
+from .one_block import Assess, Critical, Respond, Sensitivity
+from .options import (
+    Answer,
+    BlockOptions,
+    Command,
+    Grid,
+    MotionOptions,
+    RecordOptions,
+    Steps,
+    Writing,
+    picture,
+)
+
+
+class Spectrum(Writing):
+    """Resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
+
+    Writes spectrum.nc, spectrum.csv and spectrum.png. Values of the grid are given one by
+    one, or as START:STOP:COUNT.
+
+    Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
+    """
+
+    slenderness: Grid = ("3:10:141",)  # Height over width [-].
+    width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2)  # Full widths 2b of the base [m].
+    restitution: Grid = (0.6, 0.7, 0.8)  # Coefficients of restitution [-], 0 to 1.
+    intensity: Grid = (0.15,)  # Change of ground velocity in each pulse [m/s].
+    gravity: float = 9.81  # Acceleration of gravity [m/s2].
+    model: Literal["linearized", "nonlinear", "auto"] = "linearized"
+    """Equation of free rocking; auto takes at each point the cheapest within the tolerance."""
+    tolerance: float = 1e-3  # Relative error that is allowed; for the model auto.
+    out: Path = Path("spectrum")
+
+    def _steps(self) -> Steps:
+        grid: dict[str, Any] = {name: axis(name, self.numbers(name)) for name in RESONANCE_AXES}
+        check("gravity", self.gravity, POSITIVE)
+        check("tolerance", self.tolerance, POSITIVE)
+        if self.model != "auto":
+            self.refuse("tolerance", only_with="the model auto")
+        if len(grid["intensity"]) == 1:  # then it is no dimension
+            grid["intensity"] = grid["intensity"][0]
+        folder = yield "spectrum.nc", "spectrum.csv", "spectrum.png"
+        from ..plot import plot_spectrum
+
+        grid |= {"model": self.model, "tolerance": self.tolerance, "gravity": self.gravity}
+        with resonance_spectrum(**grid, store=folder / "spectrum.nc") as dataset:
+            write_table(dataset, folder / "spectrum.csv")
+            picture(plot_spectrum(dataset), folder / "spectrum.png")
+            sizes = {str(name): size for name, size in dataset.sizes.items()}
+            overturned = overturned_share(dataset)
+        return Answer(
+            f"{math.prod(sizes.values())} scenes, {100 * overturned:.1f} % of them overturn",
+            {"sizes": sizes, "model": self.model, "overturned": overturned},
+        )
+
+
+class RockingSpectrum(RecordOptions, Writing):
+    """Rocking spectrum of a record: peak rotation over the size of the block.
+
+    Writes rocking_spectrum.nc, .csv and .png.
+
+    Example: jaxrock rocking-spectrum --record example --scale 1.5
+    """
+
+    record: str | None = "example"
+    period: Grid = ("1:8:71",)  # 2 pi / p of the blocks [s].
+    slenderness: Grid = (4.0, 6.0, 8.0)  # Height over width [-].
+    restitution: Grid = (0.9,)  # Velocity after an impact over velocity before it [-].
+    out: Path = Path("rocking_spectrum")
+
+    def _steps(self) -> Steps:
+        motion = self.motion
+        grid = [axis(n, self.numbers(n)) for n in ("period", "slenderness", "restitution")]
+        folder = yield [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
+        from ..plot import plot_rocking_spectrum
+
+        dataset = rocking_spectrum(motion, *grid)
+        dataset.to_netcdf(folder / "rocking_spectrum.nc")
+        dataset.to_dataframe().to_csv(folder / "rocking_spectrum.csv")
+        picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
+        share = float(dataset.overturned.mean())
+        return Answer(
+            f"{dataset.overturned.size} blocks, {100 * share:.1f} % of them overturn",
+            {"sizes": {str(name): size for name, size in dataset.sizes.items()}},
+        )
+
+
+class Tradeoff(MotionOptions, BlockOptions, Writing):
+    """Speed against accuracy on this machine: every dial turned, errors and times measured.
+
+    Of a block under a pulse or a record, with --intensity under the pulses of resonance, by
+    default under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
+
+    Example: jaxrock tradeoff --record example
+    """
+
+    restitution: float | None = 0.7
+    intensity: float | None = None  # Change of ground velocity in each instantaneous pulse [m/s].
+    repeats: int = 15  # How many times each setting is timed.
+    out: Path = Path("tradeoff")
+
+    def _steps(self) -> Steps:
+        if self.repeats < 1:
+            raise ValueError(f"repeats must be at least 1, got {self.repeats}")
+        if self.shaken and self.intensity is not None:
+            raise ValueError("intensity excludes a pulse or a record")
+        block, c = self.block, self.coefficient
+        if self.intensity is not None:
+            scene = Scene(block, c, self.intensity)
+        else:
+            scene = DrivenScene(block, c, self.motion if self.shaken else default_scene().motion)
+        folder = yield "tradeoff.nc", "tradeoff.csv", "tradeoff.png"
+        from ..plot import plot_tradeoff
+
+        tradeoff = measure_tradeoff(scene, repeats=self.repeats)
+        table = tradeoff.dataset.to_dataframe()
+        tradeoff.dataset.to_netcdf(folder / "tradeoff.nc")
+        table.to_csv(folder / "tradeoff.csv", index=False)
+        picture(plot_tradeoff(tradeoff.dataset), folder / "tradeoff.png")
+        data = {"sentence": tradeoff.sentence(), "notes": tradeoff.notes()}
+        return Answer(str(tradeoff), {"rows": table.to_dict("records"), **data})
+
+
+class Paper(Writing):
+    """Regenerate the paper's tables and figures and compare them with what it prints.
+
+    Writes report.md, the tables as CSV and the figures as PNG. Exits with 1 if anything
+    disagrees that is not a known fault of the paper.
+
+    Example: jaxrock paper --out paper
+    """
+
+    out: Path = Path("paper")
+
+    def _steps(self) -> Steps:
+        folder = yield paper.FILES
+        report = paper.regenerate()
+        paper.write(report, folder)
+        data = {
+            "printed": len(report.entries),
+            "agreeing": sum(entry.agrees for entry in report.entries),
+            "known_faults_in_tables": sum(bool(entry.fault) for entry in report.entries),
+            "claims_that_hold": sum(claim.valid for claim in report.claims),
+            "claims": len(report.claims),
+            "faults_reproduced": sum(fault.valid for fault in report.faults),
+            "faults": len(report.faults),
+            "mismatches": report.mismatches,
+        }
+        mismatches = [f"mismatch: {line}" for line in report.mismatches]
+        text = "\n".join([paper.summary(report), *mismatches])
+        return Answer(text, data, code=1 if mismatches else 0)
+
+
+class Conformance(Writing):
+    """Write a table of cases that other programs can be run against.
+
+    Blocks, inputs as files, what to compare, value, tolerance and where the value comes from:
+    cases.csv, the same as cases.json, and the ground motions as CSV.
+
+    Example: jaxrock conformance --out conformance
+    """
+
+    out: Path = Path("conformance")
+
+    def _steps(self) -> Steps:
+        count = conformance.write((yield conformance.FILES))
+        return Answer(f"{count} cases", {"cases": count})
+
 
 COMMANDS: dict[str, type[Command]] = {
     "assess": Assess,

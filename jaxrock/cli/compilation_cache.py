@@ -22,20 +22,19 @@ _CACHE_ERROR = re.compile("Error (reading|writing) persistent compilation cache 
 def cached() -> Iterator[None]:
     """Keep what is compiled inside, and use what was compiled before.
 
-    Unless the user has told JAX where to keep it, or not to, and unless there is no folder for
-    it. The user hears nothing of it: what cannot be read is removed, and compiled again.
+    Unless the user has told JAX where to keep it, or not to, and unless there is no folder for it.
     """
     folder = platformdirs.user_cache_path("jaxrock", appauthor=False) / "compiled"
-    config = jax.config
-    own = not config.jax_compilation_cache_dir and config.jax_enable_compilation_cache
-    if own and folder.is_absolute():  # not so for a user without a home
+    told = jax.config.jax_compilation_cache_dir or not jax.config.jax_enable_compilation_cache
+    own = folder.is_absolute() and not told  # relative for a user without a home
+    if own:
         with contextlib.suppress(OSError):  # nobody else's, since JAX runs what it finds
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not (own and folder.is_absolute() and folder.is_dir()):
+    if not own or not folder.is_dir():
         yield
         return
-    config.update("jax_compilation_cache_dir", str(folder))
-    config.update("jax_persistent_cache_min_compile_time_secs", 0)
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     try:
         with _in_silence(folder):
             yield
@@ -45,10 +44,9 @@ def cached() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _in_silence(folder: Path) -> Iterator[None]:
-    """Hide what JAX warns of when it cannot read or write a program; remove what it cannot read.
+    """Hide that JAX cannot read or write a program, and remove what it cannot read.
 
-    JAX writes in place. A program whose writing was cut off when its process was killed would
-    stay so for ever.
+    It writes in place: what was cut off when its process was killed would stay so for ever.
     """
     with warnings.catch_warnings():
         show = warnings.showwarning

@@ -2,12 +2,14 @@
 
 import contextlib
 import gc
+import json
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import tyro
@@ -15,8 +17,7 @@ import tyro
 from ..host import signals, with_clock
 from .commands import COMMANDS
 from .compilation_cache import cached
-from .options import Command
-from .output import dumps
+from .options import Command, read
 from .study import Run
 
 
@@ -24,8 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command; what is not allowed or cannot be done ends it with exit code 2.
 
     Without arguments it is the command of this process, which signals may end and which starts
-    from what others have compiled; see `jaxrock.signals` and `compiled_programs`. With them,
-    Ctrl-C raises `SystemExit` with exit code 130.
+    from what others have compiled. With them, Ctrl-C raises `SystemExit` with exit code 130.
     """
     if arguments is None:
         signals.watch()
@@ -57,14 +57,15 @@ def _run(arguments: Sequence[str] | None) -> int:
             args=arguments,
             config=(tyro.conf.FlagCreatePairsOff,),
         )
-    of_this_process = arguments is None and not command.no_cache
-    with _surroundings(), cached() if of_this_process else contextlib.nullcontext():
+    keeps = arguments is None and not command.no_cache
+    with _surroundings(), cached() if keeps else contextlib.nullcontext():
         _leave_lost_folder(command)
+        read.cache_clear()  # files may have changed since the last command
         command.check()
         with with_clock("jaxrock"):
             answer = command.run()
     with _standard_output():
-        print(dumps(answer.data) if command.as_json else answer.text)
+        print(_json(answer.data) if command.as_json else answer.text)
     for error in answer.errors:
         _complain(f"error: {error}")
     return answer.code
@@ -75,18 +76,20 @@ def _complain(text: str) -> None:
         print(f"jaxrock: {text}", file=sys.stderr)
 
 
-def _leave_lost_folder(command: Command) -> None:
-    """Leave a current folder that is gone: JAX asks for its path, and any other serves as well.
+def _json(value: Any) -> str:
+    # Python writes numbers that are not finite as constants that JSON does not have.
+    finite = json.loads(json.dumps(value), parse_constant=lambda _: None)
+    return json.dumps(finite, indent=2)
 
-    Unless an option is a path that starts there: that is a `ValueError`.
-    """
+
+def _leave_lost_folder(command: Command) -> None:
+    """Leave a current folder that is gone, whose path JAX asks for, unless an option needs it."""
     try:
         os.getcwd()
     except FileNotFoundError:
-        for name, value in vars(command).items():
-            is_path = isinstance(value, Path) or str(value).lower().endswith((".at2", ".csv"))
-            if is_path and not Path(value).is_absolute():
-                message = f"{name}: {value!s} starts at the current folder, which is gone"
+        for name, path in command.paths().items():
+            if not Path(path).is_absolute():
+                message = f"{name}: {path!s} starts at the current folder, which is gone"
                 raise ValueError(message) from None
         os.chdir(os.sep)
 
@@ -109,18 +112,14 @@ def _surroundings() -> Iterator[None]:
 @contextlib.contextmanager
 def _standard_output() -> Iterator[None]:
     """Write out everything that is printed inside, or raise an error that says why not."""
-    stream = sys.stdout
-    if stream is None:  # closed by whoever started this process
-        yield
-        return
     try:
         try:
             yield
         finally:
-            stream.flush()
+            print(end="", flush=True)  # nothing where it was closed by who started this
     except OSError as error:
         with contextlib.suppress(OSError):  # Python tries again at its end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):  # as in `jaxrock ... | head`
             raise SystemExit(128 + signal.SIGPIPE) from None
         raise ValueError(f"standard output cannot be written to: {error.strerror}") from error

@@ -2,37 +2,21 @@
 
 import functools
 import tomllib
-import types
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import tyro
 
 from ..host import read_regular, with_progress
 from .commands import COMMANDS
-from .options import COMMON, Answer, Command, GridValue, Writing
+from .options import Answer, Command, GridValue, Steps, Writing
 
-_TABLES = ("common", "job")
-_ALLOWED = {
-    float: "a number",
-    int: "a whole number",
-    bool: "true or false",
-    str: "text",
-    Path: "text",
-    GridValue: 'numbers or "START:STOP:COUNT"',
-}
+Table = dict[str, Any]  # of TOML
+Jobs = dict[str, Command]  # by the names that errors and answers give them
 
 
-class Job(NamedTuple):
-    """One command of a study, with the name that errors and answers give it."""
-
-    name: str
-    command: Command
-
-
-@dataclass(frozen=True, kw_only=True)
 class Run(Command):
     """Run the jobs of a study file, all of them checked before the first one starts.
 
@@ -44,61 +28,51 @@ class Run(Command):
     Example: jaxrock run study.toml
     """
 
-    study: Annotated[Path, tyro.conf.Positional]
-    """The study file."""
-
-    def check(self) -> None:
-        """Every job: its keys, their values, its files."""
-        _ = self.jobs
-
-    def run(self) -> Answer:
-        """Run the jobs in their order."""
-        texts, answers, errors = [], [], []
-        for name, command in with_progress(self.jobs, "jobs"):
-            try:
-                answer = command.run()
-            except (ValueError, OSError, MemoryError) as error:
-                answer = Answer(f"error: {error}", {"error": str(error)}, 2)
-                errors.append(f"{self.study}: {name}: {error}")
-            texts.append(f"{name}\n{answer.text}")
-            answers.append({"job": name, "code": answer.code, **answer.data})
-        code = max(answer["code"] for answer in answers)
-        return Answer("\n\n".join(texts), {"jobs": answers}, code, errors)
+    study: Annotated[Path, tyro.conf.Positional]  # The study file.
 
     @functools.cached_property
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> Jobs:
         """The jobs, checked; a `ValueError` names all faults of the study."""
         faults: list[str] = []
-        try:
-            jobs = _jobs(_read(self.study), self.study.parent, faults)
-        except RecursionError:
-            raise ValueError(f"study: {str(self.study)!r} is nested too deeply") from None
-        for name, command in with_progress(jobs, "checking jobs"):
-            try:
-                command.check()
-            except ValueError as error:
-                faults.append(f"{name}: {error}")
+        jobs = _jobs(_read(self.study), self.study.parent, faults)
         faults += _collisions(jobs)
         if faults:
             raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
         return jobs
 
+    def _steps(self) -> Steps:
+        jobs, answers = self.jobs, list[tuple[str, Answer]]()
+        yield ()
+        for name, command in with_progress(jobs.items(), "jobs"):
+            try:
+                answer = command.run()
+            except (ValueError, OSError, MemoryError) as error:
+                said = [f"{self.study}: {name}: {error}"]
+                answer = Answer(f"error: {error}", {"error": str(error)}, 2, said)
+            answers.append((name, answer))
+        return Answer(
+            "\n\n".join(f"{name}\n{answer.text}" for name, answer in answers),
+            {"jobs": [{"job": name, "code": a.code, **a.data} for name, a in answers]},
+            max(answer.code for _, answer in answers),
+            [error for _, answer in answers for error in answer.errors],
+        )
 
-def _read(path: Path) -> dict[str, Any]:
+
+def _read(path: Path) -> Table:
     try:
         return tomllib.loads(read_regular(path).decode("utf-8-sig"))
     except OSError as error:
         raise ValueError(f"study: {str(path)!r} cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"study: {str(path)!r} is not TOML: {error}") from error
+    except RecursionError:
+        raise ValueError(f"study: {str(path)!r} is nested too deeply") from None
 
 
-def _jobs(study: dict[str, Any], folder: Path, faults: list[str]) -> list[Job]:
+def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
     """The jobs that can be made; `faults` gets what is wrong with the others."""
-    faults += [
-        f"{key} is unknown; allowed are {', '.join(_TABLES)}" for key in study if key not in _TABLES
-    ]
-    common, tables = study.get("common", {}), study.get("job", [])
+    common, tables = study.pop("common", {}), study.pop("job", [])
+    faults += [f"{key} is unknown; allowed are common, job" for key in study]
     if not isinstance(common, dict):
         faults.append("common must be a table [common]")
         common = {}
@@ -107,113 +81,107 @@ def _jobs(study: dict[str, Any], folder: Path, faults: list[str]) -> list[Job]:
         tables = []
     elif not tables:
         faults.append("job is missing: there must be at least one table [[job]]")
-    unused, jobs = dict(common), []
-    for number, table in enumerate(tables, 1):
-        kind = table.get("command")
+    unused, jobs = dict(common), Jobs()
+    for number, table in with_progress(list(enumerate(tables, 1)), "checking jobs"):
+        kind = table.pop("command", None)
         if not isinstance(kind, str) or kind not in COMMANDS:
-            got = repr(kind)[:60] if "command" in table else f"only {', '.join(table) or 'nothing'}"
+            got = f"only {', '.join(table) or 'nothing'}" if kind is None else repr(kind)[:60]
             allowed = ", ".join(COMMANDS)
             faults.append(f"job {number}: command must be one of {allowed}, got {got}")
             continue
-        name, types_of = f"job {number} ({kind})", _types(COMMANDS[kind])
-        shared = {key: value for key, value in common.items() if _option(key) in types_of}
-        unused = {key: value for key, value in unused.items() if key not in shared}
-        own = {key: value for key, value in table.items() if key != "command"}
-        wrong: list[str] = []
-        options = _converted(shared, types_of, f"{name}: common: ", wrong)
-        options |= _converted(own, types_of, f"{name}: ", wrong)
-        faults += wrong
-        if not wrong:
-            jobs.append(Job(name, COMMANDS[kind](**_placed(options, COMMANDS[kind], folder))))
+        name, types = f"job {number} ({kind})", _types(COMMANDS[kind])
+        unused = {key: value for key, value in unused.items() if _option(key) not in types}
+        try:
+            job = _job(COMMANDS[kind], table, common, folder)
+            job.check()
+            jobs[name] = job
+        except ValueError as error:
+            faults += [f"{name}: {fault}" for fault in str(error).splitlines()]
     faults += [f"common: {key} is an option of no job" for key in unused]
     return jobs
+
+
+def _job(command: type[Command], table: Table, common: Table, folder: Path) -> Command:
+    """A command with the options of a job; a `ValueError` names all faults of these."""
+    types = _types(command)
+    given = [("common: ", key, common[key]) for key in common if _option(key) in types]
+    given += [("", key, value) for key, value in table.items()]
+    options, keys, faults = Table(), dict[tuple[str, str], str](), list[str]()
+    for where, key, value in given:
+        option = _option(key)
+        if option not in types:
+            faults.append(f"{where}{key} is unknown; allowed are {', '.join(types)}")
+        elif keys.setdefault((where, option), key) != key:
+            faults.append(f"{where}{key} and {keys[where, option]} are the same")
+        else:
+            try:
+                options[option] = _as(types[option], value)
+            except ValueError as error:
+                faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
+    if faults:
+        raise ValueError("\n".join(faults))
+    job = command(**options)
+    return replace(job, **{name: type(path)(folder / path) for name, path in job.paths().items()})
 
 
 @functools.cache
 def _types(command: type[Command]) -> dict[str, Any]:
     """The types of the options that a job may have, by name."""
     hints = get_type_hints(command)
-    return {field.name: hints[field.name] for field in fields(command) if field.name not in COMMON}
+    names = [field.name for field in fields(command)]
+    return {name: hints[name] for name in names if not hasattr(Command, name)}
 
 
 def _option(key: str) -> str:
     return key.replace("-", "_")
 
 
-def _converted(
-    table: dict[str, Any], types_of: dict[str, Any], where: str, faults: list[str]
-) -> dict[str, Any]:
-    """The options of a table in their types; `faults` gets what is wrong with the others."""
-    options: dict[str, Any] = {}
-    written: dict[str, str] = {}
-    for key, value in table.items():
-        option = _option(key)
-        if option not in types_of:
-            faults.append(f"{where}{key} is unknown; allowed are {', '.join(types_of)}")
-            continue
-        if option in written:
-            faults.append(f"{where}{key} and {written[option]} are the same")
-        written[option] = key
-        try:
-            options[option] = _as(types_of[option], value)
-        except ValueError as error:
-            faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
-    return options
+# How an option is written in TOML: in words, its types there, and what makes the option of it.
+_WRITTEN: dict[Any, tuple[str, tuple[type, ...], type]] = {
+    float: ("a number", (int, float), float),
+    int: ("a whole number", (int,), int),
+    bool: ("true or false", (bool,), bool),
+    str: ("text", (str,), str),
+    Path: ("text", (str,), Path),
+    GridValue: ('numbers or "START:STOP:COUNT"', (int, float, str), str),
+}
 
 
 def _as(kind: Any, value: Any) -> Any:
     """A value of a study as the type of an option; a `ValueError` says what is allowed."""
-    origin, parts = get_origin(kind), get_args(kind)
-    # An option that may be left out: TOML has no None. Of a `Literal`, Python makes a `Union`.
-    if origin in (Union, types.UnionType) and type(None) in parts:
+    parts = get_args(kind)
+    if type(None) in parts:  # an option that may be left out: TOML has no None
         return _as(parts[0], value)
-    if origin is tuple:
+    if get_origin(kind) is tuple:
         values = value if isinstance(value, list) else [value]
         return tuple(_as(parts[0], each) for each in values)
-    if origin is Literal and value not in parts:
+    if get_origin(kind) is Literal:
+        if value in parts:
+            return value
         raise ValueError(f"one of {', '.join(parts)}")
-    if type(value) in (int, float) and kind in (float, GridValue):
-        try:
-            return float(value)
-        except OverflowError:
-            raise ValueError("a number that is not too large") from None
-    if isinstance(value, str) and kind is Path:
-        return Path(value)
-    if origin is Literal or type(value) is kind or (isinstance(value, str) and kind == GridValue):
-        return value
-    raise ValueError(_ALLOWED[kind])
+    allowed, types, convert = _WRITTEN[kind]
+    if type(value) not in types:
+        raise ValueError(allowed)
+    try:
+        return convert(value)
+    except OverflowError:
+        raise ValueError("a number that is not too large") from None
 
 
-def _placed(options: dict[str, Any], command: type[Command], folder: Path) -> dict[str, Any]:
-    """The options with the paths that start at the folder of the study."""
-    placed = dict(options)
-    out = options.get("out", getattr(command, "out", None))
-    if out is not None:
-        placed["out"] = folder / out
-    if options.get("record") not in (None, "example"):
-        placed["record"] = str(folder / options["record"])
-    if str(options.get("vertical")).lower().endswith(".at2"):  # a file, no column
-        placed["vertical"] = str(folder / options["vertical"])
-    return placed
-
-
-def _collisions(jobs: list[Job]) -> Iterator[str]:
+def _collisions(jobs: Jobs) -> Iterator[str]:
     """Faults of jobs whose files are also files of other jobs, or their folders.
 
     By dictionaries, so that the time is in proportion to the number of jobs.
     """
     files: dict[Path, str] = {}
     folders: dict[Path, str] = {}
-    for name, command in jobs:
-        if not isinstance(command, Writing) or command.out is None:
-            continue
-        folder = command.out.resolve()
-        above = (folder, *folder.parents)
-        paths = [folder / file for file in command.names]
-        blocked = [files[path] for path in above if path in files]
-        for path in paths:
-            others = [claimed[path] for claimed in (files, folders) if path in claimed]
-            for other in dict.fromkeys(others + blocked):
+    for name, command in jobs.items():
+        if isinstance(command, Writing) and command.out is not None:
+            folder = command.out.resolve()
+            above, own = (folder, *folder.parents), [folder / file for file in command.names]
+            taken = {path: files[path] for path in (*above, *own) if path in files}
+            taken |= {path: folders[path] for path in own if path in folders}
+            for path, other in taken.items():
                 yield f"{name}: out: {str(path)!r} is in the way of {other}"
-        files.update(dict.fromkeys(paths, name))
-        folders.update(dict.fromkeys(above, name))
+            files.update(dict.fromkeys(own, name))
+            folders.update(dict.fromkeys(above, name))

@@ -3,21 +3,16 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
-from .adaptive import SOLVERS as SOLVERS
-from .adaptive import compiled as compiled
 from .adaptive import respond
 from .batch import BatchResponse, respond_batch
 from .batch import compiler_options as compiler_options
-from .driven_scene import Driven as Driven
 from .driven_scene import DrivenScene
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
-from .impact_to_impact import follow as follow
 from .overturning_criterion import free_motion_margin
 from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
 from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
 from .response import Response, Status
-from .solver_steps import Method as Method
 
 __all__ = [
     "BatchResponse",

@@ -1,7 +1,6 @@
 """One block by an adaptive integrator: `respond`."""
 
 import contextlib
-from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
@@ -12,68 +11,14 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Motion, Record
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, as_array, as_real, of_one_precision
 from .driven_scene import Driven
 from .impact_to_impact import follow
 from .response import Response, Status
-from .solver_steps import Method
 
-SOLVERS = ("Tsit5", "Dopri5", "Dopri8")
+_SOLVERS = "Tsit5", "Dopri5", "Dopri8"
 _MAX_IMPACTS = 2048  # in a list outside of transformations, until it is full
-
-
-def compiled(
-    driven: Driven,
-    rtol: Any,
-    atol: Any,
-    model: RockingModel,
-    max_impacts: int,
-    method: Method = "Tsit5",
-) -> Response:
-    """The response to the end, with at most so many impacts in its lists."""
-    settings = {"rtol": rtol, "atol": atol, "model": model, "method": method}
-    return follow(driven, max_impacts=max_impacts, **settings).response
-
-
-def _with_all_impacts(
-    driven: Driven, rtol: Any, atol: Any, model: RockingModel, method: Method
-) -> Response:
-    """The response with lists of just the right length; of concrete numbers."""
-    bucketed, max_impacts = driven.bucketed(), _MAX_IMPACTS
-    response = compiled(bucketed, rtol, atol, model, max_impacts, method)
-    # Hardly ever: each length of the lists is a program of its own.
-    while int(response.status) == Status.LIST_FULL:
-        max_impacts *= 32
-        response = compiled(bucketed, rtol, atol, model, max_impacts, method)
-    impacts = int(response.impacts)
-    events = int(np.isfinite(response.events.time).sum())
-
-    def cut(rows: Any, size: int) -> Any:
-        return as_array(np.asarray(rows)[:size])  # in NumPy, which compiles nothing
-
-    return eqx.tree_at(
-        lambda r: (r.impact_times, r.impact_velocities, r.events, r.scene),
-        response,
-        (
-            cut(response.impact_times, impacts),
-            cut(response.impact_velocities, impacts),
-            jax.tree.map(lambda rows: cut(rows, events), response.events),
-            driven,
-        ),
-    )
-
-
-@contextlib.contextmanager
-def _unchecked() -> Iterator[None]:
-    """Without JAX's checks for NaN, which stands for none here, and for leaks of diffrax."""
-    with contextlib.ExitStack() as stack:
-        # Only where they are on: a setting of its own would compile anew.
-        if jax.config.jax_debug_nans:
-            stack.enter_context(jax.debug_nans(False))
-        if jax.config.jax_check_tracer_leaks:
-            stack.enter_context(jax.check_tracer_leaks(False))
-        yield
 
 
 def respond(
@@ -109,11 +54,11 @@ def respond(
         default 1e-8 (1e-5 in float32), and 1e-9 of the relative one: small bounces are
         followed as exactly as large ones.
     solver : str
-        Name of diffrax's solver: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end
-        at every sample, "Dopri8" with a loose `rtol` is more exact.
+        Of diffrax: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end at every sample,
+        "Dopri8" with a loose `rtol` is more exact.
     model : Nonlinear or Linearized, or their names
         Equation of motion. Linearized it is that of the literature, whose limit for short
-        pulses differs from Eq. 2 by cos(alpha_c); see `jaxrock.dynamics.equation`.
+        pulses differs from Eq. 2 by cos(alpha_c).
     max_impacts : int
         Under `jit`, `vmap` and derivatives, room for impacts in the lists of the response,
         which `history` needs; 0 for no lists. Outside of them all impacts are listed.
@@ -125,19 +70,17 @@ def respond(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed or not scalar, or if the
-        precision cannot deliver the tolerance. Traced values outside give NaN and
-        `Status.INVALID`.
+        If a concrete argument is outside of what is allowed or not scalar, or if the precision
+        cannot deliver the tolerance. Traced values outside give NaN and `Status.INVALID`.
 
     Notes
     -----
-    Eq. 1, by diffrax; a step of its own ends at each impact. Derivatives, in both modes, cost
-    one forward derivative per perturbed number. Where two of the start of the input, its end, a
-    sample, an impact and the duration coincide, results may have another slope on either side.
-    The slope is then that for a duration not longer, and an end of the input not earlier, than
-    the other; for a start not before 0; and for an impact at one of these that of one of the
-    two orders, the same one for all results. Extremes have the derivative at the moment in
-    which they are taken, the first of equal ones.
+    Derivatives, in both modes, cost one forward derivative per perturbed number. Where two of the
+    start of the input, its end, a sample, an impact and the duration coincide, results may have
+    another slope on either side. The slope is then that for a duration not longer, and an end of
+    the input not earlier, than the other; for a start not before 0; and for an impact at one of
+    these that of one of the two orders, the same one for all results. Extremes have the
+    derivative at the moment in which they are taken, the first of equal ones.
 
     NaN stands for none, and diffrax keeps what it traced: outside of transformations a call
     switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be off.
@@ -151,49 +94,12 @@ def respond(
     >>> print(bool(response.overturned), int(response.status))
     False 0
     """
-    driven = _checked(block, restitution, motion, duration, rotation, velocity)
-    dtype = driven.restitution.dtype
-    eps = float(jnp.finfo(dtype).eps)
-    rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
-    atol = 1e-9 * rtol if atol is None else float(atol)
-    if not 20 * eps <= rtol < 1:
-        raise ValueError(
-            f"rtol must be less than 1 and at least {20 * eps:.1g}, which is what {dtype}"
-            f" can deliver, got {rtol:g}"
-        )
-    if not 0 <= atol < 1:
-        raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
-    if solver not in SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
-    if max_impacts < 0:
-        raise ValueError(f"max_impacts must be at least 0, got {max_impacts}")
-    relative, absolute = (np.asarray(number, dtype) for number in (rtol, atol))
-    model = as_model(model)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(driven))
-    with _unchecked():
-        if traced:
-            return compiled(driven, relative, absolute, model, max_impacts, solver)
-        return _with_all_impacts(driven, relative, absolute, model, solver)
-
-
-def _checked(
-    block: Block,
-    restitution: Number,
-    motion: Motion,
-    duration: Number | None,
-    rotation: Number,
-    velocity: Number,
-) -> Driven:
-    """The problem in one precision; a `ValueError` if it is not one of scalars."""
     for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
-    arguments = {
-        "restitution": restitution,
-        "duration": motion.end if duration is None else duration,
-        "rotation": rotation,
-        "velocity": velocity,
-    }
+    duration = motion.end if duration is None else duration
+    arguments = {"restitution": restitution, "duration": duration}
+    arguments |= {"rotation": rotation, "velocity": velocity}
     numbers = {name: as_real(name, value) for name, value in arguments.items()}
     driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
     samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
@@ -201,4 +107,48 @@ def _checked(
         for leaf in jax.tree.leaves(tree):
             if jnp.ndim(leaf) != any(leaf is rows for rows in samples):
                 raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
-    return driven
+    dtype = driven.restitution.dtype
+    least = 20 * float(jnp.finfo(dtype).eps)
+    rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
+    atol = 1e-9 * rtol if atol is None else float(atol)
+    if not least <= rtol < 1:
+        raise ValueError(
+            f"rtol must be less than 1 and at least {least:.1g}, which is what {dtype}"
+            f" can deliver, got {rtol:g}"
+        )
+    if not 0 <= atol < 1:
+        raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
+    if solver not in _SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
+    if max_impacts < 0:
+        raise ValueError(f"max_impacts must be at least 0, got {max_impacts}")
+    settings = {"rtol": np.asarray(rtol, dtype), "atol": np.asarray(atol, dtype)}
+    settings |= {"model": as_model(model), "method": solver}
+    with contextlib.ExitStack() as stack:
+        # Only where they are on: a setting of its own would compile anew.
+        if jax.config.jax_debug_nans:
+            stack.enter_context(jax.debug_nans(False))
+        if jax.config.jax_check_tracer_leaks:
+            stack.enter_context(jax.check_tracer_leaks(False))
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(driven)):
+            return follow(driven, max_impacts=max_impacts, **settings).response
+        return _with_all_impacts(driven, settings)
+
+
+def _with_all_impacts(driven: Driven, settings: dict[str, Any]) -> Response:
+    """The response with lists of just the right length; of concrete numbers."""
+    bucketed, max_impacts = driven.bucketed(), _MAX_IMPACTS
+    response = follow(bucketed, max_impacts=max_impacts, **settings).response
+    # Hardly ever: each length of the lists is a program of its own.
+    while int(response.status) == Status.LIST_FULL:
+        max_impacts *= 32
+        response = follow(bucketed, max_impacts=max_impacts, **settings).response
+    events = int(np.isfinite(response.events.time).sum())
+
+    def lists(r: Response) -> tuple:
+        return r.impact_times, r.impact_velocities, *jax.tree.leaves(r.events)
+
+    sizes = [int(response.impacts)] * 2 + [events] * 4
+    # In NumPy, which compiles nothing.
+    cut = [as_array(np.asarray(rows)[:n]) for rows, n in zip(lists(response), sizes, strict=True)]
+    return eqx.tree_at(lambda r: (*lists(r), r.scene), response, (*cut, driven))

@@ -4,11 +4,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..validation import Booleans, Reals
 from .solver_steps import Segment
 
-_NODES = 9
+_NODES = np.arange(9) / 8
 # Coefficients of the third, fourth and fifth power of a quintic: what the first three powers miss
 # at the end of a step in the rotation, in its slope, and in half its second derivative.
 _QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))
@@ -43,13 +44,11 @@ def with_step(
     accelerations: Reals,
     counts: Booleans,
 ) -> tuple[Reals, Reals]:
-    """Friction demand and normal force so far, and in a step if that counts.
-
-    Most steps come nowhere near the extremes so far, which values at nodes show: between nodes
-    the forces exceed those values by much less than half their spread.
-    """
+    """Friction demand and normal force so far, and in a step if that counts."""
+    # Most steps come nowhere near the extremes so far, which values at nodes show: between nodes
+    # the forces exceed those values by much less than half their spread.
     step = jax.lax.stop_gradient((segment, times, states, accelerations))
-    horizontal, normal = _at_shares(*step, _nodes(times))
+    horizontal, normal = _at_shares(*step, jnp.asarray(_NODES, times.dtype))
     demand, least = jax.lax.stop_gradient(extremes)
     finite = demand < jnp.inf
     slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
@@ -69,14 +68,14 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
     On the quintic through the states and accelerations of both ends: at nodes, and at the
     vertex of the parabola through each three successive nodes.
     """
-    nodes = _nodes(times)
+    nodes = jnp.asarray(_NODES, times.dtype)
     accelerations = segment.field(times, states)[1]
     horizontal, normal = _at_shares(segment, times, states, accelerations, nodes)
     # The angle of the force is smooth where the normal force vanishes, the demand is not.
     curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
     slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
     curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
-    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (_NODES - 1)
+    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (_NODES.size - 1)
     shares = nodes[None] + jnp.pad(vertex, ((0, 0), (1, 1)))
     refined = [_at_shares(segment, times, states, accelerations, shares[k]) for k in range(2)]
     horizontal, normal = map(jnp.stack, zip((horizontal, normal), *refined, strict=True))
@@ -86,10 +85,6 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
     counts = (long | (nodes == 0) | (nodes == 1))[None]
     demand = jnp.where(counts, friction(horizontal, normal), 0).max()
     return demand, jnp.where(counts, normal, jnp.inf).min()
-
-
-def _nodes(like: Reals) -> Reals:
-    return jnp.arange(_NODES, dtype=like.dtype) / (_NODES - 1)
 
 
 @jax.jit

@@ -20,11 +20,6 @@ class DrivenScene(Checked):
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
         A pulse or a `Record`.
-
-    Raises
-    ------
-    ValueError
-        If a concrete value is outside of what is allowed.
     """
 
     block: Block

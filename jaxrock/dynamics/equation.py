@@ -27,7 +27,7 @@ def uplift_acceleration(block: Block, model: RockingModel) -> Reals:
 
 
 class Equation(eqx.Module):
-    """The equation of motion of a block, on the side on which it stands."""
+    """That of a block, on the side on which it stands."""
 
     p_squared: Reals
     critical_angle: Reals

@@ -12,18 +12,21 @@ import jax.numpy as jnp
 
 from ..numerics import through_jacobian
 from ..resonance import RockingModel
-from ..validation import Booleans, Reals, guarding, module_within
+from ..validation import Booleans, Reals, guarding, within
 from .contact_forces import larger, smaller
 from .driven_scene import Driven
 from .equation import Equation
-from .motion_state import FALLING, REST, RISING, TOPPLED, Problem, State
-from .motion_to_event import fly
+from .motion_to_event import FALLING, REST, RISING, TOPPLED, Problem, State, fly
 from .overturning_criterion import free_motion_margins
 from .response import Events, Response, Status
-from .solver_steps import Method, Stepper, close_to
+from .solver_steps import Stepper, close_to
+from .uplift import Uplifts
 
 _MAX_EVENTS = 2**22
 _EVENTS_PER_IMPACT = 4  # for which the list of events has room
+
+
+_Carry = tuple[State, tuple[Reals, Reals]]  # with the lists of events and impacts
 
 
 class Followed(NamedTuple):
@@ -32,24 +35,6 @@ class Followed(NamedTuple):
     response: Response
     peak: Reals
     struck: Reals
-
-
-class _Lists(NamedTuple):
-    """Rows of events and of impacts, and a last row each for what has no place."""
-
-    events: Reals
-    impacts: Reals
-
-    def logged(self, before: State, state: State) -> "_Lists":
-        """With one event more."""
-        event = jnp.stack([state.time, state.side, state.rotation, state.velocity])
-        landed, none = state.impacts > before.impacts, len(self.impacts) - 1
-        place = jnp.where(landed, before.impacts, none)
-        update = jax.lax.dynamic_update_slice
-        return _Lists(
-            update(self.events, event[None], (before.events, 0)),
-            update(self.impacts, state.last_impact[None], (place, 0)),
-        )
 
 
 def run(
@@ -61,38 +46,48 @@ def run(
     max_impacts: int = 0,
     once: bool = False,
     forced: bool = True,
-    method: Method = "Tsit5",
+    method: str = "Tsit5",
 ) -> Followed:
     """Follow a block to the end of the duration, or with `once` to its first impact.
 
     Without `forced`, friction demand and normal force are left out.
     """
     with guarding():
-        driven, valid = module_within(driven)
-        equation = Equation.of(driven.block, model)
-    valid = jnp.all(valid)
-    dtype = driven.duration.dtype
-    problem = Problem.of(driven, equation, Stepper(method, rtol, atol), rtol, forced)
-    max_events = _EVENTS_PER_IMPACT * max_impacts
+        driven, valid = within(driven)
+        equation, valid = Equation.of(driven.block, model), jnp.all(valid)
+    uplifts, dtype = Uplifts.of(equation, driven.motion), driven.duration.dtype
+    problem = Problem(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
 
-    def goes_on(carry: tuple[State, _Lists | None]) -> Booleans:
+    def goes_on(carry: _Carry) -> Booleans:
         state, _ = carry
         wanted = (state.impacts == 0) | (not once)
         wanted = wanted & (state.time < driven.duration) & (state.phase != TOPPLED)
         return ((state.events == 0) | wanted) & ~state.failed & (state.events < _MAX_EVENTS)
 
-    def step(carry: tuple[State, _Lists | None]) -> tuple[State, _Lists | None]:
+    def step(carry: _Carry) -> _Carry:
         before, lists = carry
         state = _step(problem, before)
         # Logged outside of the branches of `_step`, which would copy the lists.
-        return state, lists and lists.logged(before, state)
+        if max_impacts:
+            place = jnp.where(state.impacts > before.impacts, before.impacts, max_impacts)
+            event = jnp.stack([state.time, state.side, state.rotation, state.velocity])
+            update = jax.lax.dynamic_update_slice
+            events = update(lists[0], event[None], (before.events, 0))
+            lists = events, update(lists[1], state.last_impact[None], (place, 0))
+        return state, lists
 
+    zero, none = jnp.zeros((), dtype), jnp.zeros((), int)
+    fields: dict[str, Any] = dict.fromkeys(State._fields, zero)
+    fields |= dict.fromkeys(("phase", "events", "impacts"), none)
+    forces = (zero, jnp.full_like(zero, jnp.inf)) if forced else None
+    fields |= {"last_impact": jnp.zeros(2, dtype), "forces": forces, "failed": ~valid}
+    # The last row of each list is for what has no place.
+    max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
-    lists = _Lists(unknown, unknown[: max_impacts + 1, :2])
-    begin = State.beginning(dtype, failed=~valid), lists if max_impacts else None
-    state, filled = jax.lax.while_loop(goes_on, step, begin)
+    begin = State(**fields), (unknown, unknown[: max_impacts + 1, :2])
+    state, lists = jax.lax.while_loop(goes_on, step, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
-    response = _response(problem, state, filled or lists, valid, full)
+    response = _response(problem, state, lists, valid, full)
     return Followed(response, response.peak_rotation, state.last_impact)
 
 
@@ -101,43 +96,47 @@ follow = eqx.filter_jit(through_jacobian(run))
 
 
 def _response(
-    problem: Problem, state: State, lists: _Lists, valid: Booleans, full: Booleans
+    problem: Problem, state: State, lists: tuple[Reals, Reals], valid: Booleans, full: Booleans
 ) -> Response:
     """The response whose last event is given; NaN where it is not known."""
     broken = (state.failed & valid) | (state.events >= _MAX_EVENTS)
     status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, Status.COMPLETE))
     good = valid & ~broken
     events, impacts = (rows[:-1] for rows in lists)
-
-    def where_good(value: Reals) -> Reals:
-        return jnp.where(good, value, jnp.nan)
-
     overturned = good & ((state.phase == TOPPLED) | (state.margin < 0))
+    demand, normal = state.forces or (jnp.nan, jnp.nan)
+    known = {
+        "final_rotation": state.side * state.rotation + 0.0,  # no negative zero
+        "final_velocity": state.side * state.velocity + 0.0,
+        "peak_rotation": state.peak,
+        "peak_time": state.peak_time,
+        "margin": state.margin,
+        "friction_demand": demand,
+        "normal_force": normal,
+    }
     return Response(
-        final_rotation=where_good(state.side * state.rotation + 0.0),  # no negative zero
-        final_velocity=where_good(state.side * state.velocity + 0.0),
-        peak_rotation=where_good(state.peak),
-        peak_time=where_good(state.peak_time),
         overturned=overturned,
         overturning_time=jnp.where(overturned, state.crossing, jnp.nan),
-        margin=where_good(state.margin),
         impacts=state.impacts,
         impact_times=impacts[:, 0],
         impact_velocities=impacts[:, 1],
         at_rest=good & (state.phase == REST),
-        friction_demand=where_good(state.forces[0]),
-        normal_force=where_good(state.forces[1]),
         status=jnp.where(valid, status, Status.INVALID),
         events=Events(*events.T),
         scene=problem.driven,
         model=problem.equation.model,
+        **{name: jnp.where(good, value, jnp.nan) for name, value in known.items()},
     )
 
 
 def _step(problem: Problem, before: State) -> State:
     """From an event to the next."""
-    motion, driven = problem.motion, problem.driven
-    begins, stop = before.events == 0, _next_edge(driven, before.time)
+    driven, motion = problem.driven, problem.driven.motion
+    begins, acts = before.events == 0, motion.acts(before.time)
+    # The next edge of the input, or the end; of those that coincide, the end.
+    stop, latest = driven.duration, driven.duration - close_to(motion, driven.duration)
+    for edge in (motion.end, motion.start):
+        stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
     state = jax.lax.switch(
         jnp.where(begins, 0, jnp.where(before.phase == REST, 1, 2)),
         [
@@ -147,7 +146,7 @@ def _step(problem: Problem, before: State) -> State:
         ],
         before,
     )
-    state = _with_corner(problem, state, motion.acts(before.time) & ~begins)
+    state = _with_corner(problem, state, acts & ~begins)
     # The overturning criterion is read where the input ends.
     input_end = smaller(motion.end, driven.duration)
     reached = (state.time >= input_end) | (state.phase == TOPPLED)
@@ -175,17 +174,16 @@ def _start(problem: Problem, state: State) -> State:
         phase=jnp.where(rotation >= 0.5 * jnp.pi, TOPPLED, phase),
         peak=rotation,
         crossing=jnp.where(crossed, state.time, jnp.nan),
-        forces=(state.forces[0], jnp.full_like(rotation, jnp.inf)),
     )
 
 
 def _wait(problem: Problem, state: State, stop: Reals) -> State:
     """At rest until the input lifts the block, or until the next edge of the input."""
     lifted, time, side = problem.uplifts.following(state.time, stop)
-    acts = problem.motion.acts(state.time)
+    acts = problem.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
-    if problem.with_forces:
+    if state.forces is not None:
         demand, normal = problem.uplifts.forces(state.time, until, acts)
         forces = larger(state.forces[0], demand), smaller(state.forces[1], normal)
         state = state._replace(forces=forces)
@@ -196,22 +194,13 @@ def _wait(problem: Problem, state: State, stop: Reals) -> State:
     )
 
 
-def _next_edge(driven: Driven, time: Reals) -> Reals:
-    """The next edge of the input, or the end; of those that coincide, the end."""
-    motion, stop = driven.motion, driven.duration
-    latest = driven.duration - close_to(motion, driven.duration)
-    for edge in (motion.end, motion.start):
-        stop = jnp.where((edge > time) & (edge < latest), edge, stop)
-    return stop
-
-
 def _with_corner(problem: Problem, state: State, acted: Booleans) -> State:
     """The state at the corner of the input with which it coincides, where there is one.
 
     This changes derivatives only. Up to the corner the block moves for a time that is 0 but
     has a derivative, under the input as it is before the corner.
     """
-    motion, duration, time = problem.motion, problem.driven.duration, state.time
+    motion, duration, time = problem.driven.motion, problem.driven.duration, state.time
     near = close_to(motion, time)
     kink = motion.next_kink(time - near)
     corner = jnp.where(kink <= time + near, kink, time)

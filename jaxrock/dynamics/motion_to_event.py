@@ -1,32 +1,33 @@
 """A block in motion from one event to the next, and what the event does to it.
 
-The inner loop takes steps of a segment. A step in which the segment ends is located on the
+The loop takes steps of a segment. A step in which the segment ends is located on the
 interpolant of the solver and then repeated with the length that ends there, improved by
 Halley's method: each repetition but the last improves the time, the first one its value, the
 second its two derivatives as well.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from ..impact import velocity_after_impact
 from ..validation import Booleans, Reals
 from .contact_forces import with_step
-from .motion_state import FALLING, REST, RISING, TOPPLED, Ints, Problem, State
-from .solver_steps import (
-    CONTACT,
-    CRITICAL,
-    PEAK,
-    STOP,
-    EventFunctions,
-    Segment,
-    Step,
-    close_to,
-    first_step,
-    limited,
-)
+from .driven_scene import Driven
+from .equation import Equation
+from .solver_steps import Segment, Step, Stepper, close_to, first_step, limited
+from .uplift import Uplifts
+
+Ints = Int[Array, "..."]
+
+REST, RISING, FALLING, TOPPLED = range(4)
+# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it passes
+# the critical angle; the time is over.
+PEAK, CONTACT, CRITICAL, STOP = range(4)
 
 _MAX_STEPS = 2**20  # of a segment
 _REPETITIONS = 3  # of the step in which it ends
@@ -34,7 +35,71 @@ _LOCATED = 1e-6  # relative accuracy of its end on the interpolant
 _SETTLED = 1e-3  # part of `rtol` by which all further bounces may change the motion
 
 
-class _Flight(NamedTuple):
+class State(NamedTuple):
+    """The motion up to an event."""
+
+    time: Reals
+    side: Reals
+    rotation: Reals
+    velocity: Reals
+    phase: Ints
+    events: Ints
+    impacts: Ints
+    last_impact: Reals  # its time, and the velocity just before it
+    peak: Reals
+    peak_time: Reals
+    crossing: Reals
+    margin: Reals
+    forces: tuple[Reals, Reals] | None  # largest friction demand, smallest normal force
+    failed: Booleans
+
+    @property
+    def y(self) -> Reals:
+        """Rotation and velocity."""
+        return jnp.stack([self.rotation, self.velocity])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What all steps of the loop have in common."""
+
+    driven: Driven
+    equation: Equation
+    stepper: Stepper
+    rtol: Any
+    uplifts: Uplifts
+
+    def segment(self, time: Reals, side: Reals, acts: Booleans) -> Segment:
+        """The one that begins at a time."""
+        return Segment(self.equation, self.driven.motion, time, side, acts)
+
+
+class Ends(eqx.Module):
+    """Where a segment ends, of a block that rises or falls, maybe beyond the critical angle."""
+
+    equation: Equation
+    rising: Booleans
+    crossed: Booleans
+    hold: Reals  # time before which it does not end
+
+    def left(self, y: Reals) -> Reals:
+        """What is positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
+        unit, none = 1 / self.equation.critical_angle, jnp.zeros_like(self.hold)
+        contact = jnp.where(self.rising, 0.5 * jnp.pi * unit, 0)
+        critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
+        return jnp.stack([none, contact, critical]) + self.change(y)
+
+    @jax.jit
+    def change(self, rate: Reals) -> Reals:
+        """The rate at which that changes, linear in that of the state."""
+        unit = 1 / self.equation.critical_angle
+        up = jnp.where(self.rising, unit, -unit)
+        critical = jnp.where(self.rising & ~self.crossed, -unit, 0)
+        peak = up / jnp.sqrt(self.equation.p_squared)
+        return jnp.stack([peak * rate[1], -up * rate[0], critical * rate[0]])
+
+
+class Flight(NamedTuple):
     """From step to step of a segment."""
 
     elapsed: Reals  # since it began
@@ -44,124 +109,83 @@ class _Flight(NamedTuple):
     repetitions: Ints  # of the last step; 0 before it is known
     event: Ints  # that ends the segment
     done: Booleans
-    forces: tuple[Reals, Reals]
+    forces: tuple[Reals, Reals] | None
     steps: Ints
     solver_state: Any
 
 
-class _Context(NamedTuple):
-    """What the steps of a segment have in common."""
-
-    problem: Problem
-    segment: Segment
-    events: EventFunctions
-    hold: Reals  # time before which it does not end
-    length: Reals
-
-
-def fly(problem: Problem, state: State, stop: Reals) -> State:
-    """Through a segment and the event at its end, unless the block has come to rest."""
-    equation, motion = problem.equation, problem.motion
-    segment = problem.segment(state.time, state.side, motion.acts(state.time))
-    length, y, zero = stop - state.time, state.y, jnp.zeros_like(state.time)
-    lifted = (state.rotation == 0) & (state.velocity == 0)
-    acceleration = jax.lax.stop_gradient(segment).field(zero, jax.lax.stop_gradient(y))[1]
-    state = state._replace(phase=_next_phase(state, acceleration))
-    rising = state.phase == RISING
-    crossed = state.rotation >= equation.critical_angle
-    events = EventFunctions.of(equation, rising, crossed)
-    # A block that has just been lifted has no acceleration but by rounding, which must not put
-    # it down again; nor is a time that the clock cannot resolve one in which it moves.
-    hold = jnp.where(lifted, problem.just_lifted + close_to(motion, state.time), 0)
-    context = _Context(problem, segment, events, hold, length)
-    none = jnp.zeros((), int)
-    begin = _Flight(
-        elapsed=zero,
-        y=y,
-        until=first_step(segment, length, y, lifted),
-        wanted=zero,
-        repetitions=none,
-        event=none + STOP,
-        done=state.phase == REST,
-        forces=state.forces,
-        steps=none,
-        solver_state=problem.stepper.begin(segment, y),
-    )
-    end = jax.lax.while_loop(
+def flown(
+    stepper: Stepper,
+    segment: Segment,
+    length: Reals,
+    y: Reals,
+    *,
+    moves: Booleans,
+    lifted: Booleans,
+    ends: Ends | None = None,
+    forces: tuple[Reals, Reals] | None = None,
+) -> Flight:
+    """From the state at its beginning to the end of a segment, or for its whole length."""
+    zero, none = jnp.zeros_like(length), jnp.zeros((), int)
+    until, solver_state = first_step(segment, length, y, lifted), stepper.begin(segment, y)
+    begin = Flight(zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state)
+    return jax.lax.while_loop(
         lambda flight: ~flight.done & (flight.steps < _MAX_STEPS),
-        lambda flight: _advance(context, flight),
+        lambda flight: _advance(stepper, segment, length, ends, flight),
         begin,
     )
-    return jax.lax.cond(
-        state.phase == REST, lambda: state, lambda: _land(problem, stop, state, end)
-    )
 
 
-def _next_phase(state: State, acceleration: Reals) -> Ints:
-    """The phase of a block that may have stopped at an edge of the input."""
-    still = state.velocity == 0
-    on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
-    down = jnp.where(state.rotation > 0, FALLING, on_ground)
-    phase = jnp.where(still & (acceleration < 0), down, state.phase)
-    return jnp.where(still & (acceleration > 0), RISING, phase)
-
-
-def _advance(context: _Context, flight: _Flight) -> _Flight:
+def _advance(
+    stepper: Stepper, segment: Segment, length: Reals, ends: Ends | None, flight: Flight
+) -> Flight:
     """One step, or one more repetition of the last."""
-    problem, segment, events, hold, length = context
-    step = problem.stepper.step(
-        segment, flight.elapsed, flight.until, flight.y, flight.solver_state
-    )
-    repeats = flight.repetitions > 0
-    left = jax.lax.stop_gradient(events).value(jax.lax.stop_gradient(step.y))
-    goes_on = step.accepted & ~repeats
-    ends = goes_on & (flight.until > hold) & (left.min() <= 0)
-    goes_on = goes_on & ~ends
-    repetitions = jnp.where(repeats | ends, flight.repetitions + 1, 0)
-    event = jnp.where(ends | (flight.repetitions == 1), jnp.argmin(left), flight.event)
+    step = stepper.step(segment, flight.elapsed, flight.until, flight.y, flight.solver_state)
+    repeats, event = flight.repetitions > 0, flight.event
+    goes_on, found = step.accepted & ~repeats, jnp.array(False)
+    if ends is not None:
+        left = jax.lax.stop_gradient(ends).left(jax.lax.stop_gradient(step.y))
+        found = goes_on & (flight.until > ends.hold) & (left.min() <= 0)
+        goes_on = goes_on & ~found
+        event = jnp.where(found | (flight.repetitions == 1), jnp.argmin(left), event)
+    repetitions = jnp.where(repeats | found, flight.repetitions + 1, 0)
     done = (goes_on & (flight.until >= length)) | (repetitions > _REPETITIONS)
     counts = goes_on | done
 
-    times = jnp.stack([flight.elapsed, flight.until])
-    states = jnp.stack([flight.y, step.y], axis=1)
-    fixed_segment, *fixed = jax.lax.stop_gradient((segment, times, states))
-    accelerations = fixed_segment.field(*fixed)[1]
-    forces = flight.forces
-    if problem.with_forces:
-        forces = with_step(forces, segment, times, states, accelerations, counts)
     elapsed = jnp.where(counts, flight.until, flight.elapsed)
     y = jnp.where(counts, step.y, flight.y)
     wanted = jnp.where(goes_on, jnp.maximum(step.next_length, flight.wanted), step.next_length)
-    acceleration = jnp.where(goes_on, accelerations[1], accelerations[0])
+    forces, fixed = flight.forces, jax.lax.stop_gradient(segment)
+    if forces is None:
+        acceleration = fixed.field(*jax.lax.stop_gradient((elapsed, y)))[1]
+    else:
+        times = jnp.stack([flight.elapsed, flight.until])
+        states = jnp.stack([flight.y, step.y], axis=1)
+        accelerations = fixed.field(*jax.lax.stop_gradient((times, states)))[1]
+        acceleration = jnp.where(goes_on, accelerations[1], accelerations[0])
+        forces = with_step(forces, segment, times, states, accelerations, counts)
     until = limited(segment, length, elapsed, elapsed + wanted, y, acceleration)
-    until = jax.lax.switch(
-        jnp.where(ends, 2, jnp.where(repeats, 1, 0)),
-        [
-            lambda: until,
-            lambda: _improved(segment, events, flight.until, step.y, event),
-            lambda: _located(context, flight, step),
-        ],
-    )
-    stuck = ~done & ~repeats & ~ends & ~(until > elapsed)
-    return _Flight(
-        elapsed=elapsed,
-        y=jnp.where(stuck, jnp.nan, y),
-        until=until,
-        wanted=jnp.where(goes_on, wanted, 0),
-        repetitions=repetitions,
-        event=event,
-        done=done | stuck,
-        forces=forces,
-        steps=flight.steps + 1,
-        solver_state=jax.tree.map(
-            lambda new, old: jnp.where(goes_on, new, old), step.solver_state, flight.solver_state
-        ),
-    )
+    if ends is not None:
+        following = until
+        until = jax.lax.switch(
+            jnp.where(found, 2, jnp.where(repeats, 1, 0)),
+            [
+                lambda: following,
+                lambda: _improved(segment, ends, flight.until, step.y, event),
+                lambda: _located(stepper, ends, flight, step),
+            ],
+        )
+    stuck = ~done & ~repeats & ~found & ~(until > elapsed)
+    y, wanted = jnp.where(stuck, jnp.nan, y), jnp.where(goes_on, wanted, 0)
+    done, steps = done | stuck, flight.steps + 1
+    kept = step.solver_state, flight.solver_state
+    solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *kept)
+    return Flight(elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state)
 
 
-def _located(context: _Context, flight: _Flight, step: Step) -> Reals:
+def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
     """Where the segment ends within a step, nearly: by bisection on the interpolant."""
-    events, hold, flight, step = jax.lax.stop_gradient((context.events, context.hold, flight, step))
+    ends, flight, step = jax.lax.stop_gradient((ends, flight, step))
     limits = jnp.finfo(flight.elapsed.dtype)
     smallest = float(limits.tiny) / float(limits.eps)  # below it a bracket underflows
 
@@ -170,22 +194,19 @@ def _located(context: _Context, flight: _Flight, step: Step) -> Reals:
 
     def halve(bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
         middle = 0.5 * (bracket[0] + bracket[1])
-        stepper = context.problem.stepper
         y = stepper.interpolated(flight.elapsed, flight.until, step, middle)
-        ended = (events.value(y).min() <= 0) & (middle > hold)
+        ended = (ends.left(y).min() <= 0) & (middle > ends.hold)
         return jnp.where(ended, bracket[0], middle), jnp.where(ended, middle, bracket[1])
 
     return jax.lax.while_loop(wide, halve, (flight.elapsed, flight.until))[1]
 
 
-def _improved(
-    segment: Segment, events: EventFunctions, time: Reals, y: Reals, event: Ints
-) -> Reals:
+def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Ints) -> Reals:
     """The end of a segment by Halley's method, from a time and the state there."""
     rate = segment.field(time, y)
     _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
-    parts = jnp.stack([events.value(y), events.slope(rate), events.slope(change)])
-    value, slope, curvature = parts[:, event]
+    parts = ends.left(y), ends.change(rate), ends.change(change)
+    value, slope, curvature = (part[event] for part in parts)
     steep = jnp.where(slope < 0, slope, -1)
     newton = value / steep
     # The series of Halley's step, to the second power of Newton's.
@@ -197,7 +218,36 @@ def _improved(
     return jnp.where(slope < 0, time - move, time)
 
 
-def _land(problem: Problem, stop: Reals, state: State, flight: _Flight) -> State:
+def fly(problem: Problem, state: State, stop: Reals) -> State:
+    """Through a segment and the event at its end, unless the block has come to rest."""
+    motion, critical_angle = problem.driven.motion, problem.equation.critical_angle
+    segment = problem.segment(state.time, state.side, motion.acts(state.time))
+    fixed, y = jax.lax.stop_gradient((segment, state.y))
+    acceleration = fixed.field(jnp.zeros_like(stop), y)[1]
+    # A block that has stopped at an edge of the input may turn.
+    still, lifted = state.velocity == 0, (state.rotation == 0) & (state.velocity == 0)
+    on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
+    down = jnp.where(state.rotation > 0, FALLING, on_ground)
+    phase = jnp.where(still & (acceleration < 0), down, state.phase)
+    phase = jnp.where(still & (acceleration > 0), RISING, phase)
+    # One that has just been lifted has no acceleration but by rounding, which must not put it
+    # down again; nor is a time that the clock cannot resolve one in which it moves.
+    hold = jnp.where(lifted, problem.uplifts.lasting + close_to(motion, state.time), 0)
+    end = flown(
+        problem.stepper,
+        segment,
+        stop - state.time,
+        state.y,
+        moves=phase != REST,
+        lifted=lifted,
+        ends=Ends(problem.equation, phase == RISING, state.rotation >= critical_angle, hold),
+        forces=state.forces,
+    )
+    state = state._replace(phase=phase)
+    return jax.lax.cond(phase == REST, lambda: state, lambda: _land(problem, stop, state, end))
+
+
+def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     """From the end of a segment to what follows it: a peak, an impact, rest."""
     equation, restitution = problem.equation, problem.driven.restitution
     rising = state.phase == RISING
@@ -219,7 +269,7 @@ def _land(problem: Problem, stop: Reals, state: State, flight: _Flight) -> State
     arriving = -velocity
     leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
-    other_side = problem.segment(time, -state.side, problem.motion.acts(time))
+    other_side = problem.segment(time, -state.side, problem.driven.motion.acts(time))
     fixed = jax.lax.stop_gradient((other_side, jnp.stack([zero, leaving])))
     deceleration = -fixed[0].field(zero, fixed[1])[1]
     # Bounces under a constant deceleration end in finite time. Once that is short beside the

@@ -31,31 +31,13 @@ def free_motion_margin(
 ) -> Reals:
     """How far a block in free motion is from overturning; negative where it overturns.
 
-    A block beyond the critical angle has not overturned yet: one that moves back fast enough
-    returns, and may then overturn on the other side. The margin is continuous everywhere and
-    smooth through 0.
+    From a rotation [rad] and velocity [rad/s] on, with the ground at rest. A block beyond the
+    critical angle has not overturned yet: one that moves back fast enough returns, and may then
+    overturn on the other side. The margin is continuous everywhere and smooth through 0.
 
-    Parameters
-    ----------
-    block : Block
-    restitution : array_like
-        C [-], between 0 and 1.
-    rotation, velocity : array_like
-        State [rad], [rad/s], with the ground at rest from now on.
-    model : Nonlinear or Linearized
-        Equation of the free motion.
-
-    Returns
-    -------
-    margin : Array, shape (...)
-        The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
-        2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the
-        one at the next impact, v_c the critical velocity. 1 at rest.
-
-    Raises
-    ------
-    ValueError
-        If a concrete restitution, rotation or velocity is out of range; traced, it gives NaN.
+    Returns the smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
+    2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the one at the
+    next impact, v_c the critical velocity. 1 at rest.
 
     Examples
     --------

@@ -7,17 +7,28 @@ on a block at rest. P is discontinuous at 0 wherever the pulse lifts the block, 
 to 0: bounces then die out in finite time, no further pulse begins, and the block stays at rest.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Pulse
 from ..host import listed, with_clock
 from ..impact import velocity_after_impact
-from ..numerics import through_jacobian
+from ..numerics import (
+    ABOVE,
+    BELOW,
+    NOWHERE,
+    Root,
+    Sample,
+    Scan,
+    chosen,
+    through_jacobian,
+    through_residual,
+)
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     NON_NEGATIVE,
@@ -30,12 +41,16 @@ from ..validation import (
     of_one_precision,
 )
 from .driven_scene import Driven
-from .half_cycle_fixed_point import FAILS, LANDS, OVERTURNS, RESTS, Landing, stable_fixed_point
 from .impact_to_impact import Followed, run
-from .implicit_derivative import Root, with_implicit_derivatives
 from .response import Status
 
 _LONGEST = 200.0  # time to wait for an impact, times p
+_LANDS, _RESTS, _OVERTURNS, _FAILS = range(4)
+_MAX_FROM_REST = 300  # evaluations
+_POINTS = 64  # of a scan
+_DYING = 1e-6  # beside the first landing
+
+PulsedScene = tuple[Block, Reals, Pulse]
 
 
 class PulsedPhase(eqx.Module):
@@ -54,8 +69,8 @@ class PulsedPhase(eqx.Module):
     stands : Array of bool
         Whether there is a stabilized phase, be it that the block settles.
     from_rest : Array of bool
-        Whether the pulses lead to it from rest. If not, the motion from rest dies out, or the
-        first pulse does not lift the block: only a block in motion is kept in motion.
+        Whether the pulses lead to it from rest. If not, the motion from rest dies out or never
+        begins: only a block in motion is kept in motion.
     settles : Array of bool
         Whether the motion dies out and no other stable phase was found: velocity and
         rotations are 0, and the rate is C.
@@ -92,10 +107,8 @@ def pulsed_next_velocity(
 
     Parameters
     ----------
-    block : Block
-        One block.
-    restitution : float
-        C [-], between 0 and 1.
+    block, restitution : Block, float
+        One block; C [-], between 0 and 1.
     pulse : Pulse
         What acts from each impact on, outward.
     velocity : float
@@ -117,8 +130,7 @@ def pulsed_next_velocity(
     ValueError
         If an argument is not scalar, or a concrete one is out of range.
     """
-    block, restitution, pulse, velocity = checked(block, restitution, pulse, velocity, rtol)
-    scene = block, restitution, pulse
+    scene, velocity = checked(block, restitution, pulse, velocity, rtol)
     return _next_velocity(scene, velocity, model=as_model(model), rtol=rtol)
 
 
@@ -168,14 +180,14 @@ def pulsed_phase(
     >>> print(f"{phase.rotation_ratio:.3f}", bool(phase.from_rest), bool(phase.settles))
     0.241 False False
     """
-    block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
-    return phase_of(block, restitution, pulse, as_model(model), rtol)
+    scene, _ = checked(block, restitution, pulse, 0.0, rtol)
+    return phase_of(scene, as_model(model), rtol)
 
 
 def checked(
     block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
-) -> tuple[Block, Reals, Pulse, Reals]:
-    """The arguments in one precision; a `ValueError` if they are not allowed."""
+) -> tuple[PulsedScene, Reals]:
+    """The scene and the velocity in one precision; a `ValueError` if they are not allowed."""
     if not isinstance(pulse, Pulse):
         raise ValueError(f"pulse must be a Pulse, got a {type(pulse).__name__}")
     if not 0 < rtol <= 1e-3:
@@ -185,14 +197,11 @@ def checked(
     check("velocity", velocity, NON_NEGATIVE)
     block.check()
     pulse.check()
-    arguments = (block, restitution, pulse, velocity)
+    arguments = ((block, restitution, pulse), velocity)
     for leaf in jax.tree.leaves(arguments):
         if leaf.ndim:
             raise ValueError(f"arguments must be scalar, got an array of shape {leaf.shape}")
     return of_one_precision(arguments)
-
-
-PulsedScene = tuple[Block, Reals, Pulse]
 
 
 def half_cycle(
@@ -226,8 +235,8 @@ def _landing(
     response, landed = followed.response, followed.response.impacts > 0
     time, arriving = followed.struck
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
-    over = jnp.where(response.status <= Status.LIST_FULL, OVERTURNS, FAILS)
-    outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
+    over = jnp.where(response.status <= Status.LIST_FULL, _OVERTURNS, _FAILS)
+    outcome = jnp.where(landed, _LANDS, jnp.where(response.at_rest, _RESTS, over))
     return landing, (outcome, jnp.where(landed, time, 0), followed.peak)
 
 
@@ -237,60 +246,139 @@ def _next_velocity(
     scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
 ) -> Reals:
     landing, (outcome, *_) = _landing(scene, velocity, model, rtol)
-    return jnp.where(outcome <= RESTS, landing, jnp.nan)
+    return jnp.where(outcome <= _RESTS, landing, jnp.nan)
 
 
 def _residual(
-    scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
-) -> tuple[Reals, tuple[Reals, ...], Landing]:
-    """What is 0 at a fixed point; rate, time and peak there; and the evaluation of the map."""
-    landing, rate, (outcome, time, peak) = jax.jvp(
-        lambda v: _landing(scene, v, model, rtol),
-        (velocity,),
-        (jnp.ones_like(velocity),),
-        has_aux=True,
-    )
-    return landing - velocity, (rate, time, peak), Landing(velocity, landing, rate, outcome)
+    scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
+) -> tuple[Reals, tuple[Reals, ...], Int[Array, ""]]:
+    """What a half-cycle adds, 0 at a fixed point; rate, time and peak there; and the outcome."""
+
+    def landing(velocity: Reals) -> tuple[Reals, Any]:
+        return _landing(scene, velocity, model, rtol)
+
+    one = jnp.ones_like(velocity)
+    value, rate, (outcome, time, peak) = jax.jvp(landing, (velocity,), (one,), has_aux=True)
+    return value - velocity, (rate, time, peak), outcome
 
 
-def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
+class _Search(NamedTuple):
+    """From rest, or with the first point of its scan for the largest fixed point."""
+
+    scan: Scan
+    reach: Reals  # length of a step beside that of the map itself, at most
+    extrapolates: Booleans  # whether the step is longer than that of the map
+    first: Reals  # landing
+    goes_on: Booleans
+    exists: Booleans
+    overturns: Booleans
+
+
+def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
+    """The fixed point reached from rest; where the motion dies out, the largest stable one."""
     block, _, pulse = scene
-    critical = model.critical_velocity(block)
+    critical, p = model.critical_velocity(block), block.frequency_parameter
     # No block lands faster than by all that gravity and the pulse can give.
-    p = block.frequency_parameter
-    push = p**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
+    top = critical + p**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
     bottom = 0.02 * jnp.minimum(p * (pulse.end - pulse.start), 1) * critical
-
-    def evaluated(velocity: Reals) -> tuple[Landing, tuple[Reals, ...]]:
-        _, values, landing = _residual(scene, velocity, model, rtol)
-        return landing, values
-
     tolerance = tolerance_of(critical, rtol)
-    point = stable_fixed_point(evaluated, 3, bottom, critical + push, tolerance)
-    root, *values = (jnp.where(point.exists, x, 0) for x in (point.velocity, *point.values))
-    flags = (point.from_rest, point.dies_out, point.overturns)
-    return Root(root, tuple(values), point.exists, flags)
+
+    def points(index: Any) -> Reals:
+        return top * (bottom / top) ** (index / (_POINTS - 1))
+
+    def step(state: tuple[_Search, Any]) -> tuple[_Search, Any]:
+        search, velocity = state[0], state[0].scan.trial
+        gap, values, outcome = _residual(scene, velocity, model=model, rtol=rtol)
+        lands, size = outcome == _LANDS, tolerance * velocity
+        kind = jnp.where(lands & (gap >= 0), ABOVE, BELOW)
+        new = Sample(velocity, gap, values[0] - 1, jnp.where(outcome > _RESTS, NOWHERE, kind))
+        # Within a few tolerances, a gap that no longer shrinks is the error of the map.
+        stuck = (jnp.abs(gap) <= 8 * size) & (jnp.abs(gap) >= 0.5 * jnp.abs(search.scan.last.value))
+        reached = lands & (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
+        stands = reached & (jnp.abs(values[0]) <= 1)
+        from_rest = _from_rest(search, new, outcome, stands, points(0))
+        scan = search.scan.after(new, reached, points)
+        goes_on = ~stands & (scan.point < _POINTS)
+        scanned = search._replace(scan=scan, goes_on=goes_on, exists=stands)
+        return chosen(search.scan.point < 0, from_rest, scanned), values
+
+    zero, no = jnp.zeros_like(top), jnp.zeros((), bool)
+    begin = _Search(Scan.beginning(zero), zero + 1, no, zero, ~no, no, no)
+    start = begin, (zero, zero, zero)
+    end, values = jax.lax.while_loop(lambda state: state[0].goes_on, step, start)
+    root, *values = (jnp.where(end.exists, x, 0) for x in (end.scan.last.place, *values))
+    at_rest = end.scan.point < 0
+    return Root(
+        root,
+        tuple(values),
+        end.exists,
+        (at_rest & end.exists, ~at_rest & ~end.exists, end.overturns),
+    )
 
 
-_fixed_point = with_implicit_derivatives(_search, _residual)
+def _from_rest(
+    search: _Search, new: Sample, outcome: Int[Array, ""], stands: Booleans, top: Reals
+) -> _Search:
+    """The map itself, in longer steps while it is nearly linear, which it often is."""
+    scan, old = search.scan, search.scan.last
+    width, shrinks = new.place - old.place, 0.5 * jnp.abs(old.value)
+    linear = (
+        (outcome == _LANDS)
+        & (jnp.abs(new.value - (old.value + width * old.slope)) <= shrinks)
+        & (jnp.abs((new.slope - old.slope) * width) <= shrinks)
+        & (old.place > 0)
+    )
+    accepted = linear | ~search.extrapolates
+    at = chosen(accepted, new, old)
+    gap, rate = at.value, 1 + at.slope
+    reach = jnp.where(linear, 4 * search.reach, 1)
+    newton = jnp.where(rate < 1, jnp.abs(at.newton), jnp.inf)
+    step = jnp.sign(gap) * jnp.minimum(newton, reach * jnp.abs(gap))
+    # Where the map alternates, its own step, or Newton's from nearby.
+    near = (jnp.abs(gap) <= 1e-4 * at.place) & (jnp.abs(rate) < 1)
+    step = jnp.where(rate > 0, step, jnp.where(near, at.newton, gap))
+    # Down to 0 in many steps, so that a fixed point on the way is seen.
+    step = jnp.maximum(step, jnp.minimum(gap, -0.9 * at.place))
+    first = jnp.where(at.place == 0, gap, search.first)
+    dying = (at.kind == BELOW) & (at.place <= _DYING * first)
+    straight = jnp.abs(gap - at.slope * at.place) <= 1e-3 * at.place
+    dies = accepted & ((at.place + gap == 0) | (dying & straight))
+    stands = stands & accepted
+    goes_on = ~stands & ~(accepted & (new.kind == NOWHERE)) & (scan.since < _MAX_FROM_REST)
+    dies = dies & goes_on
+    following = scan._replace(
+        trial=jnp.where(dies, top, at.place + step),
+        last=at,
+        point=jnp.where(dies, 0, scan.point),
+        since=jnp.where(dies, 0, scan.since + 1),
+    )
+    return _Search(
+        scan=following,
+        reach=reach,
+        extrapolates=jnp.abs(step) > (1 + 1e-9) * jnp.abs(gap),
+        first=first,
+        goes_on=goes_on,
+        exists=stands,
+        overturns=accepted & (outcome == _OVERTURNS),
+    )
+
+
+_fixed_point = through_residual(_search, _residual)
 
 
 @eqx.filter_jit
-def phase_of(
-    block: Block, restitution: Reals, pulse: Pulse, model: RockingModel, rtol: float
-) -> PulsedPhase:
+def phase_of(scene: PulsedScene, model: RockingModel, rtol: float) -> PulsedPhase:
     """`pulsed_phase`, compiled."""
-    root = _fixed_point((block, restitution, pulse), model=model, rtol=rtol)
-    from_rest, settles, overturns = root.flags
+    block, restitution, _ = scene
+    root = _fixed_point(scene, model=model, rtol=rtol)
+    (rate, time, peak), (from_rest, settles, overturns) = root.values, root.flags
     stands = root.exists | settles
-    rate, time, peak = root.values
-    rate = jnp.where(settles, restitution, rate)
     # As factors, so that what does not exist has no slope either.
     exists = jnp.where(stands, 1.0, jnp.nan)
     half_cycles = jnp.where(root.exists, 2.0, jnp.nan)
     return PulsedPhase(
         velocity=exists * root.root,
-        rate=exists * rate,
+        rate=exists * jnp.where(settles, restitution, rate),
         period=half_cycles * time,
         peak_rotation=exists * peak,
         rotation_ratio=exists * peak / block.critical_angle,

@@ -6,20 +6,18 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Pulse, pulse_class
 from ..host import listed, with_clock
+from ..numerics import ABOVE, BELOW, Root, Sample, Scan, chosen, through_residual
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Number, Reals
 from .equation import Equation, uplift_acceleration
-from .implicit_derivative import Root, with_implicit_derivatives
 from .repeated_pulses import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
 
 _STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
-_HIGHEST = 60.0  # above the first logarithm
-_MAX_NARROWING = 100  # evaluations of a bracket
+_STEPS = 300  # at most
 _BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is computed
 _NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
 
@@ -34,12 +32,11 @@ class PulsedThreshold(eqx.Module):
     rate : Array
         Slope of the half-cycle map there.
     lifts : Array of bool
-        Whether pulses of that amplitude lift the block from rest. If not, only a block in motion
-        is kept in motion.
+        Whether they lift the block from rest. If not, only a block in motion is kept in motion.
     from_rest : Array of bool
         Whether pulses weaker by 1e-6 lead to that fixed point from rest. If not, they do not lift
-        the block, or its motion dies out; or they overturn it, and so do weaker ones: a one-sine
-        pulse can overturn a block at rest and keep one in motion that moves fast enough.
+        the block, or its motion dies out; or they, and weaker ones, overturn it: a one-sine
+        pulse can overturn a block at rest and keep one up that moves fast enough.
     """
 
     amplitude: Reals
@@ -91,36 +88,24 @@ def critical_pulsed_amplitude(
         If `shape` is no class of pulses, or a concrete argument is out of range.
     """
     pulse = pulse_class(shape)(1.0, duration)
-    block, restitution, pulse, _ = checked(block, restitution, pulse, 0.0, rtol)
+    scene, _ = checked(block, restitution, pulse, 0.0, rtol)
     model = as_model(model)
-    threshold, weaker, expected = _threshold((block, restitution, pulse), model, rtol)
+    threshold, weaker, expected = _threshold(scene, model, rtol)
     # Without derivatives, which a yes or no has not; and apart, since this program is likely
     # to be compiled already.
-    fixed = jax.lax.stop_gradient((block, restitution, weaker))
-    phase = phase_of(*fixed, model, max(rtol, 1e-9))
-    leads = _leads_there(*jax.lax.stop_gradient((block, phase, expected)), model)
+    weaker, expected = jax.lax.stop_gradient(((*scene[:2], weaker), expected))
+    phase = phase_of(weaker, model, max(rtol, 1e-9))
+    leads = _leads_there(phase, *expected)
     return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
-class _Search(NamedTuple):
-    evaluations: Int[Array, ""]  # since there is a bracket
-    logarithm: Reals  # of the amplitude of the next trial
-    low: Reals
-    high: Reals
-    move: Reals  # Newton's, from the last trial to the threshold
-    gain: Reals  # slope of the landing velocity there, with respect to the logarithm
-    bracketed: Booleans
-    goes_on: Booleans
-    found: Booleans
-    rate: Reals  # of the half-cycle map at the threshold, which takes one evaluation more
-
-
 def _margin(
-    scene: PulsedScene, direction: Any, logarithm: Reals, model: RockingModel, rtol: float
+    scene: PulsedScene, logarithm: Reals, direction: Any, model: RockingModel, rtol: float
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
-    """The margin when the pulse ends, and its slope; the velocity then, and whether it landed.
+    """The margin at the end of the pulse, its slope; the velocity then, and whether it landed.
 
-    In a direction of the logarithm of the amplitude and of the landing velocity.
+    Of a block that landed with the critical velocity. The direction is one of the logarithm of
+    the amplitude and of that velocity.
     """
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
@@ -135,81 +120,76 @@ def _margin(
         left = (returning - outward) / equation.critical_velocity
         return left, (outward, response.impacts > 0)
 
-    at = (logarithm, equation.critical_velocity)
-    return jax.jvp(margin, at, tuple(direction), has_aux=True)
+    return jax.jvp(margin, (logarithm, equation.critical_velocity), direction, has_aux=True)
 
 
 def _residual(
-    scene: PulsedScene, logarithm: Reals, model: RockingModel, rtol: float
+    scene: PulsedScene, logarithm: Reals, *, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """What is 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (velocity, _) = _margin(scene, along_velocity, logarithm, model, rtol)
+    margin, slope, (velocity, _) = _margin(scene, logarithm, along_velocity, model, rtol)
     # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
     # to come back, and at the threshold its velocity v is D.
     return margin, (-velocity * slope,)
 
 
-def _search(scene: PulsedScene, model: RockingModel, rtol: float) -> Root:
+class _Search(NamedTuple):
+    scan: Scan  # of minus the logarithm of the amplitude, so that it goes up
+    found: Booleans
+    goes_on: Booleans
+    gain: Reals  # slope of the landing velocity there, with respect to the logarithm
+    rate: Reals  # of the half-cycle map there, which takes one evaluation more
+
+
+def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
     """Up from next to nothing until the block overturns, and back to the threshold."""
     block, _, pulse = scene
-    eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
     tolerance = tolerance_of(pulse.amplitude, rtol)
+    eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
     first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
     no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
 
+    def points(index: Any) -> Reals:
+        return -first - _STEP * index
+
     def step(search: _Search) -> _Search:
+        scan, one = search.scan, zero + 1
         # Once the threshold is found, along the velocity, for the rate of the map.
-        along = jnp.where(search.found, zero, 1), jnp.where(search.found, 1, zero)
-        margin, slope, (velocity, lands) = _margin(scene, along, search.logarithm, model, rtol)
-        overturns, steep = ~lands & ~(margin >= 0), ~lands & (slope != 0)
-        move = jnp.where(steep, -margin / jnp.where(steep, slope, 1), jnp.inf)
-        bracketed = search.bracketed | overturns
-        low = jnp.where(overturns, search.low, search.logarithm)
-        high = jnp.where(overturns, search.logarithm, search.high)
-        newton = search.logarithm + move
-        inside = (newton > low) & (newton < high) & (search.evaluations % 3 != 2)
-        inner = jnp.where(inside, newton, 0.5 * (low + high))
+        along = jnp.where(search.found, zero, one), jnp.where(search.found, one, zero)
+        margin, slope, (velocity, lands) = _margin(scene, -scan.trial, along, model, rtol)
+        overturns = ~lands & ~(margin >= 0)
+        kind = jnp.where(overturns, ABOVE, BELOW)
+        new = Sample(scan.trial, -margin, jnp.where(lands, 0, slope), kind)
         # Newton's steps that no longer shrink are the error of the integration.
-        size, last = jnp.abs(move), jnp.abs(search.move)
-        stuck = (size <= 1e3 * tolerance) & (size >= 0.5 * last)
-        found = bracketed & ((size <= tolerance) | stuck)
+        size, last = jnp.abs(new.newton), jnp.abs(scan.last.newton)
+        close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
+        found = close & (overturns | (scan.since > 0))
+        following = scan.after(new, found, points)
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
-        narrow = high - low <= 4 * eps * jnp.abs(high)
-        hopeless = narrow | (search.evaluations >= _MAX_NARROWING) | ~jnp.isfinite(low)
-        nowhere = jnp.where(bracketed, hopeless, search.logarithm > first + _HIGHEST)
-        onward = jnp.where(bracketed, inner, search.logarithm + _STEP)
-        following = _Search(
-            evaluations=jnp.where(search.bracketed, search.evaluations + 1, 0),
-            logarithm=jnp.where(found, search.logarithm, onward),
-            low=low,
-            high=high,
-            move=move,
-            gain=-velocity * slope,
-            bracketed=bracketed,
-            goes_on=found | ~nowhere,
-            found=found,
-            rate=search.rate,
-        )
+        at_once = (following.since == 0) & (following.right.kind == ABOVE)
+        goes_on = found | ~at_once & (following.point <= _STEPS)
+        following = following._replace(trial=jnp.where(found, scan.trial, following.trial))
+        onward = _Search(following, found, goes_on, -velocity * slope, zero)
         done = search._replace(goes_on=no, rate=-velocity * slope)
-        return jax.tree.map(lambda a, b: jnp.where(search.found, a, b), done, following)
+        return chosen(search.found, done, onward)
 
-    none, infinite = jnp.zeros((), int), zero + jnp.inf
-    begin = _Search(none, first, -infinite, infinite, infinite, zero, no, ~no, no, zero)
+    scan = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
+    begin = _Search(scan, no, ~no, zero, zero)
     end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
-    root, rate, gain = (jnp.where(end.found, x, 0) for x in (end.logarithm, end.rate, end.gain))
+    root, rate, gain = (jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain))
     return Root(root, (rate,), end.found, (gain,))
 
 
-_root = with_implicit_derivatives(_search, _residual)
+_root = through_residual(_search, _residual)
 
 
 @eqx.filter_jit
 def _threshold(
     scene: PulsedScene, model: RockingModel, rtol: float
-) -> tuple[PulsedThreshold, Pulse, Reals]:
-    """The threshold, pulses a little weaker, and with what velocity the block should land then."""
+) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
+    """The threshold, pulses a little weaker; how fast the block should land then, and how near."""
     block, _, pulse = scene
     root = _root(scene, model=model, rtol=rtol)
     (rate,), (gain,) = root.values, root.flags
@@ -227,15 +207,10 @@ def _threshold(
     weaker = pulse.scaled(jnp.where(stable, amplitude, 1) * (1 - _BELOW))
     critical = Equation.of(block, model).critical_velocity
     # Short cosines nearly cancel: there a little less amplitude is much less velocity.
-    expected = critical - _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
-    return threshold, weaker, expected
+    less = _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
+    return threshold, weaker, (critical - less, _NEAR * critical + 0.5 * jnp.abs(less))
 
 
-@eqx.filter_jit
-def _leads_there(
-    block: Block, phase: PulsedPhase, expected: Reals, model: RockingModel
-) -> Booleans:
-    critical = Equation.of(block, model).critical_velocity
-    off = jnp.abs(phase.velocity - expected)
-    near = off <= _NEAR * critical + 0.5 * jnp.abs(critical - expected)
-    return phase.stands & phase.from_rest & near
+@jax.jit
+def _leads_there(phase: PulsedPhase, expected: Reals, near: Reals) -> Booleans:
+    return phase.stands & phase.from_rest & (jnp.abs(phase.velocity - expected) <= near)

@@ -14,13 +14,6 @@ from ..ground_motion import Motion
 from ..validation import Booleans, Reals
 from .equation import Equation
 
-# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it passes
-# the critical angle; the time is over.
-PEAK, CONTACT, CRITICAL, STOP = range(4)
-
-
-Method = str  # the name of a solver of diffrax
-
 
 class Segment(eqx.Module):
     """The equation of motion on one side, in a time counted from `origin`."""
@@ -31,57 +24,19 @@ class Segment(eqx.Module):
     side: Reals
     acts: Booleans  # whether the input does
 
+    # Jitted, so that each is traced and enters the program once for each shape of its arguments,
+    # however often it is called.
+    @jax.jit
     def ground(self, time: Reals) -> tuple[Reals, Reals]:
         """Acceleration over g, towards the side of the block and upward."""
-        return _ground(self, time)
+        horizontal, vertical = self.motion.value(self.origin + time)
+        over_g = jnp.where(self.acts, 1 / self.equation.gravity, 0)
+        return self.side * horizontal * over_g, vertical * over_g
 
+    @jax.jit
     def field(self, time: Reals, y: Reals) -> Reals:
         """Rates of rotation and velocity."""
-        return _field(self, time, y)
-
-
-# Jitted, so that each is traced and enters the program once for each shape of its arguments,
-# however often it is called.
-@jax.jit
-def _ground(segment: Segment, time: Reals) -> tuple[Reals, Reals]:
-    horizontal, vertical = segment.motion.value(segment.origin + time)
-    over_g = jnp.where(segment.acts, 1 / segment.equation.gravity, 0)
-    return segment.side * horizontal * over_g, vertical * over_g
-
-
-@jax.jit
-def _field(segment: Segment, time: Reals, y: Reals) -> Reals:
-    return jnp.stack([y[1], segment.equation.acceleration(y[0], *_ground(segment, time))])
-
-
-class EventFunctions(NamedTuple):
-    """Linear functions of the state, positive until a segment ends with `PEAK`, ..., `CRITICAL`."""
-
-    constant: Reals
-    of_rotation: Reals
-    of_velocity: Reals
-
-    @classmethod
-    def of(cls, equation: Equation, rising: Booleans, crossed: Booleans) -> "EventFunctions":
-        """Those of a rising or falling block, which may be beyond the critical angle."""
-        unit = 1 / equation.critical_angle
-        up, none = jnp.where(rising, unit, -unit), jnp.zeros_like(unit)
-        crosses = rising & ~crossed
-        return cls(
-            constant=jnp.stack(
-                [none, jnp.where(rising, 0.5 * jnp.pi * unit, 0), jnp.where(crosses, 1, jnp.inf)]
-            ),
-            of_rotation=jnp.stack([none, -up, jnp.where(crosses, -unit, 0)]),
-            of_velocity=jnp.stack([up / jnp.sqrt(equation.p_squared), none, none]),
-        )
-
-    def value(self, y: Reals) -> Reals:
-        """Their values at a state."""
-        return self.constant + self.slope(y)
-
-    def slope(self, change: Reals) -> Reals:
-        """Their derivatives along a change of the state."""
-        return self.of_rotation * change[0] + self.of_velocity * change[1]
+        return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
 
 
 class Step(NamedTuple):
@@ -97,7 +52,7 @@ class Step(NamedTuple):
 class Stepper:
     """Diffrax's solver and step-size control, one step at a time."""
 
-    def __init__(self, method: Method, rtol: Any, atol: Any):
+    def __init__(self, method: str, rtol: Any, atol: Any):
         import diffrax  # which loads slowly
 
         # Of the ways to run over the stages, only "lax" has forward derivatives.
@@ -157,17 +112,16 @@ def first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> R
 
     The acceleration of a block that has just been lifted has no sign, up to rounding.
     """
-    zero, moving_segment, moving_length = jnp.zeros_like(length), segment, length
-    segment, length, y = jax.lax.stop_gradient((segment, length, y))
-    step = jnp.minimum(length, 0.05 / jnp.sqrt(segment.equation.p_squared))
-    kink = segment.motion.next_kink(segment.origin) - segment.origin
+    zero = jnp.zeros_like(length)
+    fixed, longest, y = jax.lax.stop_gradient((segment, length, y))
+    step = jnp.minimum(longest, 0.05 / jnp.sqrt(fixed.equation.p_squared))
+    kink = fixed.motion.next_kink(fixed.origin) - fixed.origin
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
-    times, states = jnp.stack([zero, step]), jnp.stack([y, y], axis=1)
-    first, last = segment.field(times, states)[1]
+    first, last = fixed.field(jnp.stack([zero, step]), jnp.stack([y, y], axis=1))[1]
     changes_sign = (first * last < 0) & ~lifted
     share = first / jnp.where(changes_sign, first - last, 1)
     step = jnp.where(changes_sign, 0.5 * share * step, step)
     largest = jnp.maximum(jnp.abs(first), jnp.abs(last))
     quarter = 0.5 * jnp.abs(y[1]) / jnp.where(largest > 0, largest, 1)
     step = jnp.where((largest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
-    return limited(moving_segment, moving_length, zero, step, y, first)
+    return limited(segment, length, zero, step, y, first)

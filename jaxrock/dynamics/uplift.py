@@ -23,6 +23,7 @@ class Uplifts(eqx.Module):
     lifted: Booleans  # (2, knots): whether a block at rest would be, to each side
     demand: Reals  # of friction by a block at rest
     normal: Reals
+    lasting: Reals  # time for which a block that has been lifted stays so
 
     @classmethod
     def of(cls, equation: Equation, motion: Motion) -> "Uplifts":
@@ -30,7 +31,12 @@ class Uplifts(eqx.Module):
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
         lifted = jnp.stack([equation.uplift_excess(side * push, lift) > 0 for side in _SIDES])
-        return cls(equation, motion, knots, lifted, friction(push, 1 + lift), 1 + lift)
+        # Little beside the block's own time and that in which the input changes.
+        intervals = jnp.sum(knots < motion.end).astype(knots.dtype)
+        changes = (motion.end - motion.start) / intervals
+        lasting = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
+        forces = friction(push, 1 + lift), 1 + lift
+        return cls(equation, motion, knots, lifted, *forces, jax.lax.stop_gradient(lasting))
 
     def following(self, time: Reals, stop: Reals) -> tuple[Booleans, Reals, Reals]:
         """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""
@@ -39,15 +45,14 @@ class Uplifts(eqx.Module):
         upper = self.knots[index]
         lower = larger(time, self.knots[jnp.maximum(index - 1, 0)])
         sides = jnp.asarray(_SIDES, self.knots.dtype)
-        both = jnp.ones_like(sides)
-        inputs = self.equation, self.motion
-        fixed, edges = jax.lax.stop_gradient((inputs, (time, lower, upper)))
-        excess_now = _excess(*fixed, both * edges[0])
+        both, inputs = jnp.ones_like(sides), (self.equation, self.motion)
+        fixed, (now, begin, end) = jax.lax.stop_gradient((inputs, (time, lower, upper)))
+        excess_now = _excess(*fixed, both * now)
         at_once = (excess_now > 0).any()
 
         def halve(_: Any, bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
             middle = 0.5 * (bracket[0] + bracket[1])
-            below = _excess(*fixed, edges[1] + middle * (edges[2] - edges[1])) < 0
+            below = _excess(*fixed, begin + middle * (end - begin)) < 0
             return jnp.where(below, middle, bracket[0]), jnp.where(below, bracket[1], middle)
 
         # Halved down to rounding. Where the ground falls away, both sides are lifted between
@@ -56,7 +61,7 @@ class Uplifts(eqx.Module):
         ends = jnp.zeros_like(excess_now), jnp.ones_like(excess_now)
         bracket = jax.lax.fori_loop(0, bits, halve, ends)
         first = jnp.argmin(jnp.where(self.lifted[:, index], bracket[1], jnp.inf))
-        bracketed = found & (_excess(*fixed, both * edges[1])[first] < 0) & ~at_once
+        bracketed = found & (_excess(*fixed, both * begin)[first] < 0) & ~at_once
 
         def excess(share: Reals) -> Reals:
             return _excess(*inputs, both * (lower + share * (upper - lower)))[first]

@@ -79,21 +79,17 @@ class Record(Motion):
         self.vertical = None if vertical is None else as_real("vertical", vertical)
         self.scale = as_real("scale", scale)
         self.start = as_real("start", start)
-        shape = self.acceleration.shape
-        if not shape or shape[-1] < 2:
-            raise ValueError(
-                f"acceleration must have at least two samples, got an array of shape {shape}"
-            )
+        shape, got = self.acceleration.shape, "got an array of shape"
+        if shape[-1:] < (2,):
+            raise ValueError(f"acceleration must have at least two samples, {got} {shape}")
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
-                raise ValueError(f"{name} must not be empty, got an array of shape {value.shape}")
+                raise ValueError(f"{name} must not be empty, {got} {value.shape}")
         if self.vertical is not None:
             check("vertical", self.vertical, FINITE)
             if self.vertical.shape[-1:] != shape[-1:]:
-                raise ValueError(
-                    f"vertical must have as many samples as acceleration, {self.samples},"
-                    f" got an array of shape {self.vertical.shape}"
-                )
+                must = f"vertical must have as many samples as acceleration, {shape[-1]}"
+                raise ValueError(f"{must}, {got} {self.vertical.shape}")
 
     def __str__(self) -> str:
         return (
@@ -134,7 +130,7 @@ class Record(Motion):
         return horizontal, self.scale * _interpolated(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
-        """The times of the samples [s]; see `Motion.knots`."""
+        """The times of the samples [s], the last one repeated if padded; see `Motion.knots`."""
         numbers = jnp.arange(self.acceleration.shape[-1], dtype=self.time_step.dtype)
         return self.start + self.time_step * jnp.minimum(numbers, self._last)
 
@@ -146,8 +142,7 @@ class Record(Motion):
         return jnp.where(index <= self._last, kink, jnp.inf)
 
     @property
-    def _last(self) -> Any:
-        """Index of the last sample."""
+    def _last(self) -> Any:  # the index of the last sample
         return self.samples - 1
 
     def _rounding(self, position: Reals) -> Any:
@@ -174,10 +169,7 @@ def _sum(samples: Reals, last: Any) -> Reals:
 
 
 class Padded(Record):
-    """A concrete record with zeros after its end, so that many lengths share a program.
-
-    Knots after the end are repeated at the end.
-    """
+    """A concrete record with zeros after its end, so that many lengths share a program."""
 
     filled: Reals = quantity(NON_NEGATIVE)  # index of the last sample of the record itself
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..validation import POSITIVE, as_real, check
 from .record import Record
-from .record_formats import read_at2, read_csv, read_text
-from .record_units import factor_of, in_si, unit_factor
+from .record_formats import Component, Statements, read_at2, read_csv
+from .record_units import UNITS, factor_of
 
 StrPath = str | os.PathLike[str]
 
@@ -33,15 +33,14 @@ def read_record(
 ) -> Record:
     """Read a recorded ground motion from a file.
 
-    An ``.AT2`` file, as the PEER databases have them, holds one component. Its header states the
-    number of values, the time step and usually the unit, g. A ``.csv`` file has columns separated
-    by commas below a line with their names, and perhaps lines that begin with # above it.
-    Its time step comes from a column of times (named ``time``, ``t``, ``time_s``, ``time [ms]`` or
-    the like), from a line like ``# time step 0.01 s``, or from `time_step`.
+    An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` file has
+    columns separated by commas below a line with their names, and perhaps lines that begin with #
+    above it; a column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like.
 
-    What a file states about its unit and its time step (in its header, in comments, in names of
-    columns such as ``acc_g`` or ``acc [cm/s^2]``) is used. It has to agree with itself and with
-    `unit` and `time_step`; a statement that is not understood is an error.
+    What a file states about its unit and its time step (in its header, in comments such as
+    ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``) is used. It
+    has to agree with itself and with `unit` and `time_step`, which are needed where the file
+    states nothing; a statement that is not understood is an error.
 
     Parameters
     ----------
@@ -50,14 +49,13 @@ def read_record(
     unit : str, optional
         Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"gal"``, ``"g"``,
         ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on; g
-        is standard gravity, 9.80665 m/s2. Needed unless the file states it.
+        is standard gravity, 9.80665 m/s2.
     column : str, optional
         Column of the horizontal acceleration in a .csv file. Needed unless it is the only one.
     vertical : str or path, optional
-        The vertical acceleration, positive upward: its column in a .csv file, or a second .AT2
-        file.
+        Vertical acceleration, positive upward: a column of the .csv file, or a second .AT2 file.
     time_step : float, optional
-        Time from one sample to the next [s]. Needed unless the file states it.
+        Time from one sample to the next [s].
 
     Returns
     -------
@@ -80,51 +78,46 @@ def read_record(
     >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
     6001 samples, 0.01 s apart
     """
-    path, suffix = Path(path), Path(path).suffix.lower()
+    path = Path(path)
+    units, steps = Statements(), Statements()
     if time_step is not None:
         check("time_step", as_real("time_step", time_step), POSITIVE)
-        time_step = float(time_step)
+        steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
     if unit is not None:
-        factor_of(unit)
-    upward = None
-    if suffix == ".csv":
-        name = None if vertical is None else str(vertical)
-        horizontal, upward, step = read_csv(read_text(path), unit, column, name, time_step)
-    elif suffix == ".at2":
-        if column is not None:
-            raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
-        horizontal, step = read_at2(read_text(path), unit, time_step)
-        if vertical is not None:
-            first, second = repr(str(path)), repr(str(vertical))
-            if Path(vertical).suffix.lower() != ".at2":
-                raise ValueError(f"vertical must be an .AT2 file, as {first} is, got {second}")
-            upward, upward_step = read_at2(read_text(Path(vertical)), unit)
-            _check_same_sampling(second, first, upward, upward_step, horizontal, step)
-    else:
+        units = [(0, f"unit is {unit!r}", _factor(unit))]
+    if path.suffix.lower() == ".csv":
+        upward = None if vertical is None else str(vertical)
+        return _record(*read_csv(path, units, steps, column, upward))
+    if path.suffix.lower() != ".at2":
         raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
-    return _record(repr(str(path)), horizontal, step, upward)
+    if column is not None:
+        raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
+    components = [read_at2(path, units, steps)]
+    if vertical is not None:
+        if Path(vertical).suffix.lower() != ".at2":
+            must = f"vertical must be an .AT2 file, as {str(path)!r} is"
+            raise ValueError(f"{must}, got {str(vertical)!r}")
+        components.append(read_at2(Path(vertical), units, []))
+    return _record(*components)
 
 
 def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     """Take a ground motion from a trace of obspy, or of gmprocess.
 
     Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
-    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``. It must
-    be an acceleration already; counts of an instrument are for obspy's ``remove_response``.
+    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``. Counts
+    of an instrument are for obspy's ``remove_response`` first.
 
     Parameters
     ----------
-    trace : obspy.Trace
-        Horizontal acceleration, shape (samples,).
+    trace, vertical : obspy.Trace
+        Horizontal and perhaps vertical acceleration, positive upward, both sampled alike.
     unit : str
         Unit of the accelerations, as for `read_record`.
-    vertical : obspy.Trace, optional
-        Vertical acceleration, positive upward, with the same sampling and start.
 
     Returns
     -------
     Record
-        As from `read_record`.
 
     Raises
     ------
@@ -133,15 +126,13 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
         samples or no valid time step; if the traces differ in sampling or start; if the unit is
         unknown or not that of a trace.
     """
-    horizontal, step = _trace("trace", trace, unit)
     if vertical is None:
-        return _record("trace", horizontal, step)
-    upward, upward_step = _trace("vertical", vertical, unit)
-    _check_same_sampling("vertical", "trace", upward, upward_step, horizontal, step)
+        return _record(_component("trace", trace, unit))
+    components = _component("trace", trace, unit), _component("vertical", vertical, unit)
     starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
     if None not in starts and starts[0] != starts[1]:
         raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
-    return _record("trace", horizontal, step, upward)
+    return _record(*components)
 
 
 def example_record(component: str = "north", *, vertical: bool = False) -> Record:
@@ -178,63 +169,55 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
     """
     if component not in ("north", "east"):
         raise ValueError(f"component must be 'north' or 'east', got {component!r}")
+    column, upward = f"{component}_g", "up_g" if vertical else None
     with as_file(files("jaxrock") / "data" / "ridgecrest_2019_clc.csv") as path:
-        return read_record(
-            path,
-            unit="g",
-            column=f"{component}_g",
-            vertical="up_g" if vertical else None,
-            time_step=0.01,
-        )
+        return read_record(path, unit="g", column=column, vertical=upward, time_step=0.01)
 
 
-def _trace(argument: str, trace: Any, unit: str) -> tuple[np.ndarray, float]:
-    """The accelerations [m/s2] and the time step [s] of a trace."""
+def _factor(unit: str) -> float:
+    factor = factor_of(unit)
+    if math.isnan(factor):
+        raise ValueError(f"unit must be {UNITS}, got {unit!r}")
+    return factor
+
+
+def _component(argument: str, trace: Any, unit: str) -> Component:
     stats: Any = getattr(trace, "stats", None)
     if not hasattr(trace, "data") or not hasattr(stats, "delta"):
-        kind = type(trace).__name__
         hint = f" of {len(trace)}: take one out of it" if isinstance(trace, Sized) else ""
-        raise ValueError(
-            f"{argument} must be one trace, with data and stats.delta, got a {kind}{hint}"
-        )
+        must = f"{argument} must be one trace, with data and stats.delta"
+        raise ValueError(f"{must}, got a {type(trace).__name__}{hint}")
     standard = getattr(stats, "standard", None)  # of gmprocess
     stated = standard.get("units") if isinstance(standard, Mapping) else None
-    factor = factor_of(unit)
-    if stated and not math.isclose(factor, unit_factor(stated)):
+    factor = _factor(unit)
+    if stated and not math.isclose(factor, factor_of(stated)):
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
-    data = trace.data
-    if np.ma.is_masked(data):
-        count = np.ma.count_masked(data)
-        raise ValueError(f"{argument} must have no gaps, got {count} masked samples")
-    data = np.asarray(data)
+    if gaps := np.ma.count_masked(trace.data):
+        raise ValueError(f"{argument} must have no gaps, got {gaps} masked samples")
+    data = np.asarray(trace.data)
     if data.ndim != 1 or data.dtype.kind not in "fiu":
-        raise ValueError(
-            f"{argument} must be a row of real numbers, got {data.dtype} of shape {data.shape}"
-        )
-    finite = np.isfinite(data)
-    if not finite.all():
-        at = int(np.argmin(finite))
+        got = f"{data.dtype} of shape {data.shape}"
+        raise ValueError(f"{argument} must be a row of real numbers, got {got}")
+    if not np.isfinite(data).all():
+        at = int(np.argmin(np.isfinite(data)))
         raise ValueError(f"{argument} must be finite, got {data[at]} as sample {at}")
-    name = f"stats.delta of {argument}"
     if not isinstance(stats.delta, Real):
-        raise ValueError(f"{name} must be a real number, got {stats.delta!r}")
-    check(name, stats.delta, POSITIVE)
-    return in_si(factor, data.astype(float)), float(stats.delta)
+        raise ValueError(f"stats.delta of {argument} must be a real number, got {stats.delta!r}")
+    check(f"stats.delta of {argument}", stats.delta, POSITIVE)
+    return Component(argument, factor, data.astype(float), float(stats.delta))
 
 
-def _check_same_sampling(
-    name: str, other: str, values: np.ndarray, step: float, expected: np.ndarray, its_step: float
-) -> None:
-    if values.size != expected.size:
-        raise ValueError(f"{name} has {values.size} samples, but {other} has {expected.size}")
-    if not math.isclose(step, its_step, rel_tol=1e-6):
-        raise ValueError(f"{name} has a step of {step} s, but {other} of {its_step} s")
-
-
-def _record(
-    name: str, horizontal: np.ndarray, step: float, upward: np.ndarray | None = None
-) -> Record:
+def _record(horizontal: Component, *upward: Component) -> Record:
+    name, _, values, step = horizontal
+    for other in upward:
+        if other.values.size != values.size:
+            samples = f"{other.name} has {other.values.size} samples"
+            raise ValueError(f"{samples}, but {name} has {values.size}")
+        if not math.isclose(other.step, step, rel_tol=1e-6):
+            raise ValueError(f"{other.name} has a step of {other.step} s, but {name} of {step} s")
+    with np.errstate(over="ignore"):  # inf, which a record refuses
+        accelerations, *upwards = (each.factor * each.values for each in (horizontal, *upward))
     try:
-        return Record(horizontal, step, upward)
+        return Record(accelerations, step, *upwards)
     except ValueError as error:  # too few samples, or too large for the precision
         raise ValueError(f"{name}: {error}") from error

@@ -9,8 +9,6 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray
 
-_CONVENTIONS = "CF-1.9"  # the first version with integers of 64 bits, which NumPy's are
-
 Labelled = tuple[Any, Any, Mapping[str, Any]]  # dimensions, values, attributes
 
 
@@ -29,6 +27,6 @@ def labelled(
     # CF does not allow coordinates that are not monotone: then it does not claim to follow it.
     signs = [np.sign(np.diff(values)) for values in dataset.indexes.values()]
     if all(sign.size == 0 or (sign[0] and (sign == sign[0]).all()) for sign in signs):
-        dataset.attrs["Conventions"] = _CONVENTIONS
-    about = {"title": title, "source": f"jaxrock {version('jaxrock')}"}
-    return dataset.assign_attrs({**about, **attributes})
+        dataset.attrs["Conventions"] = "CF-1.9"  # the first with NumPy's integers of 64 bits
+    source = f"jaxrock {version('jaxrock')}"
+    return dataset.assign_attrs({"title": title, "source": source, **attributes})

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-import re
 import stat
 import tempfile
 import threading
@@ -17,11 +16,9 @@ try:
 except ImportError:  # on Windows, where scratch folders of killed processes stay
     fcntl = None
 
-_PREFIX = ".unfinished-"
-_NAME = re.compile(re.escape(_PREFIX) + "[a-z0-9_]{8}")  # as `tempfile` makes them
-_LOCK = ".lock"  # in a scratch folder; held by the process that fills it
+_PREFIX, _LOCK = ".unfinished-", ".lock"
 _changing = threading.RLock()  # held while a scratch folder is made, moved or removed
-_unfinished: list["_Scratch"] = []
+_unfinished: list[contextlib.ExitStack] = []  # what removes them
 
 
 def read_regular(path: Path) -> bytes:
@@ -69,29 +66,30 @@ def written_whole(
     if anything cannot be written.
     """
     check_free(argument, folder, names, overwrite)
-    scratch, moved = None, []
+    undo = contextlib.ExitStack()
+    made: list[Path] = []  # new folders, and files moved into them, the innermost first
+    _unfinished.append(undo)
     try:
         with _changing:
-            scratch = _Scratch([path for path in (folder, *folder.parents) if not path.exists()])
+            undo.callback(_unmake, made)
+            made += [path for path in (folder, *folder.parents) if not path.exists()]
             folder.mkdir(parents=True, exist_ok=True)
             _sweep(folder)
-            path = scratch.make(folder)
-        yield path
+            scratch = _scratch(folder, undo)
+        yield scratch
         with _changing:  # all or none, even if `abandon` is called meanwhile
             for name in names:
-                os.replace(path / name, folder / name)
-                moved.append(folder / name)
-            scratch.made = []
+                os.replace(scratch / name, folder / name)
+                made[:0] = [folder / name] if made else []
+            made.clear()
     except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
             raise  # netCDF4 reports a full disk, among others, as "NetCDF: ..."
         raise CannotWrite(argument, folder, error) from error
     finally:
-        if scratch is not None:
-            with _changing:
-                for path in moved if scratch.made else []:  # in a folder that was not there before
-                    path.unlink()
-                scratch.remove()
+        with _changing:
+            _unfinished.remove(undo)
+            undo.close()
 
 
 def abandon() -> None:
@@ -101,104 +99,61 @@ def abandon() -> None:
     that they would make, move or remove. A move that has begun is completed.
     """
     _changing.acquire(timeout=10)  # seconds; a file system that hangs must not keep it alive
-    for scratch in reversed(_unfinished):
-        scratch.remove(patience=2)
+    for undo in reversed(_unfinished):
+        undo.close()
 
 
-class _Scratch:
-    """A folder for files that are not finished, and the folders that were made for it."""
-
-    def __init__(self, made: list[Path]):
-        self.made = made
-        self.path: Path | None = None
-        self._lock: int | None = None
-        _unfinished.append(self)
-
-    def make(self, folder: Path) -> Path:
-        """Make it in `folder`, locked: the lock tells others that its process is alive."""
-        while True:
-            self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
-            try:
-                self._lock = _locked(self.path)
-            except BlockingIOError:  # another process has just taken it for a leftover
-                continue
-            except OSError:
-                self.path.rmdir()
-                self.path = None
-                raise
-            return self.path
-
-    def remove(self, patience: float = 0.0) -> None:
-        """Remove it with its content, and the folders made for it if nothing else is there."""
-        if self not in _unfinished:
-            return
-        _unfinished.remove(self)
-        reason = self.path and _remove(self.path, self._lock, patience)
-        if reason:
-            warnings.warn(f"{str(self.path)!r} cannot be removed: {reason}", stacklevel=3)
-        for path in self.made:
-            with contextlib.suppress(OSError):
-                path.rmdir()
+def _unmake(made: list[Path]) -> None:
+    for path in made:
+        with contextlib.suppress(OSError):
+            path.rmdir() if path.is_dir() else path.unlink()
 
 
-def _locked(folder: Path) -> int | None:
-    """A descriptor that holds the lock of a scratch folder until closed; None without locks.
-
-    A `BlockingIOError` if a process that is alive holds it, or has just removed the folder.
-    """
-    if fcntl is None:
-        return None
-    path = folder / _LOCK
-    try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-    except FileNotFoundError:
-        raise BlockingIOError from None
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(lock), os.stat(path)):
-            return lock
-    except OSError as error:
-        if not isinstance(error, BlockingIOError | FileNotFoundError):
-            os.close(lock)
-            return None
-    os.close(lock)
-    raise BlockingIOError
+def _scratch(folder: Path, undo: contextlib.ExitStack) -> Path:
+    """A new folder in `folder`, with a lock that tells others that its process is alive."""
+    scratch = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
+    # Twice: with the lock, and without, when no file in it is open, which a network needs.
+    undo.callback(_remove, scratch)
+    if fcntl is not None:
+        lock = undo.enter_context((scratch / ".new").open("x"))
+        undo.callback(_removed, scratch)
+        with contextlib.suppress(OSError):  # where there are no locks
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.rename(lock.name, scratch / _LOCK)  # which others look for
+    return scratch
 
 
 def _sweep(folder: Path) -> None:
     """Remove the scratch folders of processes that were killed, and name them."""
-    try:
-        leftovers = [path for path in sorted(folder.iterdir()) if _NAME.fullmatch(path.name)]
-    except PermissionError:  # a folder may be writable, but not readable
+    if fcntl is None:
         return
-    for path in leftovers:
-        lock = None
-        with contextlib.suppress(OSError):  # its process is alive, or it is no folder
-            lock = None if path.is_symlink() else _locked(path)
-        if lock is not None:
-            reason = _remove(path, lock)
-            how = f"could not be removed: {reason}" if reason else "is now removed"
-            warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=3)
+    for path in sorted(folder.glob(_PREFIX + 8 * "[a-z0-9_]")):  # as `tempfile` names them
+        try:
+            with open(path / _LOCK, "r+") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.stat(lock.name)
+                _removed(path)
+        except OSError:  # its process is alive, or another one has just removed it
+            continue
+        reason = _removed(path)
+        how = f"could not be removed: {reason}" if reason else "is now removed"
+        warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=4)
 
 
-def _remove(folder: Path, lock: int | None, patience: float = 0.0) -> str | None:
-    """Remove a scratch folder and release its lock, or say why that is not possible.
-
-    For `patience`, in seconds, try again: another thread may still write into it.
-    """
-    until = time.monotonic() + patience
-    while (reason := _removed(folder)) and time.monotonic() < until:
+def _remove(scratch: Path) -> None:
+    """Remove a scratch folder, for seconds, as another thread may still write into it."""
+    until = time.monotonic() + 2
+    while (reason := _removed(scratch)) and time.monotonic() < until:
         time.sleep(0.01)
-    if lock is not None:
-        os.close(lock)
-    # Now one more file descriptor is free, and no file in it is open, which a network needs.
-    return reason and _removed(folder)
+    if reason:
+        warnings.warn(f"{str(scratch)!r} cannot be removed: {reason}", stacklevel=4)
 
 
 def _removed(folder: Path) -> str | None:
-    # Takes one file descriptor at a time, unlike `shutil.rmtree`: they may have run out.
+    """Remove a folder with its content, or say why that is not possible."""
     try:
-        for path, folders, files in os.walk(folder, topdown=False, onerror=_raise):
+        # Takes one file descriptor at a time, unlike `shutil.rmtree`: they may have run out.
+        for path, folders, files in os.walk(folder, topdown=False):
             for name in files:
                 os.unlink(os.path.join(path, name))
             for name in folders:
@@ -207,7 +162,3 @@ def _removed(folder: Path) -> str | None:
     except OSError as error:
         return error.strerror if folder.exists() else None
     return None
-
-
-def _raise(error: OSError) -> None:
-    raise error

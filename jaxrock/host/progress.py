@@ -28,18 +28,7 @@ def with_clock(label: str) -> Iterator[None]:
         yield
         return
     done = threading.Event()
-
-    def show() -> None:
-        from tqdm import tqdm
-
-        if done.wait(_SILENT):
-            return
-        with tqdm(desc=label, bar_format="{desc}: {elapsed}", leave=False) as clock:
-            clock.start_t -= _SILENT
-            while not done.wait(0.5):
-                clock.refresh()
-
-    thread = threading.Thread(target=show, daemon=True)
+    thread = threading.Thread(target=_show, args=(label, done), daemon=True)
     thread.start()
     try:
         yield
@@ -47,3 +36,13 @@ def with_clock(label: str) -> Iterator[None]:
         done.set()
         thread.join()
         _showing.release()
+
+
+def _show(label: str, done: threading.Event) -> None:
+    from tqdm import tqdm
+
+    if not done.wait(_SILENT):
+        with tqdm(desc=label, bar_format="{desc}: {elapsed}", leave=False) as clock:
+            clock.start_t -= _SILENT
+            while not done.wait(0.5):
+                clock.refresh()

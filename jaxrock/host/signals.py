@@ -1,10 +1,8 @@
 """Ctrl-C, SIGTERM and SIGHUP end a command at once, with one line.
 
-Python turns Ctrl-C into an exception in the main thread, wherever that is. Under JAX it gets lost:
-in JAX's hook on the garbage collector it is printed and forgotten, in a callback it becomes
-another error, and while a program is compiled or runs nothing is raised at all. So nothing is ever
-raised here: a thread of its own waits for the signal, removes unfinished files and ends the
-process.
+Python would raise an exception in the main thread. Under JAX it gets lost: in its hook on the
+garbage collector it is printed and forgotten, in a callback it becomes another error, and while a
+program is compiled or runs nothing is raised at all. So a thread of its own waits for signals.
 """
 
 import atexit
@@ -19,22 +17,8 @@ from pathlib import Path
 
 from .files import abandon
 
-_ENDING = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 _heard: list[socket.socket] = []  # the pair through which signals arrive; empty before `watch`
 _finished: list[int] = []  # the exit code, once it is known
-
-
-def end(number: int) -> None:
-    """Remove unfinished files, say in one line why, and exit with 128 plus the signal's number."""
-    try:
-        abandon()
-    finally:
-        name = signal.Signals(number).name
-        reason = "interrupted" if name == "SIGINT" else f"ended by {name}"
-        start = "\n" if os.isatty(2) else ""  # after ^C or a clock
-        with contextlib.suppress(OSError):  # standard error may be closed
-            os.write(2, f"{start}jaxrock: {reason}\n".encode())
-        os._exit(128 + number)
 
 
 def watch() -> None:
@@ -51,8 +35,9 @@ def watch() -> None:
     ear, mouth = _heard
     mouth.setblocking(False)
     atexit.register(_leave)  # as the first, so that it comes last
-    numbers = [getattr(signal, name) for name in _ENDING if hasattr(signal, name)]
-    numbers = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
+    # Windows has no SIGHUP.
+    numbers = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
+    numbers = [n for n in numbers if n and signal.getsignal(n) != signal.SIG_IGN]
     threading.Thread(target=_listen, args=(ear, numbers), daemon=True).start()
     signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
     for number in numbers:
@@ -76,19 +61,26 @@ def _leave() -> None:
 
 
 def _listen(ear: socket.socket, numbers: Sequence[int]) -> None:
-    while True:
-        for number in ear.recv(64):  # of every signal that has a handler
-            if number in numbers:
-                end(number)
+    """Wait for a signal, remove unfinished files, say why in one line, exit with 128 plus it."""
+    while (number := ear.recv(1)[0]) not in numbers:  # another one that has a handler
+        pass
+    try:
+        abandon()
+    finally:
+        name = signal.Signals(number).name
+        reason = "interrupted" if name == "SIGINT" else f"ended by {name}"
+        start = "\n" if os.isatty(2) else ""  # after ^C or a clock
+        with contextlib.suppress(OSError):  # standard error may be closed
+            os.write(2, f"{start}jaxrock: {reason}\n".encode())
+        os._exit(128 + number)
 
 
 def _is_command() -> bool:
     """Whether this process is ``jaxrock`` or ``python -m jaxrock``, seen from an import."""
-    program = sys.argv[0] if sys.argv else ""
+    program, given = (sys.argv or [""])[0], [*sys.orig_argv, "-m", ""]
     if program != "-m":
         return Path(program).stem == "jaxrock"
-    arguments = sys.orig_argv
-    return "-m" in arguments and arguments[arguments.index("-m") + 1 :][:1] == ["jaxrock"]
+    return given[given.index("-m") + 1] == "jaxrock"
 
 
 if _is_command():  # before the import of JAX, which takes a second

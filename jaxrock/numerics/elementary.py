@@ -26,10 +26,7 @@ def one_minus_square(x: Reals) -> Reals:
     return (1 - x) * (1 + x)
 
 
-@one_minus_square.defjvp
-def _one_minus_square_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    return one_minus_square(x), -2 * x * dx
+one_minus_square.defjvps(lambda dx, _, x: -2 * x * dx)
 
 
 # (arctan(u) / u - 1) / u^2 as a polynomial in u^2, within 2e-17 of u^-2 for u from 0 to 1/2.
@@ -69,10 +66,13 @@ def arcsin(q: Reals) -> Reals:
     return 2 * angle(q, 1 + jnp.sqrt(one_minus_square(q)))
 
 
-@arcsin.defjvp
-def _arcsin_jvp(primals, tangents):
-    (q,), (dq,) = primals, tangents
-    return arcsin(q), dq / jnp.sqrt(one_minus_square(q))
+arcsin.defjvps(lambda dq, _, q: dq / jnp.sqrt(one_minus_square(q)))
+
+
+def _ratio(function, argument: Array) -> Array:
+    differs = argument**2 > jnp.finfo(argument.dtype).eps
+    divisor = jnp.where(differs, argument, 0.5)
+    return jnp.where(differs, function(divisor) / divisor, 1)
 
 
 @jax.custom_jvp
@@ -81,24 +81,10 @@ def arctan_ratio(z: Reals) -> Reals:
     return angle(z, 1.0) / z
 
 
-@arctan_ratio.defjvp
-def _arctan_ratio_jvp(primals, tangents):
-    (z,), (dz,) = primals, tangents
-    y = 1 + z**2
-    return arctan_ratio(z), -2 / 3 * z * carlson_rd(jnp.ones_like(y), y, y) * dz
-
-
 @jax.custom_jvp
 def artanh_ratio(x: Reals) -> Reals:
     """``artanh(x) / x`` for 0 <= x < 1, its derivative accurate for small x."""
     return _ratio(lambda t: jnp.log1p(2 * t / (1 - t)) / 2, x)
-
-
-@artanh_ratio.defjvp
-def _artanh_ratio_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    y = one_minus_square(x)
-    return artanh_ratio(x), 2 / 3 * x * carlson_rd(jnp.ones_like(y), y, y) * dx
 
 
 @jax.custom_jvp
@@ -107,17 +93,20 @@ def arcsin_ratio(q: Reals) -> Reals:
     return _ratio(arcsin, q)
 
 
-@arcsin_ratio.defjvp
-def _arcsin_ratio_jvp(primals, tangents):
-    (q,), (dq,) = primals, tangents
-    one = jnp.ones_like(q)
-    return arcsin_ratio(q), q / 3 * carlson_rd(one, one, one_minus_square(q)) * dq
+def _rd(y: Array) -> Array:
+    return carlson_rd(jnp.ones_like(y), y, y)
 
 
-def _ratio(function, argument: Array) -> Array:
-    differs = argument**2 > jnp.finfo(argument.dtype).eps
-    divisor = jnp.where(differs, argument, 0.5)
-    return jnp.where(differs, function(divisor) / divisor, 1)
+def _rd_last(y: Array) -> Array:
+    one = jnp.ones_like(y)
+    return carlson_rd(one, one, y)
+
+
+arctan_ratio.defjvps(lambda dz, _, z: -2 / 3 * z * _rd(1 + z**2) * dz)
+artanh_ratio.defjvps(lambda dx, _, x: 2 / 3 * x * _rd(one_minus_square(x)) * dx)
+
+
+arcsin_ratio.defjvps(lambda dq, _, q: q / 3 * _rd_last(one_minus_square(q)) * dq)
 
 
 def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
@@ -165,10 +154,7 @@ def _share_of_one(ratio: Array, count: Array) -> Array:
     return jnp.where((ratio == 1) & (count < jnp.inf), 1 / count, share)
 
 
-@_share_of_one.defjvp
-def _share_of_one_jvp(primals, tangents):
-    (ratio, count), (dratio, _) = primals, tangents
-    share = _share_of_one(ratio, count)
+def _share_of_one_jvp(dratio, share, ratio, count):
     several = (count > 1) & (count < jnp.inf)
     n = jnp.where(several, count, 2)
     # From the definition where C is small, from the logarithm elsewhere.
@@ -177,7 +163,10 @@ def _share_of_one_jvp(primals, tangents):
     from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)
     from_logarithm = -_logarithmic_slope(-jnp.log(high), n) / high
     slope = share * jnp.where(small, from_definition, from_logarithm)
-    return share, jnp.where(several, slope, jnp.where(count == 1, 0, -1)) * dratio
+    return jnp.where(several, slope, jnp.where(count == 1, 0, -1)) * dratio
+
+
+_share_of_one.defjvps(_share_of_one_jvp, None)
 
 
 @jax.custom_jvp
@@ -187,13 +176,13 @@ def _decaying_share_of_one(decay: Array, count: Array) -> Array:
     return jnp.where(decays, jnp.expm1(-safe) / jnp.expm1(-count * safe), 1 / count)
 
 
-@_decaying_share_of_one.defjvp
-def _decaying_share_of_one_jvp(primals, tangents):
-    (decay, count), (ddecay, _) = primals, tangents
-    share = _decaying_share_of_one(decay, count)
+def _decaying_share_of_one_jvp(ddecay, share, decay, count):
     finite = count < jnp.inf
     slope = share * _logarithmic_slope(decay, jnp.where(finite, count, 2))
-    return share, jnp.where(finite, slope, jnp.exp(-decay)) * ddecay
+    return jnp.where(finite, slope, jnp.exp(-decay)) * ddecay
+
+
+_decaying_share_of_one.defjvps(_decaying_share_of_one_jvp, None)
 
 
 def _logarithmic_slope(decay: Array, count: Array) -> Array:

@@ -58,12 +58,8 @@ def _rf_series(x: Array, y: Array, z: Array) -> Array:
     dx, dy = (mean - x) / mean, (mean - y) / mean
     dz = -dx - dy
     e2, e3 = dx * dy - dz * dz, dx * dy * dz
-    series = (
-        e2 * (-1 / 10 + e2 * (1 / 24 - e2 * (5 / 208) + e3 / 16) - e3 * (3 / 44))
-        + e3 * (1 / 14 + e3 * (3 / 104))
-        + 1
-    )
-    return series / jnp.sqrt(mean)
+    in_e2 = e2 * (-1 / 10 + e2 * (1 / 24 - e2 * (5 / 208) + e3 / 16) - e3 * (3 / 44))
+    return (in_e2 + e3 * (1 / 14 + e3 * (3 / 104)) + 1) / jnp.sqrt(mean)
 
 
 def _rd_series(x: Array, y: Array, z: Array) -> Array:
@@ -154,14 +150,10 @@ def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
     sn, cn = jnp.sin(phase), jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
     cn, dn = jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
-    limit_sn, limit_cn, limit_dn = _jacobi_near_one(
-        jnp.where(parabolic, argument, 0), jnp.where(parabolic, complement, 0)
-    )
-    return (
-        jnp.where(parabolic, limit_sn, sn / stretch),
-        jnp.where(parabolic, limit_cn, cn),
-        jnp.where(parabolic, limit_dn, dn),
-    )
+    limits = _jacobi_near_one(*(jnp.where(parabolic, x, 0) for x in (argument, complement)))
+    pairs = zip(limits, (sn / stretch, cn, dn), strict=True)
+    sn, cn, dn = (jnp.where(parabolic, limit, regular) for limit, regular in pairs)
+    return sn, cn, dn
 
 
 def _jacobi_near_one(argument: Array, complement: Array) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-_TOGETHER = 2**18  # values at which the margins are computed in one call
+_TOGETHER = 2**18  # values at which the margins are computed in one call, at most
 # As many values as take the time of one: 64 SIMD lanes on each of two cores. A fixed number, so
 # that every machine finds the same sign changes to the last bit.
 _LANES = 128
@@ -34,20 +34,6 @@ class Brackets(NamedTuple):
     complete: Any
 
 
-def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Brackets:
-    """All sign changes for increasing values of shape (cases, values).
-
-    An interval is halved up to `levels` times where a sign change might hide in it.
-    """
-    cases = len(values)
-    rows = max(1, _TOGETHER // values.shape[1])
-    parts = [
-        _brackets(margin_and_mode, values[start : start + rows], start, levels)
-        for start in range(0, max(cases, 1), rows)
-    ]
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-
-
 class _Samples(NamedTuple):
     """Samples of the margins, sorted by case and value."""
 
@@ -58,19 +44,25 @@ class _Samples(NamedTuple):
     mode: Any
 
 
-def _brackets(margin_and_mode: MarginAndMode, values: Any, first: int, levels: int) -> Brackets:
-    """The brackets of as many cases as are searched together, from case `first` on."""
+def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Brackets:
+    """All sign changes for increasing values of shape (cases, values).
+
+    An interval is halved up to `levels` times where a sign change might hide in it.
+    """
     cases, places = values.shape
-    case = np.repeat(np.arange(cases), places)
-    value = values.reshape(-1)
+
+    def sampled(case: Any, place: Any, value: Any) -> _Samples:
+        starts = range(0, max(len(value), 1), _TOGETHER)
+        parts = [margin_and_mode(*(x[k : k + _TOGETHER] for x in (case, value))) for k in starts]
+        return _Samples(case, place, value, *map(np.concatenate, zip(*parts, strict=True)))
+
     place = np.tile(np.arange(places) << levels, cases)
-    samples = _Samples(case, place, value, *margin_and_mode(first + case, value))
+    samples = sampled(np.repeat(np.arange(cases), places), place, values.reshape(-1))
     for level in reversed(range(levels)):
         left = _suspicious(samples, 2 << level)
-        case, place = samples.case[left], samples.place[left] + (1 << level)
+        place = samples.place[left] + (1 << level)
         value = 0.5 * (samples.value[left] + samples.value[left + 1])
-        middle = _Samples(case, place, value, *margin_and_mode(first + case, value))
-        columns = zip(samples, middle, strict=True)
+        columns = zip(samples, sampled(samples.case[left], place, value), strict=True)
         samples = _Samples(*(np.insert(old, left + 1, new) for old, new in columns))
     case, margin = samples.case, samples.margin
     complete = np.bincount(case, np.isnan(margin), cases) == 0
@@ -78,7 +70,7 @@ def _brackets(margin_and_mode: MarginAndMode, values: Any, first: int, levels: i
     left = np.flatnonzero(change & complete[case[:-1]])
     count = np.bincount(case[left], minlength=cases)
     return Brackets(
-        case=first + case[left],
+        case=case[left],
         column=np.arange(left.size) - (np.cumsum(count) - count)[case[left]],
         valid=np.ones(left.size, bool),
         ends=(samples.value[left], samples.value[left + 1]),

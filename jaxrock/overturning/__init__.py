@@ -12,11 +12,5 @@ from .pulse_thresholds import (
     survival_windows,
 )
 
-__all__ = [
-    "Boundaries",
-    "SurvivalWindows",
-    "critical_amplitude",
-    "critical_duration",
-    "overturning_boundaries",
-    "survival_windows",
-]
+__all__ = ["Boundaries", "SurvivalWindows"]
+__all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]

@@ -17,7 +17,7 @@ from ..dynamics import BatchResponse, DrivenScene, compiler_options, respond_bat
 from ..ground_motion import Motion, Pulse, Record
 from ..host import listed, with_clock
 from ..numerics import brackets, brackets_traced, located
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -32,38 +32,6 @@ from ..validation import (
     check,
     of_one_precision,
 )
-
-
-class _Quantity(NamedTuple):
-    """A quantity to seek boundaries along."""
-
-    domain: Domain
-    motions: type[Motion]  # that have it
-    place: Callable[[Any], Any]  # in a scene
-    relative: bool = False  # multiplies what is there
-
-
-def _strength(scene: Any) -> Any:
-    return scene.motion.scale if isinstance(scene.motion, Record) else scene.motion.amplitude
-
-
-_QUANTITIES = {
-    "amplitude": _Quantity(FINITE, Pulse, lambda scene: scene.motion.amplitude),
-    "duration": _Quantity(POSITIVE, Pulse, lambda scene: scene.motion.duration),
-    "factor": _Quantity(NON_NEGATIVE, Motion, _strength, relative=True),
-    "half_width": _Quantity(POSITIVE, Motion, lambda scene: scene.block.half_width),
-    "slenderness": _Quantity(POSITIVE, Motion, lambda scene: scene.block.slenderness),
-    "restitution": _Quantity(UNIT_INTERVAL, Motion, lambda scene: scene.restitution),
-}
-
-
-class _Search(NamedTuple):
-    """What is sought, and how; static in compiled programs."""
-
-    along: str
-    halvings: int  # of the intervals between values
-    model: RockingModel
-    max_boundaries: int
 
 
 class Boundaries(eqx.Module):
@@ -101,7 +69,7 @@ class Boundaries(eqx.Module):
     complete: Booleans
 
     def __str__(self) -> str:
-        if jnp.ndim(self.count) or isinstance(self.count, jax.core.Tracer):
+        if jnp.ndim(self.count) or _traced(self.count):
             return listed(self, count="", value="", overturns_first="", complete="")
         does = {True: "overturns", False: "stands"}
         if not self.count:
@@ -113,6 +81,30 @@ class Boundaries(eqx.Module):
             beyond = does[bool(self.overturns_beyond[k])]
             lines.append(f"{beyond} beyond {self.value[k]:.6g} (overturning {mode})")
         return "\n".join(lines)
+
+
+class Search(NamedTuple):
+    """What is sought, and how; static in compiled programs."""
+
+    along: str
+    model: Any
+    max_boundaries: int
+    halvings: int = 0  # of intervals in which the mode changes, or the margin comes near 0
+
+
+def _strength(scene: Any) -> Any:
+    return scene.motion.scale if isinstance(scene.motion, Record) else scene.motion.amplitude
+
+
+# What boundaries are sought along: its domain, the motions that have it, its place in a scene.
+_QUANTITIES: dict[str, tuple[Domain, type[Motion], Callable[[Any], Any]]] = {
+    "amplitude": (FINITE, Pulse, _strength),
+    "duration": (POSITIVE, Pulse, lambda scene: scene.motion.duration),
+    "factor": (NON_NEGATIVE, Motion, _strength),  # on what is there
+    "half_width": (POSITIVE, Motion, lambda scene: scene.block.half_width),
+    "slenderness": (POSITIVE, Motion, lambda scene: scene.block.slenderness),
+    "restitution": (UNIT_INTERVAL, Motion, lambda scene: scene.restitution),
+}
 
 
 def overturning_boundaries(
@@ -149,8 +141,7 @@ def overturning_boundaries(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
-        How many boundaries are listed under a transformation, where shapes must be known
-        beforehand.
+        How many are listed under a transformation, where shapes must be known beforehand.
 
     Returns
     -------
@@ -174,50 +165,40 @@ def overturning_boundaries(
     >>> print(jr.overturning_boundaries(block, 0.9, pulse, "slenderness", np.linspace(2, 9, 8)))
     overturns beyond 5.80354 (overturning without an impact)
     """
-    scene_and_values = checked(block, restitution, motion, along, values)
-    return boundaries_along(*scene_and_values, along, 0, model, max_boundaries)
+    return searched(block, restitution, motion, values, Search(along, model, max_boundaries))
 
 
 @with_clock("boundaries")
-def boundaries_along(
-    scene: DrivenScene,
-    values: Array,
-    along: str,
-    halvings: int,
-    model: ModelLike,
-    max_boundaries: int,
+def searched(
+    block: Block, restitution: Number, motion: Motion, values: Numbers, search: Search
 ) -> Boundaries:
-    """As `overturning_boundaries`, with intervals that are halved where boundaries might hide.
-
-    That is where the number of impacts changes, or the margin is small beside its changes.
-    """
-    if max_boundaries < 1:
-        raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
-    search = _Search(along, halvings, as_model(model), max_boundaries)
-    return _boundaries(scene, values, search=search)
+    """The boundaries in a range; a `ValueError` if an argument is not allowed."""
+    scene, places = checked(block, restitution, motion, search.along, values)
+    if search.max_boundaries < 1:
+        raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
+    return _boundaries(scene, places, search=search._replace(model=as_model(search.model)))
 
 
 def checked(
     block: Block, restitution: Number, motion: Motion, along: str, values: Numbers
 ) -> tuple[DrivenScene, Array]:
-    """The arguments of `overturning_boundaries`; a `ValueError` if they are not allowed."""
+    """The scene and the values of a search; a `ValueError` if they are not allowed."""
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
-    allowed = [name for name, kind in _QUANTITIES.items() if isinstance(motion, kind.motions)]
+    allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(motion, has)]
     if along not in allowed:
         raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")
     places = as_real("values", values)
-    check("values", places, _QUANTITIES[along].domain)
+    check("values", places, _QUANTITIES[along][0])
     scene = DrivenScene(block, restitution, motion)
-    if isinstance(motion, Record) and (
-        motion.acceleration.ndim > 1 or (motion.vertical is not None and motion.vertical.ndim > 1)
-    ):
+    samples = jax.tree.leaves(_split(scene)[1])
+    if any(np.ndim(direction) > 1 for direction in samples):
         raise ValueError("motion must be one record, got an array of them")
     if places.ndim == 0 or places.shape[-1] < 2:
         raise ValueError(
             f"values must be at least two values, got an array of shape {places.shape}"
         )
-    if not isinstance(places, jax.core.Tracer) and (np.diff(np.asarray(places)) <= 0).any():
+    if not _traced(places) and (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("values must be increasing, got values that do not increase")
     return of_one_precision((scene, places))
 
@@ -235,18 +216,17 @@ def _traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def _followed(scene: DrivenScene, along: str, value: Any, model: RockingModel) -> BatchResponse:
+def _followed(scene: DrivenScene, value: Any, search: Search) -> BatchResponse:
     """The response at a value, to the end of the input."""
-    quantity = _QUANTITIES[along]
-    value = quantity.place(scene) * value if quantity.relative else value
-    scene = eqx.tree_at(quantity.place, scene, value)  # unchecked: the values have been
-    return respond_batch(scene.block, scene.restitution, scene.motion, model=model)
+    *_, place = _QUANTITIES[search.along]
+    value = place(scene) * value if search.along == "factor" else value
+    scene = eqx.tree_at(place, scene, value)  # unchecked: the values have been
+    return respond_batch(scene.block, scene.restitution, scene.motion, model=search.model)
 
 
 @eqx.filter_custom_jvp
-def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundaries:
+def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundaries:
     """The search. All boundaries are listed, under a transformation `max_boundaries`."""
-    along, halvings, model, max_boundaries = search
     traced = _traced((scene, values))
     library: Any = jnp if traced else np
     numbers, samples = _split(scene)
@@ -258,16 +238,16 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
 
     def followed(index: Any, value: Any) -> BatchResponse:
         chosen = eqx.combine(jax.tree.map(lambda leaf: leaf[index], numbers), samples)
-        return jax.tree.map(library.asarray, _followed(chosen, along, value, model))
+        return jax.tree.map(library.asarray, _followed(chosen, value, search))
 
     def margin_and_mode(index: Any, value: Any) -> tuple[Any, Any]:
         response = followed(index, value)
         return response.margin, library.where(response.overturned, response.mode, response.impacts)
 
     if traced:
-        pairs = brackets_traced(margin_and_mode, values, halvings, max_boundaries)
+        pairs = brackets_traced(margin_and_mode, values, search.halvings, search.max_boundaries)
     else:
-        pairs = brackets(margin_and_mode, values, halvings)
+        pairs = brackets(margin_and_mode, values, search.halvings)
     stands, falls, margin = located(lambda *at: followed(*at).margin, pairs, traced)
     eps = float(jnp.finfo(values.dtype).eps)
     # The number of impacts is taken a little further into overturning, or right behind the
@@ -281,7 +261,7 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
     # Toppling does not bring the margin to 0 but ends the motion: the margin jumps there.
     toppled = (margin > eps**0.25) & (at_stands.peak_rotation > 0.5 * math.pi - eps**0.25)
     valid = pairs.valid & library.isfinite(margin) & beyond.complete
-    columns = max_boundaries if traced else int(pairs.count.max(initial=0))
+    columns = search.max_boundaries if traced else int(pairs.count.max(initial=0))
 
     def table(entries: Any, missing: Any, listed: Any = valid) -> Any:
         entries = library.where(listed, entries, missing)
@@ -292,42 +272,39 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: _Search) -> Boundari
             filled[pairs.case, pairs.column] = entries
         return filled.reshape(*shape, columns)
 
-    def by_case(entries: Any) -> Any:
-        return library.asarray(entries).reshape(shape)
-
-    answers = {
-        "value": table(stands, library.nan),
-        "overturns_beyond": table(falls > stands, False),
-        "impacts": table(library.where(beyond.overturned, beyond.mode, at_falls.mode), -1),
-        "toppled": table(toppled, False),
-        "count": by_case(pairs.count),
-        "overturns_first": by_case(pairs.negative_first),
-        "complete": by_case(pairs.complete) & table(valid, True, pairs.valid).all(axis=-1),
-    }
+    answers = dict(
+        value=table(stands, library.nan),
+        overturns_beyond=table(falls > stands, False),
+        impacts=table(library.where(beyond.overturned, beyond.mode, at_falls.mode), -1),
+        toppled=table(toppled, False),
+        count=pairs.count.reshape(shape),
+        overturns_first=pairs.negative_first.reshape(shape),
+        complete=pairs.complete.reshape(shape) & table(valid, True, pairs.valid).all(axis=-1),
+    )
     return Boundaries(**jax.tree.map(jnp.asarray, answers))
 
 
 @_boundaries.def_jvp
-def _boundaries_jvp(primals: Any, tangents: Any, *, search: _Search) -> tuple[Any, Any]:
+def _boundaries_jvp(primals: Any, tangents: Any, *, search: Search) -> tuple[Any, Any]:
     """By the implicit function theorem, elementwise in all numbers that are perturbed."""
     scene, values = primals
     changes, sample_changes = _split(tangents[0])
     if jax.tree.leaves(sample_changes):
         raise ValueError("boundaries have no derivatives with respect to the samples of a record")
     found = _boundaries(scene, values, search=search)
+    traced = _traced(found)
+    library: Any = jnp if traced else np
     # Padded to a power of two, so that few programs serve all numbers of boundaries.
     columns = found.value.shape[-1]
     room = 1 << (max(columns, 1) - 1).bit_length()
-    library: Any = jnp if _traced(found.value) else np
     padding = [(0, 0)] * (found.value.ndim - 1) + [(0, room - columns)]
     value = library.pad(found.value, padding, constant_values=library.nan)
     toppled = library.pad(found.toppled, padding)
     numbers, samples = _split(scene)
     perturbed = jax.tree.map(lambda t: t is not None, changes, is_leaf=lambda t: t is None)
     parts = (*eqx.partition(numbers, perturbed), samples)
-    platform = "" if _traced((scene, values, value)) else jax.default_backend()
-    compiled = _compiled_slopes(platform)
-    slopes = compiled(parts, values, value, toppled, along=search.along, model=search.model)
+    compiled = _compiled_slopes("" if traced else jax.default_backend())
+    slopes = compiled(parts, values, value, toppled, search._replace(max_boundaries=0, halvings=0))
     total = _moved(slopes, changes)
     total = total if room == columns else total[..., :columns]
     nothing = jax.tree.map(lambda leaf: None, found)
@@ -335,16 +312,12 @@ def _boundaries_jvp(primals: Any, tangents: Any, *, search: _Search) -> tuple[An
 
 
 def _widened(leaf: Any, shape: tuple[int, ...]) -> Any:
+    """The number of a block at each of its boundaries."""
     return jnp.broadcast_to(jnp.asarray(leaf)[..., None], shape)
 
 
 def _slopes(
-    parts: tuple[Any, Any, Any],
-    values: Any,
-    value: Any,
-    toppled: Any,
-    along: str,
-    model: RockingModel,
+    parts: tuple[Any, Any, Any], values: Any, value: Any, toppled: Any, search: Search
 ) -> Any:
     """Derivatives of the boundaries with respect to the numbers that move; 0 where none is.
 
@@ -353,34 +326,30 @@ def _slopes(
     exists = jnp.isfinite(value)
     # Where there is no boundary, any value serves for the derivatives that are thrown away.
     stand_in = jax.lax.stop_gradient(_widened(jnp.asarray(values)[..., 0], value.shape))
-    value = jnp.where(exists, value, stand_in)
-    moving, fixed = jax.tree.map(lambda leaf: _widened(leaf, value.shape), parts[:2])
-    fixed = jax.tree.map(lambda leaf: leaf[None], fixed)
-
-    def vanishing(value: Any, *moving: Any) -> Any:
-        """What is 0 at a boundary."""
-        scene = eqx.combine(jax.tree.unflatten(form, moving), fixed, parts[2])
-        response = _followed(scene, along, value, model)
-        return jnp.where(toppled, 0.5 * jnp.pi - response.peak_rotation, response.margin)
-
+    moving, fixed = jax.tree.map(lambda leaf: _widened(leaf, value.shape)[None], parts[:2])
     numbers, form = jax.tree.flatten(moving)
-    point = [value, *numbers]
+    point = [jnp.where(exists, value, stand_in)[None], *numbers]
+
+    def vanishing(shifts: Any) -> Any:
+        """What is 0 at a boundary, where the value and the numbers are shifted."""
+        shifts = shifts.reshape(*shifts.shape, *[1] * value.ndim)
+        at, *moving = (number + shift for number, shift in zip(point, shifts, strict=True))
+        scene = eqx.combine(jax.tree.unflatten(form, moving), fixed, parts[2])
+        response = _followed(scene, at, search)
+        return jnp.where(toppled[None], 0.5 * jnp.pi - response.peak_rotation, response.margin)
+
     # Each derivative is taken on a copy of the block: one tangent for many blocks compiles
     # faster than many tangents for one.
-    shape = (len(point), *value.shape)
-    basis = jnp.eye(len(point), dtype=value.dtype).reshape(-1, len(point), *[1] * value.ndim)
-    point = [jnp.broadcast_to(part, shape) for part in point]
-    tangents = [jnp.broadcast_to(basis[:, k], shape) for k in range(len(point))]
-    to_value, *to_numbers = jax.jvp(vanishing, point, tangents)[1]
-    slopes = [jnp.where(exists, -slope / to_value, 0) for slope in to_numbers]
-    return jax.tree.unflatten(form, slopes)
+    each = jnp.eye(len(point), dtype=value.dtype)
+    to_value, *to_numbers = jax.jvp(vanishing, (jnp.zeros_like(each),), (each,))[1]
+    return jax.tree.unflatten(form, [jnp.where(exists, -s / to_value, 0) for s in to_numbers])
 
 
 @functools.cache
 def _compiled_slopes(platform: str) -> Callable[..., Any]:
     """`_slopes` for a platform; for "" as a part of another program, whose options apply."""
     options = compiler_options(platform) if platform else None
-    return jax.jit(_slopes, static_argnames=("along", "model"), compiler_options=options)
+    return jax.jit(_slopes, static_argnames="search", compiler_options=options)
 
 
 @jax.jit

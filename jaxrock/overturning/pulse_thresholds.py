@@ -16,7 +16,7 @@ from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import shown
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, Numbers, as_real
-from .boundaries import Boundaries, boundaries_along, checked, overturning_boundaries
+from .boundaries import Boundaries, Search, overturning_boundaries, searched
 
 _HALVINGS = 4  # from first intervals of 16 times the resolution
 
@@ -59,8 +59,7 @@ def critical_amplitude(
 ) -> Boundaries:
     """Every amplitude of a pulse between standing and overturning.
 
-    First overturning, windows in which the block survives, overturning without an impact;
-    see `overturning_boundaries`.
+    First overturning, windows in which the block survives, overturning without an impact.
 
     Parameters
     ----------
@@ -99,13 +98,11 @@ def critical_amplitude(
     levels = _levels("ratios", ratios, resolution)
     if not isinstance(block, Block):
         raise ValueError(f"block must be a Block, got {block!r:.60}")
-    block.check()
     uplift = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(model))))
     library: Any = jnp if isinstance(uplift, jax.core.Tracer) else np
-    uplift = library.asarray(uplift)
-    levels = levels.astype(uplift.dtype).reshape(*[1] * uplift.ndim, -1)
-    arguments = checked(block, restitution, pulse, "amplitude", uplift[..., None] * levels)
-    return boundaries_along(*arguments, "amplitude", _HALVINGS, model, max_boundaries)
+    amplitudes = library.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
+    search = Search("amplitude", model, max_boundaries, _HALVINGS)
+    return searched(block, restitution, pulse, amplitudes, search)
 
 
 def critical_duration(
@@ -148,8 +145,8 @@ def critical_duration(
     """
     levels = _levels("durations", durations, resolution)
     pulse = pulse_class(shape)(amplitude, 1.0)
-    arguments = checked(block, restitution, pulse, "duration", levels)
-    return boundaries_along(*arguments, "duration", _HALVINGS, model, max_boundaries)
+    search = Search("duration", model, max_boundaries, _HALVINGS)
+    return searched(block, restitution, pulse, levels, search)
 
 
 def _levels(name: str, ends: Sequence[float], resolution: float) -> np.ndarray:
@@ -199,8 +196,6 @@ def survival_windows(
     edges = np.asarray(found.value)
     if found.overturns_first:
         edges = np.append(as_real("factors", factors)[0], edges)
-    if edges.size == 0:
-        return SurvivalWindows(np.inf, np.empty((0, 2)))
-    # An even number of edges: the block stands at the end of the range.
-    later = edges[1:] if edges.size % 2 else np.append(edges[1:], np.inf)
-    return SurvivalWindows(float(edges[0]), later.reshape(-1, 2))
+    if edges.size % 2 == 0:  # it stands at the end of the range
+        edges = np.append(edges, np.inf)
+    return SurvivalWindows(float(edges[0]), edges[1:].reshape(-1, 2))

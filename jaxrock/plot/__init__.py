@@ -4,10 +4,8 @@
 of which `plot_curves` and `plot_rocking_curves` draw one.
 """
 
-from .block import animate, plot_block
-from .inverse_design import plot_convergence, plot_overturning_map
-from .motion import plot_phase, plot_response
-from .pulses import plot_resonance, plot_train
+from .block import animate, plot_block, plot_phase, plot_response
+from .pulses import plot_convergence, plot_overturning_map, plot_resonance, plot_train
 from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado
 from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
 from .tradeoff import plot_tradeoff

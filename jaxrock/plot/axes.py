@@ -1,12 +1,10 @@
-"""What the figures share: axes, labels with units, colours and line styles."""
+"""What the figures share: axes, labels with units, levels, legends, line styles."""
 
 import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import matplotlib
 import matplotlib.pyplot as plt
-import numpy as np
 import xarray
 from matplotlib.axes import Axes
 
@@ -15,9 +13,16 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 INK, ACCENT, LIGHT, NEUTRAL, LINE = "#00204d", "#b5651d", "#d9b44a", "#7c7b78", "0.2"
 RATIO = r"rotation ratio $\alpha/\alpha_c$ [-]"
 
-# Curves differ without colours, too. Once all line styles are used, markers come on top.
+# Where a legend hides nothing: on the right, or in a row above.
+BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1, 0.5), "frameon": False}
+ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1), "frameon": False}
+
+# Curves differ without colours, too: by line style first and marker next, points by marker first.
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (9, 3)), (0, (2, 1, 1, 3)))
 _MARKERS = ("", "o", "s", "D", "^", "v", "P", "*", "X")
+_LOOKS = [{"linestyle": s, "marker": m, "markersize": 5} for m in _MARKERS for s in _STYLES]
+CURVES: list[dict[str, Any]] = [{**look, "markevery": 0.1} for look in _LOOKS]
+POINTS: list[dict[str, Any]] = [_LOOKS[k + 7 * m] for k in range(7) for m in range(1, 9)]
 
 _DIMENSIONS = {
     "period": (r"period $2\pi/p$ of the block", "s"),
@@ -26,9 +31,6 @@ _DIMENSIONS = {
     "half_width": ("half-width $b$", "m"),
     "restitution": ("restitution $C$", "1"),
     "intensity": ("pulse intensity $I$", "m s-1"),
-    "amplitude": ("amplitude $a_p$", "m s-2"),
-    "duration": ("duration", "s"),
-    "gravity": ("gravity $g$", "m s-2"),
 }
 _VARIABLES = {
     "rotation_ratio": (r"rotation ratio $\alpha^*_{max}/\alpha_c$", "1"),
@@ -41,7 +43,8 @@ _VARIABLES = {
 }
 _UNITS = {"1": "-", "m s-1": "m/s", "m s-2": "m/s²", "rad s-1": "rad/s"}
 
-_SHARED = """ax : matplotlib.axes.Axes, optional
+_SHARED = """
+ax : matplotlib.axes.Axes, optional
     Axes to draw on; new ones by default.
 
 Returns
@@ -50,11 +53,16 @@ matplotlib.axes.Axes
     The axes drawn on."""
 
 
-def draws(function: _Function) -> _Function:
-    """Add to a docstring what every figure has: the parameter ``ax``, and the axes returned."""
-    parameters, raises, errors = inspect.cleandoc(function.__doc__ or "").partition("\n\nRaises\n")
-    function.__doc__ = f"{parameters}\n{_SHARED}{raises}{errors}"
-    return function
+def draws(parameter: str = "") -> Callable[[_Function], _Function]:
+    """Add to a docstring its only `parameter`, and what every figure has: ``ax``, axes returned."""
+    section = f"\n\nParameters\n----------\n{parameter}" if parameter else ""
+
+    def described(function: _Function) -> _Function:
+        head, raises, errors = inspect.cleandoc(function.__doc__ or "").partition("\n\nRaises\n")
+        function.__doc__ = f"{head}{section}{_SHARED}{raises}{errors}"
+        return function
+
+    return described
 
 
 def axes_or_new(ax: Axes | None, **settings: Any) -> Axes:
@@ -62,37 +70,17 @@ def axes_or_new(ax: Axes | None, **settings: Any) -> Axes:
     return plt.subplots(layout="constrained", **settings)[1] if ax is None else ax
 
 
-def labelled(ax: Axes, x: str, y: str) -> Axes:
+def labelled(ax: Axes, x: str, y: str, grid: Any = "both") -> Axes:
     """The axes, with labels and a grid."""
     ax.set(xlabel=x, ylabel=y)
-    ax.grid(alpha=0.3)
+    ax.grid(axis=grid, alpha=0.3)
     return ax
 
 
-def legend_beside(ax: Axes, **settings: Any) -> None:
-    """A legend to the right, where it hides nothing."""
-    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, **settings)
-
-
-def legend_above(ax: Axes, columns: int) -> None:
-    """A legend in one row above the axes."""
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), frameon=False, ncols=columns)
-
-
-def shades(number: int) -> np.ndarray:
-    """Colours from dark to light, stopping short of what is too pale to read."""
-    return matplotlib.colormaps["cividis"](np.linspace(0, 0.85, number))
-
-
-def style(number: int, *, points: bool = False) -> dict[str, Any]:
-    """Line and marker that tell the curve of this number from 62 others."""
-    markers = _MARKERS[1:] if points else _MARKERS
-    return {
-        "linestyle": _STYLES[number % len(_STYLES)],
-        "marker": markers[(number if points else number // len(_STYLES)) % len(markers)],
-        "markevery": None if points else 0.1,
-        "markersize": 5,
-    }
+def add_level(ax: Axes, level: float, name: str | None) -> None:
+    """A level to both sides of 0, with one entry in the legend, or none."""
+    for sign, label in ((1, name), (-1, None)):
+        ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
 
 
 def label_of(variable: xarray.DataArray) -> str:

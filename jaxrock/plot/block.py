@@ -1,8 +1,9 @@
-"""The block itself, with its symbols, and moving."""
+"""One block: its symbols, and its motion, over time, in the phase plane and as a film."""
 
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
@@ -10,28 +11,26 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
 
 from ..block import Block
-from ..dynamics import Response
-from .axes import ACCENT, INK, NEUTRAL, axes_or_new, draws
+from ..dynamics import Equation, Response
+from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
-_OFFSET: dict[str, Any] = {"textcoords": "offset points"}
+_RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
 
-@draws
+@draws()
 def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = None) -> Axes:
     """Draw a block, to scale, with the symbols of Fig. 1.
 
     Parameters
     ----------
-    block : Block
-        One block.
-    rotation : float, optional
-        alpha [rad], positive to the right; half the critical angle by default.
+    block, rotation : Block, float
+        One block, and alpha [rad], positive to the right; half the critical angle by default.
     """
     critical = float(block.critical_angle)
     rotation = 0.5 * critical if rotation is None else float(rotation)
     side = 1 if rotation >= 0 else -1
-    ax = axes_or_new(ax, figsize=(4.2, 4.4))
     b, a = float(block.half_width), float(block.half_height)
+    ax = axes_or_new(ax, figsize=(4.2, 4.4))
     reach = max(2 * b + 0.6 * a, 1.1 * (b + 2 * a * abs(np.sin(rotation))))
     shape = _block_on(ax, block, reach, max(2.2 * a, 2.1 * float(block.half_diagonal)))
     shape.set_xy(_rotated(_corners(block), block, rotation))
@@ -46,26 +45,72 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     ax.plot([pivot[0]] * 2, [0, 2.1 * a], ":", color=ACCENT, linewidth=1)
     edge = 90 - np.degrees(rotation)
     for radius, other in ((1.75 * a, 90.0), (0.6 * a, edge + side * np.degrees(critical))):
-        arc = Arc((pivot[0], 0), 2 * radius, 2 * radius, color=ACCENT, linewidth=1.5)
-        arc.theta1, arc.theta2 = sorted((edge, other))
-        ax.add_patch(arc)
-    along_edge = np.array([np.sin(rotation), np.cos(rotation)])
+        first, last = sorted((edge, other))
+        size = {"width": 2 * radius, "height": 2 * radius, "theta1": first, "theta2": last}
+        ax.add_patch(Arc((pivot[0], 0), **size, color=ACCENT, linewidth=1.5))
+    along_edge = a * np.array([np.sin(rotation), np.cos(rotation)])
+    offset: dict[str, Any] = {"textcoords": "offset points"}
     for symbol, (x, y), right, up, colour in (
         ("$R$", (centre + pivot) / 2, -10, 0, INK),
         ("$a$", (centre + top) / 2, -8, 0, INK),
         ("$b$", (centre + across) / 2, 0, 8, INK),
         ("$G$", centre, -9, -9, INK),
         ("$O$", pivot, 0, -11, ACCENT),
-        (r"$\alpha$", pivot + 1.75 * a * along_edge, 10, 0, ACCENT),
-        (r"$\alpha_c$", pivot + 0.6 * a * along_edge, 10, 0, ACCENT),
+        (r"$\alpha$", pivot + 1.75 * along_edge, 10, 0, ACCENT),
+        (r"$\alpha_c$", pivot + 0.6 * along_edge, 10, 0, ACCENT),
     ):
-        offset = (side * right, up)  # mirrored with the block
-        ax.annotate(symbol, (x, y), offset, color=colour, ha="center", va="center", **_OFFSET)
+        by = (side * right, up)  # mirrored with the block
+        ax.annotate(symbol, (x, y), by, color=colour, ha="center", va="center", **offset)
     # This push of the ground rotates the block to the right: accelerations count to the left.
     tail, below = (-1.6 * b if side > 0 else 1.6 * b + 0.4 * a), -0.1 * a
     ax.annotate("", (tail - 0.4 * a, below), (tail, below), arrowprops={"arrowstyle": "->"})
-    ax.annotate(r"$\ddot y$", (tail, below), (3, -4), **_OFFSET)
+    ax.annotate(r"$\ddot y$", (tail, below), (3, -4), **offset)
     return ax
+
+
+@draws(_RESPONSE)
+def plot_response(response: Response, ax: Axes | None = None) -> Axes:
+    """Draw rotation over critical angle against time, with a tick at every impact."""
+    ax = axes_or_new(ax)
+    times = np.linspace(0, float(response.scene.duration), 4000)
+    ratio = np.array(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    ax.plot(times, ratio, color=INK, linewidth=0.9)
+    limit = min(1.4, 1.2 * float(np.max(np.abs(ratio))) or 1.4)
+    impacts = np.asarray(response.impact_times)
+    ax.plot(impacts, np.zeros_like(impacts), "|", color=ACCENT, markersize=6, label="impacts")
+    # Without an entry in the legend where the lines lie outside of the limits.
+    add_level(ax, 1.0, "critical angle" if limit > 1 else None)
+    if bool(response.overturned) and np.isfinite(response.overturning_time):
+        ax.axvline(float(response.overturning_time), color=LINE, linestyle=":", label="overturning")
+    ax.set(xlim=(0, times[-1]), ylim=(-limit, limit))
+    ax.legend(**ABOVE, ncols=3)
+    return labelled(ax, "time [s]", RATIO)
+
+
+@draws(_RESPONSE)
+def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
+    """Draw the phase portrait, with the separatrix of free motion."""
+    ax = axes_or_new(ax)
+    block = response.scene.block
+    angle = float(block.critical_angle)
+    unit = float(block.frequency_parameter) * angle  # of the velocity
+    times = np.linspace(0, float(response.scene.duration), 8000)
+    rotation, velocity = (np.array(values) for values in response.history(times))
+    # Impacts change the velocity at once: no line from before to after.
+    broken = np.diff(np.searchsorted(np.asarray(response.impact_times), times)) > 0
+    velocity[1:][broken] = np.nan
+    ax.plot(rotation / angle, velocity / unit, color=INK, linewidth=0.8, label="motion")
+    outward = np.linspace(0, 1.5 * angle, 200)  # from the side that the block stands on
+    equation = Equation.of(block, response.model)
+    returning = np.asarray(equation.returning_velocity(jnp.asarray(outward)))
+    mirrored = outward[:, None] * [1, 1, -1, -1] / angle, returning[:, None] * [1, -1, 1, -1] / unit
+    ax.plot(*mirrored, "--", color=NEUTRAL, label=["separatrix", None, None, None])
+    shown = np.abs(velocity[np.abs(rotation) <= 1.5 * angle]) / unit
+    # The fall, much faster than what came before it, does not set the limits.
+    limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
+    ax.set(xlim=(-1.5, 1.5), ylim=(-limit, limit))
+    ax.legend(**ABOVE, ncols=2)
+    return labelled(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
 
 
 def animate(
@@ -78,10 +123,8 @@ def animate(
 
     Parameters
     ----------
-    response : Response
-        From `jaxrock.respond`.
-    path : path
-        File to write.
+    response, path : Response, path
+        From `jaxrock.respond`; the file to write.
     frames_per_second : int
         At most; fewer, but at least 1, where that makes more than 300 frames.
     span : tuple of float, optional
@@ -125,8 +168,7 @@ def _corners(block: Block) -> np.ndarray:
 
 def _rotated(points: np.ndarray, block: Block, rotation: float) -> np.ndarray:
     """Points of the upright block after its rotation about a corner."""
-    b = float(block.half_width)
-    pivot = np.array([b if rotation > 0 else -b, 0.0])
+    pivot = np.array([float(block.half_width) * (1 if rotation > 0 else -1), 0.0])
     cosine, sine = np.cos(rotation), np.sin(rotation)
     return (points - pivot) @ np.array([[cosine, -sine], [sine, cosine]]) + pivot
 

@@ -6,48 +6,34 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from ..sensitivity import MomentEstimate, TornadoBars
-from .axes import ACCENT, INK, LIGHT, LINE, axes_or_new, draws, label_of, labelled, legend_above
+from .axes import ABOVE, ACCENT, INK, LIGHT, LINE, axes_or_new, draws, label_of, labelled
 
 
-@draws
+@draws("bars, label : TornadoBars, str\n    From `jaxrock.tornado`; name and unit of the answer.")
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
-    """Draw what each number can do to an answer within its range.
-
-    Parameters
-    ----------
-    bars, label : TornadoBars, str
-        From `jaxrock.tornado`, and the name of the answer with its unit.
-    """
+    """Draw what each number can do to an answer within its range."""
     ax = axes_or_new(ax)
     rows = np.arange(len(bars.names))[::-1]
-    for ends, opposite, limits, colour, name in (
+    for ends, others, limits, colour, name in (
         (bars.at_low, bars.at_high, bars.low, INK, "low"),
         (bars.at_high, bars.at_low, bars.high, LIGHT, "high"),
     ):
-        width = np.nan_to_num(ends - bars.value)
-        ax.barh(rows, width, left=bars.value, height=0.6, color=colour, label=f"at the {name} end")
-        for row, limit, end, other in zip(rows, limits, ends, opposite, strict=True):
-            # Where there is no answer, on the side that the other end leaves free.
-            missing = not np.isfinite(end)
-            outward = other < bars.value if missing else end >= bars.value
-            ax.annotate(
-                f"{limit:.4g}: no answer" if missing else f"{limit:.4g}",
-                (bars.value if missing else end, row),
-                xytext=(3 if outward else -3, 0),
-                textcoords="offset points",
-                ha="left" if outward else "right",
-                va="center",
-                fontsize="small",
-            )
+        # Where there is no answer, on the side that the other end leaves free.
+        missing, nothing = ~np.isfinite(ends), np.where(others < bars.value, 1e-300, -1e-300)
+        width = np.where(missing, nothing, ends - bars.value)
+        look = {"height": 0.6, "color": colour, "label": f"at the {name} end"}
+        texts = zip(limits, np.where(missing, ": no answer", ""), strict=True)
+        texts = [f"{limit:.4g}{text}" for limit, text in texts]
+        drawn = ax.barh(rows, width, left=bars.value, **look)
+        ax.bar_label(drawn, texts, padding=3, fontsize="small")
     ax.axvline(bars.value, color=LINE, linewidth=0.8)
     ax.set_yticks(rows, [name.replace("_", " ") for name in bars.names])
     ax.margins(x=0.15)
-    legend_above(ax, 2)
-    labelled(ax, label, "").grid(visible=False, axis="y")
-    return ax
+    ax.legend(**ABOVE, ncols=2)
+    return labelled(ax, label, "", grid="x")
 
 
-@draws
+@draws()
 def plot_sensitivity_map(
     slopes: xarray.DataArray, ax: Axes | None = None, limit: float | None = None
 ) -> Axes:
@@ -75,9 +61,7 @@ def plot_sensitivity_map(
     vertical, horizontal = (slopes[name] for name in slopes.dims)
     values = slopes.values
     finite = values[np.isfinite(values)]
-    if limit is None:
-        limit = float(np.quantile(abs(finite), 0.95)) if finite.size else 0.0
-    limit = limit or 1.0
+    limit = limit or (float(np.quantile(abs(finite), 0.95)) if finite.size else 0.0) or 1.0
     grid = (horizontal.values, vertical.values, values)
     ax.patch.set(hatch="////", edgecolor="0.8", facecolor="w")
     mesh = ax.pcolormesh(*grid, cmap="PuOr", vmin=-limit, vmax=limit, shading="nearest")
@@ -90,11 +74,11 @@ def plot_sensitivity_map(
     titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
     extend = "both" if (abs(finite) > limit).any() else "neither"
     ax.figure.colorbar(mesh, ax=ax, extend=extend, label=label_of(titled))
-    labelled(ax, label_of(horizontal), label_of(vertical)).grid(visible=False)
+    ax.set(xlabel=label_of(horizontal), ylabel=label_of(vertical))
     return ax
 
 
-@draws
+@draws()
 def plot_distribution(
     samples: np.ndarray,
     scatter: MomentEstimate | None = None,
@@ -105,12 +89,11 @@ def plot_distribution(
 
     Parameters
     ----------
-    samples : ndarray, shape (samples,)
-        From `jaxrock.sensitivity.monte_carlo`; NaN where there is no answer.
+    samples, label : ndarray, shape (samples,), str
+        From `jaxrock.sensitivity.monte_carlo`, NaN where there is no answer; the name of the
+        answer, with its unit.
     scatter : MomentEstimate, optional
         From `jaxrock.sensitivity.propagate`: adds the normal distributions of both orders.
-    label : str
-        Name of the answer, with its unit.
 
     Raises
     ------
@@ -129,38 +112,31 @@ def plot_distribution(
         place = np.linspace(edges[0], edges[-1], 400)
         first = scatter.first_order_mean, scatter.first_order_standard_deviation
         second = scatter.mean, scatter.standard_deviation
-        for (mean, deviation), look, colour, order in (
+        for (mean, deviation), look, colour, name in (
             (first, ":", ACCENT, "first"),
             (second, "-", INK, "second"),
         ):
             if deviation > 0:
                 share = np.exp(-0.5 * ((place - mean) / deviation) ** 2) / np.sqrt(2 * np.pi)
                 share *= (edges[1] - edges[0]) / deviation
-                ax.plot(place, share, look, color=colour, label=f"normal, {order} order")
+                ax.plot(place, share, look, color=colour, label=f"normal, {name} order")
         if not scatter.valid:
             ax.set_title("neither order is valid", fontsize="medium")
-    missing = 100 * (1 - finite.size / samples.size)
-    if missing:
+    if finite.size < samples.size:
+        missing = 100 * (1 - finite.size / samples.size)
         ax.plot([], [], " ", label=f"{missing:.1f} % without an answer")
     ax.set_ylim(bottom=0)
     ax.legend(frameon=False)
     return labelled(ax, label, "share of samples in a bin [-]")
 
 
-@draws
+@draws("scatter : MomentEstimate\n    From `jaxrock.sensitivity.propagate`.")
 def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
-    """Draw which share of the variance of an answer comes from which number.
-
-    Parameters
-    ----------
-    scatter : MomentEstimate
-        From `jaxrock.sensitivity.propagate`.
-    """
+    """Draw which share of the variance of an answer comes from which number."""
     ax = axes_or_new(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
     shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])
     names = [name.replace("_", " ") for name, _ in shares]
     bars = ax.barh(names, [100 * share for _, share in shares], color=INK)
     ax.bar_label(bars, fmt=" {:.1f}", fontsize="small")
     ax.set_xlim(0, 110)
-    labelled(ax, "share of the variance, first order [%]", "").grid(visible=False, axis="y")
-    return ax
+    return labelled(ax, "share of the variance, first order [%]", "", grid="x")

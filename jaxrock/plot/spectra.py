@@ -1,17 +1,20 @@
 """Spectra: one panel of curves, and whole figures of panels."""
 
+import itertools
+from collections.abc import Callable
 from typing import Any
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .axes import axes_or_new, draws, label_of, labelled, legend_beside, shades, style
+from .axes import BESIDE, CURVES, POINTS, axes_or_new, draws, label_of, labelled
 
 
-@draws
+@draws()
 def plot_curves(
     variable: xarray.DataArray, hue: str, along: str = "slenderness", ax: Axes | None = None
 ) -> Axes:
@@ -37,10 +40,12 @@ def plot_curves(
     ax = axes_or_new(ax)
     variable = variable.sortby(along)
     x, levels = variable[along].values, variable[hue].values
-    for index, (level, colour) in enumerate(zip(levels, shades(levels.size), strict=True)):
+    # From dark to light, stopping short of what is too pale to read.
+    colours = matplotlib.colormaps["cividis"](np.linspace(0, 0.85, levels.size))
+    looks = itertools.cycle(CURVES if x.size > 1 else POINTS)
+    for level, colour, look in zip(levels, colours, looks, strict=False):
         y = variable.sel({hue: level}).values
-        (curve,) = ax.plot(x, y, color=colour, label=f"{level:g}")
-        curve.set(**style(index, points=x.size == 1))
+        ax.plot(x, y, color=colour, label=f"{level:g}", **look)
         standing = np.isfinite(y)
         last = standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
         if last.any():
@@ -49,7 +54,7 @@ def plot_curves(
         ax.set_xlim(x[0], x[-1])
     if not (variable < 0).any():
         ax.set_ylim(bottom=0, auto=True)
-    legend_beside(ax, title=label_of(variable[hue]))
+    ax.legend(**BESIDE, title=label_of(variable[hue]))
     return labelled(ax, label_of(variable[along]), label_of(variable))
 
 
@@ -68,21 +73,16 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     -------
     matplotlib.figure.Figure
     """
-    data = _evenly_chosen(spectrum[variable], width=7, restitution=4, intensity=4)
-    rows, columns = data.sizes.get("intensity", 1), data.sizes["restitution"]
-    figure, panels = _panels(rows, columns, (3.2, 3.0), sharex=True)
-    for (row, column), panel in np.ndenumerate(panels):
-        curves = data.isel(intensity=row, restitution=column, missing_dims="ignore")
+
+    def draw(curves: xarray.DataArray, panel: Axes) -> None:
         plot_curves(curves, hue="width", ax=panel)
-        title = f"$C$ = {curves.restitution.item():g}"
-        if "intensity" in curves.coords:
-            title += f", $I$ = {curves.intensity.item():g} m/s"
-        panel.set_title(title)
-    _share_legend(panels)
-    return figure
+        pulses = f", $I$ = {curves.intensity:g} m/s" if "intensity" in curves.coords else ""
+        panel.set_title(f"$C$ = {curves.restitution:g}{pulses}")
+
+    return _panels(spectrum[variable], draw, (3.2, 3.0), width=7, restitution=4, intensity=4)
 
 
-@draws
+@draws()
 def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw peak rotation over the period 2 pi / p, a curve for each slenderness.
 
@@ -122,32 +122,24 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    data = _evenly_chosen(spectrum, slenderness=5, restitution=4)
-    figure, panels = _panels(1, data.sizes.get("restitution", 1), (4.0, 3.6))
-    for k, panel in enumerate(panels[0]):
-        plot_rocking_curves(data.isel(restitution=k, missing_dims="ignore"), ax=panel)
-    _share_legend(panels)
-    return figure
+    return _panels(spectrum, plot_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4)
 
 
-def _panels(rows: int, columns: int, size: tuple[float, float], **settings: Any) -> Any:
+def _panels(
+    data: Any, draw: Callable[[Any, Axes], Any], size: tuple[float, float], **most: int
+) -> Figure:
+    """A panel for each intensity and restitution, of at most so many values, and one legend."""
+    for name, number in most.items():
+        if data.sizes.get(name, 1) > number:
+            chosen = np.linspace(0, data.sizes[name] - 1, number).round().astype(int)
+            data = data.isel({name: chosen})
+    rows, columns = (data.sizes.get(name, 1) for name in ("intensity", "restitution"))
     figsize = (1.6 + size[0] * columns, 0.6 + size[1] * rows)
-    settings |= {"figsize": figsize, "layout": "constrained", "squeeze": False}
-    return plt.subplots(rows, columns, sharey=True, **settings)
-
-
-def _share_legend(panels: np.ndarray) -> None:
-    """Leave one legend for all panels, and labels only outside."""
-    for panel in panels.flat:
+    settings: dict[str, Any] = {"figsize": figsize, "layout": "constrained", "squeeze": False}
+    figure, panels = plt.subplots(rows, columns, sharex=True, sharey=True, **settings)
+    for (row, column), panel in np.ndenumerate(panels):
+        draw(data.isel(intensity=row, restitution=column, missing_dims="ignore"), panel)
         if panel is not panels[0, -1]:
             panel.get_legend().remove()
         panel.label_outer()
-
-
-def _evenly_chosen(data: Any, **max_values: int) -> Any:
-    """A dataset or variable with at most so many values of each dimension."""
-    for name, number in max_values.items():
-        size = data.sizes.get(name, 1)
-        if size > number:
-            data = data.isel({name: np.linspace(0, size - 1, number).round().astype(int)})
-    return data
+    return figure

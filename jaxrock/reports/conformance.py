@@ -1,18 +1,15 @@
 """Cases by which other programs can be checked against the answers of this one.
 
-`write` puts into a folder
+`write` puts into a folder ``cases.json``: a header that explains itself in words and formulas
+(``version``, ``conventions``, ``equations``, ``inputs``, ``quantities``, ``fields``) and the list
+``cases``; ``cases.csv``: the same cases, one a line, empty where the JSON has null; and the ground
+motions that have no formula: ``time_s,acceleration_m_per_s2`` and, where there is one,
+``vertical_m_per_s2``.
 
-- ``cases.json``: a header (``version``, ``conventions``, ``equations``, ``inputs``,
-  ``quantities``, ``fields``, all in words and formulas) and the list ``cases``;
-- ``cases.csv``: the same cases, one a line; a field that is null in the JSON is empty;
-- the ground motions that have no formula, as ``time_s,acceleration_m_per_s2`` with, where
-  there is one, ``vertical_m_per_s2``.
-
-A program that wants to be checked reads ``cases.json``, computes the ``quantity`` of each case
-from its other fields alone, and is right where its answer is within ``absolute + relative *
-abs(value)`` of the ``value``. With a ``variable``, what is asked for is the derivative of the
-quantity with respect to that field. ``from`` says how much a value is worth: a closed form,
-converged integrations, which ``spread`` tells apart, or a number printed in a publication.
+A program computes the ``quantity`` of each case from its other fields alone (with a ``variable``,
+the derivative with respect to that field) and is right within ``absolute + relative *
+abs(value)`` of the ``value``. ``from`` says how much a value is worth: a closed form, converged
+integrations, which ``spread`` tells apart, or a number printed in a publication.
 ``tests/conformance_with_scipy.py`` is such a program: it does not import this package.
 
 The values are frozen, so that they also judge the program that wrote them:
@@ -22,6 +19,7 @@ no count of impacts includes a block coming to rest.
 
 import csv
 import json
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -45,36 +43,33 @@ def table() -> dict[str, Any]:
 
 def records() -> dict[str, Record]:
     """The ground motions that are written as files, by name."""
-    north = example_record("north")
+    north, east = example_record("north"), example_record("east", vertical=True)
     time = np.arange(201) * 0.01
     decaying = 6.0 * np.exp(-1.5 * time) * np.sin(2 * np.pi * time / 0.8)
     piece = np.asarray(north.acceleration)[1200:1401]
-    motions = (north, example_record("east", vertical=True), Record(piece, 0.01))
-    return dict(zip(RECORDS, (*motions, Record(decaying, 0.01)), strict=True))
+    motions = (north, east, Record(piece, 0.01), Record(decaying, 0.01))
+    return dict(zip(RECORDS, motions, strict=True))
 
 
 def write(folder: Path) -> int:
     """Write `FILES` into an existing folder; the number of cases."""
     content = table()
-    for name, motion in records().items():
-        _write_motion(folder / name, motion)
-    with open(folder / "cases.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(content["fields"]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(content["cases"])
     text = json.dumps(content, indent=1, allow_nan=False)
     (folder / "cases.json").write_text(text + "\n", encoding="utf-8")
+    rows = (case.values() for case in content["cases"])
+    _write_csv(folder / "cases.csv", list(content["fields"]), rows)
+    for name, motion in records().items():
+        columns = {
+            "time_s": np.arange(motion.samples) * float(motion.time_step),
+            "acceleration_m_per_s2": np.asarray(motion.acceleration),
+        }
+        if motion.vertical is not None:
+            columns["vertical_m_per_s2"] = np.asarray(motion.vertical)
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        _write_csv(folder / name, list(columns), rows)
     return len(content["cases"])
 
 
-def _write_motion(path: Path, motion: Record) -> None:
-    columns = {
-        "time_s": np.arange(motion.samples) * float(motion.time_step),
-        "acceleration_m_per_s2": np.asarray(motion.acceleration),
-    }
-    if motion.vertical is not None:
-        columns["vertical_m_per_s2"] = np.asarray(motion.vertical)
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
     with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+        csv.writer(file, lineterminator="\n").writerows([header, *rows])

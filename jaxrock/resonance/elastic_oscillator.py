@@ -54,10 +54,19 @@ class Oscillator(Checked):
         )
 
     @property
+    def _damped_share(self) -> Reals:
+        return jnp.sqrt(one_minus_square(self.damping_ratio))
+
+    @property
+    def _decrement(self) -> Reals:
+        """-ln(B)."""
+        return jnp.pi * self.damping_ratio / self._damped_share
+
+    @property
     @elementwise()
     def damped_frequency(self) -> Reals:
         """Damped angular frequency, Omega = omega sqrt(1 - xi^2) (Eq. 16) [rad/s]."""
-        return self.angular_frequency * _damped_share(self)
+        return self.angular_frequency * self._damped_share
 
     @property
     @elementwise()
@@ -66,18 +75,18 @@ class Oscillator(Checked):
 
         What the coefficient of restitution is to the block.
         """
-        return jnp.exp(-_decrement(self))
+        return jnp.exp(-self._decrement)
 
     @property
     @elementwise()
     def amplification(self) -> Reals:
         """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-]; inf undamped."""
-        share = decaying_share_of_one(_decrement(self), jnp.inf)
+        share = decaying_share_of_one(self._decrement, jnp.inf)
         return quotient_or_infinite(jnp.ones_like(share), share)
 
     @elementwise(velocity=FINITE, time=FINITE)
     def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
-        """Displacement and velocity at a time after it passed zero (Eq. 16).
+        """Displacement [m] and velocity [m/s] at a time after it passed zero (Eq. 16).
 
         Parameters
         ----------
@@ -87,7 +96,6 @@ class Oscillator(Checked):
         Returns
         -------
         displacement, velocity : Array, shape (...)
-            [m] and [m/s].
         """
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
@@ -111,7 +119,7 @@ class Oscillator(Checked):
         velocity : Array, shape (...)
             ``I (1 - B^i) / (1 - B)`` [m/s].
         """
-        share = decaying_share_of_one(_decrement(self), half_cycle)
+        share = decaying_share_of_one(self._decrement, half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
 
     @elementwise(velocity=NON_NEGATIVE)
@@ -130,11 +138,11 @@ class Oscillator(Checked):
         displacement : Array, shape (...)
             ``v exp(-pi xi / (2 sqrt(1 - xi^2))) / Omega`` [m].
         """
-        return jnp.exp(-_decrement(self) / 2) / self.damped_frequency * velocity
+        return jnp.exp(-self._decrement / 2) / self.damped_frequency * velocity
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
-        """Largest displacement, where ``tan(Omega t) = Omega / (xi omega)``.
+        """Largest displacement [m], where ``tan(Omega t) = Omega / (xi omega)``.
 
         Parameters
         ----------
@@ -144,16 +152,15 @@ class Oscillator(Checked):
         Returns
         -------
         displacement : Array, shape (...)
-            [m].
         """
-        phase = jnp.arctan2(_damped_share(self), self.damping_ratio)
-        decay = jnp.exp(-self.damping_ratio / _damped_share(self) * phase)
+        phase = jnp.arctan2(self._damped_share, self.damping_ratio)
+        decay = jnp.exp(-self.damping_ratio / self._damped_share * phase)
         return decay / self.angular_frequency * velocity
 
 
 @elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping(restitution: Number) -> Reals:
-    """Viscous damping ratio equivalent to a coefficient of restitution, as its source means it.
+    """Viscous damping ratio [-] equivalent to a coefficient of restitution, as its source means it.
 
     Makris and Konstantinidis fit ``beta = -0.34 ln(r)`` with r the ratio of kinetic energies
     over an impact, which is the square of the ratio of velocities C.
@@ -166,14 +173,14 @@ def equivalent_damping(restitution: Number) -> Reals:
     Returns
     -------
     damping_ratio : Array, shape (...)
-        ``-0.68 ln(C)`` [-], inf for C = 0.
+        ``-0.68 ln(C)``, inf for C = 0.
     """
     return 0.68 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping_as_printed(restitution: Number) -> Reals:
-    """Half of `equivalent_damping`, as printed in Eq. 13.
+    """Half of `equivalent_damping` [-], as printed in Eq. 13.
 
     Parameters
     ----------
@@ -183,14 +190,13 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
     Returns
     -------
     beta : Array, shape (...)
-        ``-0.34 ln(C)`` [-].
     """
     return 0.34 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(velocity_decay=UNIT_INTERVAL)
 def damping_from_decay(velocity_decay: Number) -> Reals:
-    """Damping ratio of a lightly damped oscillator from its velocity decay (Eq. 19).
+    """Damping ratio [-] of a lightly damped oscillator, ``-ln(B) / pi`` (Eq. 19).
 
     Parameters
     ----------
@@ -200,15 +206,6 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
     Returns
     -------
     xi : Array, shape (...)
-        ``-ln(B) / pi`` [-], which takes sqrt(1 - xi^2) for 1.
+        Which takes ``sqrt(1 - xi^2)`` for 1.
     """
     return minus_log(jnp.asarray(velocity_decay)) / jnp.pi
-
-
-def _damped_share(oscillator: Oscillator) -> Reals:
-    return jnp.sqrt(one_minus_square(oscillator.damping_ratio))
-
-
-def _decrement(oscillator: Oscillator) -> Reals:
-    """-ln(B)."""
-    return jnp.pi * oscillator.damping_ratio / _damped_share(oscillator)

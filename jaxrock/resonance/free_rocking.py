@@ -43,92 +43,48 @@ class RockingModel(eqx.Module):
     @abc.abstractmethod
     def _critical_velocity(self, block: Block) -> Reals: ...
 
-    @abc.abstractmethod
-    def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals: ...
-
-    @abc.abstractmethod
-    def _rotation_ratio(self, block: Block, x: Reals) -> Reals: ...
-
-    @abc.abstractmethod
-    def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals: ...
-
-    @abc.abstractmethod
-    def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals: ...
-
-    @abc.abstractmethod
-    def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals: ...
-
-    @abc.abstractmethod
-    def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
-        """From the launch to a rotation on the way up, where velocity / critical velocity is q.
-
-        By symmetry also from there on the way down to the impact, where x may exceed 1.
-        """
+    _peak_rotation: ClassVar[Callable[..., Reals]]  # of block, x, intensity
+    _rotation_ratio: ClassVar[Callable[..., Reals]]  # of block, x
+    _peak_amplification: ClassVar[Callable[..., Reals]]  # of block, x, growth
+    _half_cycle_duration: ClassVar[Callable[..., Reals]]  # of block, x, intensity
+    _rotation: ClassVar[Callable[..., Reals]]  # of block, x, time
+    # Of block, rotation, x, q: from the launch to a rotation on the way up, where velocity /
+    # critical velocity is q; by symmetry also from there down to the impact, where x may exceed 1.
+    _time_from_ground: ClassVar[Callable[..., Reals]]
 
     @elementwise()
     def critical_velocity(self, block: Block) -> Reals:
         """Launch velocity that just overturns the block.
 
-        Parameters
-        ----------
-        block : Block
-
-        Returns
-        -------
-        velocity : Array, shape (...)
-            ``alpha_c p`` (`Linearized`) or ``2 p sin(alpha_c / 2)`` (`Nonlinear`) [rad/s].
+        Returns ``alpha_c p`` (`Linearized`) or ``2 p sin(alpha_c / 2)`` (`Nonlinear`) [rad/s].
         """
         return self._critical_velocity(block)
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_rotation(self, block: Block, velocity: Number) -> Reals:
-        """Largest rotation after a launch (Eqs. 6 and 12).
+        """Largest rotation after a launch with a velocity [rad/s] (Eqs. 6 and 12).
 
-        Parameters
-        ----------
-        block, velocity : Block, array_like
-            Launched with a velocity [rad/s], at least 0.
-
-        Returns
-        -------
-        rotation : Array, shape (...)
-            Peak rotation [rad]; NaN where the launch overturns the block.
+        Returns peak rotation [rad]; NaN where the launch overturns the block.
         """
         return self._where_standing(self._peak_rotation, block, velocity)
 
     @elementwise(velocity=NON_NEGATIVE)
     def half_cycle_duration(self, block: Block, velocity: Number) -> Reals:
-        """Time from a launch to the next impact (Eqs. 7 and 9).
+        """Time from a launch with a velocity [rad/s] to the next impact (Eqs. 7 and 9).
 
-        Parameters
-        ----------
-        block, velocity : Block, array_like
-            Launched with a velocity [rad/s], at least 0.
-
-        Returns
-        -------
-        duration : Array, shape (...)
-            Time [s]; NaN where the launch overturns the block.
+        Returns time [s]; NaN where the launch overturns the block.
         """
         return self._where_standing(self._half_cycle_duration, block, velocity)
 
     @elementwise(velocity=NON_NEGATIVE, time=FINITE)
     def motion(self, block: Block, velocity: Number, time: Number) -> tuple[Reals, Reals]:
-        """Rotation and angular velocity at a time after the launch (Eq. 5).
+        """Rotation and angular velocity at a time [s] after a launch [rad/s] (Eq. 5).
 
         As if there were no ground: after the next impact, at `half_cycle_duration`, the
         rotation is negative. From `critical_velocity` on the block overturns.
 
-        Parameters
-        ----------
-        block, velocity, time : Block, array_like, array_like
-            Launch velocity [rad/s], at least 0, and time since the launch [s].
-
-        Returns
-        -------
-        rotation, velocity : Array, shape (...)
-            [rad] and [rad/s]; NaN where the linearized motion, which grows without bound,
-            leaves the range of floating-point numbers.
+        Returns both [rad], [rad/s]; NaN where the linearized motion, which grows without bound,
+        leaves the range of floating-point numbers.
         """
         x = velocity / self._critical_velocity(block)
         x, time = jnp.broadcast_arrays(x, time)
@@ -136,21 +92,13 @@ class RockingModel(eqx.Module):
 
     @elementwise(velocity=NON_NEGATIVE, growth=GROWTH)
     def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
-        """How many times higher a block rocks if launched ``1 + growth`` times as fast.
+        """How many times higher a block rocks if launched ``1 + growth`` times as fast [rad/s].
 
         The quotient of two peaks would lose its derivatives where they are small, and its
         digits where they are almost equal.
 
-        Parameters
-        ----------
-        block, velocity, growth : Block, array_like, array_like
-            Slower launch velocity [rad/s] and its relative increase [-], both at least 0.
-
-        Returns
-        -------
-        amplification : Array, shape (...)
-            ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
-            velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
+        Returns ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
+        velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1
@@ -220,23 +168,22 @@ class Nonlinear(RockingModel):
     name = "nonlinear"
 
     def _critical_velocity(self, block: Block) -> Reals:
-        return 2 * block.frequency_parameter * _sine_of_half(block)
+        return 2 * block.frequency_parameter * _of_half(block)[0]
 
     def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals:
         # sin(peak / 2) = tau x^2 / (w + k), and tau x^2 = weight^2 cos(alpha_c)^2 / 2
         cosine_squared = 1 / (1 + block.slenderness**-2)
-        tallness = 2 * (_stiffening(block, x) + _barrier(x))
+        tallness = 2 * (_stiffening(block, x)[1] + _barrier(x))
         return 2 * arcsin(_weight_of(intensity, block) ** 2 * cosine_squared / tallness)
 
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
-        height = _tangent_of_half(block) * x**2
-        sine = quotient(height, _stiffening(block, x) + _barrier(x))
-        return 2 * arcsin(sine) / block.critical_angle
+        tau, w = _stiffening(block, x)
+        return 2 * arcsin(quotient(tau * x**2, w + _barrier(x))) / block.critical_angle
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
-        tau, faster = _tangent_of_half(block), x * (1 + growth)
+        faster = x * (1 + growth)
         k, k_faster = _barrier(x), _barrier(faster)
-        w, w_faster = _stiffening(block, x), _stiffening(block, faster)
+        (tau, w), (_, w_faster) = _stiffening(block, x), _stiffening(block, faster)
         gain = growth * (2 + growth)
         crossed = k * w_faster + k_faster * w
         peak = arcsin_ratio(tau * x**2 / (w + k))
@@ -245,13 +192,13 @@ class Nonlinear(RockingModel):
 
     def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
         # 2 x / (p cos(alpha_c / 2)) = 2 I lambda / g
-        w = _stiffening(block, x)
+        w = _stiffening(block, x)[1]
         k_squared = one_minus_square(x)
         integral = carlson_rf(jnp.ones_like(w), k_squared, k_squared / w**2)
         return 2 * intensity * block.slenderness / (block.gravity * w) * integral
 
     def _rotation(self, block: Block, x: Reals, time: Reals) -> Reals:
-        sine, cosine = _sine_of_half(block), _cosine_of_half(block)
+        sine, cosine = _of_half(block)
         m1 = sine**2 * one_minus_square(x)
         sn, cn, dn = jacobi(block.frequency_parameter * time, m1)
         # r is sin((alpha_c - alpha) / 2) over its value at rest, `fall` is 1 - r: small
@@ -273,7 +220,7 @@ class Nonlinear(RockingModel):
         # (DLMF 19.29.4); velocity = 2 p sqrt(y - m). Both roots of y - m are taken over x.
         moves = x > 0
         scale = jnp.where(moves, x, 1)
-        sine, cosine = _sine_of_half(block), _cosine_of_half(block)
+        sine, cosine = _of_half(block)
         half_to_go = 0.5 * (block.critical_angle - rotation)
         sine_up, cosine_up = jnp.sin(half_to_go), jnp.cos(half_to_go)
         root, root_up = sine, sine * jnp.where(moves, q / scale, 1)
@@ -293,8 +240,9 @@ def as_model(model: Any) -> RockingModel:
     """The model itself, from its name too; anything else is a `ValueError`."""
     if isinstance(model, RockingModel):
         return model
-    if model in ("linearized", "nonlinear"):
-        return Linearized() if model == "linearized" else Nonlinear()
+    for kind in (Linearized, Nonlinear):
+        if model == kind.name:
+            return kind()
     raise ValueError(
         f'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear", got {model!r:.60}'
     )
@@ -310,20 +258,13 @@ def _weight_of(intensity: Reals, block: Block) -> Reals:
     return intensity / jnp.sqrt(block.gravity * block.half_width / 0.75)
 
 
-def _tangent_of_half(block: Block) -> Reals:
-    """Tangent of half the critical angle, tau = 1 / (h + lambda)."""
-    return 1 / (diagonal_ratio(block) + block.slenderness)
+def _of_half(block: Block) -> tuple[Reals, Reals]:
+    """Sine and cosine of half the critical angle."""
+    h, slenderness = diagonal_ratio(block), block.slenderness
+    return jnp.sqrt(0.5 / (h * (h + slenderness))), jnp.sqrt(0.5 * (1 + slenderness / h))
 
 
-def _sine_of_half(block: Block) -> Reals:
-    h = diagonal_ratio(block)
-    return jnp.sqrt(0.5 / (h * (h + block.slenderness)))
-
-
-def _cosine_of_half(block: Block) -> Reals:
-    return jnp.sqrt(0.5 * (1 + block.slenderness / diagonal_ratio(block)))
-
-
-def _stiffening(block: Block, x: Reals) -> Reals:
-    """What is 1 in the linearized equation, w = sqrt(1 + tau^2 x^2)."""
-    return jnp.sqrt(1 + (_tangent_of_half(block) * x) ** 2)
+def _stiffening(block: Block, x: Reals) -> tuple[Reals, Reals]:
+    """Tau = 1 / (h + lambda), and w = sqrt(1 + tau^2 x^2), which is 1 if linearized."""
+    tau = 1 / (diagonal_ratio(block) + block.slenderness)
+    return tau, jnp.sqrt(1 + (tau * x) ** 2)

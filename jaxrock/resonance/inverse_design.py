@@ -22,20 +22,10 @@ def critical_intensity(
 ) -> Reals:
     """Intensity of the pulses that just overturn the block within so many half-cycles.
 
-    With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8).
+    With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8). Linearized, it is
+    0.16 % too large at slenderness 5: the unsafe side.
 
-    Parameters
-    ----------
-    block : Block
-    restitution, half_cycles : array_like
-        C [-], between 0 and 1, and n, a whole number from 1 on or inf.
-    model : Linearized or Nonlinear
-        Linearized, I is 0.16 % too large at slenderness 5: the unsafe side.
-
-    Returns
-    -------
-    intensity : Array, shape (...)
-        I [m/s]; 0 for C = 1 and n = inf.
+    Returns I [m/s]; 0 for C = 1 and n = inf.
 
     Examples
     --------
@@ -55,23 +45,12 @@ def critical_width(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Width of the block of this slenderness that the pulses just overturn.
+    """Width of the block of this slenderness that pulses [m/s] just overturn.
 
-    Critical intensities grow with the square root of the size.
+    Its half-width does not matter. Critical intensities grow with the square root of the size.
+    Linearized, the width is 0.32 % too small at slenderness 5: the unsafe side.
 
-    Parameters
-    ----------
-    block : Block
-        Its half-width does not matter.
-    restitution, intensity, half_cycles : array_like
-        C [-], I of each pulse [m/s], and n, a whole number from 1 on or inf.
-    model : Linearized or Nonlinear
-        Linearized, 2b is 0.32 % too small at slenderness 5: the unsafe side.
-
-    Returns
-    -------
-    width : Array, shape (...)
-        2b [m]: wider blocks stand. 0 without pulses; inf for C = 1 and n = inf.
+    Returns 2b [m]: wider blocks stand. 0 without pulses; inf for C = 1 and n = inf.
     """
     unit = eqx.tree_at(lambda b: b.half_width, block, jnp.ones_like(block.half_width))
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
@@ -86,22 +65,12 @@ def critical_slenderness(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Slenderness of the block of this width that the pulses just overturn.
+    """Slenderness of the block of this width that pulses [m/s] just overturn.
 
-    Parameters
-    ----------
-    block : Block
-        Its slenderness does not matter.
-    restitution, intensity, half_cycles : array_like
-        As in `critical_width`.
-    model : Linearized or Nonlinear
-        Linearized, lambda is too large: the unsafe side.
+    Its slenderness does not matter. Linearized, lambda is too large: the unsafe side.
 
-    Returns
-    -------
-    slenderness : Array, shape (...)
-        lambda [-]: stockier blocks stand. inf without pulses, or beyond the range of
-        floating-point numbers; 0 for C = 1 and n = inf.
+    Returns lambda [-]: stockier blocks stand. inf without pulses, or beyond the range of
+    floating-point numbers; 0 for C = 1 and n = inf.
     """
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
     half_width, gravity = block.half_width, block.gravity
@@ -137,20 +106,12 @@ def critical_restitution(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Restitution with which the pulses just overturn the block.
+    """Restitution with which pulses [m/s] just overturn the block within so many half-cycles.
 
-    Parameters
-    ----------
-    block, intensity, half_cycles : Block, array_like, array_like
-        As in `critical_width`.
-    model : Linearized or Nonlinear
-        Linearized, C is too large: the unsafe side.
+    Linearized, C is too large: the unsafe side.
 
-    Returns
-    -------
-    restitution : Array, shape (...)
-        C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN
-        where the first pulse is more than that, or the block stands even with C = 1.
+    Returns C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN
+    where the first pulse is more than that, or the block stands even with C = 1.
     """
     single = _single_pulse(block, model)
     share = intensity / single

@@ -76,30 +76,19 @@ class Rocker(NamedTuple):
         return Flight(jnp.sqrt((x - q) * (x + q)), jnp.where(falls, -q, q))
 
     def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
-        """The velocity `on_flight`, for programs that differentiate it often.
+        """The velocity `on_flight`, strictly between launch and impact, with short derivatives.
 
-        The derivatives of Jacobi's functions take a minute to compile. So the nonlinear time
-        is inverted by Newton's method over asinh(q / k), in which it is all but linear; the
-        last iteration carries the derivatives. Strictly between launch and impact only.
+        Those of Jacobi's functions take a minute to compile: they are of one step of Newton's.
         """
         if isinstance(self.model, Linearized):
             return self.on_flight(x, since, duration).q
-        falls = duration - since < since
-        goal = jnp.where(falls, duration - since, since)
-        k = jnp.sqrt(jnp.maximum((1 - x) * (1 + x), jnp.finfo(x.dtype).eps ** 0.6))
-        rate = self.block.frequency_parameter
-        unit = self.model._critical_velocity(self.block) / rate**2
-
-        def newton(_: Any, s: Any) -> Any:
-            s = jax.lax.stop_gradient(s)
-            q = jnp.clip(k * jnp.sinh(s), 0, x * (1 - jnp.finfo(x.dtype).eps))
-            rotation = self.rotation(Flight(jnp.sqrt((x - q) * (x + q)), q))
-            time = self.model._time_from_ground(self.block, rotation, x, q)
-            slope = unit * k * jnp.cosh(s) / jnp.sin(self.block.critical_angle - rotation)
-            return s + (time - goal) / slope
-
-        s = jax.lax.fori_loop(0, 7, newton, jnp.arcsinh(x / k) * (1 - 2 * goal / duration))
-        q = jnp.clip(k * jnp.sinh(s), 0, x)
+        still, *at = jax.lax.stop_gradient((self, x, since, duration))
+        q = jnp.clip(abs(still.on_flight(*at).q), 0, at[0] * (1 - jnp.finfo(x.dtype).eps))
+        flight, falls = Flight(jnp.sqrt((x - q) * (x + q)), q), duration - since < since
+        late = self.ground_time(flight) - jnp.where(falls, duration - since, since)
+        lever = jnp.sin(still.block.critical_angle - still.rotation(flight))
+        slowing = lever * still.block.frequency_parameter**2
+        q = q + jax.lax.stop_gradient(slowing) / still.model._critical_velocity(still.block) * late
         return jnp.where(falls, -q, q)
 
     def rotation(self, flight: Flight) -> Reals:
@@ -179,11 +168,11 @@ def respond_to_train(
     block, restitution : Block, float
         One block and its C [-], between 0 and 1.
     times, intensities : array_like, shape (pulses,)
-        When the pulses come [s], not decreasing, and I of each [m/s]: a positive one pushes
-        the block to positive rotations.
+        When the pulses come [s], not decreasing, and I of each [m/s], pushing the block to
+        positive rotations where positive.
     model : Linearized or Nonlinear
-        In the nonlinear equation a pulse acts stronger on a rotated block:
-        ``cos(alpha_c - alpha) / cos(alpha_c)`` times what Eq. 2 says.
+        In the nonlinear equation a pulse acts ``cos(alpha_c - alpha) / cos(alpha_c)`` times
+        stronger on a rotated block than Eq. 2 says.
 
     Returns
     -------
@@ -198,10 +187,9 @@ def respond_to_train(
     Examples
     --------
     >>> import jaxrock as jr
-    >>> block = jr.Block(0.4, 5.0)
-    >>> train = jr.respond_to_train(block, 0.7, [0.0, 0.6], [0.3, -0.3])
-    >>> print(train.overturned, f"{train.peak_rotation / block.critical_angle:.3f}")
-    False 0.043
+    >>> train = jr.respond_to_train(jr.Block(0.4, 5.0), 0.7, [0.0, 0.6], [0.3, -0.3])
+    >>> print(train.overturned, f"{train.peak_rotation:.4f} rad")
+    False 0.0084 rad
     """
     c, t = as_real("restitution", restitution), as_real("times", times)
     pulses = as_real("intensities", intensities)
@@ -221,7 +209,7 @@ def respond_to_train(
 
 
 class _Motion(NamedTuple):
-    x: Any
+    x: Any  # launch velocity of the half-cycle, over the critical one
     duration: Any  # of the half-cycle
     since: Any  # time since its launch
     side: Any
@@ -233,32 +221,27 @@ class _Motion(NamedTuple):
 @eqx.filter_jit
 def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     """`respond_to_train`, with nothing checked."""
-    zero = jnp.zeros_like(times[0])
 
-    def pulse(before: _Motion, interval_and_intensity: Any) -> Any:
+    def pulse(motion: _Motion, interval_and_intensity: Any) -> Any:
         interval, intensity = interval_and_intensity
-        now = _rocked(rocker, before, interval)
+        now = _rocked(rocker, motion, interval)
         flight = rocker.on_flight(now.x, now.since, now.duration)
-        # The last peak was passed if it lies between the pulses.
-        half = 0.5 * now.duration
-        began = jnp.where(now.impacts == before.impacts, before.since, 0)
-        reached = jnp.where((began <= half) & (now.since > half), _peak(rocker, now.x), 0)
-        reached = jnp.maximum(reached, rocker.rotation(flight))
+        peak = jnp.maximum(now.peak, rocker.rotation(flight))
         side = jnp.where(now.side == 0, jnp.where(intensity < 0, -1, 1), now.side)
         flight = rocker.struck(flight, side * intensity / rocker.unit)
         x = flight.x
         duration = rocker.duration(x)
-        after = _Motion(
+        after = now._replace(
             x=jnp.where(now.overturned, now.x, x),
             duration=duration,
             since=rocker.since_launch(flight, duration),
             side=side.astype(x.dtype),
-            peak=jnp.maximum(now.peak, jnp.where(now.overturned, 0, reached)),
+            peak=peak,
             overturned=now.overturned | ((x >= 1) & (flight.q >= 0)),
-            impacts=now.impacts,
         )
         return after, (x, now.side)
 
+    zero = jnp.zeros_like(times[0])
     at_rest = _Motion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
     intervals = jnp.diff(times, prepend=times[:1])
     last, (ratios, sides) = jax.lax.scan(pulse, at_rest, (intervals, intensities))
@@ -281,6 +264,12 @@ def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
     # Below this velocity the block counts as resting: its impacts would never end.
     rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
 
+    def highest(motion: _Motion, until: Any) -> Any:
+        """With the peak of this half-cycle, if the block passes it until then."""
+        half = 0.5 * motion.duration
+        passes = (motion.since <= half) & (until >= half)
+        return jnp.where(passes, jnp.maximum(motion.peak, _peak(rocker, motion.x)), motion.peak)
+
     def lands(carry: Any) -> Any:
         motion, left = carry
         goes_on = (motion.x > rest) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned
@@ -288,27 +277,26 @@ def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
 
     def impact(carry: Any) -> Any:
         motion, left = carry
-        left = left - (motion.duration - motion.since)
         x = velocity_after_impact(rocker.restitution, motion.x)
-        rises = motion.since <= 0.5 * motion.duration
-        passed = jnp.maximum(motion.peak, _peak(rocker, motion.x))
         after = _Motion(
             x=x,
             duration=rocker.duration(x),
             since=jnp.zeros_like(x),
             side=-motion.side,
-            peak=jnp.where(rises, passed, motion.peak),
+            peak=highest(motion, motion.duration),
             overturned=x >= 1,
             impacts=motion.impacts + 1,
         )
-        return after, jnp.maximum(left, 0)
+        return after, jnp.maximum(left - (motion.duration - motion.since), 0)
 
     motion, left = jax.lax.while_loop(lands, impact, (motion, interval))
     moves = motion.x > rest
+    until = motion.since + left
     return motion._replace(
         x=jnp.where(moves, motion.x, 0),
-        since=jnp.where(moves, motion.since + left, 0),
+        since=jnp.where(moves, until, 0),
         side=jnp.where(moves, motion.side, 0),
+        peak=highest(motion, until),
     )
 
 

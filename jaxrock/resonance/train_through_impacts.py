@@ -12,7 +12,7 @@ MAX_IMPACTS = 3  # between two pulses, as long as they need not be apart
 
 
 class Train(NamedTuple):
-    """A train as it is optimised, arrays of shape (pulses,); the first starts the motion.
+    """Arrays of shape (pulses,); the first pulse starts the motion.
 
     `phase` is 0 where a pulse comes as early in its half-cycle as it may, 1 at the impact. In
     between, the cosine of the phase of the flight falls like the cosine of pi times it: the
@@ -20,7 +20,7 @@ class Train(NamedTuple):
     """
 
     phase: Any
-    weight: Any  # intensity over the bound on it, outward positive
+    impulse: Any  # intensity over `Rocker.unit`, outward positive
     impacts: Any  # whole numbers, between a pulse and the one before
 
 
@@ -33,27 +33,24 @@ class Outcome(NamedTuple):
     delays: Any  # since the impact, in half-cycles
     lacking: Any  # by how much the half-cycle ends before the pulse may come [s]
     required: Any  # impacts within the spacing
-    weights: Any  # of the train
 
 
 def shot(
     rocker: Rocker,
     train: Train,
-    bound: Any,
     *,
     timed: bool,
     spacing: Any = 0.0,
     count: Any = None,
     max_impacts: int = MAX_IMPACTS,
 ) -> Outcome:
-    """What a train does with a `bound` on its pulses over `Rocker.unit`.
+    """What a train does.
 
     Only `timed` it has times, which cost most of it, and keeps the pulses `spacing` [s] apart.
     Pulses from the number `count` on do not come; `max_impacts` lie between two at most.
     """
-    impulses = bound * train.weight
     number = jnp.arange(max_impacts + 1)
-    powers = rocker.restitution ** number.astype(impulses.dtype)
+    powers = rocker.restitution ** number.astype(train.impulse.dtype)
 
     def pulse(carry: Any, each: Any) -> Any:
         phase, impulse, impacts, comes = each
@@ -94,16 +91,14 @@ def shot(
         lacking = jnp.where(comes, lacking, -1)
         return carry, (carry[2], carry[3], delay, lacking, required)
 
-    zero = jnp.zeros_like(impulses[0])
-    first = (Flight(zero, jnp.abs(impulses[0])), zero, zero, zero + 1)
-    comes = jnp.arange(1, impulses.size) < (impulses.size if count is None else count)
-    (flight, *_), later = jax.lax.scan(
-        pulse, first, (train.phase[1:], impulses[1:], train.impacts[1:], comes)
-    )
+    zero, size = jnp.zeros_like(train.impulse[0]), train.impulse.size
+    first = (Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)
+    comes = jnp.arange(1, size) < (size if count is None else count)
+    (flight, *_), later = jax.lax.scan(pulse, first, (*(part[1:] for part in train), comes))
     x = jnp.where(flight.q < 0, velocity_after_impact(rocker.restitution, flight.x), flight.x)
     of_first = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
     columns = (jnp.append(b, a.astype(b.dtype)) for b, a in zip(of_first, later, strict=True))
-    return Outcome(x, *columns, weights=train.weight)
+    return Outcome(x, *columns)
 
 
 def _cosine_after(

@@ -38,10 +38,9 @@ def timing_costs(
     Returns
     -------
     dict
-        Intensities [m/s] of pulses right after the impacts, right before them, some parts of
-        a half-cycle after them, and alternating at the best of equal spacings (to 0.5 %, and
-        as if the spacing were off by as much); never larger than the single pulse that
-        overturns. NaN where the search did not converge.
+        Intensities [m/s] of pulses at the impacts, parts of a half-cycle after them, and
+        alternating at the best of equal spacings (to 0.5 %, and as if the spacing were off by
+        as much); at most the single pulse that overturns. NaN where that did not converge.
 
     Raises
     ------
@@ -83,33 +82,31 @@ def timing_costs(
 
 
 @jax.jit
-def _followed(rocker: Rocker, train: Train, strength: jax.Array) -> tuple[jax.Array, jax.Array]:
-    outcome = shot(rocker, train, strength, timed=True)
+def _followed(rocker: Rocker, train: Train) -> tuple[jax.Array, jax.Array]:
+    outcome = shot(rocker, train, timed=True)
     return outcome.x, outcome.delays
 
 
 def _needed(rocker: Rocker, train: Train, delay: float | None = None) -> float:
-    """The strength with which a train just overturns, its pulses so late; at most 1.
+    """By how much a train has to be stronger to just overturn, its pulses so late; at most 1.
 
     Strength and phases are corrected in proportion, which is nearly how they act. NaN if that
     does not converge.
     """
     tolerance = float(jnp.finfo(rocker.restitution.dtype).eps) ** 0.75
-    strength = 1 / train.weight.size * jnp.ones_like(rocker.restitution)
+    strength = 1 / train.impulse.size * jnp.ones_like(rocker.restitution)
     # Share of the launch velocity that is lost when the pulse comes: in weak motion the delay.
     lost = jnp.full_like(train.phase, delay or 0.0)
     for _ in range(_MAX_CORRECTIONS):
         if delay is not None:
             train = train._replace(phase=jnp.arccos(1 - 2 * jnp.minimum(lost, 0.5)) / jnp.pi)
-        x, delays = _followed(rocker, train, strength)
+        x, delays = _followed(rocker, train._replace(impulse=strength * train.impulse))
         if not x > 0:
             return 1.0  # impacts leave nothing: only a single pulse overturns
-        strength = strength / x
-        change = abs(float(x) - 1)
+        strength, change = strength / x, abs(float(x) - 1)
         if delay is not None:
             factor = delay / jnp.where(delays > 0, delays, delay)
-            lost = lost * factor
-            change += float(abs(factor - 1).max())
+            lost, change = lost * factor, change + float(abs(factor - 1).max())
         if change < tolerance:
             return min(float(strength), 1.0)
     return math.nan
@@ -122,10 +119,10 @@ def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
     """
     if math.isnan(least):
         return math.nan
-    rate = float(rocker.block.frequency_parameter)
-    linearized = rocker._replace(model=Linearized())
-    spacing, strength = _lowest(linearized, count, (0.05 / rate, 4 / rate), (least, 1.0))
-    if rocker.model == linearized.model or spacing == 0:
+    rate, linearized = float(rocker.block.frequency_parameter), Linearized()
+    ranges = (0.05 / rate, 4 / rate), (least, 1.0)
+    spacing, strength = _lowest(rocker._replace(model=linearized), count, *ranges)
+    if rocker.model == linearized or spacing == 0:
         return strength
     # The nonlinear search takes longer, and only looks around the linearized optimum.
     around = (0.95 * spacing, 1.05 * spacing)
@@ -133,19 +130,6 @@ def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
     spacing, strength = _lowest(rocker, count, around, (low, high))
     at_end = spacing in around or strength <= low * (1 + 1e-9) or (spacing == 0 and high < 1)
     return math.nan if at_end else strength
-
-
-@eqx.filter_jit
-def _overturn(rocker: Rocker, count: int, spacings: jax.Array, strengths: jax.Array) -> jax.Array:
-    """Which of many trains of alternating pulses, equally spaced, overturn the block."""
-    number = jnp.arange(count)
-    signs = jnp.where(number % 2 == 0, 1.0, -1.0).astype(spacings.dtype)
-
-    def overturns(spacing: jax.Array, strength: jax.Array) -> jax.Array:
-        times = spacing * number.astype(spacing.dtype)
-        return follow(rocker, times, strength * rocker.unit * signs).overturned
-
-    return jax.vmap(overturns)(spacings, strengths)
 
 
 def _lowest(
@@ -165,11 +149,23 @@ def _lowest(
     for start in range(0, strength.size, rows):
         row = strength[start : start + rows]
         row = np.pad(row, (0, rows - row.size), mode="edge")
-        grid = np.meshgrid(row, spacing, indexing="ij")
-        s, t = (jnp.asarray(part.reshape(-1), rocker.restitution.dtype) for part in grid)
-        overturn = np.asarray(_overturn(rocker, count, t, s)).reshape(grid[0].shape)
+        grid = np.meshgrid(spacing, row)
+        trains = (jnp.asarray(part.reshape(-1), rocker.restitution.dtype) for part in grid)
+        overturn = np.asarray(_overturn(rocker, count, *trains)).reshape(grid[0].shape)
         overturn = overturn[:, :-2] & overturn[:, 1:-1] & overturn[:, 2:]
         if overturn.any():
             k = int(overturn.any(axis=1).argmax())
             return float(spacing[1 + overturn[k].argmax()]), float(row[k])
     return 0.0, 1.0
+
+
+@eqx.filter_jit
+def _overturn(rocker: Rocker, count: int, spacings: jax.Array, strengths: jax.Array) -> jax.Array:
+    """Which of many trains of alternating pulses, equally spaced, overturn the block."""
+    number = jnp.arange(count).astype(spacings.dtype)
+    alternating = rocker.unit * jnp.where(number % 2 == 0, 1, -1)
+
+    def overturns(spacing: jax.Array, strength: jax.Array) -> jax.Array:
+        return follow(rocker, spacing * number, strength * alternating).overturned
+
+    return jax.vmap(overturns)(spacings, strengths)

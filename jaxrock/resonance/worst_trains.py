@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -21,8 +21,17 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow
-from .train_optimization import Goal, Problem, Search, outcomes
-from .train_sequences import best_start, evaluated, searched, trial_of, with_time_to_verify
+from .train_optimization import (
+    PENALTY,
+    Goal,
+    Problem,
+    Search,
+    feasible,
+    outcomes,
+    searched,
+    solved,
+    tolerance,
+)
 from .train_through_impacts import MAX_IMPACTS
 
 _MAX_IMPACTS_APART = 20  # between two pulses, if they have to be apart
@@ -99,10 +108,10 @@ def worst_train(
 ) -> WorstTrain:
     """The worst train of instantaneous pulses, over their times, signs and intensities.
 
-    Between the pulses the block moves freely, and through impacts. From random trains, each
-    descends by BFGS and then tries what descent cannot do: to strike a pulse the other way,
-    before or after the peak, or a half-cycle earlier or later. The result is verified over
-    time, raised and lowered a little.
+    Between the pulses the block moves freely, and through impacts. Random trains descend by
+    BFGS, and then try what descent cannot do: to strike a pulse the other way, before or after
+    the peak, or a half-cycle earlier or later. The best is verified over time, raised and
+    lowered a little.
 
     Parameters
     ----------
@@ -110,12 +119,10 @@ def worst_train(
         One block and its C [-], between 0 and 1.
     count : int
         Number of pulses, at least 1.
-    goal : str
+    goal, largest : str, float
         ``"smallest largest"``: overturn the block with the smallest largest pulse;
         ``"smallest total"``: with the smallest sum of magnitudes; ``"most rotation"``: the
-        highest peak with pulses of at most `largest`.
-    largest : float, optional
-        Bound on the pulses [m/s] for ``"most rotation"``.
+        highest peak with pulses of at most `largest` [m/s].
     impacts_between : int
         Fewest impacts between a pulse and the next, 0 to 3. With 0 and no spacing the worst
         is that all come at once.
@@ -124,12 +131,11 @@ def worst_train(
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
     starts, seed : int
-        Number of random trains to start from, and seed of the random numbers.
+        Number of random trains to start from, and their seed.
 
     Returns
     -------
     WorstTrain
-        The best of all starts, and what each arrived at.
 
     Raises
     ------
@@ -155,42 +161,6 @@ def worst_train(
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
     block.check()
-    _check_arguments(count, starts, goal, largest, impacts_between, spacing, latest)
-    block, restitution = of_one_precision((block, restitution))
-    if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
-        raise ValueError("block and restitution must be one, not arrays")
-    dtype, rocker = restitution.dtype, Rocker(block, restitution, as_model(model))
-    problem = Problem(
-        rocker=rocker,
-        goal=goal,
-        max_impacts=_MAX_IMPACTS_APART if spacing > 0 else MAX_IMPACTS,
-        constrained=spacing > 0 or latest < math.inf,
-        spacing=jnp.asarray(spacing, dtype),
-        # In a Lagrangian even a constraint that is not there must not be infinite.
-        latest=jnp.asarray(min(latest, 1e6 * count / float(block.frequency_parameter)), dtype),
-    )
-
-    bound = 0.5 if goal == "smallest total" else 0.9 / count
-    bounds = np.full(starts, largest / float(rocker.unit) if largest else bound)
-    if spacing > 0 and goal == "smallest largest":
-        # A weak train comes to rest where a stronger one has its impacts just in time.
-        bounds = np.geomspace(bound, 0.97, starts)
-    begin = _random_starts(np.log(bounds).astype(dtype), count, impacts_between, seed)
-    searches, history = searched(begin, problem, impacts_between)
-    if latest < math.inf:
-        searches, problem = with_time_to_verify(searches, problem)
-    return _result(searches, problem, history, spacing, latest)
-
-
-def _check_arguments(
-    count: int,
-    starts: int,
-    goal: str,
-    largest: float | None,
-    impacts_between: int,
-    spacing: float,
-    latest: float,
-) -> None:
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:
             raise ValueError(f"{name} must be at least 1, got {value}")
@@ -212,22 +182,58 @@ def _check_arguments(
             f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
             f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
         )
+    block, restitution = of_one_precision((block, restitution))
+    if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
+        raise ValueError("block and restitution must be one, not arrays")
+    dtype, rocker = restitution.dtype, Rocker(block, restitution, as_model(model))
+    problem = Problem(
+        rocker=rocker,
+        goal=goal,
+        max_impacts=_MAX_IMPACTS_APART if spacing > 0 else MAX_IMPACTS,
+        constrained=bool(spacing > 0 or latest < math.inf),
+        spacing=jnp.asarray(spacing, dtype),
+        # In a Lagrangian even a constraint that is not there must not be infinite.
+        latest=jnp.asarray(min(latest, 1e6 * count / float(block.frequency_parameter)), dtype),
+    )
+
+    bound = 0.5 if goal == "smallest total" else 0.9 / count
+    bounds = np.full(starts, largest / float(rocker.unit) if largest else bound)
+    if spacing > 0 and goal == "smallest largest":
+        # A weak train comes to rest where a stronger one has its impacts just in time.
+        bounds = np.geomspace(bound, 0.97, starts)
+    begin = _random_starts(np.log(bounds), count, impacts_between, seed, dtype)
+    searches, history = searched(begin, problem, impacts_between)
+    train = _result(searches, problem, history, spacing, latest)
+    for _ in range(3):
+        # The times are those of a train that is raised, whose impacts come later: by how much
+        # depends on the train, and any more would make the pulses larger than need be.
+        late = float(train.times[-1]) - latest
+        if late <= 0:
+            break
+        # As exactly as the multipliers keep the limit.
+        late += tolerance(searches) / (PENALTY * float(block.frequency_parameter))
+        earlier = max(float(problem.latest) - late, (count - 1) * spacing)
+        problem = problem._replace(latest=jnp.asarray(earlier, dtype))
+        searches, _ = solved(searches, problem)
+        train = _result(searches, problem, history, spacing, latest)
+    return train
 
 
-def _random_starts(log_bounds: np.ndarray, count: int, fewest: int, seed: int) -> Search:
-    starts, dtype = log_bounds.size, log_bounds.dtype
-    random, shape = np.random.default_rng(seed), (starts, count)
-    impacts = random.integers(fewest, min(fewest + 2, MAX_IMPACTS) + 1, shape)
+def _random_starts(
+    log_bounds: np.ndarray, count: int, fewest: int, seed: int, dtype: Any
+) -> Search:
+    random, starts = np.random.default_rng(seed), log_bounds.size
+    impacts = random.integers(fewest, min(fewest + 2, MAX_IMPACTS) + 1, (starts, count))
+    angles, sizes = (random.uniform(*ends, impacts.shape) for ends in ((0, np.pi), (-1.5, 1.5)))
+    zeros = np.zeros(starts, dtype)
     return Search(
-        angles=random.uniform(0, np.pi, shape).astype(dtype),
-        sizes=random.uniform(-1.5, 1.5, shape).astype(dtype),
-        log_bound=log_bounds,
+        free=np.column_stack([angles, sizes, log_bounds]).astype(dtype),
         impacts=impacts,
         count=np.full(starts, count),
-        multipliers=np.zeros(shape, dtype),
-        loss=np.zeros(starts, dtype),
-        violation=np.zeros(starts, dtype),
-        ended=np.zeros(starts, bool),
+        multipliers=np.zeros((starts, count + 1), dtype),
+        loss=zeros,
+        violation=zeros,
+        ended=zeros > 0,
     )
 
 
@@ -235,10 +241,19 @@ def _result(
     searches: Search, problem: Problem, history: np.ndarray, spacing: float, latest: float
 ) -> WorstTrain:
     """The best train of all searches, verified."""
-    outcome, impulses, objectives, feasible = evaluated(searches, problem)
-    best = best_start(searches, problem)
+    trains, outcome = jax.device_get(outcomes(searches, problem))
+    unit, sign = (float(problem.rocker.unit), 1) if problem.seeks_bound else (1.0, -1)
+    reached = np.exp(searches.free[:, -1]) * unit if problem.seeks_bound else outcome.x
+    objectives = np.where(feasible(searches), reached, np.nan)
+    # Of equally good ones, one whose search has ended.
+    losses = np.nan_to_num(sign * objectives, nan=np.inf)
+    equal = losses <= losses.min() + tolerance(searches) * abs(losses.min())
+    ended = equal & searches.ended
+    best = int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))
+
     count = int(searches.count[best])
-    intensities = (outcome.sides * impulses)[best, :count]
+    impulses = np.append(abs(trains.impulse[best, :1]), trains.impulse[best, 1:count])
+    intensities = outcome.sides[best, :count] * impulses * float(problem.rocker.unit)
     impacts = searches.impacts[best, 1:count]
     overturns = problem.seeks_bound or bool(outcome.x[best] >= 1)
     top = Flight(jnp.asarray(outcome.x[best]), jnp.zeros_like(outcome.x[best]))
@@ -256,9 +271,9 @@ def _result(
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
         overturns=overturns,
-        converged=bool(feasible[best] and searches.ended[best] and verified and in_time),
-        objectives=np.where(feasible, objectives, np.nan),
-        history=history,
+        converged=bool(np.isfinite(losses[best]) and searches.ended[best] and verified and in_time),
+        objectives=objectives,
+        history=history * unit,
         goal=problem.goal,
     )
 
@@ -273,25 +288,30 @@ def _verified(
     way. The times are those of the raised train, with a margin: a little later where a pulse
     comes right after an impact, a little earlier where it comes right before.
     """
-    rocker, trial = problem.rocker, trial_of(searches.angles.dtype)
-    early = np.cos(searches.angles[best]) < 0
+    count, dtype = intensities.size, searches.free.dtype
+    trial = max(1e-6, float(np.finfo(dtype).eps) ** 0.5)
+    early = np.cos(searches.free[best, :count]) < 0
+
+    def times_of(raised: float) -> np.ndarray:
+        free = searches.free + np.append(np.zeros(searches.free.shape[1] - 1), raised)
+        _, outcome = outcomes(searches._replace(free=free.astype(dtype)), problem)
+        return np.asarray(outcome.times)[best, :count]
 
     def followed(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
-        bounds = (searches.log_bound + by + slight for slight in (-margin, margin))
-        trains = (outcomes(searches._replace(log_bound=bound), problem) for bound in bounds)
-        times = np.where(early, *(np.asarray(train.times)[best] for train in trains))
-        times = np.maximum.accumulate(times)[: intensities.size]
-        return times, follow(rocker, jnp.asarray(times), jnp.asarray(intensities * (1 + by)))
+        times = np.where(early, times_of(by - margin), times_of(by + margin))
+        times = np.maximum.accumulate(times)
+        return times, follow(
+            problem.rocker, jnp.asarray(times), jnp.asarray(intensities * (1 + by))
+        )
 
     times, verified = np.zeros(0), False
     for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
         times, higher = followed(trial, margin)
         _, lower = followed(-trial, margin)
+        verified = bool(higher.overturned)
         if problem.seeks_bound:
-            verified = bool(higher.overturned) and not bool(lower.overturned)
-        elif math.isnan(peak):
-            verified = bool(higher.overturned)
-        else:
+            verified &= not lower.overturned
+        elif not math.isnan(peak):
             verified = float(lower.peak_rotation) <= peak <= float(higher.peak_rotation)
         if verified:
             break

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -25,8 +26,7 @@ def value_and_slopes(
     function : callable
         Any function of this package that returns one array, or a hashable one made of such.
     argnums : int or sequence of int
-        Arguments to differentiate with respect to: numbers, arrays, or a `Scene` or `Block`
-        of them.
+        Arguments to differentiate by: numbers, arrays, or a `Scene` or `Block` of them.
 
     Returns
     -------
@@ -62,49 +62,37 @@ def _value_and_slopes(
 ) -> tuple[Array, Any]:
     value = functools.partial(function, **named)
     shape = jax.eval_shape(value, *arguments).shape
-    leaves, form = jax.tree.flatten(arguments)
-    axes = [0 if jnp.ndim(leaf) else None for leaf in leaves]
-    flat = [
-        leaf if axis is None else jnp.broadcast_to(leaf, shape).reshape(-1)
-        for leaf, axis in zip(leaves, axes, strict=True)
-    ]
+    many, single = eqx.partition(arguments, lambda leaf: jnp.ndim(leaf) > 0)
+    many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape).reshape(-1), many)
 
-    def at(point: list[Array]) -> tuple[Array, Any]:
-        return jax.value_and_grad(value, argnums)(*jax.tree.unflatten(form, point))
+    def at(point: Any) -> tuple[Array, Any]:
+        return jax.value_and_grad(value, argnums)(*eqx.combine(point, single))
 
     size = math.prod(shape)
     result = jax.lax.platform_dependent(
-        flat,
-        cpu=functools.partial(_in_chunks, at, axes, size),
-        default=jax.vmap(at, (axes,), axis_size=size),
+        many,
+        cpu=functools.partial(_in_chunks, at, size),
+        default=jax.vmap(at, axis_size=size),
     )
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
 
-def _in_chunks(
-    at: Callable[[list[Array]], Any], axes: list[int | None], size: int, flat: list[Array]
-) -> Any:
+def _in_chunks(at: Callable[[Any], Any], size: int, many: Any) -> Any:
     """`at` of all points, chunk by chunk; the last chunk overlaps with the one before it.
 
     A last chunk of another size would be a second program.
     """
     chunk = min(size, _CHUNK)
-    points = jax.vmap(at, (axes,), axis_size=chunk)
+    points = jax.vmap(at, axis_size=chunk)
     if chunk == size:
-        return points(flat)
+        return points(many)
+    slice_of, update = jax.lax.dynamic_slice_in_dim, jax.lax.dynamic_update_slice_in_dim
 
     def step(number: Array, result: Any) -> Any:
         start = jnp.minimum(number * chunk, size - chunk)
-        part = [
-            leaf if axis is None else jax.lax.dynamic_slice_in_dim(leaf, start, chunk)
-            for leaf, axis in zip(flat, axes, strict=True)
-        ]
-        return jax.tree.map(
-            lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, start, 0),
-            result,
-            points(part),
-        )
+        part = points(jax.tree.map(lambda leaf: slice_of(leaf, start, chunk), many))
+        return jax.tree.map(lambda leaf, new: update(leaf, new, start, 0), result, part)
 
-    forms = jax.eval_shape(jax.vmap(at, (axes,), axis_size=size), flat)
+    forms = jax.eval_shape(jax.vmap(at, axis_size=size), many)
     empty = jax.tree.map(lambda form: jnp.zeros(form.shape, form.dtype), forms)
     return jax.lax.fori_loop(0, -(-size // chunk), step, empty)

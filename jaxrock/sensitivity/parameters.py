@@ -1,6 +1,7 @@
-"""An answer as a compiled function of the parameters that it depends on."""
+"""An answer as a compiled function of the parameters that it depends on, and their scatter."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -11,13 +12,14 @@ import numpy as np
 from jax.tree_util import keystr
 from jaxtyping import Array
 
-from .distributions import Distributions
+from ..validation import COUNT, NON_NEGATIVE, check
 
 Answer = Callable[[Any], Any]
 Ranges = Mapping[str, tuple[float, float]]
 Spread = Mapping[str, float]  # coefficients of variation by name
 
-_CHUNK = 2**14  # points evaluated at once
+_CHUNK = 2**14  # points evaluated at once, for which there is memory
+_BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
 
 
 class ParametricAnswer(eqx.Module):
@@ -31,13 +33,14 @@ class ParametricAnswer(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     form: Any = eqx.field(static=True)  # of the pytree that the answer takes
     varied: tuple[int, ...] = eqx.field(static=True)
-    distributions: Distributions | None = None
+    scatter: tuple[Array, Array] | None = None  # `widths`
 
     def parameters(self, point: Array) -> Array:
         """All parameters at a point."""
-        if self.distributions is not None:
-            point = self.distributions.quantiles(point)
-        return self.values.at[np.asarray(self.varied, int)].set(point)
+        varied = np.asarray(self.varied, int)
+        if self.scatter is not None:
+            point = quantiles(point, self.values[varied], *self.scatter)
+        return self.values.at[varied].set(point)
 
     def __call__(self, point: Array) -> Array:
         """The answer at a point."""
@@ -46,6 +49,25 @@ class ParametricAnswer(eqx.Module):
         if value.ndim:
             raise ValueError(f"answer must be one number, got an array of shape {value.shape}")
         return value
+
+    def series(self, points: np.ndarray, order: int = 0) -> list[np.ndarray]:
+        """Value, gradient, Hessian up to an order: at one point, or at many, in chunks."""
+        if points.ndim == 1:
+            return [np.asarray(part) for part in _series(self, jnp.asarray(points), order)]
+        chunks = (points[k : k + _CHUNK] for k in range(0, len(points), _CHUNK))
+        parts = [_series(self, jnp.asarray(chunk), order) for chunk in chunks]
+        return [np.concatenate(part) for part in zip(*parts, strict=True)]
+
+
+@eqx.filter_jit
+def _series(answer: ParametricAnswer, points: Array, order: int) -> list[Array]:
+    gradient = jax.jacfwd(answer)
+    functions = (answer, gradient, jax.jacfwd(gradient))[: order + 1]
+
+    def at(point: Array) -> list[Array]:
+        return [function(point) for function in functions]
+
+    return jax.vmap(at)(points) if points.ndim > 1 else at(points)
 
 
 def parametric(
@@ -78,29 +100,74 @@ def under_scatter(
     """The answer as a function of independent standard normal numbers, and samples of these."""
     function = parametric(answer, at, "coefficients_of_variation", variations)
     wanted = np.asarray(list(variations.values()), float)
-    if not ((wanted >= 0) & (wanted < np.inf)).all():
-        raise ValueError("coefficients_of_variation must be at least 0 for every number")
-    medians = np.asarray(function.values)[np.asarray(function.varied, int)]
-    distributions = jax.tree.map(jnp.asarray, Distributions.of(tuple(variations), medians, wanted))
+    check("coefficients_of_variation", wanted, NON_NEGATIVE)
+    check("samples", samples, COUNT)
+    medians = np.asarray(function.values)[list(function.varied)]
+    width, bounded = map(jnp.asarray, widths(variations, medians, wanted))
     z = np.random.default_rng(seed).standard_normal((samples, wanted.size))
-    return dataclasses.replace(function, distributions=distributions), z
+    return dataclasses.replace(function, scatter=(width, bounded)), z
 
 
-def expansion(answer: Callable[[Array], Array]) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Value, gradient and Hessian of an answer."""
-    gradient = jax.jacfwd(answer)
-    return lambda point: (answer(point), gradient(point), jax.jacfwd(gradient)(point))
+def quantiles(z: Array, median: Array, width: Array, bounded: Array) -> Array:
+    """Parameters at standard normal numbers, distributed as `widths` says."""
+    odds = jnp.where(bounded, median / jnp.where(bounded, 1 - median, 1), 1.0)
+    logit_normal = jax.nn.sigmoid(jnp.log(odds) + width * z)
+    lognormal = median * jnp.exp(width * z)
+    normal = median + width * abs(median) * z
+    return jnp.where(bounded, logit_normal, jnp.where(median > 0, lognormal, normal))
 
 
-@eqx.filter_jit
-def evaluated(transform: Callable[..., Any], answer: ParametricAnswer, point: Array) -> Any:
-    """A transformed answer at a point, compiled once for all values of the parameters."""
-    return transform(answer)(point)
+def widths(
+    names: Iterable[str], median: np.ndarray, variation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How wide distributions of given coefficients of variation are, and which are bounded.
+
+    Bounded by 0 and 1 are the logit-normal ones. Others are lognormal where positive, normal
+    where not. The width is the standard deviation of the logit, of the logarithm, or (normal)
+    of the parameter over its median.
+    """
+    bounded = np.asarray([name.endswith(_BETWEEN_0_AND_1) for name in names], bool)
+    bounded &= (median > 0) & (variation > 0)
+    width = np.where(median > 0, np.log1p(variation**2) ** 0.5, variation)
+    for k, name in enumerate(names):
+        if bounded[k]:
+            width[k] = _logit_width(name, float(median[k]), float(variation[k]))
+    return width, bounded
 
 
-def sampled(
-    transform: Callable[..., Any], answer: ParametricAnswer, points: np.ndarray
-) -> np.ndarray:
-    """As `evaluated`, at many points, in chunks that fit into memory."""
-    chunks = [jnp.asarray(points[k : k + _CHUNK]) for k in range(0, len(points), _CHUNK)]
-    return np.concatenate([np.asarray(evaluated(transform, answer, chunk)) for chunk in chunks])
+def _logit_width(name: str, median: float, variation: float) -> float:
+    """Standard deviation of the logit that gives a coefficient of variation, by quadrature."""
+    must_be = f"coefficient of variation of {name} must be"
+    if median >= 1:
+        raise ValueError(f"{must_be} 0 at {median:g}, got {variation:g}")
+    logit = abs(math.log(median) - math.log1p(-median))
+    z = np.linspace(-9, 9, 1801)
+    weight = np.exp(-0.5 * z**2)
+    weight /= weight.sum()
+
+    def realized(width: Any) -> Any:
+        growth = np.expm1(np.multiply.outer(width, z))
+        above = median * (1 - median) * growth / (1 + median * growth)
+        mean = above @ weight
+        return ((above - mean[..., None]) ** 2 @ weight) ** 0.5 / (median + mean)
+
+    def last(condition: Callable[[float], Any], high: float) -> float:
+        low = 0.0  # where the condition is true
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if condition(middle) else (low, middle)
+        return low
+
+    # The density has one peak up to here: the equation of its extremes, logit(x) =
+    # logit(median) + width^2 (2 x - 1), solved together with its derivative.
+    apart = last(lambda u: math.sinh(u) - u <= logit, 4 + math.log1p(logit))
+    tried = np.linspace(0, 2**0.5 * math.cosh(0.5 * apart), 201)
+    variations = realized(tried)
+    # Beyond its maximum the coefficient decreases: the mean grows faster than the deviation.
+    largest = int(np.argmax(variations))
+    if variation > variations[largest]:
+        raise ValueError(
+            f"{must_be} at most {variations[largest]:.3g} at {median:g}, since with"
+            f" more the density has two peaks, near 0 and near 1; got {variation:g}"
+        )
+    return last(lambda width: realized(width) <= variation, float(tried[largest]))

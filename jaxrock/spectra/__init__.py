@@ -7,13 +7,8 @@ from .closed_form import RESONANCE_AXES as RESONANCE_AXES
 from .closed_form import resonance_spectrum
 from .driven import overturning_map, overturning_spectrum, rocking_spectrum
 from .grid import axis as axis
-from .storage import overturned_share as overturned_share
-from .storage import write_table
+from .grid import overturned_share as overturned_share
+from .grid import write_table
 
-__all__ = [
-    "overturning_map",
-    "overturning_spectrum",
-    "resonance_spectrum",
-    "rocking_spectrum",
-    "write_table",
-]
+__all__ = ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
+__all__ += ["write_table"]

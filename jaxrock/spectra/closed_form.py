@@ -1,7 +1,7 @@
 """Resonance spectra: functions of one scene, mapped along each axis of a grid."""
 
-import collections
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,61 +11,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .. import resonance
 from ..accuracy import linearized_is_enough
 from ..block import Block
-from ..host import with_progress
-from ..resonance import (
-    Linearized,
-    ModelLike,
-    Nonlinear,
-    RockingModel,
-    Scene,
-    amplification,
-    as_model,
-    critical_intensity,
-    overturning_half_cycle,
-    overturning_margin,
-    rotation_ratio,
-    stabilized_period,
-    stabilized_rotation,
-)
+from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
 from ..validation import POSITIVE, as_real, check
-from .grid import Chunk, Values, axis, chunks_of, labelled_grid, parts_of
-from .storage import stored
+from .grid import Values, axis, filled
 
 if TYPE_CHECKING:
     import xarray
 
 RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
 
-# By name: a function of one scene and a model, the long name and the unit.
-_VARIABLES: dict[str, tuple[Callable[[Scene, RockingModel], Array], str, str]] = {
-    "rotation_ratio": (rotation_ratio, "stabilized peak rotation over critical angle", "1"),
-    "peak_rotation": (stabilized_rotation, "stabilized peak rotation", "rad"),
-    "period": (stabilized_period, "stabilized period", "s"),
-    "amplification": (
-        amplification,
-        "stabilized peak rotation over peak after the first pulse",
-        "1",
-    ),
+
+_VARIABLES = {  # long name and unit
+    "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
+    "peak_rotation": ("stabilized peak rotation", "rad"),
+    "period": ("stabilized period", "s"),
+    "amplification": ("stabilized peak rotation over peak after the first pulse", "1"),
     "overturning_margin": (
-        overturning_margin,
         "energy left to the barrier over the barrier, overturns from 0 down",
         "1",
     ),
-    "overturning_half_cycle": (
-        overturning_half_cycle,
-        "first half-cycle that overturns, inf if none does",
-        "1",
-    ),
-    "critical_intensity": (
-        lambda scene, model: critical_intensity(scene.block, scene.restitution, model=model),
-        "intensity of unlimited pulses that just overturn",
-        "m s-1",
-    ),
+    "overturning_half_cycle": ("first half-cycle that overturns, inf if none does", "1"),
+    "critical_intensity": ("intensity of unlimited pulses that just overturn", "m s-1"),
 }
-
-_POINTS = 2**16  # of one model, computed at once
+_MODEL = {  # attributes of the variable that says which model a point is computed with
+    "long_name": "model that this point is computed with",
+    "flag_values": np.array([0, 1], np.int8),
+    "flag_meanings": "linearized nonlinear",
+}
 
 
 def resonance_spectrum(
@@ -85,24 +60,20 @@ def resonance_spectrum(
 
     Parameters
     ----------
-    slenderness, width, restitution : array_like
-        Values of lambda [-], full width 2b [m] and C [-], each a number or one-dimensional.
-    intensity : array_like
-        I [m/s]; a one-dimensional array adds the dimension intensity.
-    model : Linearized or Nonlinear, or "auto"
-        "auto": at each grid point the cheapest that keeps the `tolerance`, named in the
-        variable model.
+    slenderness, width, restitution, intensity : array_like
+        lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional; only an
+        array of intensities adds a dimension.
+    model : Linearized or Nonlinear, their names, or "auto"
+        "auto": at each point the cheapest that keeps the `tolerance`, as the variable model says.
     tolerance : float
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
     gravity : float
         g [m/s2].
     chunk : int
-        Most grid points that are computed at once. A grid of several chunks shows its
-        progress if it takes long and standard error is a terminal.
+        Most grid points that are computed at once; several chunks show their progress.
     store : path, optional
-        A NetCDF file to put the values into as they are computed. The dataset returned then
-        reads from it on demand, so that neither has to fit into memory. An existing file
-        is replaced, once all is computed.
+        A NetCDF file that the values go to as they are computed, and that the dataset reads on
+        demand: neither has to fit into memory. One that exists is replaced by the whole new one.
     devices : sequence of jax.Device, optional
         That share the chunks; all of this process unless given. The numbers are the same.
 
@@ -117,8 +88,8 @@ def resonance_spectrum(
     Raises
     ------
     ValueError
-        If an argument is empty, has several dimensions, or has a value outside of what is
-        allowed; if `store` cannot be written.
+        If an argument is empty, has several dimensions or a value outside of what is allowed; if
+        `store` cannot be written.
 
     Examples
     --------
@@ -128,145 +99,93 @@ def resonance_spectrum(
     [0.077 0.317]
     """
     check("gravity", as_real("gravity", gravity), POSITIVE)
-    model = model if model == "auto" else as_model(model)
+    single = None if model == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if chunk < 1:
         raise ValueError(f"chunk must be at least 1, got {chunk}")
     given = (slenderness, width, restitution, intensity)
     axes = {name: axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)}
     dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
-    attributes = {
-        "model": model if isinstance(model, str) else model.name,
-        "gravity": gravity,
-        "gravity_units": "m s-2",
+    variables: dict[str, Any] = {
+        name: (dims, jnp.result_type(float), {"long_name": long_name, "units": units})
+        for name, (long_name, units) in _VARIABLES.items()
     }
-    if model == "auto":
+    variables["critical_intensity"] = (dims[:3], *variables["critical_intensity"][1:])
+    attributes = {"model": "auto", "gravity": gravity, "gravity_units": "m s-2"}
+    if single:
+        attributes["model"] = single.name
+    else:
         attributes["tolerance"] = tolerance
-    # In a file the values need no memory: the dataset only gives their shapes.
-    array = np.empty if store is None else _without_memory
-    variables = _variables(axes, dims, model, array)
+        variables["model"] = (dims, np.int8, _MODEL)
+    devices = devices or jax.local_devices()
+    turns = itertools.cycle(devices)
 
-    def fill(targets: Mapping[str, Any]) -> None:
-        _fill(targets, axes, model, tolerance, gravity, chunk, devices or jax.local_devices())
+    def compute(*parts: np.ndarray) -> dict[str, Any]:
+        # Each chunk by the program for one device: of what is partitioned XLA makes another
+        # one, whose last digits differ.
+        grid = jax.device_put((*parts, as_real("gravity", gravity)), next(turns))
+        return _evaluate(*grid, single) if single else _auto(grid, tolerance)
 
-    if store is None:
-        fill({name: values for name, (_, values, _) in variables.items()})
-    title = "Resonance spectra of rigid rocking blocks"
-    dataset = labelled_grid(title, axes, dims, variables, attributes)
-    return dataset if store is None else stored(Path(store), dataset, fill)
-
-
-def _without_memory(shape: Sequence[int], dtype: Any) -> np.ndarray:
-    return np.broadcast_to(np.zeros((), dtype), shape)
-
-
-def _variables(
-    axes: Mapping[str, np.ndarray],
-    dims: tuple[str, ...],
-    model: RockingModel | str,
-    array: Callable[..., np.ndarray],
-) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, Any]]]:
-    """Dimensions, arrays and attributes of the variables."""
-    shape, variables = [axes[dim].size for dim in dims], {}
-    for name, (_, long_name, units) in _VARIABLES.items():
-        rank = 3 if name == "critical_intensity" else len(dims)
-        values = array(shape[:rank], jnp.result_type(float))
-        variables[name] = (dims[:rank], values, {"long_name": long_name, "units": units})
-    if model == "auto":
-        flags = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "linearized nonlinear"}
-        attributes = {"long_name": "model that this point is computed with", **flags}
-        variables["model"] = (dims, array(shape, np.int8), attributes)
-    return variables
+    title, ahead = "Resonance spectra of rigid rocking blocks", len(devices)
+    return filled(title, axes, variables, attributes, compute, chunk, ahead=ahead, store=store)
 
 
 def _of_one_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
-    return {name: function(scene, model) for name, (function, _, _) in _VARIABLES.items()}
+    return {
+        "rotation_ratio": resonance.rotation_ratio(scene, model),
+        "peak_rotation": resonance.stabilized_rotation(scene, model),
+        "period": resonance.stabilized_period(scene, model),
+        "amplification": resonance.amplification(scene, model),
+        "overturning_margin": resonance.overturning_margin(scene, model),
+        "overturning_half_cycle": resonance.overturning_half_cycle(scene, model),
+        "critical_intensity": _critical_intensity(scene, model),
+    }
 
 
-def _along_axes(function: Callable[..., Any], of_intensity: Any = 0) -> Callable[..., Any]:
-    """A function of one scene, under `jax.vmap` along each axis of a grid.
+def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
+    return resonance.critical_intensity(scene.block, scene.restitution, model=model)
 
-    `of_intensity` is None for results that do not depend on the intensity.
-    """
 
-    def over_grid(
-        slenderness: Array, width: Array, restitution: Array, intensity: Array, g: Array, *rest: Any
-    ) -> Any:
+def _over_grid(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of one scene (and more), mapped along each axis of a grid."""
+
+    def mapped(*grid: Any) -> Any:
         def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
-            block = Block(width / 2, slenderness, g)
-            return function(Scene(block, restitution, intensity), *rest)
+            block = Block(width / 2, slenderness, grid[4])
+            return function(Scene(block, restitution, intensity), *grid[5:])
 
         # What does not depend on an axis is computed once for it: nothing is broadcast before.
-        along_intensity = jax.vmap(of_one, (None, None, None, 0), of_intensity)
-        along_restitution = jax.vmap(along_intensity, (None, None, 0, None))
-        along_width = jax.vmap(along_restitution, (None, 0, None, None))
-        along_slenderness = jax.vmap(along_width, (0, None, None, None))
-        return along_slenderness(slenderness, width, restitution, intensity)
+        for place in (3, 2, 1, 0):
+            of_one = jax.vmap(of_one, tuple(0 if place == k else None for k in range(4)))
+        return of_one(*grid[:4])
 
-    return eqx.filter_jit(over_grid)
+    return eqx.filter_jit(mapped)
 
 
-_evaluate = _along_axes(
-    _of_one_scene, {name: None if name == "critical_intensity" else 0 for name in _VARIABLES}
-)
+_evaluate = _over_grid(_of_one_scene)
 _evaluate_points = eqx.filter_jit(jax.vmap(_of_one_scene, (0, None)))
-_linearized_is_enough = _along_axes(linearized_is_enough)
-_critical_intensity = _along_axes(_VARIABLES["critical_intensity"][0], None)
-
-
-def _fill(
-    targets: Mapping[str, Any],
-    axes: Mapping[str, np.ndarray],
-    model: RockingModel | str,
-    tolerance: float,
-    gravity: float,
-    chunk: int,
-    devices: Sequence[Any],
-) -> None:
-    """Compute the grid chunk by chunk into `targets`, anything that takes slices.
-
-    The devices take turns, and each has the next chunk to work on while one is put away. All
-    run the same program for one device: XLA makes another one, whose last digits differ, of
-    what is partitioned.
-    """
-    under_way: collections.deque[tuple[Chunk, Mapping[str, Any]]] = collections.deque()
-
-    def put_away() -> None:
-        place, answers = under_way.popleft()
-        for name, values in answers.items():
-            target = targets[name]
-            part = place[: target.ndim]
-            target[part] = np.asarray(values).reshape([p.stop - p.start for p in part])
-
-    places = list(chunks_of([values.size for values in axes.values()], chunk))
-    for number, place in enumerate(with_progress(places, "spectrum")):
-        grid = (*parts_of(axes, place), as_real("gravity", gravity))
-        grid = jax.device_put(grid, devices[number % len(devices)])
-        answers = _auto(grid, tolerance) if isinstance(model, str) else _evaluate(*grid, model)
-        under_way.append((place, answers))
-        if len(under_way) > len(devices):
-            put_away()
-    while under_way:
-        put_away()
+_linearized_is_enough = _over_grid(linearized_is_enough)
+_critical_intensities = _over_grid(_critical_intensity)
 
 
 def _auto(grid: tuple[Array, ...], tolerance: float) -> dict[str, np.ndarray]:
     """As `_evaluate`, the linearized points apart from the nonlinear ones; and which is which."""
     linear = np.asarray(_linearized_is_enough(*grid, as_real("tolerance", tolerance)))
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
-    slenderness, width, restitution, intensity, gravity = map(np.asarray, grid)
+    *axes, gravity = map(np.asarray, grid)
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
         places = np.flatnonzero(mask)
-        for start in range(0, places.size, _POINTS):
-            part = places[start : start + _POINTS]
-            # Few different sizes, so that little is compiled.
-            room = min(_POINTS, max(1 << (part.size - 1).bit_length(), 1024))
-            padded = np.pad(part, (0, room - part.size), mode="edge")
-            a, b, c, i = np.unravel_index(padded, linear.shape)
-            block = Block(width[b] / 2, slenderness[a], np.full(room, gravity))
-            scenes = jax.device_put(Scene(block, restitution[c], intensity[i]), grid[0].device)
-            for name, values in _evaluate_points(scenes, model).items():
-                answers[name].reshape(-1)[part] = np.asarray(values)[: part.size]
+        if not places.size:
+            continue
+        # Few different sizes, so that little is compiled.
+        room = max(1 << (places.size - 1).bit_length(), 1024)
+        padded = np.pad(places, (0, room - places.size), mode="edge")
+        at = np.unravel_index(padded, linear.shape)
+        slenderness, width, restitution, intensity = (v[k] for v, k in zip(axes, at, strict=True))
+        block = Block(width / 2, slenderness, np.full(room, gravity))
+        scenes = jax.device_put(Scene(block, restitution, intensity), grid[0].device)
+        for name, values in _evaluate_points(scenes, model).items():
+            answers[name].reshape(-1)[places] = np.asarray(values)[: places.size]
     # It has no intensity, and all intensities have to agree about it.
-    exact = np.asarray(_critical_intensity(*grid, Nonlinear()))
-    return answers | {"critical_intensity": exact, "model": np.where(linear, 0, 1)}
+    exact = np.asarray(_critical_intensities(*grid, Nonlinear()))
+    return answers | {"critical_intensity": exact, "model": ~linear}

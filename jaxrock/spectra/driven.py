@@ -10,20 +10,19 @@ from ..accuracy import respond_within
 from ..block import Block
 from ..dynamics import respond_batch, uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
-from ..host import with_progress
+from ..host import labelled
 from ..impact import housner_restitution
 from ..overturning import critical_amplitude
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import POSITIVE, as_real, check
-from .grid import Values, axis, chunks_of, label, labelled_grid, parts_of
+from .grid import Values, axis, filled, label
 
 if TYPE_CHECKING:
     import xarray
 
 _CHUNK = 2**14  # blocks of a spectrum that are followed at once
-_MAP_CHUNK = 256  # pulses of a map, each with hundreds of amplitudes
 
-# By name: type, long name and unit.
+# Type, long name and unit.
 _VARIABLES: dict[str, tuple[Any, str, str]] = {
     "rotation_ratio": (float, "peak rotation over critical angle", "1"),
     "peak_rotation": (float, "peak rotation", "rad"),
@@ -35,6 +34,11 @@ _ESTIMATES: dict[str, tuple[Any, str, str]] = {
     "order": (np.int8, "order of the polynomials that this block is computed with", "1"),
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
     "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
+}
+_BOUNDARIES = {  # long names
+    "overturns_beyond": "1 where the block overturns beyond the boundary",
+    "impacts": "impacts before it overturns, -1 for none",
+    "overturns_first": "1 where it overturns at the lowest amplitude",
 }
 
 
@@ -66,9 +70,9 @@ def rocking_spectrum(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
-        Compute each block at the order that this relative error of the peak rotation needs;
-        see `respond_within`. The dataset then has the variables order, error and
-        within_tolerance, 0 where the response is so chaotic that no order is good enough.
+        Compute each block to this relative error of the peak rotation; see `respond_within`. The
+        dataset then has the variables order, error and within_tolerance, 0 where the response is
+        so chaotic that no order is good enough.
 
     Returns
     -------
@@ -102,10 +106,10 @@ def rocking_spectrum(
     def problem(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Any, ...]:
         half_diagonal = 0.75 * gravity * (period / (2 * math.pi)) ** 2
         block = Block(half_diagonal / np.sqrt(1 + slenderness**2), slenderness, gravity)
-        return block, _housner(block) if restitution is None else restitution, motion
+        return block, _restitution(block) if restitution is None else restitution, motion
 
-    name = motion.name
-    return _spectrum("Rocking spectrum", axes, problem, as_model(model), tolerance, gravity, name)
+    about = {"motion": motion.name, "gravity": gravity}
+    return _spectrum("Rocking spectrum", axes, problem, model, tolerance, about)
 
 
 def overturning_spectrum(
@@ -142,19 +146,19 @@ def overturning_spectrum(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If an argument is out of range, or a motion could not be followed.
     """
-    values = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    axes = {name: axis(name, given) for name, given in values.items()}
-    model, kind = as_model(model), pulse_class(shape)
+    given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
+    axes = {name: axis(name, values) for name, values in given.items()}
+    kind = pulse_class(shape)
     block, c, uplift = _unit_block(slenderness, restitution, model)
-    p, gravity = float(block.frequency_parameter), float(block.gravity)
+    p = float(block.frequency_parameter)
 
     def problem(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Any, ...]:
         return block, c, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * p))
 
-    title = "Overturning spectrum"
-    return _spectrum(title, axes, problem, model, tolerance, gravity, kind.name)
+    about = {"motion": kind.name, "gravity": float(block.gravity)}
+    return _spectrum("Overturning spectrum", axes, problem, model, tolerance, about)
 
 
 def overturning_map(
@@ -193,37 +197,18 @@ def overturning_map(
     model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
     block, c, uplift = _unit_block(slenderness, restitution, model)
     durations = pulse_class(shape).angle / (ratios * float(block.frequency_parameter))
-    parts, options = [], {"resolution": resolution, "model": model}
-    for (part,) in with_progress(list(chunks_of([ratios.size], _MAP_CHUNK)), "overturning map"):
-        found = critical_amplitude(block, c, shape, durations[part], amplitude_ratios, **options)
-        if not bool(found.complete.all()):
-            raise ValueError("motion could not be followed to its end for every pulse")
-        parts.append(found)
-    columns = max(found.value.shape[-1] for found in parts)
-
-    def joined(name: str, missing: Any) -> np.ndarray:
-        entries = [np.asarray(getattr(found, name)) for found in parts]
-        padding = [((0, 0), (0, columns - part.shape[1])) for part in entries]
-        padded = map(lambda *pair: np.pad(*pair, constant_values=missing), entries, padding)
-        return np.concatenate(list(padded))
-
-    both = ("frequency_ratio", "boundary")
-    first = np.concatenate([np.asarray(found.overturns_first) for found in parts])
-    beyond = joined("overturns_beyond", 0).astype(np.int8)
-    table = {
-        "overturns_beyond": (both, beyond, "1 where the block overturns beyond the boundary"),
-        "impacts": (both, joined("impacts", -1), "impacts before it overturns, -1 for none"),
-        "overturns_first": (
-            both[:1],
-            first.astype(np.int8),
-            "1 where it overturns at the lowest amplitude",
-        ),
-    }
-    ratio = (both, joined("value", np.nan) / uplift, label("amplitude_ratio"))
-    variables = {"amplitude_ratio": ratio} | {
-        name: (dims, values, {"long_name": long_name, "units": "1"})
-        for name, (dims, values, long_name) in table.items()
-    }
+    found = critical_amplitude(
+        block, c, shape, durations, amplitude_ratios, resolution=resolution, model=model
+    )
+    if not bool(found.complete.all()):
+        raise ValueError("motion could not be followed to its end for every pulse")
+    dims = ("frequency_ratio", "boundary")
+    ratio = (dims, np.asarray(found.value) / uplift, label("amplitude_ratio"))
+    variables: dict[str, Any] = {"amplitude_ratio": ratio}
+    for name, long_name in _BOUNDARIES.items():
+        values = np.asarray(getattr(found, name))
+        values = values.astype(np.int8) if values.dtype == bool else values
+        variables[name] = (dims[: values.ndim], values, {"long_name": long_name, "units": "1"})
     attributes = {
         "model": model.name,
         "motion": shape.name,
@@ -233,44 +218,41 @@ def overturning_map(
         "highest_amplitude_ratio": float(amplitude_ratios[1]),
         "resolution": resolution,
     }
-    axes = {"frequency_ratio": ratios}
-    return labelled_grid("Overturning map", axes, both, variables, attributes)
+    coordinates = {"frequency_ratio": (dims[:1], ratios, label("frequency_ratio"))}
+    return labelled("Overturning map", variables, coordinates, attributes)
 
 
 def _unit_block(
-    slenderness: float, restitution: float | None, model: RockingModel
+    slenderness: float, restitution: float | None, model: ModelLike
 ) -> tuple[Block, float, float]:
     """A block of any size, its restitution, and the acceleration that just lifts it."""
     block = Block(0.2, slenderness)
-    c = float(_housner(block)[0]) if restitution is None else restitution
-    return block, c, float(uplift_acceleration(block, model))
+    c = float(_restitution(block)) if restitution is None else restitution
+    return block, c, float(uplift_acceleration(block, as_model(model)))
 
 
-def _housner(block: Block) -> np.ndarray:
-    return np.maximum(np.atleast_1d(housner_restitution(block)), 0)
+def _restitution(block: Block) -> Any:
+    return np.maximum(housner_restitution(block), 0)
 
 
 def _spectrum(
     title: str,
     axes: Mapping[str, np.ndarray],
     problem: Callable[..., tuple[Any, ...]],
-    model: RockingModel,
+    model: ModelLike,
     tolerance: float | None,
-    gravity: float,
-    motion: str,
+    about: Mapping[str, Any],
 ) -> "xarray.Dataset":
     """Responses over a grid, where `problem` says of which blocks to which motions."""
-    attributes = {"model": model.name, "motion": motion, "gravity": gravity}
-    attributes["gravity_units"] = "m s-2"
-    table = _VARIABLES
+    model, table = as_model(model), _VARIABLES
+    attributes = {"model": model.name, **about, "gravity_units": "m s-2"}
     if tolerance is not None:
         check("tolerance", as_real("tolerance", tolerance), POSITIVE)
         attributes["tolerance"] = tolerance
         table = _VARIABLES | _ESTIMATES
-    sizes = [values.size for values in axes.values()]
-    answers = {name: np.empty(sizes, dtype) for name, (dtype, _, _) in table.items()}
-    for place in with_progress(list(chunks_of(sizes, _CHUNK)), title.lower()):
-        blocks, c, motions = problem(*np.meshgrid(*parts_of(axes, place), indexing="ij"))
+
+    def compute(*parts: np.ndarray) -> dict[str, Any]:
+        blocks, c, motions = problem(*np.meshgrid(*parts, indexing="ij"))
         if tolerance is None:
             response = estimate = respond_batch(blocks, c, motions, model=model)
         else:
@@ -278,11 +260,11 @@ def _spectrum(
             response = estimate.response
         if not bool(response.complete.all()):
             raise ValueError("motion could not be followed to its end for every block")
-        answers["rotation_ratio"][place] = response.peak_rotation / blocks.critical_angle
-        for name in table.keys() - {"rotation_ratio"}:
-            answers[name][place] = getattr(response if name in _VARIABLES else estimate, name)
+        ratio = response.peak_rotation / blocks.critical_angle
+        return {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
+
     variables = {
-        name: (tuple(axes), answers[name], {"long_name": long_name, "units": units})
-        for name, (_, long_name, units) in table.items()
+        name: (tuple(axes), dtype, {"long_name": long_name, "units": units})
+        for name, (dtype, long_name, units) in table.items()
     }
-    return labelled_grid(title, axes, tuple(axes), variables, attributes)
+    return filled(title, axes, variables, attributes, compute, _CHUNK)

@@ -1,0 +1,346 @@
+"""Commands about one block: assessed, followed, what overturns it, what answers depend on."""
+
+import csv
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import resonance
+from ..block import Block
+from ..dynamics import Status, respond
+from ..ground_motion import PULSES, Motion
+from ..host import labelled
+from ..overturning import checked, critical_amplitude, overturning_boundaries
+from ..reports import assessment
+from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
+from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
+from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Steps, Writing, picture
+
+Quantity = Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
+
+
+class Assess(BlockOptions):
+    """Assess one block under pulses timed to its impacts.
+
+    Geometry, the response to one pulse, the stabilized phase or the half-cycle in which the
+    block overturns, critical pulse intensities and sensitivities, by the linearized and the
+    nonlinear equation side by side.
+
+    Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7
+    """
+
+    intensity: float = 0.15  # Change of ground velocity in each pulse [m/s].
+    tolerance: float | None = None
+    """Name the equation and the precision that are good enough for this relative error."""
+
+    def _steps(self) -> Steps:
+        if self.tolerance is not None:
+            check("tolerance", self.tolerance, POSITIVE)
+        scene = resonance.Scene(self.block, self.coefficient, self.intensity)
+        yield ()
+        result = assessment.assess(scene, self.tolerance)
+        return Answer(assessment.text(result), result)
+
+
+class Respond(MotionOptions, BlockOptions, Writing):
+    """Response of one block to a pulse or a record, through every impact.
+
+    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
+    (rotation over time and phase portrait).
+
+    Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
+    """
+
+    duration: float | None = None  # Time to follow the block [s]; 10 s beyond the input if None.
+    model: ModelName = "nonlinear"  # Equation of motion.
+    animate: bool = False  # Write response.gif as well.
+    out: Path = Path("response")
+
+    def _steps(self) -> Steps:
+        if self.duration is not None:
+            check("duration", self.duration, POSITIVE)
+        block, c, motion = self.block, self.coefficient, self.motion
+        names = "response.csv", "impacts.csv", "response.nc", "response.png"
+        folder = yield (*names, "response.gif") if self.animate else names
+        import matplotlib.pyplot as plt
+
+        from ..plot import animate, plot_phase, plot_response
+
+        length = float(motion.end) + 10 if self.duration is None else self.duration
+        response = respond(block, c, motion, length, model=self.model)
+        if response.status > Status.LIST_FULL:
+            raise ValueError(f"motion could not be followed to its end: {response}")
+        data: dict[str, Any] = {"status": Status(int(response.status)).name.lower()}
+        data |= {n: int(getattr(response, n)) for n in ("overturned", "impacts", "at_rest")}
+        data |= {name: float(getattr(response, name)) for name in _NUMBERS}
+        times = np.linspace(0, length, 4001)
+        rotation, velocity = response.history(times)
+        ratio = {"long_name": "rotation over critical angle", "units": "1"}
+        variables = {
+            "rotation": ("time", rotation, {"long_name": "rotation", "units": "rad"}),
+            "velocity": ("time", velocity, {"long_name": "angular velocity", "units": "rad s-1"}),
+            "rotation_ratio": ("time", rotation / block.critical_angle, ratio),
+        }
+        time = {"time": ("time", times, {"long_name": "time", "units": "s"})}
+        history = labelled("Response of a rocking block", variables, time, data)
+        history.to_netcdf(folder / "response.nc")
+        history.to_dataframe().to_csv(folder / "response.csv")
+        impacts = np.stack([response.impact_times, response.impact_velocities], axis=1)
+        header = "time_s,velocity_before_rad_per_s"
+        np.savetxt(folder / "impacts.csv", impacts, delimiter=",", header=header, comments="")
+        sizes: Any = {"figsize": (11, 4), "width_ratios": (1.6, 1)}
+        _, (left, right) = plt.subplots(ncols=2, layout="constrained", **sizes)
+        plot_response(response, left)
+        picture(plot_phase(response, right), folder / "response.png")
+        if self.animate:
+            animate(response, folder / "response.gif")
+        return Answer(str(response), data)
+
+
+_NUMBERS = (
+    *("peak_rotation", "peak_time", "overturning_time", "margin"),
+    *("final_rotation", "final_velocity", "friction_demand", "normal_force"),
+)
+
+
+class Critical(MotionOptions, BlockOptions, Writing):
+    """What just overturns a block: pulses timed to its impacts, one longer pulse, or a record.
+
+    Without a pulse or a record: critical intensities in closed form, by both equations, and
+    the width, slenderness and restitution with which the given intensity just overturns.
+    With one: every boundary between standing and overturning along a quantity. Writes
+    critical.csv if given a folder.
+
+    Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
+    """
+
+    intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
+    half_cycles: tuple[float, ...] = (1.0, 2.0, 5.0, math.inf)
+    """Numbers of half-cycles in which instantaneous pulses are to overturn the block."""
+    out: Path | None = None
+    """Folder for critical.csv; none is written if not given."""
+    along: Quantity | None = None
+    """What to seek, instead of giving it: by default a pulse's amplitude, a record's factor."""
+    values: Grid | None = None
+    """Values to examine; by default amplitudes of 1 to 10 times uplift, or factors 0.05:5:397."""
+    model: ModelName | None = None
+    """Equation of motion under a pulse or a record; nonlinear if not given."""
+
+    def _steps(self) -> Steps:
+        _ = self.block, self.coefficient
+        check("intensity", self.intensity, NON_NEGATIVE)
+        for number in self.numbers("half_cycles"):
+            check("half_cycles", number, COUNT)
+        if self.shaken:
+            self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")
+        else:
+            self.refuse("along", "values", "model", only_with="a pulse or a record")
+        search = self._search() if self.shaken else None
+        folder = yield ["critical.csv"]
+        columns, text = self._boundaries(*search) if search else self._closed_form()
+        columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
+        table = list(zip(*columns.values(), strict=True))
+        if folder is not None:
+            with open(folder / "critical.csv", "w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows([columns, *table])
+        return Answer(text, {"rows": [dict(zip(columns, row, strict=True)) for row in table]})
+
+    def _search(self) -> tuple[Any, str, np.ndarray | None]:
+        """Under which motion along what where; None for the amplitudes of a pulse."""
+        along = self.along or ("amplitude" if self.pulse else "factor")
+        sought = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(along)
+        if sought and self.pulse is None:
+            raise ValueError(f"along {along} goes with a pulse; a record has a factor")
+        if sought and getattr(self, sought) is not None:
+            raise ValueError(f"{sought} is sought: it must not be given")
+        if along == "amplitude":
+            self.refuse("scale", only_with="amplitudes that are not sought")
+        motion = (replace(self, **{sought: 1.0}) if sought else self).motion  # 1 stands in
+        if self.values is not None:
+            values = np.asarray(self.numbers("values"))
+        elif along == "factor":
+            values = np.linspace(0.05, 5, 397)
+        elif along == "amplitude":
+            return motion, along, None
+        else:
+            raise ValueError(f"values must be given along {along}")
+        checked(self.block, self.coefficient, motion, along, values)
+        return motion, along, values
+
+    def _boundaries(self, motion: Any, along: str, values: Any) -> tuple[dict[str, Any], str]:
+        block, c, model = self.block, self.coefficient, self.model or "nonlinear"
+        if values is None:
+            found = critical_amplitude(block, c, type(motion), motion.duration, model=model)
+        else:
+            found = overturning_boundaries(block, c, motion, along, values, model=model)
+        if not bool(found.complete):
+            raise ValueError("motion could not be followed to its end for every one of the values")
+        columns = {
+            name: getattr(found, name) for name in ("overturns_beyond", "impacts", "toppled")
+        }
+        return {along: found.value, **columns}, str(found)
+
+    def _closed_form(self) -> tuple[dict[str, Any], str]:
+        block, c, pulse = self.block, self.coefficient, self.intensity
+        cases = list(itertools.product(self.half_cycles, ("linearized", "nonlinear")))
+        given = {
+            resonance.critical_intensity: (block, c),
+            resonance.critical_width: (block, c, pulse),
+            resonance.critical_slenderness: (block, c, pulse),
+            resonance.critical_restitution: (block, pulse),
+        }
+        columns: dict[str, Any] = {"half_cycles": [n for n, _ in cases]}
+        columns["model"] = [model for _, model in cases]
+        for solve, first in given.items():
+            columns[solve.__name__] = [float(solve(*first, *case)) for case in cases]
+        line = "{:<11g}  {:<11}  {:<15.6g}  {:<9.5g}  {:<11.5g}  {:.6g}"
+        lines = [
+            f"restitution {c:.6g}; width, slenderness and restitution are those"
+            f" that {pulse:g} m/s just overturn",
+            "half-cycles  model        intensity [m/s]  width [m]  slenderness  restitution",
+            *(line.format(*row) for row in zip(*columns.values(), strict=True)),
+        ]
+        return columns, "\n".join(lines)
+
+
+class Sensitivity(MotionOptions, BlockOptions, Writing):
+    """What an answer depends on: slopes, elasticities, a tornado, the effect of scatter.
+
+    Of the resonance under instantaneous pulses, or with a pulse or a record of the peak
+    rotation over the critical angle or the margin at the end of the input. Writes
+    sensitivity.csv and tornado.png, and without a pulse or record map.png: the elasticity to
+    the restitution over slenderness and restitution.
+
+    Example: jaxrock sensitivity --answer rotation-ratio --swing 0.1
+    """
+
+    answer: Literal[
+        "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
+    ] = "rotation-ratio"
+    """The quantity to examine."""
+    restitution: float | None = 0.7
+    intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
+    model: ModelName | None = None
+    """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
+    swing: float = 0.1  # Part of itself by which each number is lowered and raised in the tornado.
+    coefficient_of_variation: float = 0.05  # Coefficient of variation of each number.
+    out: Path = Path("sensitivity")
+
+    def _at(self) -> dict[str, float]:
+        """The numbers that the answer depends on."""
+        block = self.block
+        at = {"half_width": float(block.half_width), "slenderness": float(block.slenderness)}
+        at["restitution"] = self.coefficient
+        check("intensity", self.intensity, NON_NEGATIVE)
+        check("swing", self.swing, POSITIVE)
+        if self.swing >= 1:
+            raise ValueError(f"swing must be less than 1, got {self.swing:g}")
+        check("coefficient_of_variation", self.coefficient_of_variation, POSITIVE)
+        if not self.shaken:
+            return at | {"intensity": self.intensity}
+        self.refuse("intensity", only_with="instantaneous pulses")
+        if self.answer not in ("rotation-ratio", "rotation", "margin"):
+            raise ValueError(
+                "answer must be rotation-ratio, rotation or margin under a pulse or a record,"
+                f" got {self.answer}"
+            )
+        motion: Any = self.motion
+        if self.pulse is None:
+            return at | {"scale": self.scale}
+        return at | {
+            "amplitude": float(motion.amplitude),
+            "pulse_duration": float(motion.duration),
+        }
+
+    @property
+    def _model(self) -> ModelName:
+        return self.model or ("nonlinear" if self.shaken else "linearized")
+
+    def _question(self, at: Mapping[str, Any]) -> Any:
+        """The answer as a function of the numbers that it depends on."""
+        block = Block(at["half_width"], at["slenderness"], self.gravity)
+        c, model = at["restitution"], self._model
+        if not self.shaken:
+            if self.answer == "critical-intensity":
+                return resonance.critical_intensity(block, c, math.inf, model)
+            return _OF_SCENE[self.answer](resonance.Scene(block, c, at["intensity"]), model)
+        if self.pulse is None:
+            motion: Motion = replace(self, scale=1.0).motion.scaled(at["scale"])
+        else:
+            motion = PULSES[self.pulse](at["amplitude"], at["pulse_duration"])
+        duration = motion.end + (0.0 if self.answer == "margin" else 10.0)
+        response = respond(block, c, motion, duration, model=model)
+        if self.answer == "margin":
+            return response.margin
+        peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
+        return peak / block.critical_angle if self.answer == "rotation-ratio" else peak
+
+    def _steps(self) -> Steps:
+        at, names = self._at(), ("sensitivity.csv", "tornado.png")
+        folder = yield names if self.shaken else (*names, "map.png")
+        import pandas
+
+        from ..plot import plot_tornado
+
+        slopes = sensitivities(self._question, at)
+        if not math.isfinite(slopes.value):
+            raise ValueError(f"answer {self.answer} does not exist here: the block overturns")
+        low, high = 1 - self.swing, 1 + self.swing
+        ranges = {name: (value * low, value * high) for name, value in at.items()}
+        ranges["restitution"] = (at["restitution"] * low, min(at["restitution"] * high, 1.0))
+        swings = tornado(self._question, at, ranges)
+        samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
+        variation = dict.fromkeys(at, self.coefficient_of_variation)
+        scatter = propagate(self._question, at, variation, samples)
+        columns = {"value": slopes.at, "slope": slopes.gradient, "elasticity": slopes.elasticity}
+        table = pandas.DataFrame(columns, index=pandas.Index(slopes.names, name="quantity"))
+        for name in ("low", "high", "at_low", "at_high"):
+            table[name] = pandas.Series(getattr(swings, name), swings.names)
+        table["share_of_variance"] = pandas.Series(scatter.shares)
+        table = table.reset_index()
+        table.to_csv(folder / "sensitivity.csv", index=False, na_rep="nan")
+        label = self.answer.replace("-", " ")
+        picture(plot_tornado(swings, label=label), folder / "tornado.png")
+        if not self.shaken:
+            self._draw_map(at, folder / "map.png", label)
+        text = (
+            f"{self.answer} {slopes}\nby the {self._model} model;"
+            f" with a coefficient of variation of {100 * self.coefficient_of_variation:g} % in"
+            f" each: {scatter.mean:.6g} +- {scatter.standard_deviation:.3g}"
+        )
+        if not scatter.valid:
+            text += ", NOT to be trusted: samples differ"
+        moments = {name: getattr(scatter, name) for name in ("mean", "standard_deviation", "valid")}
+        data = {"answer": self.answer, "model": self._model, "value": slopes.value, **moments}
+        return Answer(text, data | {"rows": table.to_dict("records")})
+
+    def _draw_map(self, at: dict[str, float], path: Path, label: str) -> None:
+        """The elasticity to the restitution over restitution and slenderness."""
+        import xarray
+
+        from ..plot import plot_sensitivity_map
+
+        def question(c: Any, slenderness: Any) -> Any:
+            return self._question(at | {"restitution": c, "slenderness": slenderness})
+
+        c, slenderness = np.linspace(0.3, 0.95, 66), np.linspace(3, 10, 71)
+        value, slope = value_and_slopes(question)(c[:, None], slenderness[None])
+        elasticity = np.where(np.isfinite(value), slope * c[:, None] / value, np.nan)
+        axes = [("restitution", c), ("slenderness", slenderness)]
+        named = {"units": "1", "long_name": f"elasticity of {label} to the restitution"}
+        picture(plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named)), path)
+
+
+_OF_SCENE = {
+    "rotation-ratio": resonance.rotation_ratio,
+    "rotation": resonance.stabilized_rotation,
+    "period": resonance.stabilized_period,
+    "amplification": resonance.amplification,
+    "margin": resonance.overturning_margin,
+}

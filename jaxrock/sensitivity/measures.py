@@ -1,0 +1,211 @@
+"""Which parameters matter: derivatives and ranges around one point, and over whole ranges."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..host import table
+from ..validation import COUNT, check
+from .parameters import Answer, Ranges, parametric
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of an answer y with respect to all its parameters x; see `sensitivities`.
+
+    Attributes
+    ----------
+    names, at : tuple of str and ndarray, shape (parameters,)
+        The parameters.
+    value : float
+    gradient, elasticity, hessian : ndarray, shape (parameters,), (parameters, parameters)
+        ``dy / dx``, relative ``(x / y) dy / dx`` [-], and the second derivatives.
+    """
+
+    names: tuple[str, ...]
+    at: np.ndarray
+    value: float
+    gradient: np.ndarray
+    elasticity: np.ndarray
+    hessian: np.ndarray
+
+    def __str__(self) -> str:
+        columns = {"at": self.at, "slope": self.gradient, "elasticity": self.elasticity}
+        return table(f"{self.value:.6g}", self.names, **columns)
+
+
+def sensitivities(answer: Answer, at: Any) -> Sensitivities:
+    """Value, gradient, elasticities and second derivatives of an answer.
+
+    Parameters
+    ----------
+    answer, at : callable, pytree
+        From a pytree of numbers to one number; the numbers at which to differentiate.
+
+    Returns
+    -------
+    Sensitivities
+
+    Raises
+    ------
+    ValueError
+        If `at` does not consist of single numbers, or the answer is not one.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
+    >>> print(jr.sensitivities(jr.rotation_ratio, wall))
+    0.123215
+                                    at         slope    elasticity
+    half_width                     0.4     -0.329681      -1.07027
+    slenderness                      5     0.0280581       1.13859
+    gravity                       9.81    -0.0134427      -1.07027
+    restitution                    0.7       0.87915       4.99457
+    intensity                     0.15        1.7583       2.14053
+    """
+    function = parametric(answer, at)
+    x = np.asarray(function.values)
+    y, gradient, hessian = function.series(x, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        elasticity = gradient * x / y
+    return Sensitivities(function.names, x, float(y), gradient, elasticity, hessian)
+
+
+@dataclass(frozen=True)
+class TornadoBars:
+    """How far each parameter moves an answer within its range; see `tornado`.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The parameter with the widest bar first.
+    low, high, at_low, at_high : ndarray, shape (parameters,)
+        The ranges, and the answer at their ends, the other parameters unchanged.
+    value : float
+        The answer with all parameters unchanged.
+    """
+
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    at_low: np.ndarray
+    at_high: np.ndarray
+    value: float
+
+    def __str__(self) -> str:
+        columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
+        return table(f"{self.value:.6g}", self.names, **columns)
+
+
+def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
+    """How far each parameter moves an answer within its range, one at a time.
+
+    Parameters
+    ----------
+    answer, at, ranges : callable, pytree, dict
+        As in `sensitivities`; low and high value of each parameter to vary, by name.
+
+    Returns
+    -------
+    TornadoBars
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of `at`.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
+    >>> ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8)}
+    >>> print(jr.tornado(jr.rotation_ratio, wall, ranges))
+    0.123215
+                                   low          high        at low       at high
+    restitution                    0.6           0.8     0.0673033      0.307402
+    slenderness                      4             6     0.0954255       0.15161
+    """
+    function = parametric(answer, at, "ranges", ranges)
+    ends = np.asarray(list(ranges.values()), float).reshape(-1, 2)
+    points = np.tile(np.asarray(function.values)[list(function.varied)], (1 + ends.size, 1))
+    end = np.arange(ends.size)
+    points[1 + end, end // 2] = ends.ravel()
+    (values,) = function.series(points)
+    answers = values[1:].reshape(-1, 2)
+    width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
+    order = np.argsort(-width, kind="stable")
+    names = tuple(list(ranges)[k] for k in order)
+    return TornadoBars(names, *ends[order].T, *answers[order].T, value=float(values[0]))
+
+
+@dataclass(frozen=True)
+class DerivativeBasedMeasures:
+    """Derivative-based measures over ranges; see `derivative_based_measures`.
+
+    Attributes
+    ----------
+    names : tuple of str
+    mean_slope, measure, bound : ndarray, shape (parameters,)
+        Mean magnitude of the partial derivative; nu, its mean square; and
+        nu (high - low)^2 / (pi^2 variance), no less than Sobol's total index [-].
+    mean, standard_deviation, left_out : float
+        Of the answer over the ranges; share of samples without one, which are not counted.
+    """
+
+    names: tuple[str, ...]
+    mean_slope: np.ndarray
+    measure: np.ndarray
+    bound: np.ndarray
+    mean: float
+    standard_deviation: float
+    left_out: float
+
+    def __str__(self) -> str:
+        first = f"{self.mean:.6g} +- {self.standard_deviation:.6g}, left out {self.left_out:.3g}"
+        columns = {name: getattr(self, name) for name in ("mean_slope", "measure", "bound")}
+        return table(first, self.names, **columns)
+
+
+def derivative_based_measures(
+    answer: Answer, at: Any, ranges: Ranges, samples: int = 4096, seed: int = 0
+) -> DerivativeBasedMeasures:
+    """Which parameters matter over whole ranges, from gradients at random points.
+
+    A parameter whose `bound` is near 0 need not be known well (I. M. Sobol and S. Kucherenko,
+    Derivative based global sensitivity measures and their link with global sensitivity indices,
+    Math. Comput. Simul. 79 (2009) 3009-3017).
+
+    Parameters
+    ----------
+    answer, at, ranges : callable, pytree, dict
+        As in `tornado`; each parameter is uniform in its range, others stay as they are.
+    samples, seed : int
+        Number of points, and the seed that they are drawn with.
+
+    Returns
+    -------
+    DerivativeBasedMeasures
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of `at`, or a range is empty.
+    """
+    function = parametric(answer, at, "ranges", ranges)
+    low, high = np.asarray(list(ranges.values()), float).reshape(-1, 2).T
+    if not (high > low).all():
+        raise ValueError("ranges must go from a low value to a higher one")
+    check("samples", samples, COUNT)
+    points = low + np.random.default_rng(seed).random((samples, low.size)) * (high - low)
+    values, gradients = function.series(points, 1)
+    finite = np.isfinite(values) & np.isfinite(gradients).all(axis=1)
+    if not finite.any():
+        raise ValueError("answer is NaN everywhere in these ranges")
+    values, gradients = values[finite], gradients[finite]
+    slope, measure = abs(gradients).mean(axis=0), (gradients**2).mean(axis=0)
+    variance = values.var()
+    bound = measure * (high - low) ** 2 / (np.pi**2 * variance) if variance else 0 * measure
+    moments = float(values.mean()), float(values.std()), float(1 - finite.mean())
+    return DerivativeBasedMeasures(tuple(ranges), slope, measure, bound, *moments)
