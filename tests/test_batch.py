@@ -76,7 +76,7 @@ SEVERAL = 40, 12  # records and samples, always with a vertical one: one program
 
 @pytest.mark.float64
 def test_rough_input_against_independent_integration():
-    """What the default order delivers does not depend on how strong and steep the push is."""
+    """What the default tolerance delivers does not depend on how strong and steep the push is."""
     rng = np.random.default_rng(7)
     number, samples = SEVERAL
     step = np.resize([0.005, 0.05, 0.3], number)

@@ -90,7 +90,9 @@ class PulseInput(eqx.Module):
 
     def uplift(self, case: Any, lanes: Any, horizontal: Any, *_: Any) -> tuple[Any, Any, Any]:
         """Whether a block at rest is lifted in the interval, when, and to which side."""
-        at_once = jnp.abs(horizontal[0]) > case.equation.tangent * (1 + negligible(lanes.rotation.dtype))
+        at_once = jnp.abs(horizontal[0]) > case.equation.tangent * (
+            1 + negligible(lanes.rotation.dtype)
+        )
         time, side = jnp.full_like(lanes.along, jnp.inf), jnp.ones_like(lanes.along)
         first = 1.0 if self.harmonic is not None else -1.0  # sign of the first, and of the third
         for rise, sign in reversed(list(zip(case.uplifts, (first, -first, first), strict=True))):
