@@ -17,6 +17,7 @@ from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
 from .equation import Equation
 from .input_intervals import Grid
+from .overturning_criterion import TOPPLED_ROTATION
 from .taylor import Coefficients, derivative, evaluate, materialized, rotation_series
 
 _LONGEST = 0.15  # step times p
@@ -293,14 +294,14 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     settles = (little > 0) & (settled <= step) & steady & low
     settles = materialized(lands & (settles | (nothing & level)))
 
-    over = peak >= 0.5 * jnp.pi
+    over = peak >= TOPPLED_ROTATION
     arrives = jnp.where(lanes.moves, ~(lands | blocked) & (step >= left), ~lifted)
     ended = (arrives & ~(stop >= length)) | (
         lanes.moves & (over | (lanes.steps >= max_steps(grid)))
     )
     interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
     interval = jnp.where(lanes.moves | lifted, interval, grid.next_interval(interval, case.trail))
-    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, 0.5 * jnp.pi), lanes.rotation)
+    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, TOPPLED_ROTATION), lanes.rotation)
     velocity = jnp.where(lands, jnp.where(settles, 0, leaving), velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
     taken = jnp.where(lanes.moves, flight, jnp.where(lifted, wait, 0))
