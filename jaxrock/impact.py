@@ -1,7 +1,7 @@
 """The impact law: what an impact leaves of the velocity, and Housner's value of that share.
 
-Every motion passes through here, in closed form and integrated. Sums over many impacts, such as
-``(1 - C^i) / (1 - C)`` in `resonance.half_cycle_velocity`, follow from the same law.
+Every single impact is computed here, of closed forms and integrated motions. Powers of C, in sums
+over many impacts such as ``(1 - C^i) / (1 - C)``, follow from the law's being linear.
 """
 
 from typing import Any

@@ -154,7 +154,7 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     def full(*_):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr("jaxrock.spectra.closed_form._evaluate", full)
+    monkeypatch.setattr("jaxrock.spectra.resonance._evaluate", full)
     code, _, err = run(capsys, "spectrum", "--out", tmp_path / "new", *SMALL)
     assert code == 2
     assert f"out: the folder {str(tmp_path / 'new')!r} cannot be written to: NetCDF" in err

@@ -390,7 +390,7 @@ def test_lists_go_on(monkeypatch):
     times = np.linspace(0, 20, 100)
     whole = free()
     history = whole.history(times)
-    monkeypatch.setattr("jaxrock.dynamics.adaptive._MAX_IMPACTS", 8)
+    monkeypatch.setattr("jaxrock.dynamics.respond_one._MAX_IMPACTS", 8)
     parts = free()
     assert whole.impacts > 5 * 8
     assert parts.impact_times.shape == (int(whole.impacts),)

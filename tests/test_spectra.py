@@ -6,8 +6,8 @@ import xarray
 from cf_conventions import assert_follows_cf
 
 import jaxrock as jr
-from jaxrock.spectra import closed_form as spectra
 from jaxrock.spectra import grid as grids
+from jaxrock.spectra import resonance as spectra
 
 GRID = {
     "slenderness": np.linspace(3, 10, 8),
@@ -153,7 +153,7 @@ def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
     def fail(*_):
         raise RuntimeError("broken")
 
-    monkeypatch.setattr("jaxrock.spectra.closed_form._evaluate", fail)
+    monkeypatch.setattr("jaxrock.spectra.resonance._evaluate", fail)
     with pytest.raises(RuntimeError, match="broken"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "deep" / "er" / "spectrum.nc")
     assert list(tmp_path.iterdir()) == []

@@ -3,15 +3,16 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
-from .adaptive import respond
-from .batch import BatchResponse, respond_batch
-from .batch import compiler_options as compiler_options
 from .driven_scene import DrivenScene
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
+from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
 from .overturning_criterion import free_motion_margin
 from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
 from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
+from .respond_many import BatchResponse, respond_batch
+from .respond_many import compiler_options as compiler_options
+from .respond_one import respond
 from .response import Response, Status
 
 __all__ = [

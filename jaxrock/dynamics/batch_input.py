@@ -36,10 +36,7 @@ class PulseInput(eqx.Module):
     @classmethod
     def of(cls, kind: type[Pulse], dtype: Any) -> "PulseInput":
         """The input for pulses of a kind."""
-        if kind.harmonic is None:
-            harmonic = None
-        else:
-            harmonic = tuple(jnp.asarray(part, dtype) for part in kind.harmonic)
+        harmonic = jax.tree.map(lambda part: jnp.asarray(part, dtype), kind.harmonic)
         return cls(harmonic, jnp.asarray(kind.extremes[-1], dtype), jnp.asarray(1, jnp.int32))
 
     def rate(self, length: Any) -> Any:

@@ -13,9 +13,10 @@ import jax.numpy as jnp
 
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, RockingModel
-from ..validation import Booleans
+from ..validation import Booleans, Reals
 from .batch_input import PulseInput, RecordInput, negligible
 from .equation import Equation
+from .overturning_criterion import TOPPLED_ROTATION
 from .taylor import (
     Coefficients,
     binary_logarithm,
@@ -145,7 +146,7 @@ def max_steps(ground: PulseInput | RecordInput) -> Any:
     return 1000 * jnp.minimum(ground.intervals, 2 * 10**6) + 10**6
 
 
-def _accurate(path: Coefficients, tolerance: Any) -> Any:
+def _accurate(path: tuple[Reals, ...], tolerance: Any) -> Any:
     """The longest step in which the last two terms are small beside the largest of the first.
 
     Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
@@ -355,14 +356,14 @@ def take_step(
     settles = lands & _settles(case, push, lift, flight, step, leaving, lanes.peak)
     settles = materialized(settles)
 
-    over = peak >= 0.5 * jnp.pi
+    over = peak >= TOPPLED_ROTATION
     arrives = jnp.where(lanes.moves, ~(lands | blocked) & (flight >= left), ~lifted)
     ended = (arrives & ~(stop >= length)) | (
         lanes.moves & (over | (lanes.steps >= max_steps(ground)))
     )
     interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
     interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case.trail))
-    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, 0.5 * jnp.pi), lanes.rotation)
+    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, TOPPLED_ROTATION), lanes.rotation)
     velocity = jnp.where(lands, jnp.where(settles, 0, leaving), velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
     taken = jnp.where(lanes.moves, flight, jnp.where(lifted, wait, 0))

@@ -17,7 +17,7 @@ from .contact_forces import larger, smaller
 from .driven_scene import Driven
 from .equation import Equation
 from .motion_to_event import FALLING, REST, RISING, TOPPLED, Problem, State, fly
-from .overturning_criterion import free_motion_margins
+from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
 from .response import Events, Response, Status
 from .solver_steps import Stepper, close_to
 from .uplift import Uplifts
@@ -171,7 +171,7 @@ def _start(problem: Problem, state: State) -> State:
         side=side,
         rotation=rotation,
         velocity=velocity,
-        phase=jnp.where(rotation >= 0.5 * jnp.pi, TOPPLED, phase),
+        phase=jnp.where(rotation >= TOPPLED_ROTATION, TOPPLED, phase),
         peak=rotation,
         crossing=jnp.where(crossed, state.time, jnp.nan),
     )

@@ -19,6 +19,7 @@ from ..validation import Booleans, Reals
 from .contact_forces import with_step
 from .driven_scene import Driven
 from .equation import Equation
+from .overturning_criterion import TOPPLED_ROTATION
 from .solver_steps import Segment, Step, Stepper, close_to, first_step, limited
 from .uplift import Uplifts
 
@@ -85,7 +86,7 @@ class Ends(eqx.Module):
     def left(self, y: Reals) -> Reals:
         """What is positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
         unit, none = 1 / self.equation.critical_angle, jnp.zeros_like(self.hold)
-        contact = jnp.where(self.rising, 0.5 * jnp.pi * unit, 0)
+        contact = jnp.where(self.rising, TOPPLED_ROTATION * unit, 0)
         critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
         return jnp.stack([none, contact, critical]) + self.change(y)
 
@@ -260,7 +261,7 @@ def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     velocity = jnp.where(turns, 0, velocity)
     rotation = jnp.where(turns, jnp.maximum(rotation, 0), rotation)
     rotation = jnp.where(crosses, equation.critical_angle, rotation)
-    rotation = jnp.where(topples, 0.5 * jnp.pi, rotation)
+    rotation = jnp.where(topples, TOPPLED_ROTATION, rotation)
     higher = rotation > state.peak
     phase = jnp.where(turns, jnp.where(rising, FALLING, RISING), state.phase)
     phase = jnp.where(topples, TOPPLED, phase)

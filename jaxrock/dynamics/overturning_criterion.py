@@ -1,5 +1,7 @@
 """Whether a block stands or overturns: what energy says once the ground is at rest."""
 
+import math
+
 import jax.numpy as jnp
 
 from ..block import Block
@@ -7,6 +9,9 @@ from ..impact import velocity_after_impact
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
 from .equation import Equation
+
+# Rotation at which a block lies on its side, whatever the ground does [rad].
+TOPPLED_ROTATION = 0.5 * math.pi
 
 
 def free_motion_margins(

@@ -15,6 +15,7 @@ from ..validation import Booleans, Numbers, Reals, as_array, as_real
 from .driven_scene import Driven
 from .equation import Equation
 from .motion_to_event import flown
+from .overturning_criterion import TOPPLED_ROTATION
 from .solver_steps import Segment, Stepper
 
 _TIMES = 512  # of a history at once
@@ -138,7 +139,7 @@ class Response(eqx.Module):
         if status not in (Status.COMPLETE, Status.LIST_FULL):
             return f"no response: {status.name.lower()}"
         angle = self.scene.block.critical_angle
-        fallen = abs(self.final_rotation) >= 0.5 * jnp.pi
+        fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
         end = "lies on its side" if fallen else "at rest" if self.at_rest else "in motion"
         lines = [
             f"{'overturns' if self.overturned else 'stands'}, margin {self.margin:.4g}",
@@ -172,7 +173,7 @@ def _history_program(
         # finds it above.
         following = events.rotation[jnp.minimum(index + 1, event_times.size - 1)]
         moves = ~lifted | (following > 0)
-        moves = moves & (event.rotation < 0.5 * jnp.pi) & (time > event.time)
+        moves = moves & (event.rotation < TOPPLED_ROTATION) & (time > event.time)
         acts = driven.motion.acts(event.time)
         segment = Segment(equation, driven.motion, event.time, event.side, acts)
         length = jnp.where(moves, time - event.time, 0)

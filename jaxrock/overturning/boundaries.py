@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..block import Block
-from ..dynamics import BatchResponse, DrivenScene, compiler_options, respond_batch
+from ..dynamics import TOPPLED_ROTATION, BatchResponse, DrivenScene, compiler_options, respond_batch
 from ..ground_motion import Motion, Pulse, Record
 from ..host import listed, with_clock
 from ..numerics import brackets, brackets_traced, located
@@ -259,7 +259,7 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
         jax.tree.map(lambda leaf, k=k: leaf.reshape(3, -1)[k], responses) for k in range(3)
     )
     # Toppling does not bring the margin to 0 but ends the motion: the margin jumps there.
-    toppled = (margin > eps**0.25) & (at_stands.peak_rotation > 0.5 * math.pi - eps**0.25)
+    toppled = (margin > eps**0.25) & (at_stands.peak_rotation > TOPPLED_ROTATION - eps**0.25)
     valid = pairs.valid & library.isfinite(margin) & beyond.complete
     columns = search.max_boundaries if traced else int(pairs.count.max(initial=0))
 
@@ -336,7 +336,7 @@ def _slopes(
         at, *moving = (number + shift for number, shift in zip(point, shifts, strict=True))
         scene = eqx.combine(jax.tree.unflatten(form, moving), fixed, parts[2])
         response = _followed(scene, at, search)
-        return jnp.where(toppled[None], 0.5 * jnp.pi - response.peak_rotation, response.margin)
+        return jnp.where(toppled[None], TOPPLED_ROTATION - response.peak_rotation, response.margin)
 
     # Each derivative is taken on a copy of the block: one tangent for many blocks compiles
     # faster than many tangents for one.

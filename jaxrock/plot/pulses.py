@@ -14,6 +14,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from .. import resonance
 from ..block import Block
+from ..impact import velocity_after_impact
 from ..resonance import Linearized, ModelLike, Rocker, RockingModel, Scene, WorstTrain
 from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
@@ -91,7 +92,7 @@ def plot_train(
     for intensity, impacts, delay in pulses:
         for _ in range(int(impacts)):
             flights.append((x, since, None, side))
-            x, since, side = restitution * x, 0.0, -side
+            x, since, side = velocity_after_impact(restitution, x), 0.0, -side
         now = _struck(rocker, x, float(delay), side * float(intensity) / unit)
         after, launch, passed = map(float, now)
         flights.append((x, since, after, side))
@@ -99,7 +100,7 @@ def plot_train(
     flights.append((x, since, None, side))
     if since > 0.5 * float(model.half_cycle_duration(block, x * model.critical_velocity(block))):
         # The block falls towards the ground: it may go higher on the other side.
-        flights.append((restitution * x, 0.0, None, -side))
+        flights.append((velocity_after_impact(restitution, x), 0.0, None, -side))
     pulses = np.asarray(train.times), np.asarray(train.intensities)
     motion = _rotation(block, model, flights)
     return _draw_under_pulses(ax, motion, *pulses, 1.0, "critical angle")

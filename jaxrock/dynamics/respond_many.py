@@ -24,7 +24,7 @@ from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
 from .batch_step import Case, Lanes, max_steps, take_step
-from .overturning_criterion import free_motion_margins
+from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
 from .taylor import materialized
 
 _LANES = 64  # on a processor
@@ -177,7 +177,7 @@ def _march(
         queue.equation, queue.restitution, end_rotation, end_velocity
     )
     margin = jnp.minimum(before_impact, after_impact)
-    fallen = peak >= 0.5 * jnp.pi
+    fallen = peak >= TOPPLED_ROTATION
     overturned = complete & (fallen | (margin < 0))
     impacts = impacts.astype(int)
     mode = impacts + jnp.where(fallen | (before_impact < 0), 0, 1)
@@ -186,7 +186,7 @@ def _march(
         return jnp.where(complete, value, jnp.nan)
 
     return BatchResponse(
-        peak_rotation=where_complete(jnp.minimum(peak, 0.5 * jnp.pi)),
+        peak_rotation=where_complete(jnp.minimum(peak, TOPPLED_ROTATION)),
         final_rotation=where_complete(rotation),
         final_velocity=where_complete(velocity / queue.unit),
         overturned=overturned,
