@@ -152,7 +152,7 @@ def test_estimate_of_within_covers_what_an_independent_integration_finds():
     )
     stands = ~overturned & found.within_tolerance
     error = np.abs(found.response.peak_rotation / peak - 1)[stands]
-    assert (error <= found.error[stands]).all()
+    assert (error <= np.maximum(found.error[stands], 1e-9)).all()  # to which the table is good
     assert (found.error[stands] <= 1e-6).all()
 
 

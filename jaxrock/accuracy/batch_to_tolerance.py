@@ -31,7 +31,8 @@ class EstimatedResponse(eqx.Module):
         That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
         Estimated bound on the relative error of the peak rotation: the difference to a looser
-        tolerance under an input that is off by rounding; inf where that has another outcome.
+        tolerance under an input that is off by rounding, and at least `rtol`; inf where that has
+        another outcome.
     cheapest : Array
         The loosest tolerance that is good enough: cheaper, next time.
     within_tolerance : Array of bool
@@ -88,7 +89,8 @@ def respond_within(
     if duration is not None:
         duration = as_real("duration", duration)
     arguments = (blocks, restitution, motion, duration)
-    model, precision = as_model(model), np.finfo(np.result_type(*jax.tree.leaves(arguments)))
+    model = as_model(model)
+    precision = np.finfo(np.result_type(*(leaf.dtype for leaf in jax.tree.leaves(arguments))))
     levels = TOLERANCES[precision.bits]
     first = min(sum(level > tolerance for level in levels), len(levels) - 2)
     slip = 1 + _ROUNDING * float(precision.eps)
@@ -101,17 +103,19 @@ def respond_within(
         jax.tree.map(lambda leaf: np.array(leaf).reshape(-1), each) for each in (main, looser)
     )
 
-    def bound(before: BatchResponse, after: BatchResponse) -> np.ndarray:
-        return np.maximum(_SAFETY * _difference(before, after), _ROUNDING * precision.eps)
+    def bound(before: BatchResponse, after: BatchResponse, rtol: float) -> np.ndarray:
+        # Both may be better than they were asked to be, and equally so.
+        return np.maximum(_SAFETY * _difference(before, after), max(rtol, slip - 1))
 
-    error = bound(looser, best)
+    error = bound(looser, best, levels[first + 1])
     rtol, cheapest = (np.full(error.shape, level) for level in (levels[first + 1], levels[-1]))
     cheapest[error <= tolerance] = levels[first]
     (open_,) = np.nonzero(error > tolerance)
     if open_.size and first + 2 < len(levels):
-        before = jax.tree.map(lambda leaf: leaf[open_], best)
-        after = _run(_part(arguments, shape, open_), model, levels[-1])
-        error[open_], rtol[open_] = bound(before, after), levels[-1]
+        block, c, shaking, end = part = _part(arguments, shape, open_)
+        before = _run((block, c, shaking.scaled(slip), end), model, levels[first + 1])
+        after = _run(part, model, levels[-1])
+        error[open_], rtol[open_] = bound(before, after, levels[-1]), levels[-1]
         cheapest[open_[error[open_] <= tolerance]] = levels[first + 1]
         for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
             leaf[open_] = new

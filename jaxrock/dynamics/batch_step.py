@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, RockingModel
-from ..validation import Booleans, Reals
+from ..validation import Booleans
 from .batch_input import PulseInput, RecordInput, negligible
 from .equation import Equation
 from .overturning_criterion import TOPPLED_ROTATION
@@ -146,7 +146,7 @@ def max_steps(ground: PulseInput | RecordInput) -> Any:
     return 1000 * jnp.minimum(ground.intervals, 2 * 10**6) + 10**6
 
 
-def _accurate(path: tuple[Reals, ...], tolerance: Any) -> Any:
+def _accurate(path: Any, tolerance: Any) -> Any:
     """The longest step in which the last two terms are small beside the largest of the first.
 
     Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third

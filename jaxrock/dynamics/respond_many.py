@@ -32,7 +32,7 @@ _ROOMS = (512, 4096)  # for the queue, on a processor
 _STEPS = 4  # between two refills of the lanes
 # Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
 # samples keep the steps short.
-_ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-5, 6), (1e-10, 10), (0, 14)))
+_ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10), (0, 14)))
 _SHARE = 0.05  # of the tolerance that a step may take
 
 
