@@ -173,6 +173,15 @@ class _Piece(NamedTuple):
     slope: Any
     end_slope: Any
 
+    def until(self, time: Any, rotation: Any, slope: Any) -> "_Piece":
+        """The piece up to a time, if that is in it."""
+        ends = (self.end, self.end_rotation, self.end_slope)
+        cut = [
+            jnp.where(time < self.end, new, old)
+            for new, old in zip((time, rotation, slope), ends, strict=True)
+        ]
+        return self._replace(end=cut[0], end_rotation=cut[1], end_slope=cut[2])
+
 
 class _Parts(NamedTuple):
     """A step in parts of equal length."""
@@ -214,7 +223,7 @@ def _chosen(index: Any, values: list[Any]) -> Any:
     return chosen
 
 
-def _extreme(slope: Coefficients, piece: "_Piece", sign: float, newtons: int) -> Any:
+def _extreme(slope: Coefficients, piece: _Piece, sign: float, newtons: int) -> Any:
     """When a rotation is highest (sign 1) or lowest (-1) in a piece; its end if never.
 
     From the parabola that the slope of a cubic is, and Newton's method. Only its last step has a
@@ -274,6 +283,66 @@ def _landing(
     return time, near & (steep < 0) & (time > start) & (time <= latest)
 
 
+class _Flight(NamedTuple):
+    """What a block in motion does in a step."""
+
+    time: Any  # until its impact or the end of the step
+    rotation: Any  # then
+    velocity: Any  # then, before the impact
+    highest: Any  # rotation
+    lands: Any
+    blocked: Any  # whether it lands at a time that was not located
+    latest: Any  # time at which it would be below the ground
+
+    @classmethod
+    def of(cls, path: Coefficients, step: Any, parts: int, moves: Any) -> "_Flight":
+        """The flight on a polynomial, up to a time."""
+        slope = derivative(path)
+        split = _Parts.of(path, slope, step, parts)
+        bounds = [split.bounds(k) for k in range(parts)]
+        # The first part in which the block might land.
+        number = jnp.full(step.shape, parts, jnp.int32)
+        for k in reversed(range(parts)):
+            number = jnp.where(bounds[k][0] < 0, k, number)
+        suspect = moves & (number < parts)
+        number = materialized(jnp.minimum(number, parts - 1))
+        part = split.piece(number)
+        dip = _extreme(slope, part, -1.0, 1)
+        lowest = materialized(evaluate(path, dip))
+        below = lowest < 0
+        lands = suspect & (jnp.minimum(part.end_rotation, lowest) < 0)
+        latest = jnp.where(below, dip, part.end)
+        lands, latest = materialized((lands, latest))
+        width = jnp.where(latest > part.start, latest - part.start, 1)
+        depth = jnp.where(below, lowest, part.end_rotation)
+        chord = (depth - part.rotation - part.slope * width) / (width * width)
+        # A small bounce fills little of the first part.
+        bend = jnp.where(number == 0, path[2], chord)
+        parabola = (part.rotation, part.slope, bend)
+        landing, located = _landing(path, slope, part.start, parabola, latest)
+        # Where the impact is not located, the next step begins here and is half as long.
+        blocked, lands = lands & ~located, lands & located
+        # Behind a part that was suspected wrongly, there may be another one.
+        time = jnp.where(suspect, part.end, step)
+        time = jnp.where(lands, landing, jnp.where(blocked, 0, time))
+        time, blocked, lands = materialized((time, blocked, lands))
+
+        velocity = materialized(evaluate(slope, time))
+        # Never on the ground without an impact, which could not be located from there.
+        above = jnp.maximum(evaluate(path, time), float(jnp.finfo(step.dtype).tiny))
+        rotation = materialized(jnp.where(lands, 0, above))
+        # The highest rotation is in the part with the highest bound, before the impact.
+        bound, number = bounds[0][1], jnp.zeros_like(number)
+        for k in range(1, parts):
+            higher = (bounds[k][1] > bound) & (split.times[k] < time)
+            bound, number = jnp.where(higher, bounds[k][1], bound), jnp.where(higher, k, number)
+        part = split.piece(materialized(number)).until(time, rotation, velocity)
+        top = _extreme(slope, part, 1.0, 1 if parts == 1 else 2)
+        highest = jnp.where(top < time, materialized(evaluate(path, top)), 0)
+        highest = materialized(jnp.maximum(rotation, highest))
+        return cls(time, rotation, velocity, highest, lands, blocked, latest)
+
+
 def take_step(
     lanes: Lanes,
     case: Case,
@@ -283,14 +352,13 @@ def take_step(
     parts: int,
 ) -> Lanes:
     """Take each lane a step further: to its impact, its uplift or the end of its interval."""
-    equation, dtype = case.equation, lanes.rotation.dtype
     acts = lanes.interval < ground.intervals
-    begin = case.start + lanes.interval.astype(dtype) * case.length
+    begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.length
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
     left = stop - lanes.along
     # All that follows uses these many times. Without a barrier (here and at each `materialized`
-    # below), XLA would fuse their computation into every use and repeat it there.
+    # in this file), XLA would fuse their computation into every use and repeat it there.
     strength = materialized(jnp.where(acts, case.strength, 0))
     horizontal, lift = ground.series(
         case._replace(strength=strength), lanes.interval, lanes.along, order
@@ -302,83 +370,40 @@ def take_step(
     lifted = ~lanes.moves & acts & lifted & (left > wait)
     lifted, wait, uplift_side = materialized((lifted, wait, uplift_side))
 
-    path = rotation_series(equation, lanes.rotation, lanes.velocity, push, lift, order)
-    slope = derivative(path)
+    path = rotation_series(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
     longest = parts * jnp.where(acts, _LONGEST, case.longest)
     step = jnp.minimum(jnp.minimum(left, longest), lanes.reach)
     step = materialized(jnp.where(lanes.moves, jnp.minimum(step, _accurate(path, tolerance)), 0))
-    split = _Parts.of(path, slope, step, parts)
-    bounds = [split.bounds(k) for k in range(parts)]
-    # The first part in which the block might land.
-    number = jnp.full(step.shape, parts, jnp.int32)
-    for k in reversed(range(parts)):
-        number = jnp.where(bounds[k][0] < 0, k, number)
-    suspect = number < parts
-    number = materialized(jnp.minimum(number, parts - 1))
-    part = split.piece(number)
-    start, until, near, far, steep, _ = part
-    dip = _extreme(slope, part, -1.0, 1)
-    lowest = materialized(evaluate(path, dip))
-    lands = lanes.moves & suspect & (jnp.minimum(far, lowest) < 0)
-    latest, depth = jnp.where(lowest < 0, dip, until), jnp.where(lowest < 0, lowest, far)
-    lands, latest, depth = materialized((lands, latest, depth))
-    width = jnp.where(latest > start, latest - start, 1)
-    chord = (depth - near - steep * width) / (width * width)
-    bent = jnp.where(number == 0, path[2], chord)
-    landing, located = _landing(path, slope, start, (near, steep, bent), latest)
-    # Where the impact is not located, the next step begins here and is half as long.
-    blocked, lands = lands & ~located, lands & located
-    # Behind a part that was suspected wrongly, there may be another one.
-    flight = jnp.where(lands, landing, jnp.where(blocked, 0, jnp.where(suspect, until, step)))
-    flight, blocked, lands = materialized((flight, blocked, lands))
+    flight = _Flight.of(path, step, parts, lanes.moves)
+    leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
+    settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
+    settles = materialized(flight.lands & settles)
 
-    velocity = materialized(evaluate(slope, flight))
-    # Never on the ground without an impact, which could not be located from there.
-    above = jnp.maximum(evaluate(path, flight), float(jnp.finfo(dtype).tiny))
-    rotation = materialized(jnp.where(lands, 0, above))
-    # The highest rotation: in the part with the highest bound, before the impact.
-    highest, place = bounds[0][1], jnp.zeros_like(number)
-    for k in range(1, parts):
-        higher = (bounds[k][1] > highest) & (split.times[k] < flight)
-        highest, place = jnp.where(higher, bounds[k][1], highest), jnp.where(higher, k, place)
-    part = split.piece(materialized(place))
-    cut = flight < part.end
-    part = part._replace(
-        end=jnp.where(cut, flight, part.end),
-        end_rotation=jnp.where(cut, rotation, part.end_rotation),
-        end_slope=jnp.where(cut, velocity, part.end_slope),
-    )
-    top = _extreme(slope, part, 1.0, 1 if parts == 1 else 2)
-    highest = materialized(evaluate(path, top))
-    peak = materialized(jnp.maximum(rotation, jnp.where(top < flight, highest, 0)))
-
-    leaving = velocity_after_impact(case.restitution, jnp.abs(velocity))
-    settles = lands & _settles(case, push, lift, flight, step, leaving, lanes.peak)
-    settles = materialized(settles)
-
-    over = peak >= TOPPLED_ROTATION
-    arrives = jnp.where(lanes.moves, ~(lands | blocked) & (flight >= left), ~lifted)
-    ended = (arrives & ~(stop >= length)) | (
-        lanes.moves & (over | (lanes.steps >= max_steps(ground)))
-    )
+    over = flight.highest >= TOPPLED_ROTATION
+    ends_there = ~(flight.lands | flight.blocked) & (flight.time >= left)
+    arrives = jnp.where(lanes.moves, ends_there, ~lifted)
+    exhausted = over | (lanes.steps >= max_steps(ground))
+    ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
     interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
     interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case.trail))
-    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, TOPPLED_ROTATION), lanes.rotation)
-    velocity = jnp.where(lands, jnp.where(settles, 0, leaving), velocity)
+    side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
+    velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
-    taken = jnp.where(lanes.moves, flight, jnp.where(lifted, wait, 0))
+    rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
+    rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
+    taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
     # The state for the overturning criterion is that where the input ends.
     return materialized(
         Lanes(
             interval=jnp.where(ended, ground.intervals, interval),
             along=jnp.where(arrives, 0, lanes.along + taken),
-            side=jnp.where(lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side)),
+            side=side,
             rotation=rotation,
             velocity=velocity,
-            reach=jnp.where(blocked, 0.5 * latest, jnp.inf),
+            reach=jnp.where(flight.blocked, 0.5 * flight.latest, jnp.inf),
             moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
-            peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, peak), lanes.peak),
-            impacts=lanes.impacts + lands.astype(jnp.int32),
+            peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, flight.highest), lanes.peak),
+            impacts=lanes.impacts + flight.lands.astype(jnp.int32),
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
             end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
             end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
