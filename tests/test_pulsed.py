@@ -249,8 +249,10 @@ def test_single_precision_where_double_is_allowed():
     single = np.float32
     block, pulse = jr.Block(single(0.4), single(5.0)), jr.HalfSine(single(1.3), single(0.1))
     phase = jr.pulsed_phase(block, single(0.9), pulse)
+    double = jr.pulsed_phase(jr.Block(0.4, 5.0), 0.9, jr.HalfSine(1.3, 0.1))
     assert phase.velocity.dtype == single
-    assert float(phase.velocity) == pytest.approx(0.26, rel=1e-4)
+    assert double.velocity.dtype == np.float64
+    assert float(phase.velocity) == pytest.approx(float(double.velocity), rel=1e-3)
 
 
 def kept_up(cases, within=1e-9, most=400):

@@ -56,7 +56,8 @@ class Problem(NamedTuple):
 
         Through sines and squares, so that at a bound the derivative is 0.
         """
-        angles, sizes, log_bound = jnp.split(search.free, [search.impacts.size, -1])
+        parts = [search.impacts.size, search.free.size - 1]  # JAX 0.10 does not count backwards
+        angles, sizes, log_bound = jnp.split(search.free, parts)
         weight = jnp.sin(sizes)
         if self.goal == "smallest total":
             counted = jnp.where(jnp.arange(sizes.size) < search.count, sizes, 0)
