@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 
 from ..ground_motion import Pulse, Record, padded, room_for
 from .taylor import Coefficients, evaluate, sine_cosine
@@ -36,8 +37,8 @@ class PulseInput(eqx.Module):
     @classmethod
     def of(cls, kind: type[Pulse], dtype: Any) -> "PulseInput":
         """The input for pulses of a kind."""
-        harmonic = jax.tree.map(lambda part: jnp.asarray(part, dtype), kind.harmonic)
-        return cls(harmonic, jnp.asarray(kind.extremes[-1], dtype), jnp.asarray(1, jnp.int32))
+        harmonic = jax.tree.map(lambda part: np.asarray(part, dtype), kind.harmonic)
+        return cls(harmonic, np.asarray(kind.extremes[-1], dtype), np.asarray(1, np.int32))
 
     def rate(self, length: Any) -> Any:
         """Rate of the phase in time, for intervals of a length."""

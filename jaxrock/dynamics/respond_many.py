@@ -28,7 +28,7 @@ from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
 from .taylor import materialized
 
 _LANES = 64  # on a processor
-_ROOMS = (512, 4096)  # for the queue, on a processor
+_ROOMS = (1024, 4096)  # for the queue, on a processor
 _STEPS = 4  # between two refills of the lanes
 # Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
 # samples keep the steps short.
@@ -354,7 +354,8 @@ def respond_batch(
     def on_device(k: int) -> BatchResponse:
         part = rows[:, k * share : (k + 1) * share]
         count = part.shape[1]
-        queue = np.pad(part, ((0, 0), (0, room - count)), constant_values=1)
+        queue = np.ones((len(rows), room), dtype)
+        queue[:, :count] = part
         placed = jax.device_put((ground, queue), devices[k % len(devices)])
         result = march(
             *placed, count, tolerance, form=form, model=model, lanes=lanes, order=order, parts=parts
