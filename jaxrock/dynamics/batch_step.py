@@ -75,7 +75,8 @@ class Case(NamedTuple):
         )
         needed = equation.tangent / jnp.abs(strength)
         rate = rate * unit
-        uplifts = ground.uplifts(rate, needed)
+        # By rounding alone no block is lifted, as in `uplift`.
+        uplifts = ground.uplifts(rate, needed * (1 + negligible(rate.dtype)))
         if ground.vertical:
             needed = needed / (1 + equation.tangent)
         pulse = isinstance(ground, PulseInput)

@@ -29,7 +29,7 @@ from .taylor import materialized
 
 _LANES = 64  # on a processor
 _ROOMS = (1024, 4096)  # for the queue, on a processor
-_STEPS = 4  # between two refills of the lanes
+_STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
 # Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
 # samples keep the steps short.
 _ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10), (0, 14)))
@@ -153,7 +153,7 @@ def _march(
     def steps(progress: _Progress) -> _Progress:
         case = progress.case
         _, lanes = jax.lax.while_loop(
-            lambda state: state[0] < _STEPS,
+            lambda state: state[0] < _STEPS[type(ground)],
             lambda state: (
                 state[0] + 1,
                 take_step(state[1], case, ground, tolerance, order, parts),
