@@ -383,7 +383,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
             ("critical", "--record", "example", "--along", "amplitude"),
             "amplitude goes with a pulse",
         ),
-        (("sensitivity", "--swing", 1), "swing must be less than 1, got 1"),
+        (("sensitivity", "--relative-change", 1), "relative_change must be less than 1, got 1"),
         (("sensitivity", "--amplitude", 3), "amplitude goes with a pulse or a record only"),
         (("sensitivity", *SINE, "--amplitude", 9, "--intensity", 1), "intensity goes with"),
         (("tradeoff", "--scale", 2), "scale goes with a pulse or a record only"),
@@ -394,7 +394,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
         (("assess", "--width", 0.8, "--out", "x"), "--out"),
         (("critical", "--record", "example", "--along", "restitution"), "values must be given"),
         (("sensitivity", "--intensity", 5), "does not exist here: the block overturns"),
-        (("sensitivity", "--swing", 0), "swing must be finite and greater than 0"),
+        (("sensitivity", "--relative-change", 0), "relative_change must be finite and greater"),
         (("sensitivity", "--record", "example", "--answer", "period"), "answer must be rotation"),
     ],
 )

@@ -88,7 +88,7 @@ def scatter():
 
 
 @pytest.fixture(scope="module")
-def swing():
+def bars():
     ranges = {"slenderness": (4.0, 6.0), "intensity": (0.1, 0.4)}
     return jr.tornado(jr.rotation_ratio, WALL, ranges)
 
@@ -138,7 +138,7 @@ def looks_of(ax):
 
 
 @pytest.fixture(scope="module")
-def calls(spectrum, response, boundaries, rocking, scatter, swing):
+def calls(spectrum, response, boundaries, rocking, scatter, bars):
     """A call of every function that takes axes, and the number of entries in its legend."""
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
     samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
@@ -159,7 +159,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, swing):
         plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 2),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 0),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
-        plot_tornado: (lambda ax: plot_tornado(swing, ax, "rotation ratio [-]"), 2),
+        plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 10),
         plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
     }
@@ -499,14 +499,14 @@ def test_overturning_map(boundaries):
     assert one.get_xlim() == pytest.approx((1.9, 2.1))
 
 
-def test_tornado(swing):
-    ax = plot_tornado(swing, label="rotation ratio [-]")
+def test_tornado(bars):
+    ax = plot_tornado(bars, label="rotation ratio [-]")
     assert ax.get_xlabel() == "rotation ratio [-]"
     names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == [name.replace("_", " ") for name in swing.names]
+    assert names == [name.replace("_", " ") for name in bars.names]
     ends = [bar.get_x() + bar.get_width() for bar in ax.patches]
-    answers = np.append(swing.at_low, swing.at_high)
-    np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=swing.value), rtol=1e-6)
+    answers = np.append(bars.at_low, bars.at_high)
+    np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=bars.value), rtol=1e-6)
     texts = {text.get_text(): text for text in ax.texts}
     assert set(texts) == {"0.1", "0.4: no answer", "4", "6"}
     # The bar to the low end points to the left, what has none stands to the right.

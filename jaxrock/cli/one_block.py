@@ -217,7 +217,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     sensitivity.csv and tornado.png, and without a pulse or record map.png: the elasticity to
     the restitution over slenderness and restitution.
 
-    Example: jaxrock sensitivity --answer rotation-ratio --swing 0.1
+    Example: jaxrock sensitivity --answer rotation-ratio --relative-change 0.1
     """
 
     answer: Literal[
@@ -228,7 +228,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
     model: ModelName | None = None
     """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
-    swing: float = 0.1  # Part of itself by which each number is lowered and raised in the tornado.
+    relative_change: float = 0.1  # Share by which the tornado lowers and raises numbers.
     coefficient_of_variation: float = 0.05  # Coefficient of variation of each number.
     out: Path = Path("sensitivity")
 
@@ -238,9 +238,9 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         at = {"half_width": float(block.half_width), "slenderness": float(block.slenderness)}
         at["restitution"] = self.coefficient
         check("intensity", self.intensity, NON_NEGATIVE)
-        check("swing", self.swing, POSITIVE)
-        if self.swing >= 1:
-            raise ValueError(f"swing must be less than 1, got {self.swing:g}")
+        check("relative_change", self.relative_change, POSITIVE)
+        if self.relative_change >= 1:
+            raise ValueError(f"relative_change must be less than 1, got {self.relative_change:g}")
         check("coefficient_of_variation", self.coefficient_of_variation, POSITIVE)
         if not self.shaken:
             return at | {"intensity": self.intensity}
@@ -291,22 +291,22 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         slopes = sensitivities(self._question, at)
         if not math.isfinite(slopes.value):
             raise ValueError(f"answer {self.answer} does not exist here: the block overturns")
-        low, high = 1 - self.swing, 1 + self.swing
+        low, high = 1 - self.relative_change, 1 + self.relative_change
         ranges = {name: (value * low, value * high) for name, value in at.items()}
         ranges["restitution"] = (at["restitution"] * low, min(at["restitution"] * high, 1.0))
-        swings = tornado(self._question, at, ranges)
+        bars = tornado(self._question, at, ranges)
         samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
         variation = dict.fromkeys(at, self.coefficient_of_variation)
         scatter = propagate(self._question, at, variation, samples)
         columns = {"value": slopes.at, "slope": slopes.gradient, "elasticity": slopes.elasticity}
         table = pandas.DataFrame(columns, index=pandas.Index(slopes.names, name="quantity"))
         for name in ("low", "high", "at_low", "at_high"):
-            table[name] = pandas.Series(getattr(swings, name), swings.names)
+            table[name] = pandas.Series(getattr(bars, name), bars.names)
         table["share_of_variance"] = pandas.Series(scatter.shares)
         table = table.reset_index()
         table.to_csv(folder / "sensitivity.csv", index=False, na_rep="nan")
         label = self.answer.replace("-", " ")
-        picture(plot_tornado(swings, label=label), folder / "tornado.png")
+        picture(plot_tornado(bars, label=label), folder / "tornado.png")
         if not self.shaken:
             self._draw_map(at, folder / "map.png", label)
         text = (
@@ -321,7 +321,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return Answer(text, data | {"rows": table.to_dict("records")})
 
     def _draw_map(self, at: dict[str, float], path: Path, label: str) -> None:
-        """The elasticity to the restitution over restitution and slenderness."""
+        """The elasticity with respect to the restitution, over restitution and slenderness."""
         import xarray
 
         from ..plot import plot_sensitivity_map
@@ -333,7 +333,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         value, slope = value_and_slopes(question)(c[:, None], slenderness[None])
         elasticity = np.where(np.isfinite(value), slope * c[:, None] / value, np.nan)
         axes = [("restitution", c), ("slenderness", slenderness)]
-        named = {"units": "1", "long_name": f"elasticity of {label} to the restitution"}
+        named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}
         picture(plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named)), path)
 
 

@@ -179,8 +179,8 @@ def _advance(
     stuck = ~done & ~repeats & ~found & ~(until > elapsed)
     y, wanted = jnp.where(stuck, jnp.nan, y), jnp.where(goes_on, wanted, 0)
     done, steps = done | stuck, flight.steps + 1
-    kept = step.solver_state, flight.solver_state
-    solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *kept)
+    states = step.solver_state, flight.solver_state
+    solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *states)
     return Flight(elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state)
 
 

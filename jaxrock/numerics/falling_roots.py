@@ -45,7 +45,7 @@ class Scan(NamedTuple):
 
     @classmethod
     def beginning(cls, trial: Reals) -> "Scan":
-        """Before the first sample, above what counts as ABOVE, below which no root hides."""
+        """Before the first sample, at `trial`; at 0 the function counts as above 0."""
         zero, count = jnp.zeros_like(trial), jnp.zeros((), int)
         above = Sample(zero, zero, zero, count + ABOVE)
         return cls(trial, above, above, above, count - 1, count)

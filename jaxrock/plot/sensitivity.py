@@ -1,4 +1,4 @@
-"""What an answer depends on: swings, maps of slopes, scatter."""
+"""What an answer depends on: tornado, maps of slopes, scatter."""
 
 import numpy as np
 import xarray

@@ -73,7 +73,8 @@ def filled(
 
     `variables` have dimensions, a type and attributes; an axis that is no dimension of theirs
     becomes a scalar coordinate. `compute` takes the values along each axis in a chunk, and
-    returns an array over all axes for each variable. So many chunks are begun `ahead`.
+    returns an array over all axes for each variable. While one chunk is stored, the next ones, as
+    many as `ahead`, are already being computed.
     """
     used = {dim for dims, _, _ in variables.values() for dim in dims}
     coordinates = {
