@@ -109,3 +109,20 @@ def binary_power(y: Reals, dtype: Any) -> Reals:
         return jax.lax.bitcast_convert_type(bits.astype(jnp.int64) << 32, dtype)
     bits = ((jnp.clip(y, -120, 120) + 127) * 2.0**23).astype(jnp.int32)
     return jax.lax.bitcast_convert_type(bits, dtype)
+
+
+def accurate_step(c: tuple[Reals, ...], tolerance: Any) -> Reals:
+    """The longest step in which the last two terms are small beside the largest of the first.
+
+    Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
+    power is the whole motion.
+    """
+    order = len(c) - 1
+    log = [binary_logarithm(part) for part in jax.lax.stop_gradient(c)]
+    allowed = jnp.log2(tolerance).astype(jnp.float32)
+
+    def length(last: int) -> Any:
+        terms = ((log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1)))
+        return jax.tree.reduce(jnp.maximum, list(terms))
+
+    return binary_power(jnp.minimum(length(order), length(order - 1)), c[0].dtype)
