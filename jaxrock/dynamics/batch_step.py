@@ -24,6 +24,7 @@ from .taylor import (
     evaluate,
     materialized,
     rotation_series,
+    sine_cosine,
 )
 
 
@@ -80,7 +81,7 @@ class Case(NamedTuple):
             equation=equation,
             on_ground=(angle, jnp.ones_like(angle))
             if isinstance(model, Linearized)
-            else (jnp.sin(angle), jnp.cos(angle)),
+            else sine_cosine(angle),
             unit=unit,
             longest=LONGEST / (natural * unit),
             restitution=restitution,

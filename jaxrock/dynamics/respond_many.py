@@ -6,7 +6,6 @@ block, so that none waits for a block with many impacts.
 
 import functools
 import math
-import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Motion, Pulse, Record
-from ..host import listed, mapped
+from ..host import listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
@@ -30,6 +29,7 @@ from .taylor import materialized
 _LANES = 64  # on a processor
 _ROOMS = (1024, 4096)  # for the queue, on a processor
 _STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
+_ALONE = {PulseInput: 512, RecordInput: 16}  # blocks that one thread follows as fast as two
 # Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
 # samples keep the steps short.
 _ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10), (0, 14)))
@@ -114,10 +114,7 @@ def _march(
     queue = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
     dtype, size = queue.duration.dtype, queue.duration.size
     valid = queue.valid()
-    # Those that are lifted most easily, and so move longest, go first.
-    effort = queue.equation.tangent / jnp.abs(queue.strength)
-    ranked = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
-    sorted_queue = jax.tree.map(lambda leaf: leaf[ranked], queue.for_steps())
+    queued = queue.for_steps()
 
     def refilled(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
@@ -142,9 +139,7 @@ def _march(
         def replaced(new: Any, old: Any) -> Any:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(
-            lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), sorted_queue
-        )
+        next_case = jax.tree.map(lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queued)
         case = jax.tree.map(replaced, next_case, case)
         fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case.trail)
         lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
@@ -165,13 +160,12 @@ def _march(
     begin = _Progress(
         Lanes.at_rest(jnp.full(lanes, ground.intervals, jnp.int32), dtype),
         jnp.full(lanes, size, jnp.int32),
-        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), sorted_queue),
+        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queued),
         jnp.zeros((), jnp.int32),
         jnp.zeros((size + 1, 7), dtype),
     )
     *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
-    results = jnp.zeros_like(results[:-1]).at[ranked].set(results[:-1], unique_indices=True)
-    peak, rotation, velocity, end_rotation, end_velocity, impacts, finished = results.T
+    peak, rotation, velocity, end_rotation, end_velocity, impacts, finished = results[:-1].T
     complete = valid & (finished > 0)
     before_impact, after_impact = free_motion_margins(
         queue.equation, queue.restitution, end_rotation, end_velocity
@@ -342,12 +336,14 @@ def respond_batch(
         named = isinstance(default, str)
         devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
-    workers = (os.cpu_count() or 1) if on_processor else len(devices)
-    share = max(-(-size // workers), 1)
+    workers = processors() if on_processor else len(devices)
+    share = max(-(-size // workers), _ALONE[type(ground)] if on_processor else 1)
     room, lanes = 1 << (share - 1).bit_length(), share
     if on_processor:
         # Few different shapes, so that few programs are compiled.
-        share, lanes = min(_ROOMS[-1], share), _LANES
+        # All processors have equal shares.
+        share = max(-(-share // -(-share // _ROOMS[-1])), 1)
+        lanes = _LANES
         room = next(room for room in _ROOMS if share <= room)
     march = _compiled(devices[0].platform)
 
@@ -356,7 +352,9 @@ def respond_batch(
         count = part.shape[1]
         queue = np.ones((len(rows), room), dtype)
         queue[:, :count] = part
-        placed = jax.device_put((ground, queue), devices[k % len(devices)])
+        placed = ground, queue
+        if len(devices) > 1 or not on_processor:
+            placed = jax.device_put(placed, devices[k % len(devices)])
         result = march(
             *placed, count, tolerance, form=form, model=model, lanes=lanes, order=order, parts=parts
         )
