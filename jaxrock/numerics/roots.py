@@ -69,7 +69,9 @@ def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Bracke
     change = (case[1:] == case[:-1]) & ((margin[1:] < 0) != (margin[:-1] < 0))
     left = np.flatnonzero(change & complete[case[:-1]])
     count = np.bincount(case[left], minlength=cases)
-    ends = _with_neighbour(left, lambda at: np.append(case, -1)[at.clip(-1, case.size)] == case[left], np)
+    ends = _with_neighbour(
+        left, lambda at: np.append(case, -1)[at.clip(-1, case.size)] == case[left], np
+    )
     return Brackets(
         case=case[left],
         column=np.arange(left.size) - (np.cumsum(count) - count)[case[left]],
