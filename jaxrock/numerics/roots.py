@@ -27,8 +27,8 @@ class Brackets(NamedTuple):
     case: Any  # index of the case that a pair belongs to
     column: Any  # index among the pairs of that case
     valid: Any  # False if a pair only fills the list, which has a fixed length when traced
-    ends: tuple[Any, Any, Any]  # and a value beyond the first of them, or the second once more
-    margins: tuple[Any, Any, Any]
+    ends: tuple[Any, ...]  # and a value beyond the first of them, or the second once more
+    margins: tuple[Any, ...]
     count: Any  # number of sign changes of each case
     negative_first: Any
     complete: Any
@@ -170,8 +170,8 @@ def brackets_traced(
 class _Iterate(NamedTuple):
     """Three values and their margins; the sign changes between the first two."""
 
-    x: tuple[Any, Any, Any]
-    f: tuple[Any, Any, Any]
+    x: tuple[Any, ...]
+    f: tuple[Any, ...]
     tolerance: Any
 
     def converged(self) -> Any:
