@@ -111,7 +111,7 @@ def binary_power(y: Reals, dtype: Any) -> Reals:
     return jax.lax.bitcast_convert_type(bits, dtype)
 
 
-def accurate_step(c: tuple[Reals, ...], tolerance: Any) -> Reals:
+def accurate_step(c: tuple[Any, ...], tolerance: Any) -> Reals:
     """The longest step in which the last two terms are small beside the largest of the first.
 
     Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
