@@ -70,8 +70,8 @@ NABESHIMA = (
     "double impulse as in Nabeshima, Taniguchi, Kojima and Takewaki 2016, Front. Built Environ. "
     "2:9: V_c = 2 sin(alpha_c / 2) sqrt(4 g R / 3) / (cos(alpha_c) (1 + C))"
 )
-_CONVERGED = "adaptive Runge-Kutta pairs at rtol 1e-11 and Taylor polynomials of order 10"
-_BOUNDARY = "zero of the margin by Taylor polynomials of order 8, spread to that of order 10"
+_CONVERGED = "adaptive Runge-Kutta pairs at rtol 1e-11 and Taylor polynomials at rtol 1e-13"
+_BOUNDARY = "zero of the margin by Taylor polynomials at rtol 1e-9, spread to that at 1e-13"
 _AROUND = np.array([1 - 1e-5, 1 + 1e-5])
 
 Row = dict[str, Any]
@@ -390,7 +390,7 @@ def _amplitudes(
     for k, sentence in enumerate(what):
         near = values[k] * _AROUND
         pulses = PULSES[shape](near, duration)
-        margins = respond_batch(block, c, pulses, model=model, order=10).margin
+        margins = respond_batch(block, c, pulses, model=model, rtol=1e-13).margin
 
         rows.append(
             _row(
@@ -592,7 +592,7 @@ def _driven(
         )
         how = "adaptive Runge-Kutta pairs of order 5 at rtol 1e-11 and of order 8 at 1e-10"
     else:
-        other = respond_batch(block, c, motion, time, model=model, order=10)
+        other = respond_batch(block, c, motion, time, model=model, rtol=1e-13)
         how = _CONVERGED
     strength: dict[str, Any] = {}
     if isinstance(motion, Pulse):
@@ -727,7 +727,7 @@ def _critical_scale(block: Block, c: float, motion: Record, file: str) -> Row:
     found = overturning_boundaries(block, c, motion, "factor", np.linspace(1.0, 4.0, 61))
     value = float(found.value[0])
 
-    margins = respond_batch(block, c, motion.scaled(value * _AROUND), order=10).margin
+    margins = respond_batch(block, c, motion.scaled(value * _AROUND), rtol=1e-13).margin
     return _row(
         "piece-critical_scale",
         "record",
@@ -794,7 +794,7 @@ def _driven_derivatives(motions: Motions) -> Iterator[Row]:
         under_wavelet,
         {"half_width": 0.25, "slenderness": 5.0, "restitution": 0.85, "amplitude": 3.2},
         {"input": "ricker", "duration": 0.7, "time": end},
-        how="Taylor polynomials of order 8, differentiated",
+        how="Taylor polynomials at rtol 1e-9, differentiated",
     )
 
     def under_piece(restitution: Any, scale: Any) -> Any:
@@ -808,7 +808,7 @@ def _driven_derivatives(motions: Motions) -> Iterator[Row]:
         under_piece,
         {"restitution": 0.6, "scale": 1.0},
         {"input": "file", "file": "piece.csv", "time": float(piece.end)},
-        how="Taylor polynomials of order 8, differentiated",
+        how="Taylor polynomials at rtol 1e-9, differentiated",
     )
 
     def edge(restitution: Any, duration: Any) -> Any:

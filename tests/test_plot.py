@@ -170,7 +170,7 @@ def tradeoff_table():
     rows = [
         {
             **{"label": "", "level": "batch", "bits": 64, "batch": 10**k, "solver": "-"},
-            **{"tolerance": np.nan, "order": 8, "default": k == 2},
+            **{"tolerance": np.nan, "default": k == 2},
             **{"error": 10.0 ** (-k), "seconds": 10.0 ** (k - 9)},
             **{"spread": 0.1, "compilation": 1.0},
         }

@@ -30,7 +30,6 @@ def table():
             "batch": batch,
             "solver": solver,
             "tolerance": np.nan,
-            "order": 0,
             "default": bool(default),
             "error": error,
             "seconds": seconds,

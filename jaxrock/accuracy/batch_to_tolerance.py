@@ -1,11 +1,11 @@
-"""Driven motion of many blocks to a tolerance: each at the order that it needs."""
+"""Driven motion of many blocks to a tolerance, and which of them keep it."""
 
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ..block import Block
 from ..dynamics import BatchResponse, respond_batch
@@ -14,16 +14,10 @@ from ..host import listed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
 
-ORDERS = (4, 6, 8, 10)
-# The order that the others are compared with. One and the next may be off by the same, by
-# chance: 4 and 6 were so twice in a thousand short pulses, so no two neighbours are compared.
-_MAIN = 8
-_SAFETY = 1.25  # an order is off by what a higher one differs by, and by the error of that one
-# In units of eps: what rounding amounts to, as a slip of the input, and the tolerance below
-# which it counts, too, after the impacts have amplified it.
-_ROUNDING, _DELICATE = 64, 2**32
-# The error that no order gets below: pulses are taken as quintics.
-_FLOORS = {Record: 1e-12, Pulse: 1e-9}
+# Tolerances on offer, by the number of bits.
+TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
+_SAFETY = 1.25  # an answer is off by what a better one differs by, and by the error of that one
+_ROUNDING = 64  # what rounding of the input amounts to, in eps
 
 
 class EstimatedResponse(eqx.Module):
@@ -32,28 +26,28 @@ class EstimatedResponse(eqx.Module):
     Attributes
     ----------
     response : BatchResponse
-        At the order of each block.
-    order : Array of int
-        Of the Taylor polynomials: 8, or 10 where that was needed to keep the tolerance.
+        At the tolerance of each block.
+    rtol : Array
+        That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
-        Estimated bound on the relative error of the peak rotation: the difference to a lower
-        order (for tolerances below 1e-6 also that due to rounding, amplified by the impacts),
-        and at least 1e-9 under a pulse; inf where the other order has another outcome.
-    cheapest : Array of int
-        The lowest order that keeps the tolerance, too: cheaper, next time.
+        Estimated bound on the relative error of the peak rotation: the difference to a looser
+        tolerance under an input that is off by rounding, and at least `rtol`; inf where that has
+        another outcome.
+    cheapest : Array
+        The loosest tolerance that is good enough: cheaper, next time.
     within_tolerance : Array of bool
         Whether the error is within the tolerance. Where it is not, the response is chaotic,
         or the precision cannot deliver it.
     """
 
     response: BatchResponse
-    order: Int[Array, "..."]
+    rtol: Float[Array, "..."]
     error: Float[Array, "..."]
-    cheapest: Int[Array, "..."]
+    cheapest: Float[Array, "..."]
     within_tolerance: Bool[Array, "..."]
 
     def __str__(self) -> str:
-        return f"{self.response}\n{listed(self, order='', error='', within_tolerance='')}"
+        return f"{self.response}\n{listed(self, rtol='', error='', within_tolerance='')}"
 
 
 def respond_within(
@@ -65,7 +59,7 @@ def respond_within(
     *,
     model: ModelLike = Nonlinear(),
 ) -> EstimatedResponse:
-    """Response of many blocks, each at two orders or more, and how well these agree.
+    """Response of many blocks, each at two tolerances or three, and how well these agree.
 
     Parameters
     ----------
@@ -85,12 +79,10 @@ def respond_within(
 
     Notes
     -----
-    The estimate covers what depends on the order: the truncation of the Taylor polynomials and
-    of the times of impacts found from them, as it grows through the impacts, and, for
-    tolerances below 1e-6, rounding of the input. It cannot see what all orders have in common:
-    the model itself, the quintics that stand for a pulse (for which the error is at least 1e-9),
-    and the rule by which a block comes to rest. The tests compare it with an integrator of
-    another kind.
+    The estimate covers what depends on the tolerance: the truncation of the Taylor polynomials and
+    of the times of impacts found from them, and rounding of the input, as they grow through
+    the impacts. It cannot see what all tolerances have in common: the model itself, and the rule
+    by which a block comes to rest. The tests compare it with an integrator of another kind.
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     restitution = as_real("restitution", restitution)
@@ -98,43 +90,44 @@ def respond_within(
         duration = as_real("duration", duration)
     arguments = (blocks, restitution, motion, duration)
     model = as_model(model)
-    main = respond_batch(*arguments, model=model, order=_MAIN)
+    precision = np.finfo(np.result_type(*(leaf.dtype for leaf in jax.tree.leaves(arguments))))
+    levels = TOLERANCES[precision.bits]
+    first = min(sum(level > tolerance for level in levels), len(levels) - 2)
+    slip = 1 + _ROUNDING * float(precision.eps)
+    looser = respond_batch(
+        blocks, restitution, motion.scaled(slip), duration, model=model, rtol=levels[first]
+    )
+    main = respond_batch(*arguments, model=model, rtol=levels[first + 1])
     shape = main.complete.shape
-    eps = float(np.finfo(main.margin.dtype).eps)
-    floor = next(least for kind, least in _FLOORS.items() if isinstance(motion, kind))
-    floor = max(floor, _ROUNDING * eps)
-    best = jax.tree.map(lambda leaf: np.array(leaf).reshape(-1), main)
-    order = np.full(best.complete.shape, _MAIN)
-    cheapest = np.full(best.complete.shape, ORDERS[-1])
-    error = np.full(best.complete.shape, np.inf)
-    rounding = np.zeros(best.complete.shape)
-    for other in (order for order in ORDERS if order != _MAIN):
-        (open_,) = np.nonzero(error > tolerance)
-        if not open_.size:
-            break
-        part = _part(arguments, shape, open_)
-        before = jax.tree.map(lambda leaf, k=open_: leaf[k], best)
-        after = _run(part, model, other)
-        if other == ORDERS[0] and tolerance < _DELICATE * eps:
-            block, c, shaking, end = part
-            slipped = block, c, shaking.scaled(1 + _ROUNDING * eps), end
-            rounding[open_] = _difference(before, _run(slipped, model, _MAIN))
-        difference = np.maximum(_difference(before, after), rounding[open_])
-        error[open_] = np.maximum(_SAFETY * difference, floor)
-        cheapest[open_] = np.where(error[open_] <= tolerance, min(other, _MAIN), ORDERS[-1])
-        if other > _MAIN:
-            order[open_] = other
-            for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
-                leaf[open_] = new
-    result = (best, order, error, cheapest, (error <= tolerance) & best.complete)
+    best, looser = (
+        jax.tree.map(lambda leaf: np.array(leaf).reshape(-1), each) for each in (main, looser)
+    )
+
+    def bound(before: BatchResponse, after: BatchResponse, rtol: float) -> np.ndarray:
+        # Both may be better than they were asked to be, and equally so.
+        return np.maximum(_SAFETY * _difference(before, after), max(rtol, slip - 1))
+
+    error = bound(looser, best, levels[first + 1])
+    rtol, cheapest = (np.full(error.shape, level) for level in (levels[first + 1], levels[-1]))
+    cheapest[error <= tolerance] = levels[first]
+    (open_,) = np.nonzero(error > tolerance)
+    if open_.size and first + 2 < len(levels):
+        block, c, shaking, end = part = _part(arguments, shape, open_)
+        before = _run((block, c, shaking.scaled(slip), end), model, levels[first + 1])
+        after = _run(part, model, levels[-1])
+        error[open_], rtol[open_] = bound(before, after, levels[-1]), levels[-1]
+        cheapest[open_[error[open_] <= tolerance]] = levels[first + 1]
+        for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
+            leaf[open_] = new
+    result = (best, rtol, error, cheapest, (error <= tolerance) & best.complete)
     return EstimatedResponse(
         *jax.device_put(jax.tree.map(lambda leaf: leaf.reshape(shape), result))
     )
 
 
-def _run(part: tuple[Any, ...], model: RockingModel, order: int) -> BatchResponse:
+def _run(part: tuple[Any, ...], model: RockingModel, rtol: float) -> BatchResponse:
     """The responses of a flat part of a batch."""
-    response = respond_batch(*part, model=model, order=order)
+    response = respond_batch(*part, model=model, rtol=rtol)
     return jax.tree.map(lambda leaf: np.broadcast_to(leaf, part[1].shape), response)
 
 

@@ -15,7 +15,7 @@ from ..ground_motion import Pulse, Record
 from ..host import listed
 from ..resonance import Scene
 from ..validation import POSITIVE, Number, Reals, check
-from .batch_to_tolerance import ORDERS, respond_within
+from .batch_to_tolerance import TOLERANCES, respond_within
 from .model_errors import Answers, ModelError, model_error
 
 
@@ -25,11 +25,11 @@ class Setting:
 
     level: str  # linearized, nonlinear, pulsed, batch or adaptive
     bits: int
-    order: int = 0  # of the batch
+    rtol: float = 0.0  # of the batch
 
     def __str__(self) -> str:
-        order = f" of order {self.order}" if self.order else ""
-        return f"{self.level}{order} in float{self.bits}"
+        rtol = f" at rtol {self.rtol:g}" if self.rtol else ""
+        return f"{self.level}{rtol} in float{self.bits}"
 
 
 # From the cheapest on, as `measure_tradeoff` finds them.
@@ -52,7 +52,7 @@ class Choice(eqx.Module):
     tolerance : float
         The relative tolerance.
     settings : tuple of Setting
-        All that were on offer, from the cheapest on: level, bits, and order of the batch.
+        All that were on offer, from the cheapest on: level, bits, and rtol of the batch.
     reasons : tuple of str
         Of a single scene, what each simplification costs.
     """
@@ -98,7 +98,7 @@ def choose(
     shape: type[Pulse] | None = None,
     duration: Number = 0.0,
 ) -> Choice:
-    """The cheapest level of fidelity, precision and order that keep a tolerance.
+    """The cheapest level of fidelity, precision and tolerance of steps that keep a tolerance.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def choose(
     Notes
     -----
     The setting for a `Scene` follows from `model_error`, before anything is computed under
-    pulses of finite duration. That for a `DrivenScene` follows from a trial at orders 4, 6 and 8,
-    and 10 if needed, which is the cheapest there is; the error of an order shows in the next.
+    pulses of finite duration. That for a `DrivenScene` follows from a trial, `respond_within`; the
+    error at a tolerance shows at the next one.
     On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own precision.
 
     Examples
@@ -142,7 +142,7 @@ def choose(
     if isinstance(scene, DrivenScene):
         if shape is not None:
             raise ValueError("shape goes with a Scene; the motion of a DrivenScene has its own")
-        return _choose_order(scene, tolerance)
+        return _choose_rtol(scene, tolerance)
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene or a DrivenScene, got {scene!r:.60}")
     wide = jnp.result_type(float) == jnp.float64
@@ -185,18 +185,19 @@ def _reasons(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
     return tuple(lines)
 
 
-def _choose_order(scene: DrivenScene, tolerance: float) -> Choice:
+def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     motion = scene.motion
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got a {type(motion).__name__}")
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
-    index = jnp.asarray(np.searchsorted(ORDERS, within.cheapest))
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
+    levels = np.array(TOLERANCES[bits])
+    index = jnp.asarray((np.asarray(within.cheapest)[..., None] < levels).sum(axis=-1))
     return Choice(
         index,
         within.error,
         within.within_tolerance,
         tolerance,
-        tuple(Setting("batch", bits, order) for order in ORDERS),
-        () if index.ndim else (f"the next order differs by {float(within.error):.1e}",),
+        tuple(Setting("batch", bits, level) for level in levels.tolist()),
+        () if index.ndim else (f"a better one differs by {float(within.error):.1e}",),
     )

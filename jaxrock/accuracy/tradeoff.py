@@ -1,7 +1,7 @@
 """Speed against accuracy, measured on the machine at hand.
 
 A work-precision diagram shows error against time. The dials are the level of fidelity, the
-precision, the size of the batch and its order, the adaptive solver and its tolerance. Errors are
+precision, the size of the batch, the adaptive solver, and the tolerance of both. Errors are
 relative to the nonlinear closed form where there is one, and else to the adaptive integrator at
 a tolerance so strict that a stricter one changes nothing.
 """
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     import xarray
 
 _SAMPLE = 8  # scenes by which errors are taken
-_ORDERS = (*((64, order) for order in (3, 4, 5, 6, 8, 10, 12)), (32, 4), (32, 6))
 _TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-11)
+_BATCH = (*((64, rtol) for rtol in (*_TOLERANCES, 1e-13)), (32, 1e-3), (32, 1e-5))
 _ADAPTIVE = (
     *((64, solver, rtol) for solver in ("Tsit5", "Dopri8") for rtol in _TOLERANCES),
     *((32, "Tsit5", rtol) for rtol in (1e-3, 1e-4, 1e-5)),
@@ -64,15 +64,15 @@ class _Dials:
     batch: int = 1
     solver: str = "-"
     tolerance: float = math.nan
-    order: int = 0
     default: bool = False
 
     @property
     def label(self) -> str:
         """The setting in words, without the size of the batch."""
         parts = [self.level, f"float{self.bits}"]
-        parts += [self.solver, f"rtol {self.tolerance:.0e}"] if self.solver != "-" else []
-        return ", ".join(parts + ([f"order {self.order}"] if self.order else []))
+        parts += [self.solver] if self.solver != "-" else []
+        parts += [f"rtol {self.tolerance:.0e}"] if self.tolerance > 0 else []
+        return ", ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ class Tradeoff:
     Attributes
     ----------
     dataset : xarray.Dataset
-        Along the dimension setting the variables label, level, solver, tolerance, order, bits,
-        batch, default, error, seconds (per answer, median), spread (relative, between the
+        Along the dimension setting the variables label, level, solver, tolerance, bits, batch,
+        default, error, seconds (per answer, median), spread (relative, between the
         quartiles), compilation (seconds), behind (time over that of the fastest setting of the
         same batch that is no less accurate) and front: 1 where that is the setting itself.
         `front_of_level` compares within the level of fidelity.
@@ -238,9 +238,9 @@ def _settings(scene: Scene | DrivenScene) -> list[_Dials]:
         for setting, size in itertools.product(CLOSED, sizes):
             default = not driven and setting == CLOSED[0]  # in JAX's own precision
             table.append(_Dials(setting.level, setting.bits, size, default=default))
-    for (bits, order), size in itertools.product(_ORDERS if driven else (), sizes):
-        default = (bits, order, size) == (64, 8, sizes[-1])
-        table.append(_Dials("batch", bits, size, order=order, default=default))
+    for (bits, rtol), size in itertools.product(_BATCH if driven else (), sizes):
+        default = (bits, rtol, size) == (64, 1e-9, sizes[-1])
+        table.append(_Dials("batch", bits, size, tolerance=rtol, default=default))
     for bits, solver, rtol in _ADAPTIVE:
         default = (bits, solver, rtol) in ((64, "Tsit5", 1e-8), (32, "Tsit5", 1e-5))
         table.append(_Dials("adaptive", bits, 1, solver, rtol, default=default))
@@ -254,7 +254,7 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
     if isinstance(scene, DrivenScene):
         given = scene.block, scene.restitution, scene.motion, duration
         if dials.level == "batch":
-            return respond_batch(*given, order=dials.order).peak_rotation
+            return respond_batch(*given, rtol=dials.tolerance).peak_rotation
         response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
         return np.where(response.overturned, np.nan, response.peak_rotation)
     zero = jnp.zeros_like(scene.restitution)  # after the stabilized half-cycle there is no other

@@ -1,49 +1,55 @@
-"""Many blocks side by side, each at its own pace through the intervals of a `Grid`.
+"""Many blocks side by side, each at its own pace through a ground motion.
 
-Every lane takes a step at a time: by a Taylor polynomial to the end of its interval or, if the
-block lands before, to the impact, which is a root of that polynomial. A block at rest goes
-to the next interval that might lift it. What a lane does depends on no other.
+Every lane takes a step at a time by a Taylor polynomial: as long as its last terms allow, to a
+corner of the input at most, or to the impact, which is a root of that polynomial. A block at
+rest goes to the next time that might lift it. What a lane does depends on no other.
 """
 
-import math
-from operator import sub
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
+from .batch_flight import LONGEST, Flight
+from .batch_input import PulseInput, RecordInput, negligible
 from .equation import Equation
-from .input_intervals import Grid
 from .overturning_criterion import TOPPLED_ROTATION
-from .taylor import Coefficients, derivative, evaluate, materialized, rotation_series
-
-_LONGEST = 0.15  # step times p
-# Part of the critical angle beside which the relative error is taken below order 6: right after
-# uplift the third power is the whole motion, and no step would be short enough.
-_COARSE = 1e-3
+from .taylor import (
+    Coefficients,
+    accurate_step,
+    evaluate,
+    materialized,
+    rotation_series,
+    sine_cosine,
+)
 
 
 class Case(NamedTuple):
-    """What follows from the arguments once for all steps."""
+    """What follows from the arguments once for all steps. Times are in units of `unit`."""
 
     equation: Equation
     on_ground: tuple[Any, Any]  # sine and cosine of the tilt on the ground
-    longest: Any  # step in time
+    unit: Any  # of time
+    longest: Any  # part of a step behind the end of the input
     restitution: Any
     strength: Any  # factor over g
     length: Any  # of an interval
-    frequency: Any  # 1 / length
+    rate: Any  # of the phase of the input
     start: Any
     duration: Any
     first: Any  # interval of the motion
     trail: Any  # of intervals that might lift the block
+    uplifts: tuple[Any, ...]  # times at which a pulse might, and to which side
     finite: Any  # whether the motion is
 
     @classmethod
-    def of(cls, grid: Grid, arguments: tuple[Any, ...], model: RockingModel) -> "Case":
+    def of(
+        cls, ground: PulseInput | RecordInput, arguments: tuple[Any, ...], model: RockingModel
+    ) -> "Case":
         """The case of the arguments of `respond_batch`, elementwise.
 
         `factor` is on the motion (its amplitude or scale), `length` that of an interval, `motion`
@@ -53,25 +59,47 @@ class Case(NamedTuple):
         motion = motion.astype(jnp.int32)
         equation = Equation.of(block, model)
         angle, strength = equation.critical_angle, factor / equation.gravity
+        rate = ground.rate(length)
+        natural = fastest = jnp.sqrt(equation.p_squared)
+        if isinstance(ground, PulseInput):
+            fastest = jnp.maximum(fastest, jnp.abs(rate))
+        # The unit is arbitrary, so that no derivative depends on it.
+        unit = jax.lax.stop_gradient(1 / fastest)
+        equation = eqx.tree_at(
+            lambda e: (e.p_squared, e.critical_velocity),
+            equation,
+            (equation.p_squared * unit * unit, equation.critical_velocity * unit),
+        )
         needed = equation.tangent / jnp.abs(strength)
-        if grid.vertical:
+        rate = rate * unit
+        # By rounding alone no block is lifted, as in `uplift`.
+        uplifts = ground.uplifts(rate, needed * (1 + negligible(rate.dtype)))
+        if ground.vertical:
             needed = needed / (1 + equation.tangent)
+        pulse = isinstance(ground, PulseInput)
         return cls(
             equation=equation,
             on_ground=(angle, jnp.ones_like(angle))
             if isinstance(model, Linearized)
-            else (jnp.sin(angle), jnp.cos(angle)),
-            longest=_LONGEST / jnp.sqrt(equation.p_squared),
+            else sine_cosine(angle),
+            unit=unit,
+            longest=LONGEST / (natural * unit),
             restitution=restitution,
             strength=strength,
-            length=length,
-            frequency=1 / length,
-            start=start,
-            duration=duration,
-            first=motion * grid.room,
-            trail=grid.trail(motion, needed),
-            finite=grid.finite[motion],
+            length=length / unit,
+            rate=rate,
+            start=start / unit,
+            duration=duration / unit,
+            first=motion * (0 if pulse else ground.room),
+            trail=ground.trail(motion, needed),
+            uplifts=uplifts,
+            finite=jnp.isfinite(strength) if pulse else ground.finite[motion],
         )
+
+    def for_steps(self) -> "Case":
+        """What the steps need of it."""
+        equation = eqx.tree_at(lambda e: e.gravity, self.equation, None)
+        return self._replace(equation=equation, unit=None, finite=None)
 
     def valid(self) -> Booleans:
         """Whether all arguments are allowed."""
@@ -106,176 +134,101 @@ class Lanes(NamedTuple):
         fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
         return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
 
-    def active(self, grid: Grid) -> Booleans:
+    def active(self, ground: PulseInput | RecordInput) -> Booleans:
         """Whether the motion goes on."""
-        return self.moves | (self.interval < grid.intervals)
+        return self.moves | (self.interval < ground.intervals)
 
 
-def max_steps(grid: Grid) -> Any:
+def max_steps(ground: PulseInput | RecordInput) -> Any:
     """Largest number of steps of a lane, which bounds the time; reported where it is reached."""
-    return 1000 * jnp.minimum(grid.intervals, 2 * 10**6) + 10**6
+    return 1000 * jnp.minimum(ground.intervals, 2 * 10**6) + 10**6
 
 
-def _tiny(dtype: Any) -> float:
-    """What counts as nothing beside 1."""
-    return 64 * float(jnp.finfo(dtype).eps)
-
-
-def _lift(
-    case: Case, horizontal: Coefficients, lift: Coefficients, step: Any
-) -> tuple[Any, Any, Any]:
-    """Whether a block at rest is lifted within a step, when, and to which side."""
-    tangent = case.equation.tangent
-    needed = (tangent * (1 + _tiny(step.dtype)), *(jnp.zeros_like(step) for _ in horizontal[1:]))
-    if lift:
-        needed = tuple(a + tangent * b for a, b in zip(needed, lift, strict=True))
-    last = evaluate(horizontal, step)
-    at_once = jnp.abs(horizontal[0]) > needed[0]
-    lifted = at_once | (jnp.abs(last) > evaluate(needed, step))
-    side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
-    if lift:
-        # Where the ground falls away, both sides are lifted within the step: the first counts.
-        begin, end = (
-            [one * part - need for one in (1.0, -1.0)]
-            for part, need in ((horizontal[0], needed[0]), (last, evaluate(needed, step)))
-        )
-        first = begin[0] * (end[1] - begin[1]) >= begin[1] * (end[0] - begin[0])
-        both = (end[0] > 0) & (end[1] > 0) & ~at_once
-        side = jnp.where(both, jnp.where(first, 1.0, -1.0), side)
-    excess = tuple(map(sub, (side * part for part in horizontal), needed))
-    rise = evaluate(excess[1:], step)
-    wait = -excess[0] / jnp.where(rise > 0, rise, 1)
-    if len(excess) > 2:
-        for _ in range(3):
-            slope = evaluate(derivative(excess), wait)
-            better = wait - evaluate(excess, wait) / jnp.where(slope > 0, slope, 1)
-            wait = jnp.where(slope > 0, jnp.clip(better, 0, step), wait)
-    return lifted, jnp.where(at_once, 0, wait), side
-
-
-def _accurate(equation: Equation, path: Coefficients, step: Any) -> Any:
-    """The step, or as much of it as the polynomial is accurate for.
-
-    Beside the others, its last term must be at most a tenth of what it is for a free motion in
-    the longest step, since a rough input takes many such steps. The term before it counts too,
-    since every other term may vanish.
-    """
-    order = len(path) - 1
-    allowed = 0.1 * _LONGEST**order / math.factorial(order)
-    path, length, rate = jax.lax.stop_gradient((path, step, jnp.sqrt(equation.p_squared)))
-    sizes = tuple(map(jnp.abs, path))
-    moved = evaluate(sizes, length)
-    if order < 6:
-        moved = moved + _COARSE * jax.lax.stop_gradient(equation.critical_angle)
-    last = (sizes[-1] + sizes[-2] * rate) * length**order
-    excess = last / (allowed * jnp.where(moved > 0, moved, 1))
-    # The length of a step need not be exact: a power in float32 is cheaper. The motion grows
-    # with the third power of the time at most.
-    excess = jnp.maximum(excess, 1).astype(jnp.float32)
-    shorter = length * jnp.exp2(jnp.log2(excess) * (-1 / max(order - 3, 1))).astype(length.dtype)
-    return jnp.where(excess > 1, shorter, step)
-
-
-def _dip_and_peak(slope: Coefficients, step: Any) -> tuple[Any, Any]:
-    """When a rotation is lowest and when highest within a step; `step` where it is at no time.
-
-    The slope vanishes there: from a parabola and one step of Newton's method, which is enough
-    since an extreme value changes little with the time. Only that step has a derivative, which
-    the second derivative of the extreme value needs.
-    """
-    changing = slope
-    slope, step = jax.lax.stop_gradient((slope, step))
-    a, b, c = slope[0], 0.5 * slope[1], slope[2]
-    square, up = b * b - a * c, b > 0
-    root = jnp.sqrt(jnp.maximum(square, 0))
-
-    def improved(above: Any, below: Any) -> Any:
-        time = above / jnp.where(below == 0, 1, below)
-        inside = (square > 0) & (below != 0) & (time > 0) & (time < step)
-        time = jnp.where(inside, time, step)
-        curved = evaluate(derivative(slope), time)
-        better = time - evaluate(changing, time) / jnp.where(curved == 0, 1, curved)
-        return jnp.where(inside & (better > 0) & (better < step), better, time)
-
-    # (root - b) / c and -(root + b) / c, without cancellation
-    low = improved(jnp.where(up, -a, root - b), jnp.where(up, root + b, c))
-    high = improved(jnp.where(up, -(root + b), a), jnp.where(up, c, root - b))
-    return low, high
-
-
-def _landing(path: Coefficients, latest: Any) -> tuple[Any, Booleans]:
-    """When a rotation falls through 0 that is negative at `latest`, and whether that was located.
-
-    By Halley's method from the root of a parabola. One more step shows whether that was enough,
-    and gives the time its derivatives.
-    """
-    a, b, c = path[:3]
-    slope = derivative(path)
-    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0))
-    up = b >= 0
-    below = jnp.where(up, -2 * c, root - b)
-    time = jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
-    time = jnp.where((below > 0) & (time > 0) & (time < latest), time, 0.5 * latest)
-    for _ in range(2):
-        value, steep, bent = (evaluate(each, time) for each in (path, slope, derivative(slope)))
-        below = steep * steep - 0.5 * value * bent
-        time = time - value * steep / jnp.where(below > 0, below, jnp.inf)
-    # A barrier: the series below use it often, and XLA would repeat both iterations.
-    before = materialized(jax.lax.stop_gradient(time))
-    steep, bent = evaluate(slope, before), evaluate(derivative(slope), before)
-    below = jnp.where(steep < 0, steep, -1)
-    off = evaluate(path, before) / below
-    # The square matters only in the second derivative of the time.
-    time = materialized(before - off - 0.5 * off * off * bent / below)
-    near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
-    return time, near & (steep < 0) & (time > 0) & (time <= latest)
-
-
-def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
-    """Take each lane to the end of its interval, its impact or its uplift."""
-    equation, dtype = case.equation, lanes.rotation.dtype
-    acts = lanes.interval < grid.intervals
-    begin = case.start + lanes.interval.astype(dtype) * case.length
+def take_step(
+    lanes: Lanes,
+    case: Case,
+    ground: PulseInput | RecordInput,
+    tolerance: Any,
+    order: int,
+    parts: int,
+) -> Lanes:
+    """Take each lane a step further: to its impact, its uplift or the end of its interval."""
+    acts = lanes.interval < ground.intervals
+    begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.length
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
     left = stop - lanes.along
-    step = jnp.minimum(jnp.minimum(left, case.longest), lanes.reach)
-    step = jnp.where(lanes.moves, step, jnp.where(acts, left, 0))
+    # All that follows uses these many times. Without a barrier (here and at each `materialized`
+    # in this file), XLA would fuse their computation into every use and repeat it there.
     strength = materialized(jnp.where(acts, case.strength, 0))
-    horizontal, lift = grid.ahead(
-        case.first + lanes.interval, lanes.along, case.frequency, strength
+    horizontal, lift = ground.series(
+        case._replace(strength=strength), lanes.interval, lanes.along, order
     )
     push = tuple(lanes.side * part for part in horizontal)
-    # All that follows uses these many times. Without a barrier (here and at each `materialized`
-    # below), XLA would fuse their computation into every use and repeat it there.
-    horizontal, lift, push, step, left = materialized((horizontal, lift, push, step, left))
+    horizontal, lift, push, left = materialized((horizontal, lift, push, left))
 
-    lifted, wait, uplift_side = _lift(case, horizontal, lift, step)
-    lifted = ~lanes.moves & lifted & (left > 0)
+    lifted, wait, uplift_side = ground.uplift(case, lanes, horizontal, lift, left)
+    lifted = ~lanes.moves & acts & lifted & (left > wait)
     lifted, wait, uplift_side = materialized((lifted, wait, uplift_side))
 
-    path = rotation_series(equation, lanes.rotation, lanes.velocity, push, lift, order)
-    step = materialized(jnp.where(lanes.moves, _accurate(equation, path, step), step))
-    slope = derivative(path)
-    dip, top = materialized(_dip_and_peak(slope, step))
-    end, lowest, highest = materialized(tuple(evaluate(path, time) for time in (step, dip, top)))
-    lands = lanes.moves & (jnp.minimum(end, lowest) < 0)
-    lands, latest = materialized((lands, jnp.where(lowest < 0, dip, step)))
-    landing, located = materialized(_landing(path, latest))
-    # Where the impact is not located, the next step begins here and is half as long.
-    blocked, lands = lands & ~located, lands & located
-    flight = jnp.where(lands, landing, jnp.where(blocked, 0, step))
-    flight, blocked, lands = materialized((flight, blocked, lands))
-    velocity = materialized(evaluate(slope, flight))
-    # Never on the ground without an impact, which could not be located from there.
-    above = jnp.maximum(evaluate(path, flight), float(jnp.finfo(dtype).tiny))
-    rotation = materialized(jnp.where(lands, 0, above))
-    peak = materialized(jnp.maximum(rotation, jnp.where(top < flight, highest, 0)))
+    path = rotation_series(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
+    longest = parts * jnp.where(acts, LONGEST, case.longest)
+    step = jnp.minimum(jnp.minimum(left, longest), lanes.reach)
+    step = materialized(
+        jnp.where(lanes.moves, jnp.minimum(step, accurate_step(path, tolerance)), 0)
+    )
+    flight = Flight.of(path, step, parts, lanes.moves)
+    leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
+    settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
+    settles = materialized(flight.lands & settles)
 
-    # Impact. The block comes to rest if all further bounces end within the step. Their time is
-    # bounded by that of bounces to the side where the ground presses less, under an acceleration
-    # that must not change much meanwhile.
-    leaving = velocity_after_impact(case.restitution, jnp.abs(velocity))
+    over = flight.highest >= TOPPLED_ROTATION
+    ends_there = ~(flight.lands | flight.blocked) & (flight.time >= left)
+    arrives = jnp.where(lanes.moves, ends_there, ~lifted)
+    exhausted = over | (lanes.steps >= max_steps(ground))
+    ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
+    interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
+    interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case.trail))
+    side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
+    velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
+    velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
+    rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
+    rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
+    taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
+    # The state for the overturning criterion is that where the input ends.
+    return materialized(
+        Lanes(
+            interval=jnp.where(ended, ground.intervals, interval),
+            along=jnp.where(arrives, 0, lanes.along + taken),
+            side=side,
+            rotation=rotation,
+            velocity=velocity,
+            reach=jnp.where(flight.blocked, 0.5 * flight.latest, jnp.inf),
+            moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
+            peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, flight.highest), lanes.peak),
+            impacts=lanes.impacts + flight.lands.astype(jnp.int32),
+            steps=lanes.steps + lanes.moves.astype(jnp.int32),
+            end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
+            end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
+        )
+    )
+
+
+def _settles(
+    case: Case,
+    push: Coefficients,
+    lift: Coefficients,
+    flight: Any,
+    step: Any,
+    leaving: Any,
+    peak: Any,
+) -> Booleans:
+    """Whether a block comes to rest after an impact: if all further bounces end within the step.
+
+    Their time is bounded by that of bounces to the side where the ground presses less, under an
+    acceleration that must not change much meanwhile.
+    """
+    equation = case.equation
 
     def onward(time: Any) -> Any:
         sideways = jnp.abs(evaluate(push, time))
@@ -287,38 +240,9 @@ def take_step(lanes: Lanes, case: Case, grid: Grid, order: int) -> Lanes:
     settled = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
     steady = jnp.abs(onward(settled) + down) <= little
     low = equation.p_squared * leaving * leaving <= little * down
-    nothing = leaving <= _tiny(dtype) * equation.critical_velocity
-    level = -down <= 2 * _tiny(dtype) * equation.p_squared * case.on_ground[0]
+    tiny = negligible(leaving.dtype)
+    nothing = leaving <= tiny * equation.critical_velocity
+    level = -down <= 2 * tiny * equation.p_squared * case.on_ground[0]
     # The next bounce is not computed any more: it must not be the highest.
-    low = low & (leaving * leaving <= down * lanes.peak)
-    settles = (little > 0) & (settled <= step) & steady & low
-    settles = materialized(lands & (settles | (nothing & level)))
-
-    over = peak >= TOPPLED_ROTATION
-    arrives = jnp.where(lanes.moves, ~(lands | blocked) & (step >= left), ~lifted)
-    ended = (arrives & ~(stop >= length)) | (
-        lanes.moves & (over | (lanes.steps >= max_steps(grid)))
-    )
-    interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
-    interval = jnp.where(lanes.moves | lifted, interval, grid.next_interval(interval, case.trail))
-    rotation = jnp.where(lanes.moves, jnp.minimum(rotation, TOPPLED_ROTATION), lanes.rotation)
-    velocity = jnp.where(lands, jnp.where(settles, 0, leaving), velocity)
-    velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
-    taken = jnp.where(lanes.moves, flight, jnp.where(lifted, wait, 0))
-    # The state for the overturning criterion is that where the input ends.
-    return materialized(
-        Lanes(
-            interval=jnp.where(ended, grid.intervals, interval),
-            along=jnp.where(arrives, 0, lanes.along + taken),
-            side=jnp.where(lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side)),
-            rotation=rotation,
-            velocity=velocity,
-            reach=jnp.where(blocked, 0.5 * latest, jnp.inf),
-            moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
-            peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, peak), lanes.peak),
-            impacts=lanes.impacts + lands.astype(jnp.int32),
-            steps=lanes.steps + lanes.moves.astype(jnp.int32),
-            end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
-            end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
-        )
-    )
+    low = low & (leaving * leaving <= down * peak)
+    return ((little > 0) & (settled <= step) & steady & low) | (nothing & level)

@@ -6,7 +6,6 @@ block, so that none waits for a block with many impacts.
 
 import functools
 import math
-import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,18 +18,22 @@ from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Motion, Pulse, Record
-from ..host import listed, mapped
+from ..host import listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
+from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
 from .batch_step import Case, Lanes, max_steps, take_step
-from .input_intervals import Grid, factor_length_and_end, grid_of
 from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
 from .taylor import materialized
 
 _LANES = 64  # on a processor
-_ROOMS = (512, 4096)  # for the queue, on a processor
-_STEPS = 64  # between two refills of the lanes
-_ORDERS = range(3, 13)
+_ROOMS = (1024, 4096)  # for the queue, on a processor
+_STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
+_ALONE = {PulseInput: 512, RecordInput: 16}  # blocks that one thread follows as fast as two
+# Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
+# samples keep the steps short.
+_ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10), (0, 14)))
+_SHARE = 0.05  # of the tolerance that a step may take
 
 
 class BatchResponse(eqx.Module):
@@ -87,21 +90,36 @@ class _Progress(NamedTuple):
     results: Any  # (queue + 1, results): those of no block go to the last row
 
 
+def _running_sum(x: Any) -> Any:
+    """Sums of all up to each, by doubling: XLA's own takes all pairs."""
+    shift = 1
+    while shift < x.size:
+        x = x + jnp.pad(x[:-shift], (shift, 0))
+        shift *= 2
+    return x
+
+
 def _march(
-    grid: Grid, arguments: Any, count: Any, form: Any, model: RockingModel, lanes: int, order: int
+    ground: PulseInput | RecordInput,
+    arguments: Any,
+    count: Any,
+    tolerance: Any,
+    form: Any,
+    model: RockingModel,
+    lanes: int,
+    order: int,
+    parts: int,
 ) -> BatchResponse:
     """The first `count` columns of arguments, the leaves of a tree of the given form."""
-    queue = Case.of(grid, jax.tree.unflatten(form, list(arguments)), model)
+    queue = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
     dtype, size = queue.duration.dtype, queue.duration.size
     valid = queue.valid()
-    # Those that are lifted most easily, and so move longest, go first.
-    effort = queue.equation.tangent / jnp.abs(queue.strength)
-    ranked = jnp.argsort(jnp.where(valid & (jnp.arange(size) < count), effort, jnp.inf))
+    queued = queue.for_steps()
 
     def refilled(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
-        idle = ~lanes.active(grid)
+        idle = ~lanes.active(ground)
         row = (
             lanes.peak,
             lanes.side * lanes.rotation,
@@ -109,37 +127,41 @@ def _march(
             lanes.end_rotation,
             lanes.end_velocity,
             lanes.impacts.astype(dtype),
-            (lanes.steps < max_steps(grid)).astype(dtype),
+            (lanes.steps < max_steps(ground)).astype(dtype),
         )
         results = results.at[jnp.where(idle, block, size)].set(jnp.stack(row, axis=-1))
-        place = taken + jnp.cumsum(idle) - 1
+        number = _running_sum(idle.astype(jnp.int32))
+        place = taken + number - 1
         gets = idle & (place < count)
         place = jnp.clip(place, 0, size - 1)
-        block = jnp.where(idle, jnp.where(gets, ranked[place], size), block)
+        block = jnp.where(idle, jnp.where(gets, place, size), block)
 
         def replaced(new: Any, old: Any) -> Any:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(lambda leaf: leaf[ranked[place]], queue)
+        next_case = jax.tree.map(lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queued)
         case = jax.tree.map(replaced, next_case, case)
-        fresh = grid.next_interval(jnp.zeros_like(lanes.interval), case.trail)
+        fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case.trail)
         lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
-        return _Progress(lanes, block, case, jnp.minimum(taken + idle.sum(), count), results)
+        return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
     def steps(progress: _Progress) -> _Progress:
         case = progress.case
         _, lanes = jax.lax.while_loop(
-            lambda state: state[0] < _STEPS,
-            lambda state: (state[0] + 1, take_step(state[1], case, grid, order)),
+            lambda state: state[0] < _STEPS[type(ground)],
+            lambda state: (
+                state[0] + 1,
+                take_step(state[1], case, ground, tolerance, order, parts),
+            ),
             (0, progress.lanes),
         )
         return refilled(progress._replace(lanes=lanes))
 
     begin = _Progress(
-        Lanes.at_rest(jnp.full(lanes, grid.intervals, jnp.int32), dtype),
-        jnp.full(lanes, size),
-        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue),
-        jnp.zeros((), int),
+        Lanes.at_rest(jnp.full(lanes, ground.intervals, jnp.int32), dtype),
+        jnp.full(lanes, size, jnp.int32),
+        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queued),
+        jnp.zeros((), jnp.int32),
         jnp.zeros((size + 1, 7), dtype),
     )
     *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
@@ -160,7 +182,7 @@ def _march(
     return BatchResponse(
         peak_rotation=where_complete(jnp.minimum(peak, TOPPLED_ROTATION)),
         final_rotation=where_complete(rotation),
-        final_velocity=where_complete(velocity),
+        final_velocity=where_complete(velocity / queue.unit),
         overturned=overturned,
         margin=where_complete(margin),
         impacts=impacts,
@@ -199,7 +221,7 @@ def compiler_options(platform: str) -> dict[str, Any] | None:
 
 @functools.cache
 def _compiled(platform: str) -> Callable[..., BatchResponse]:
-    static = ("form", "model", "lanes", "order")
+    static = ("form", "model", "lanes", "order", "parts")
     return jax.jit(_march, static_argnames=static, compiler_options=compiler_options(platform))
 
 
@@ -210,7 +232,7 @@ def respond_batch(
     duration: Number | None = None,
     *,
     model: ModelLike = Nonlinear(),
-    order: int | None = None,
+    rtol: float | None = None,
 ) -> BatchResponse:
     """Response of many blocks, from rest, on the grid of the input.
 
@@ -229,10 +251,9 @@ def respond_batch(
         How long to follow each block [s], greater than 0; by default to the end of the motion.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
-    order : int, optional
-        Order of the Taylor polynomials, 3 to 12, which sets the accuracy. 8 by default, and 6
-        in float32, where rounding dominates then. `choose` says which one a motion needs,
-        `respond_within` takes it.
+    rtol : float, optional
+        Relative error of peak rotations that is aimed at; 1e-9 by default, 1e-5 in float32.
+        Where impacts amplify errors, more is left: `respond_within` says of which blocks.
 
     Returns
     -------
@@ -246,9 +267,9 @@ def respond_batch(
 
     Notes
     -----
-    One Taylor polynomial per sample, more where the block is fast. A pulse is taken as 128
-    quintics per period. Outside of transformations, the batch is shared out to the devices, or
-    to the cores of a processor. Has forward-mode derivatives.
+    By Taylor polynomials, each as long as its last terms allow: a pulse enters by its own series,
+    a record by one line from sample to sample. Outside of transformations, the batch is shared
+    out to the devices, or to the cores of a processor. Has forward-mode derivatives.
 
     Examples
     --------
@@ -266,16 +287,20 @@ def respond_batch(
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
         raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
-    if order is not None and order not in _ORDERS:
-        raise ValueError(f"order must be a whole number from 3 to 12, got {order}")
+    if rtol is not None:
+        check("rtol", as_real("rtol", rtol), POSITIVE)
     blocks.check()
     motion.check()
     model = as_model(model)
     leaves = jax.tree.leaves((blocks, restitution, motion, duration))
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves)
-    if order is None:
-        order = 8 if dtype == np.float64 else 6
+    eps = float(jnp.finfo(dtype).eps)
+    if rtol is None:
+        rtol = 1e-9 if dtype == np.float64 else 1e-5
+    order = next(order for least, order in _ORDERS[type(motion) is Record] if rtol >= least)
+    parts = 1 if isinstance(motion, Record) else 2
+    tolerance = np.asarray(max(_SHARE * rtol, eps), dtype)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     # Outside of a transformation NumPy is quicker, and compiles nothing.
     library: Any = jnp if traced else np
@@ -284,8 +309,9 @@ def respond_batch(
         return jax.tree.map(lambda leaf: library.asarray(leaf, dtype), tree)
 
     shaking = converted(motion)
-    grid = grid_of(shaking)
+    ground = input_of(shaking)
     factor, length, end = factor_length_and_end(shaking)
+    motions = ground.motions if isinstance(ground, RecordInput) else ()
     arguments = (
         converted(blocks),
         converted(restitution),
@@ -293,14 +319,14 @@ def respond_batch(
         length,
         shaking.start,
         end if duration is None else converted(duration),
-        np.arange(math.prod(grid.motions), dtype=dtype).reshape(grid.motions),
+        np.arange(math.prod(motions), dtype=dtype).reshape(motions),
     )
     leaves, form = jax.tree.flatten(arguments)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
     rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
     if traced:
-        result = _march(grid, rows, size, form, model, _LANES, order)
+        result = _march(ground, rows, size, tolerance, form, model, _LANES, order, parts)
         return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
     default = jax.config.jax_default_device
@@ -310,21 +336,28 @@ def respond_batch(
         named = isinstance(default, str)
         devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
-    workers = (os.cpu_count() or 1) if on_processor else len(devices)
-    share = max(-(-size // workers), 1)
+    workers = processors() if on_processor else len(devices)
+    share = max(-(-size // workers), _ALONE[type(ground)] if on_processor else 1)
     room, lanes = 1 << (share - 1).bit_length(), share
     if on_processor:
         # Few different shapes, so that few programs are compiled.
-        share, lanes = min(_ROOMS[-1], share), _LANES
+        # All processors have equal shares.
+        share = max(-(-share // -(-share // _ROOMS[-1])), 1)
+        lanes = _LANES
         room = next(room for room in _ROOMS if share <= room)
     march = _compiled(devices[0].platform)
 
     def on_device(k: int) -> BatchResponse:
         part = rows[:, k * share : (k + 1) * share]
         count = part.shape[1]
-        queue = np.pad(part, ((0, 0), (0, room - count)), constant_values=1)
-        placed = jax.device_put((grid, queue), devices[k % len(devices)])
-        result = march(*placed, count, form=form, model=model, lanes=lanes, order=order)
+        queue = np.ones((len(rows), room), dtype)
+        queue[:, :count] = part
+        placed = ground, queue
+        if len(devices) > 1 or not on_processor:
+            placed = jax.device_put(placed, devices[k % len(devices)])
+        result = march(
+            *placed, count, tolerance, form=form, model=model, lanes=lanes, order=order, parts=parts
+        )
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     pieces = max(1, -(-size // share))

@@ -5,9 +5,8 @@ equation itself: one evaluation gives the whole Taylor polynomial of the motion,
 own dense output.
 """
 
-import itertools
 import math
-from typing import Any, NamedTuple, Union
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,27 +15,6 @@ from ..validation import Reals
 from .equation import Equation
 
 Coefficients = tuple[Reals | float, ...]
-
-
-class Series(NamedTuple):
-    """A polynomial ``sum c_k t^k``."""
-
-    c: Coefficients
-
-    def __add__(self, other: float) -> "Series":  # type: ignore[override]
-        return Series((self.c[0] + other, *self.c[1:])) if self.c else Series((other,))
-
-    def __sub__(self, other: "Series") -> "Series":
-        pairs = itertools.zip_longest(self.c, other.c, fillvalue=0.0)
-        return Series(tuple(a - b for a, b in pairs))
-
-    def __mul__(self, other: Union["Series", Reals]) -> "Series":  # type: ignore[override]
-        if not isinstance(other, Series):
-            return Series(tuple(a * other for a in self.c))
-        terms: dict[int, Any] = {}
-        for (j, a), (k, b) in itertools.product(enumerate(self.c), enumerate(other.c)):
-            terms[j + k] = terms[j + k] + a * b if j + k in terms else a * b
-        return Series(tuple(terms.values()))
 
 
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
@@ -58,6 +36,11 @@ def materialized(values: Any) -> Any:
     return jax.lax.optimization_barrier(values)
 
 
+def _product(a: Coefficients, b: Coefficients, k: int) -> Any:
+    """Coefficient `k` of the product of two series."""
+    return sum(a[j] * b[k - j] for j in range(len(a)) if 0 <= k - j < len(b))
+
+
 def rotation_series(
     equation: Equation,
     rotation: Reals,
@@ -72,22 +55,29 @@ def rotation_series(
     coefficients of sine and cosine one after the other.
     """
     c: list[Any] = [rotation, velocity]
-    q: list[Any] = [equation.critical_angle - rotation, -velocity]
+    tilt = equation.critical_angle - rotation
+    rate: list[Any] = [-velocity]  # coefficients of q'
     if equation.linearized:
-        sine, cosine = [q[0]], [1.0]
+        sine, cosine = [tilt], [1.0]
     else:
-        # A barrier: both enter every coefficient.
-        sine, cosine = ([part] for part in materialized(sine_cosine(q[0])))
+        # A barrier: both enter every coefficient, as do those of higher order below.
+        sine, cosine = ([part] for part in materialized(sine_cosine(tilt)))
     for k in range(order - 1):
         if k and equation.linearized:
-            sine.append(q[k])
+            sine.append(rate[k - 1] * (1 / k))
         elif k:
-            sine.append(sum(j / k * q[j] * cosine[k - j] for j in range(1, k + 1)))
-            cosine.append(sum(-j / k * q[j] * sine[k - j] for j in range(1, k + 1)))
-        parts = (Series(tuple(part)) for part in (sine, cosine, push, lift))
-        # A barrier: each coefficient enters all later ones, and XLA would compute it again there.
-        c.append(materialized(equation.right_hand_side(*parts).c[k] * (1 / ((k + 1) * (k + 2)))))
-        q.append(-c[-1])
+            parts = tuple(_product(tuple(rate), tuple(part), k - 1) for part in (cosine, sine))
+            next_sine, next_cosine = materialized((parts[0] * (1 / k), parts[1] * (-1 / k)))
+            sine.append(next_sine)
+            cosine.append(next_cosine)
+        pull = sine[k] + _product(tuple(sine), lift, k)
+        acceleration = (_product(tuple(cosine), push, k) - pull) * equation.p_squared
+        c.append(materialized(acceleration * (1 / ((k + 1) * (k + 2)))))
+        if k == 0:
+            # Lifted at this moment, a block does not accelerate to the ground: rounding may.
+            starts = (rotation == 0) & (velocity == 0)
+            c[2] = jnp.where(starts, jnp.maximum(c[2], 0), c[2])
+        rate.append(-(k + 2) * c[-1])
     return tuple(c)
 
 
@@ -102,3 +92,37 @@ def evaluate(c: Coefficients, time: Reals) -> Reals:
 def derivative(c: Coefficients) -> Coefficients:
     """The series of the derivative."""
     return tuple(k * part for k, part in enumerate(c))[1:]
+
+
+def binary_logarithm(x: Reals) -> Reals:
+    """log2(abs(x)) to 0.09, in float32, from the bits of a number; -1023 (or -127) of 0."""
+    if x.dtype == jnp.float64:
+        bits = jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int64) >> 32
+        return bits.astype(jnp.int32).astype(jnp.float32) * 2.0**-20 - 1023
+    return jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int32).astype(jnp.float32) * 2.0**-23 - 127
+
+
+def binary_power(y: Reals, dtype: Any) -> Reals:
+    """2^y within 6 %, from a float32."""
+    if dtype == jnp.float64:
+        bits = ((jnp.clip(y, -1000, 1000) + 1023) * 2.0**20).astype(jnp.int32)
+        return jax.lax.bitcast_convert_type(bits.astype(jnp.int64) << 32, dtype)
+    bits = ((jnp.clip(y, -120, 120) + 127) * 2.0**23).astype(jnp.int32)
+    return jax.lax.bitcast_convert_type(bits, dtype)
+
+
+def accurate_step(c: tuple[Any, ...], tolerance: Any) -> Reals:
+    """The longest step in which the last two terms are small beside the largest of the first.
+
+    Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
+    power is the whole motion.
+    """
+    order = len(c) - 1
+    log = [binary_logarithm(part) for part in jax.lax.stop_gradient(c)]
+    allowed = jnp.log2(tolerance).astype(jnp.float32)
+
+    def length(last: int) -> Any:
+        terms = ((log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1)))
+        return jax.tree.reduce(jnp.maximum, list(terms))
+
+    return binary_power(jnp.minimum(length(order), length(order - 1)), c[0].dtype)

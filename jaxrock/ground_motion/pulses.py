@@ -33,6 +33,8 @@ class Pulse(Motion):
         Intensity over amplitude and duration [-].
     angle : float
         Angular frequency times duration [rad]: pi for half a period, 2 pi for a full one.
+    harmonic : tuple of float, or None
+        (a, b) if the acceleration over amplitude is sin(a x + b), x in durations.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class Pulse(Motion):
     extremes: ClassVar[tuple[float, ...]]
     area: ClassVar[float]
     angle: ClassVar[float]
+    harmonic: ClassVar[tuple[float, float] | None]
 
     # Repeated in every subclass: type checkers would generate another one from the fields.
     def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
@@ -133,6 +136,7 @@ class Rectangular(Pulse):
     extremes = (0.0, 1.0)
     area = 1.0
     angle = math.pi  # as for half a period
+    harmonic = (0.0, math.pi / 2)
     shape = staticmethod(lambda phase: jnp.ones_like(phase))
 
 
@@ -144,6 +148,7 @@ class HalfSine(Pulse):
     extremes = (0.0, 0.5, 1.0)
     area = 2 / math.pi
     angle = math.pi
+    harmonic = (math.pi, 0.0)
     shape = staticmethod(lambda phase: jnp.sin(math.pi * phase))
 
 
@@ -155,6 +160,7 @@ class Sine(Pulse):
     extremes = (0.0, 0.25, 0.75, 1.0)
     area = 0.0
     angle = 2 * math.pi
+    harmonic = (2 * math.pi, 0.0)
     shape = staticmethod(lambda phase: jnp.sin(2 * math.pi * phase))
 
 
@@ -166,6 +172,7 @@ class Cosine(Pulse):
     extremes = (0.0, 0.5, 1.0)
     area = 0.0
     angle = 2 * math.pi
+    harmonic = (2 * math.pi, math.pi / 2)
     shape = staticmethod(lambda phase: jnp.cos(2 * math.pi * phase))
 
 
@@ -182,6 +189,7 @@ class Ricker(Pulse):
     extremes = (0.0, 2 - math.sqrt(1.5) / math.pi, 2.0, 2 + math.sqrt(1.5) / math.pi, 4.0)
     area = 0.0
     angle = 2 * math.pi
+    harmonic = None
 
     @staticmethod
     def shape(phase: Reals) -> Reals:

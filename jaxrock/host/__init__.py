@@ -11,3 +11,4 @@ from .printing import table as table
 from .progress import with_clock as with_clock
 from .progress import with_progress as with_progress
 from .threads import mapped as mapped
+from .threads import processors as processors

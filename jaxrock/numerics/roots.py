@@ -27,8 +27,8 @@ class Brackets(NamedTuple):
     case: Any  # index of the case that a pair belongs to
     column: Any  # index among the pairs of that case
     valid: Any  # False if a pair only fills the list, which has a fixed length when traced
-    ends: tuple[Any, Any]
-    margins: tuple[Any, Any]
+    ends: tuple[Any, ...]  # and a value beyond the first of them, or the second once more
+    margins: tuple[Any, ...]
     count: Any  # number of sign changes of each case
     negative_first: Any
     complete: Any
@@ -69,12 +69,15 @@ def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Bracke
     change = (case[1:] == case[:-1]) & ((margin[1:] < 0) != (margin[:-1] < 0))
     left = np.flatnonzero(change & complete[case[:-1]])
     count = np.bincount(case[left], minlength=cases)
+    ends = _with_neighbour(
+        left, lambda at: np.append(case, -1)[at.clip(-1, case.size)] == case[left], np
+    )
     return Brackets(
         case=case[left],
         column=np.arange(left.size) - (np.cumsum(count) - count)[case[left]],
         valid=np.ones(left.size, bool),
-        ends=(samples.value[left], samples.value[left + 1]),
-        margins=(margin[left], margin[left + 1]),
+        ends=tuple(samples.value[at] for at in ends),
+        margins=tuple(margin[at] for at in ends),
         count=count,
         negative_first=margin[samples.place == 0] < 0,
         complete=complete,
@@ -121,6 +124,14 @@ def _suspicious(samples: _Samples, width: int) -> Any:
     return np.flatnonzero(suspicious & same_case & (np.diff(place) == width))
 
 
+def _with_neighbour(left: Any, exists: Callable[[Any], Any], library: Any) -> tuple[Any, Any, Any]:
+    """Places of both ends of intervals, and of a neighbour beyond the first of the two."""
+    before, behind = (left > 0) & exists(left - 1), exists(left + 2)
+    beyond = library.where(behind, left + 2, left)
+    first, second = library.where(before, left, left + 1), library.where(before, left + 1, left)
+    return first, second, library.where(before, left - 1, beyond)
+
+
 def brackets_traced(
     margin_and_mode: MarginAndMode, values: Any, levels: int, max_boundaries: int
 ) -> Brackets:
@@ -141,13 +152,15 @@ def brackets_traced(
     left = jnp.sort(numbers, axis=1)[:, :max_boundaries].reshape(-1)
     valid = left < none
     case, left = jnp.repeat(jnp.arange(cases), max_boundaries), jnp.where(valid, left, 0)
-    right = jnp.where(valid, left + 1, left)  # a bracket of no width where there is none
+    ends = _with_neighbour(left, lambda at: at < places, jnp)
+    # A bracket of no width where there is none.
+    ends = [jnp.where(valid, at, left) for at in ends]
     return Brackets(
         case=case,
         column=jnp.tile(jnp.arange(max_boundaries), cases),
         valid=valid,
-        ends=(value[case, left], value[case, right]),
-        margins=(margin[case, left], margin[case, right]),
+        ends=tuple(value[case, at] for at in ends),
+        margins=tuple(margin[case, at] for at in ends),
         count=change.sum(axis=1),
         negative_first=negative[:, 0],
         complete=complete,
@@ -157,8 +170,8 @@ def brackets_traced(
 class _Iterate(NamedTuple):
     """Three values and their margins; the sign changes between the first two."""
 
-    x: tuple[Any, Any, Any]
-    f: tuple[Any, Any, Any]
+    x: tuple[Any, ...]
+    f: tuple[Any, ...]
     tolerance: Any
 
     def converged(self) -> Any:
@@ -177,7 +190,7 @@ def located(
     ends, margins = pairs.ends, pairs.margins
     eps = float(jnp.finfo(ends[0].dtype).eps)
     tolerance = 4 * eps * library.maximum(abs(ends[0]), abs(ends[1]))
-    iterate = _Iterate((*ends, ends[1] + 0), (*margins, margins[1] + 0), tolerance)
+    iterate = _Iterate(ends, margins, tolerance)
     if traced:
         _, iterate = jax.lax.while_loop(
             lambda state: (state[0] < _ITERATIONS) & ~state[1].converged().all(),

@@ -18,7 +18,7 @@ from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, Numbers, as_real
 from .boundaries import Boundaries, Search, overturning_boundaries, searched
 
-_HALVINGS = 4  # from first intervals of 16 times the resolution
+_HALVINGS = 6  # from first intervals of 64 times the resolution
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ _VARIABLES: dict[str, tuple[Any, str, str]] = {
     "impacts": (int, "number of impacts", "1"),
 }
 _ESTIMATES: dict[str, tuple[Any, str, str]] = {
-    "order": (np.int8, "order of the polynomials that this block is computed with", "1"),
+    "rtol": (float, "tolerance that this block is computed with", "1"),
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
     "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
 }
@@ -71,8 +71,8 @@ def rocking_spectrum(
         Equation of motion; see `respond`.
     tolerance : float, optional
         Compute each block to this relative error of the peak rotation; see `respond_within`. The
-        dataset then has the variables order, error and within_tolerance, 0 where the response is
-        so chaotic that no order is good enough.
+        dataset then has the variables rtol, error and within_tolerance, 0 where the response is
+        so chaotic that no tolerance is good enough.
 
     Returns
     -------
