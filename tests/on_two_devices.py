@@ -9,6 +9,7 @@ import pytest
 from test_spectra import GRID
 
 import jaxrock as jr
+from jaxrock.dynamics.batch_input import PulseInput
 
 
 @pytest.fixture
@@ -31,7 +32,8 @@ def test_spectrum(tmp_path, devices):
 
 def test_batch(monkeypatch, devices):
     """In four parts, which the devices take in turns."""
-    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    monkeypatch.setattr("jaxrock.dynamics.respond_many.processors", lambda: 4)
+    monkeypatch.setattr("jaxrock.dynamics.respond_many._ALONE", {PulseInput: 1})
     placed = []
 
     def put(tree, device=None, put=jax.device_put):

@@ -1,13 +1,9 @@
-"""Driven motion of many blocks at once, on the grid of the input.
-
-A fixed number of lanes works off a queue of blocks. A lane that has finished takes the next
-block, so that none waits for a block with many impacts.
-"""
+"""Driven motion of many blocks at once, shared out to devices or processors."""
 
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,13 +18,13 @@ from ..host import listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
-from .batch_step import Case, Lanes, max_steps, take_step
+from .batch_queue import work_off
+from .batch_step import Case, Lanes, take_step
 from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
 from .taylor import materialized
 
 _LANES = 64  # on a processor
 _ROOMS = (1024, 4096)  # for the queue, on a processor
-_STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
 _ALONE = {PulseInput: 512, RecordInput: 16}  # blocks that one thread follows as fast as two
 # Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
 # samples keep the steps short.
@@ -82,23 +78,6 @@ class BatchResponse(eqx.Module):
         )
 
 
-class _Progress(NamedTuple):
-    lanes: Lanes
-    block: Any  # of each lane, its place in the queue; beyond its end for none
-    case: Case  # of the lanes
-    taken: Any  # from the queue
-    results: Any  # (queue + 1, results): those of no block go to the last row
-
-
-def _running_sum(x: Any) -> Any:
-    """Sums of all up to each, by doubling: XLA's own takes all pairs."""
-    shift = 1
-    while shift < x.size:
-        x = x + jnp.pad(x[:-shift], (shift, 0))
-        shift *= 2
-    return x
-
-
 def _march(
     ground: PulseInput | RecordInput,
     arguments: Any,
@@ -111,78 +90,29 @@ def _march(
     parts: int,
 ) -> BatchResponse:
     """The first `count` columns of arguments, the leaves of a tree of the given form."""
-    queue = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
-    dtype, size = queue.duration.dtype, queue.duration.size
-    valid = queue.valid()
-    queued = queue.for_steps()
+    case = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
 
-    def refilled(progress: _Progress) -> _Progress:
-        """Store the results of lanes that have finished, and give them new blocks."""
-        lanes, block, case, taken, results = progress
-        idle = ~lanes.active(ground)
-        row = (
-            lanes.peak,
-            lanes.side * lanes.rotation,
-            lanes.side * lanes.velocity,
-            lanes.end_rotation,
-            lanes.end_velocity,
-            lanes.impacts.astype(dtype),
-            (lanes.steps < max_steps(ground)).astype(dtype),
-        )
-        results = results.at[jnp.where(idle, block, size)].set(jnp.stack(row, axis=-1))
-        number = _running_sum(idle.astype(jnp.int32))
-        place = taken + number - 1
-        gets = idle & (place < count)
-        place = jnp.clip(place, 0, size - 1)
-        block = jnp.where(idle, jnp.where(gets, place, size), block)
+    def step(lanes: Lanes, case: Case) -> Lanes:
+        return take_step(lanes, case, ground, tolerance, order, parts)
 
-        def replaced(new: Any, old: Any) -> Any:
-            return jnp.where(gets, new, old)
-
-        next_case = jax.tree.map(lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queued)
-        case = jax.tree.map(replaced, next_case, case)
-        fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case.trail)
-        lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
-        return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
-
-    def steps(progress: _Progress) -> _Progress:
-        case = progress.case
-        _, lanes = jax.lax.while_loop(
-            lambda state: state[0] < _STEPS[type(ground)],
-            lambda state: (
-                state[0] + 1,
-                take_step(state[1], case, ground, tolerance, order, parts),
-            ),
-            (0, progress.lanes),
-        )
-        return refilled(progress._replace(lanes=lanes))
-
-    begin = _Progress(
-        Lanes.at_rest(jnp.full(lanes, ground.intervals, jnp.int32), dtype),
-        jnp.full(lanes, size, jnp.int32),
-        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queued),
-        jnp.zeros((), jnp.int32),
-        jnp.zeros((size + 1, 7), dtype),
-    )
-    *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
-    peak, rotation, velocity, end_rotation, end_velocity, impacts, finished = results[:-1].T
-    complete = valid & (finished > 0)
+    ends = work_off(ground, case.for_steps(), count, lanes, step)
+    complete = case.valid() & (ends.followed > 0)
     before_impact, after_impact = free_motion_margins(
-        queue.equation, queue.restitution, end_rotation, end_velocity
+        case.equation, case.restitution, ends.end_rotation, ends.end_velocity
     )
     margin = jnp.minimum(before_impact, after_impact)
-    fallen = peak >= TOPPLED_ROTATION
+    fallen = ends.peak >= TOPPLED_ROTATION
     overturned = complete & (fallen | (margin < 0))
-    impacts = impacts.astype(int)
+    impacts = ends.impacts.astype(int)
     mode = impacts + jnp.where(fallen | (before_impact < 0), 0, 1)
 
     def where_complete(value: Any) -> Any:
         return jnp.where(complete, value, jnp.nan)
 
     return BatchResponse(
-        peak_rotation=where_complete(jnp.minimum(peak, TOPPLED_ROTATION)),
-        final_rotation=where_complete(rotation),
-        final_velocity=where_complete(velocity / queue.unit),
+        peak_rotation=where_complete(jnp.minimum(ends.peak, TOPPLED_ROTATION)),
+        final_rotation=where_complete(ends.rotation),
+        final_velocity=where_complete(ends.velocity / case.unit),
         overturned=overturned,
         margin=where_complete(margin),
         impacts=impacts,
@@ -325,10 +255,19 @@ def respond_batch(
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
     rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
+    static = {"form": form, "model": model, "order": order, "parts": parts}
     if traced:
-        result = _march(ground, rows, size, tolerance, form, model, _LANES, order, parts)
-        return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
+        result = _march(ground, rows, size, tolerance, lanes=_LANES, **static)
+    else:
+        result = _shared_out(ground, rows, tolerance, static)
+    result = jax.tree.map(lambda leaf: leaf.reshape(shape), result)
+    return result if traced else jax.device_put(result)
 
+
+def _shared_out(
+    ground: PulseInput | RecordInput, rows: Any, tolerance: Any, static: dict[str, Any]
+) -> BatchResponse:
+    """`_march` of all columns, on all devices or processors; NumPy arrays."""
     default = jax.config.jax_default_device
     if default is None:
         devices = jax.local_devices()
@@ -336,31 +275,26 @@ def respond_batch(
         named = isinstance(default, str)
         devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
-    workers = processors() if on_processor else len(devices)
+    workers, size = processors() if on_processor else len(devices), rows.shape[1]
     share = max(-(-size // workers), _ALONE[type(ground)] if on_processor else 1)
     room, lanes = 1 << (share - 1).bit_length(), share
     if on_processor:
-        # Few different shapes, so that few programs are compiled.
-        # All processors have equal shares.
-        share = max(-(-share // -(-share // _ROOMS[-1])), 1)
-        lanes = _LANES
-        room = next(room for room in _ROOMS if share <= room)
+        # Few different shapes, so that few programs are compiled; the same share for each worker.
+        share = -(-share // -(-share // _ROOMS[-1]))
+        room, lanes = next(room for room in _ROOMS if share <= room), _LANES
     march = _compiled(devices[0].platform)
 
     def on_device(k: int) -> BatchResponse:
         part = rows[:, k * share : (k + 1) * share]
         count = part.shape[1]
-        queue = np.ones((len(rows), room), dtype)
+        queue = np.ones((len(rows), room), rows.dtype)
         queue[:, :count] = part
         placed = ground, queue
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
-        result = march(
-            *placed, count, tolerance, form=form, model=model, lanes=lanes, order=order, parts=parts
-        )
+        result = march(*placed, count, tolerance, lanes=lanes, **static)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     pieces = max(1, -(-size // share))
     separate = mapped(on_device, range(pieces), min(workers, pieces))
-    joined = jax.tree.map(lambda *parts: np.concatenate(parts).reshape(shape), *separate)
-    return jax.device_put(joined)
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *separate)
