@@ -30,14 +30,6 @@ LIMITS = (
         " slope to C is that of a block that has had two hundred impacts. At the end it is five"
         " half-cycles behind.",
     ),
-    Limit(
-        "respond_batch",
-        "float32",
-        "gradient",
-        ("pushed for 1 µs", "pushed with 1e6 m/s2"),
-        "NaN: the slope of the fourth power of 64 over the duration, times the acceleration in"
-        " units of gravity, is beyond the range of float32.",
-    ),
 )
 KNOWN = {
     (limit.subject, corner, limit.precision, limit.quantity): number
