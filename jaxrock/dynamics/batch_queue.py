@@ -16,7 +16,7 @@ _STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
 
 
 class Ends(NamedTuple):
-    """What is kept of blocks that have finished."""
+    """The states and counts of blocks that have finished."""
 
     peak: Any
     rotation: Any  # signed, like the velocity

@@ -62,8 +62,9 @@ def _leave() -> None:
 
 def _listen(ear: socket.socket, numbers: Sequence[int]) -> None:
     """Wait for a signal, remove unfinished files, say why in one line, exit with 128 plus it."""
-    while (number := ear.recv(1)[0]) not in numbers:  # another one that has a handler
-        pass
+    number = -1
+    while number not in numbers:  # others have handlers of their own
+        number = ear.recv(1)[0]
     try:
         abandon()
     finally:
