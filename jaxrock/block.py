@@ -1,12 +1,19 @@
-"""The block: its geometry, and what follows from geometry and gravity alone."""
+"""The block: its geometry and inertia, and what follows from these and gravity alone."""
 
+from typing import Any
+
+import jax
+import jax.core
 import jax.numpy as jnp
+import numpy as np
 
 from .host import shown
 from .numerics import angle
 from .validation import (
+    AT_LEAST_ONE,
     NON_NEGATIVE,
     POSITIVE,
+    RIGHT_ANGLE,
     Checked,
     Number,
     Reals,
@@ -16,15 +23,26 @@ from .validation import (
     quantity,
 )
 
+# kappa of a homogeneous rectangle; its reciprocal rounds to 0.75 in every precision.
+RECTANGLE_INERTIA_RATIO = 4 / 3
+
 
 class Block(Checked):
-    """A rigid, homogeneous, rectangular block standing on a rigid base (Fig. 1).
+    """A rigid body standing on two edges on a rigid base (Fig. 1), by default a rectangle.
+
+    Any body that is symmetric about its middle: a column, a vase, a display case, a statue on
+    its pedestal. Of a homogeneous rectangle a is half the height, of any other body the height
+    of the centre of mass; b is half the distance between the edges.
 
     Parameters
     ----------
     half_width, slenderness, gravity : array_like
         b, half the width of the base [m], lambda = a / b, height over width [-], and g,
         acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
+    inertia_ratio : array_like
+        kappa = I_O / (m R^2) [-], the moment of inertia about the edge over that of the mass
+        if it were all in its centre; finite and at least 1. 4 / 3 for a homogeneous rectangle,
+        less where the mass is closer to its centre, more where it is further away.
 
     Examples
     --------
@@ -37,21 +55,31 @@ class Block(Checked):
     half_width: Reals = quantity(POSITIVE)
     slenderness: Reals = quantity(POSITIVE)
     gravity: Reals = quantity(POSITIVE)
+    inertia_ratio: Reals = quantity(AT_LEAST_ONE)
 
-    def __init__(self, half_width: Number, slenderness: Number, gravity: Number = 9.81):
+    def __init__(
+        self,
+        half_width: Number,
+        slenderness: Number,
+        gravity: Number = 9.81,
+        inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+    ):
         self.half_width = as_real("half_width", half_width)
         self.slenderness = as_real("slenderness", slenderness)
         self.gravity = as_real("gravity", gravity)
+        self.inertia_ratio = as_real("inertia_ratio", inertia_ratio)
 
     def __str__(self) -> str:
+        rectangle = is_rectangle(self)
         return (
             f"half-width {shown(self.half_width, 'm')}, slenderness {shown(self.slenderness)},"
             f" gravity {shown(self.gravity, 'm/s2')}"
+            + ("" if rectangle else f", inertia ratio {shown(self.inertia_ratio)}")
         )
 
     @classmethod
     def from_size(cls, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
-        """The block of a given full width 2b [m] and height 2a [m].
+        """The rectangular block of a given full width 2b [m] and height 2a [m].
 
         Parameters
         ----------
@@ -71,16 +99,94 @@ class Block(Checked):
         check("height", height, POSITIVE)
         return cls(width / 2, height / width, gravity)
 
+    @classmethod
+    def from_parameters(
+        cls,
+        frequency_parameter: Number,
+        critical_angle: Number,
+        gravity: Number = 9.81,
+        inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+    ) -> "Block":
+        """The block of a given frequency parameter p [1/s] and critical angle alpha_c [rad].
+
+        Both can be measured without knowing what is inside of the body. They decide how it
+        rocks on moving ground; the inertia ratio then only how large it is, how hard it
+        presses and pushes on the ground, and Housner's restitution.
+
+        Parameters
+        ----------
+        frequency_parameter, critical_angle, gravity, inertia_ratio : array_like
+            p [1/s], alpha_c [rad] between 0 and pi / 2, g [m/s2] and kappa [-].
+
+        Returns
+        -------
+        Block
+
+        Raises
+        ------
+        ValueError
+            If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> statue = jr.Block.from_parameters(2.0, 0.2, inertia_ratio=1.25)
+        >>> print(f"{statue.half_width:.4f} m, {statue.half_height:.4f} m")
+        0.3898 m, 1.9229 m
+        """
+        size = _of_parameters(frequency_parameter, critical_angle, gravity, inertia_ratio)
+        return cls(*size, gravity, inertia_ratio)
+
+    @classmethod
+    def from_body(
+        cls,
+        half_width: Number,
+        centre_height: Number,
+        mass: Number,
+        inertia_about_centre: Number,
+        gravity: Number = 9.81,
+    ) -> "Block":
+        """The block that rocks like a body whose mass and inertia are known.
+
+        Parameters
+        ----------
+        half_width, centre_height : array_like
+            Half the distance between the edges, and the height of the centre of mass [m].
+        mass, inertia_about_centre : array_like
+            m [kg], and the moment of inertia I_c about the axis through the centre of mass
+            that is parallel to the edges [kg m2], at least 0. Both may be per unit of length.
+        gravity : array_like
+            g [m/s2].
+
+        Returns
+        -------
+        Block
+            With the inertia ratio ``1 + I_c / (m R^2)``.
+
+        Raises
+        ------
+        ValueError
+            If a concrete value is outside of what is allowed. Traced values outside give NaN.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> print(jr.Block.from_body(0.3, 1.2, mass=500.0, inertia_about_centre=306.0))
+        half-width 0.3 m, slenderness 4, gravity 9.81 m/s2, inertia ratio 1.4
+        """
+        shape = _of_body(half_width, centre_height, mass, inertia_about_centre)
+        return cls(half_width, shape[0], gravity, shape[1])
+
     @property
     @elementwise()
     def half_height(self) -> Reals:
-        """Half the height, a = lambda b [m]."""
+        """Height of the centre of mass, half the height of a rectangle, a = lambda b [m]."""
         return self.slenderness * self.half_width
 
     @property
     @elementwise()
     def half_diagonal(self) -> Reals:
-        """Distance from the centre to a corner, R = sqrt(a^2 + b^2) [m]."""
+        """Distance from the centre of mass to an edge, R = sqrt(a^2 + b^2) [m]."""
         return self.half_width * diagonal_ratio(self)
 
     @property
@@ -92,14 +198,15 @@ class Block(Checked):
     @property
     @elementwise()
     def frequency_parameter(self) -> Reals:
-        """Rate of free rocking near equilibrium, p = sqrt(3 g / (4 R)) [1/s]."""
-        return jnp.sqrt(0.75 * self.gravity / (self.half_width * diagonal_ratio(self)))
+        """Rate of free rocking near equilibrium, p = sqrt(g / (kappa R)) [1/s]."""
+        share = share_in_centre(self.inertia_ratio)
+        return jnp.sqrt(share * self.gravity / (self.half_width * diagonal_ratio(self)))
 
     @elementwise(intensity=NON_NEGATIVE)
     def pulse_velocity(self, intensity: Number) -> Reals:
         """Angular velocity that an instantaneous pulse gives to the block at rest (Eq. 2).
 
-        By conservation of angular momentum about the corner, for any slenderness.
+        By conservation of angular momentum about the edge, for any slenderness.
 
         Parameters
         ----------
@@ -109,12 +216,52 @@ class Block(Checked):
         Returns
         -------
         velocity : Array, shape (...)
-            ``3 lambda I / (4 b (1 + lambda^2))`` [rad/s].
+            ``lambda I / (kappa b (1 + lambda^2))`` [rad/s].
         """
         shape = self.slenderness / (1 + self.slenderness**2)
-        return 0.75 * shape * intensity / self.half_width
+        return share_in_centre(self.inertia_ratio) * shape * intensity / self.half_width
 
 
 def diagonal_ratio(block: Block) -> Reals:
     """R / b = sqrt(1 + lambda^2); ``1 / (R / b)`` is sin(alpha_c)."""
     return jnp.sqrt(1 + block.slenderness**2)
+
+
+def share_in_centre(inertia_ratio: Reals) -> Reals:
+    """``1 / kappa``: the share of the moment of inertia that a mass in its centre would have."""
+    # A plain reciprocal XLA merges with the next quotient, which rounds otherwise than 0.75 does.
+    return 0.75 * (RECTANGLE_INERTIA_RATIO / inertia_ratio)
+
+
+def is_rectangle(block: Block) -> bool:
+    """Whether the inertia ratio is known to be that of a homogeneous rectangle."""
+    ratio = block.inertia_ratio
+    if isinstance(ratio, jax.core.Tracer) or not isinstance(ratio, jax.Array | np.ndarray):
+        return False
+    return bool(np.allclose(ratio, RECTANGLE_INERTIA_RATIO, rtol=1e-6, atol=0))
+
+
+@elementwise(
+    frequency_parameter=POSITIVE,
+    critical_angle=RIGHT_ANGLE,
+    gravity=POSITIVE,
+    inertia_ratio=AT_LEAST_ONE,
+)
+def _of_parameters(
+    frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
+) -> tuple[Any, Any]:
+    """Half-width and slenderness."""
+    share = share_in_centre(jnp.asarray(inertia_ratio))
+    half_diagonal = share * gravity / jnp.square(frequency_parameter)
+    return half_diagonal * jnp.sin(critical_angle), 1 / jnp.tan(critical_angle)
+
+
+@elementwise(
+    half_width=POSITIVE, centre_height=POSITIVE, mass=POSITIVE, inertia_about_centre=NON_NEGATIVE
+)
+def _of_body(
+    half_width: Number, centre_height: Number, mass: Number, inertia_about_centre: Number
+) -> tuple[Any, Any]:
+    """Slenderness and inertia ratio."""
+    square = jnp.square(half_width) + jnp.square(centre_height)
+    return jnp.divide(centre_height, half_width), 1 + inertia_about_centre / (mass * square)

@@ -8,7 +8,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from .block import Block
+from .block import Block, share_in_centre
 from .validation import Reals, elementwise
 
 
@@ -21,8 +21,8 @@ def velocity_after_impact(restitution: Any, velocity: Any) -> Any:
 def housner_restitution(block: Block) -> Reals:
     """Housner's coefficient of restitution, a ratio of angular velocities (Housner 1963).
 
-    From the angular momentum about the new corner, which the impact conserves. Negative
-    below a slenderness of 0.707: such a block does not rock on.
+    From the angular momentum about the new edge, which the impact conserves. Negative for a
+    stocky block, a rectangle below a slenderness of 0.707: such a block does not rock on.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def housner_restitution(block: Block) -> Reals:
     Returns
     -------
     restitution : Array, shape (...)
-        ``1 - (3/2) sin(alpha_c)^2`` [-].
+        ``1 - (2 / kappa) sin(alpha_c)^2`` [-]; ``1 - (3/2) sin(alpha_c)^2`` of a rectangle.
 
     Examples
     --------
@@ -40,5 +40,7 @@ def housner_restitution(block: Block) -> Reals:
     0.942
     """
     square = block.slenderness**2
-    # Near slenderness 0.707 the first form cancels, for tall blocks the second.
-    return jnp.where(square > 1, 1 - 1.5 / (1 + square), 1.5 * square / (1 + square) - 0.5)
+    twice = 2 * share_in_centre(block.inertia_ratio)
+    # For stocky blocks the first form cancels (a rectangle: near 0.707), for tall ones the second.
+    stocky = twice * square / (1 + square) - (twice - 1)
+    return jnp.where(square > 1, 1 - twice / (1 + square), stocky)

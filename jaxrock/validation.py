@@ -45,6 +45,8 @@ class Domain(NamedTuple):
 POSITIVE = Domain("finite and greater than 0", lambda x: (x > 0) & (x < jnp.inf), 1.0)
 NON_NEGATIVE = Domain("finite and at least 0", lambda x: (x >= 0) & (x < jnp.inf), 0.0)
 FINITE = Domain("finite", lambda x: abs(x) < jnp.inf, 0.0)
+AT_LEAST_ONE = Domain("finite and at least 1", lambda x: (x >= 1) & (x < jnp.inf), 1.0)
+RIGHT_ANGLE = Domain("between 0 and pi / 2", lambda x: (x > 0) & (x < jnp.pi / 2), 1.0)
 UNIT_INTERVAL = Domain("between 0 and 1", lambda x: (x >= 0) & (x <= 1), 0.5)
 BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0.5)
 COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0)

@@ -63,7 +63,7 @@ def values(dtype):
                 unit = mp.mpf(2) ** mp.floor(mp.log(abs(value), 2)) * eps
                 error = float(abs(mp.mpf(float(ours[index])) - value) / unit)
                 worst = max(worst, error / (1 + condition))
-    return f"{worst:.1f} (1 + κ) units in the last place"
+    return f"{worst:.1f} (1 + K) units in the last place"
 
 
 def closed_slopes():

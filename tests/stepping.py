@@ -103,9 +103,13 @@ def within(ground, start, duration):
 class Rocker:
     """The equation of motion of one or more blocks, and what energy says of the outcome."""
 
-    def __init__(self, half_width, slenderness, restitution, linearized=False, gravity=9.81):
+    def __init__(
+        self, half_width, slenderness, restitution, linearized=False, gravity=9.81, share=0.75
+    ):
         self.angle = np.arctan(1 / np.asarray(slenderness, float))
-        self.p = np.sqrt(0.75 * gravity / (half_width * np.hypot(1, slenderness)))
+        # Of the moment of inertia about the edge, `share` is what the mass in its centre has.
+        self.radius = half_width * np.hypot(1, slenderness)
+        self.p = np.sqrt(share * gravity / self.radius)
         self.c, self.linearized, self.gravity = restitution, linearized, gravity
         self.tangent = self.angle if linearized else np.tan(self.angle)
 
@@ -113,7 +117,7 @@ class Rocker:
         """Some of the blocks, of which there are `size` in all."""
         some = object.__new__(Rocker)
         some.linearized = self.linearized
-        for name in ("angle", "p", "c", "gravity", "tangent"):
+        for name in ("angle", "radius", "p", "c", "gravity", "tangent"):
             setattr(some, name, np.broadcast_to(getattr(self, name), (size,))[which])
         return some
 

@@ -22,6 +22,10 @@ SCENE = jr.Scene(BLOCK, 0.5, 0.1)
         (lambda: jr.Block(-0.4, 5.0), "half_width must be finite and greater than 0, got -0.4"),
         (lambda: jr.Block(0.4, 0), "slenderness must be finite and greater than 0, got 0"),
         (lambda: jr.Block(0.4, 5.0, np.nan), "gravity must be finite and greater than 0, got nan"),
+        (
+            lambda: jr.Block(0.4, 5.0, inertia_ratio=0.9),
+            "inertia_ratio must be finite and at least 1",
+        ),
         (lambda: as_real("width", "wide"), "width must be a real number .* got 'wide'"),
         (lambda: as_real("width", 0.4 + 1j), "width must be a real number"),
         (lambda: jr.Block.from_size(0.4, -1.0), "height must be finite and greater than 0"),
@@ -159,11 +163,11 @@ def test_peak_amplification_leaves_blocks_that_overturn_out():
 
 
 def test_arguments_are_guarded_once():
-    """Four of these numbers have to be finite, and one velocity is asked whether it is."""
+    """Four of these numbers and the inertia ratio have to be finite; a velocity is asked, too."""
     numbers = [0.4, 5.0, 9.81, 0.7, 0.15]
 
     def ratio(b, slenderness, g, c, i):
         return jr.rotation_ratio(jr.Scene(jr.Block(b, slenderness, g), c, i))
 
     program = str(jax.make_jaxpr(ratio)(*numbers))
-    assert len(re.findall(r"= lt \w+ inf", program)) == 5
+    assert len(re.findall(r"= lt \w+ inf", program)) == 6

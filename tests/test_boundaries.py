@@ -186,7 +186,7 @@ def test_second_derivatives_of_the_margin_on_a_record():
 
 
 def test_other_quantities_lead_to_the_same_boundary():
-    """At a critical amplitude, the duration, size, shape and restitution are critical as well."""
+    """At a critical amplitude duration, size, shape, inertia and restitution are critical, too."""
     block, c, duration = jr.Block(0.1, 5.0), 0.9, 0.5
     amplitude = jr.critical_amplitude(block, c, jr.Sine, duration).value[0]
     pulse = jr.Sine(amplitude, duration)
@@ -194,6 +194,7 @@ def test_other_quantities_lead_to_the_same_boundary():
         "duration": duration,
         "half_width": 0.1,
         "slenderness": 5.0,
+        "inertia_ratio": 4 / 3,
         "restitution": 0.9,
         "factor": 1.0,
     }.items():

@@ -118,6 +118,30 @@ def test_gravity_reaches_the_answers(capsys, tmp_path):
         assert dataset.attrs["gravity"] == 1.62
 
 
+def test_inertia_ratio_reaches_the_answers(capsys, tmp_path):
+    body, block = ("--inertia-ratio", 1.1), jr.Block(0.4, 5.0, inertia_ratio=1.1)
+    for size in (("--height", 4), ("--slenderness", 5)):
+        _, out, _ = run(capsys, "assess", *size, *body, "--json")
+        scene = json.loads(out)["scene"]
+        assert scene["inertia_ratio"] == 1.1
+        assert scene["height"] == 4
+        assert scene["frequency_parameter"] == pytest.approx(float(block.frequency_parameter))
+        assert scene["restitution"] == pytest.approx(float(jr.housner_restitution(block)))
+    _, out, _ = run(capsys, "critical", "--restitution", 0.7, *body, "--json")
+    intensity = json.loads(out)["rows"][0]["critical_intensity"]
+    assert intensity == pytest.approx(float(jr.critical_intensity(block, 0.7, 1.0)))
+    run(capsys, "spectrum", "--out", tmp_path, *SMALL, *body)
+    few = ("--period", 2, 4, "--slenderness", 5, "--scale", 0.1)
+    run(capsys, "rocking-spectrum", "--out", tmp_path, *few, *body)
+    for name in ("spectrum", "rocking_spectrum"):
+        with xarray.open_dataset(tmp_path / f"{name}.nc") as dataset:
+            assert dataset.attrs["inertia_ratio"] == 1.1
+    for command in ("assess", "spectrum", "rocking-spectrum"):
+        code, _, err = run(capsys, command, "--inertia-ratio", 0.9)
+        assert code == 2
+        assert "inertia_ratio must be finite and at least 1, got 0.9" in err
+
+
 def test_a_folder_that_cannot_be_written(capsys, tmp_path):
     (tmp_path / "file").write_text("in the way")
     for command in (("spectrum", *SMALL), ("paper",)):

@@ -54,7 +54,7 @@ class Trajectory:
     def __init__(self, rocker, pieces, settle, rtol=1e-12):
         self.rocker, self.rtol = rocker, rtol
         self.grid = 2 if len(pieces) > 5 else 2001  # a record is linear in between
-        self.radius = 0.75 * rocker.gravity / rocker.p**2
+        self.radius = rocker.radius
         self.demand, self.normal = 0.0, math.inf
         self.alpha = self.velocity = 0.0
         self.side, self.resting, self.over = 1, True, False
@@ -192,11 +192,11 @@ class Trajectory:
         return path, times, landed
 
 
-def scene(rng, kind, bouncing, vertical):
+def scene(rng, kind, bouncing, vertical, inertia_ratio):
     """Block, C, motion, and the motion in pieces."""
     slenderness, c = rng.uniform(1.3, 8), rng.uniform(0.1, bouncing)
     half_width = 10 ** rng.uniform(-1, 0.3)
-    block = jr.Block(half_width, slenderness)
+    block = jr.Block(half_width, slenderness, inertia_ratio=inertia_ratio)
     strength = 9.81 / slenderness * rng.uniform(*STRENGTHS.get(kind, (1.02, 5)))
     strength *= rng.choice([-1, 1])
     if kind == "Record":
@@ -210,13 +210,14 @@ def scene(rng, kind, bouncing, vertical):
     return block, c, getattr(jr, kind)(strength, duration), stepping.pulse(kind, strength, duration)
 
 
-def compare(kind, count, seed, bouncing=0.4, vertical=2.5):
+def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
     rng = np.random.default_rng(seed)
     worst, overturned, left = 0.0, 0, 0
     for _ in range(count):
-        block, c, motion, ground = scene(rng, kind, bouncing, vertical)
+        block, c, motion, ground = scene(rng, kind, bouncing, vertical, inertia_ratio)
         settle = 3 / float(block.frequency_parameter)
-        rocker = stepping.Rocker(float(block.half_width), float(block.slenderness), c)
+        size = float(block.half_width), float(block.slenderness)
+        rocker = stepping.Rocker(*size, c, share=1 / inertia_ratio)
         r = jr.respond(block, c, motion, float(motion.end) + settle, rtol=1e-10)
         expected = Trajectory(rocker, pieces_of(ground), settle)
         off = max(
@@ -239,6 +240,11 @@ def test_extremes_of_the_forces(kind):
     assert 0 < overturned < 8
 
 
+@pytest.mark.parametrize("inertia_ratio", [1.0, 1.15, 1.8])
+def test_extremes_of_the_forces_of_other_bodies(inertia_ratio):
+    compare("HalfSine", 5, 6, inertia_ratio=inertia_ratio)
+
+
 def test_blocks_that_would_leave_the_ground():
     """The motion is that of the equation, and the forces say that it is none."""
     _, overturned, left = compare("Record", 8, 5, vertical=8.0)
@@ -254,23 +260,27 @@ def test_extremes_of_the_forces_of_many(kind):
     assert 10 <= overturned <= 40
 
 
-def closed(slenderness, x):
+def closed(slenderness, x, share=0.75):
     """Extremes of a block launched at x critical velocities up to its side: from energy."""
     angle = math.atan(1 / slenderness)
     q = np.linspace(angle, angle - math.pi / 2, 400001)
     square = 4 * ((x * math.sin(angle / 2)) ** 2 - np.sin(angle / 2) ** 2 + np.sin(q / 2) ** 2)
-    horizontal = 0.75 * (square - np.cos(q)) * np.sin(q)
-    normal = 1 - 0.75 * (np.sin(q) ** 2 + square * np.cos(q))
+    horizontal = share * (square - np.cos(q)) * np.sin(q)
+    normal = 1 - share * (np.sin(q) ** 2 + square * np.cos(q))
     demand = np.where(normal > 0, abs(horizontal) / np.where(normal > 0, normal, 1), np.inf)
     return demand.max(), normal.min()
 
 
 def test_launched_blocks_that_overturn():
     """What was found depended on the length of the last step, which goes beyond 90 degrees."""
-    for slenderness, x, known in ((1.5, 1.2, 6.19), (3.0, 1.01, math.inf)):
-        block = jr.Block(0.4, slenderness)
+    for slenderness, x, ratio, known in (
+        (1.5, 1.2, 4 / 3, 6.19),
+        (3.0, 1.01, 4 / 3, math.inf),
+        (1.5, 1.2, 2.0, 0.550),
+    ):
+        block = jr.Block(0.4, slenderness, inertia_ratio=ratio)
         launch = x * jr.Nonlinear().critical_velocity(block)
-        expected = closed(slenderness, x)
+        expected = closed(slenderness, x, 1 / ratio)
         assert expected[0] == pytest.approx(known, rel=1e-3)
         for rtol, within in ((1e-4, 1e-3), (1e-10, 1e-8)):
             r = jr.respond(block, 0.8, STILL, 9.0, velocity=launch, rtol=rtol)

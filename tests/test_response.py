@@ -52,9 +52,7 @@ def test_free_rocking(linearized):
     model = jr.Linearized() if linearized else jr.Nonlinear()
     launch = model.critical_velocity(block) * rng.uniform(0.01, 0.999, n)
     speeds = np.asarray(launch)[:, None] * c[:, None] ** np.arange(half_cycles)
-    column = jax.tree.map(
-        lambda leaf: leaf[:, None], jr.Block(block.half_width, block.slenderness, jnp.full(n, 9.81))
-    )
+    column = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, n)[:, None], block)
     times = np.cumsum(model.half_cycle_duration(column, speeds), axis=1)
     ends = times[:, -1] + 0.3 * c * (times[:, -1] - times[:, -2])
     found, velocities, impacts, status, _ = many(linearized)(

@@ -15,12 +15,15 @@ WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 
 def test_sensitivities():
     found = jr.sensitivities(jr.rotation_ratio, WALL)
-    assert found.names == ("half_width", "slenderness", "gravity", "restitution", "intensity")
+    assert found.names == (
+        *("half_width", "slenderness", "gravity", "inertia_ratio"),
+        *("restitution", "intensity"),
+    )
     at = dict(zip(found.names, found.at, strict=True))
 
     def value(**change):
         n = at | change
-        block = jr.Block(n["half_width"], n["slenderness"], n["gravity"])
+        block = jr.Block(n["half_width"], n["slenderness"], n["gravity"], n["inertia_ratio"])
         return float(jr.rotation_ratio(jr.Scene(block, n["restitution"], n["intensity"])))
 
     for k, (name, x) in enumerate(at.items()):

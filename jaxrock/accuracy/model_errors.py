@@ -199,10 +199,7 @@ def _model_error(
     # with less and more. All at once, since each closed form takes long to compile.
     variants = [scene, *_around(scene, 1 + shift, slip)]
     for kind in precisions.values():
-        rounded = jax.tree.map(
-            lambda leaf, kind=kind: jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant), scene
-        )
-        variants += _around(rounded, 1.0, _ROUNDINGS * float(kind.eps))
+        variants += _around(_rounded(scene, kind), 1.0, _ROUNDINGS * float(kind.eps))
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants)
     answers = {
         model.name: jnp.stack(jax.tree.leaves(answers_of(stacked, model)), axis=1)
@@ -233,6 +230,17 @@ def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
     """Scenes of the intensity times a factor, and of less and more."""
     factors = (factor, factor - slip, factor + slip)
     return [_with_intensity(scene, scene.intensity * each) for each in factors]
+
+
+def _rounded(scene: Scene, kind: Any) -> Scene:
+    """A scene whose numbers are rounded to a precision."""
+
+    def rounded(leaf: Reals) -> Reals:
+        return jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant)
+
+    # Only the reciprocal of the inertia ratio counts, and that of 4 / 3 rounds to 0.75 everywhere.
+    ratio = 1 / rounded(1 / rounded(scene.block.inertia_ratio))
+    return eqx.tree_at(lambda s: s.block.inertia_ratio, jax.tree.map(rounded, scene), ratio)
 
 
 def _with_intensity(scene: Scene, intensity: Reals) -> Scene:

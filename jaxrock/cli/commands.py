@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..accuracy import default_scene, measure_tradeoff
+from ..block import RECTANGLE_INERTIA_RATIO
 from ..dynamics import DrivenScene
 from ..reports import conformance, paper
 from ..resonance import Scene
@@ -16,7 +17,7 @@ from ..spectra import (
     rocking_spectrum,
     write_table,
 )
-from ..validation import POSITIVE, check
+from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .one_block import Assess, Critical, Respond, Sensitivity
 from .options import (
     Answer,
@@ -45,6 +46,8 @@ class Spectrum(Writing):
     restitution: Grid = (0.6, 0.7, 0.8)  # Coefficients of restitution [-], 0 to 1.
     intensity: Grid = (0.15,)  # Change of ground velocity in each pulse [m/s].
     gravity: float = 9.81  # Acceleration of gravity [m/s2].
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
+    """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
     model: Literal["linearized", "nonlinear", "auto"] = "linearized"
     """Equation of free rocking; auto takes at each point the cheapest within the tolerance."""
     tolerance: float = 1e-3  # Relative error that is allowed; for the model auto.
@@ -53,6 +56,7 @@ class Spectrum(Writing):
     def _steps(self) -> Steps:
         grid: dict[str, Any] = {name: axis(name, self.numbers(name)) for name in RESONANCE_AXES}
         check("gravity", self.gravity, POSITIVE)
+        check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
         check("tolerance", self.tolerance, POSITIVE)
         if self.model != "auto":
             self.refuse("tolerance", only_with="the model auto")
@@ -61,7 +65,8 @@ class Spectrum(Writing):
         folder = yield "spectrum.nc", "spectrum.csv", "spectrum.png"
         from ..plot import plot_spectrum
 
-        grid |= {"model": self.model, "tolerance": self.tolerance, "gravity": self.gravity}
+        grid |= {"model": self.model, "tolerance": self.tolerance}
+        grid |= {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
         with resonance_spectrum(**grid, store=folder / "spectrum.nc") as dataset:
             write_table(dataset, folder / "spectrum.csv")
             picture(plot_spectrum(dataset), folder / "spectrum.png")
@@ -85,15 +90,18 @@ class RockingSpectrum(RecordOptions, Writing):
     period: Grid = ("1:8:71",)  # 2 pi / p of the blocks [s].
     slenderness: Grid = (4.0, 6.0, 8.0)  # Height over width [-].
     restitution: Grid = (0.9,)  # Velocity after an impact over velocity before it [-].
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
+    """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
     out: Path = Path("rocking_spectrum")
 
     def _steps(self) -> Steps:
         motion = self.motion
         grid = [axis(n, self.numbers(n)) for n in ("period", "slenderness", "restitution")]
+        check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
         folder = yield [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
         from ..plot import plot_rocking_spectrum
 
-        dataset = rocking_spectrum(motion, *grid)
+        dataset = rocking_spectrum(motion, *grid, inertia_ratio=self.inertia_ratio)
         dataset.to_netcdf(folder / "rocking_spectrum.nc")
         dataset.to_dataframe().to_csv(folder / "rocking_spectrum.csv")
         picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")

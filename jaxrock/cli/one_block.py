@@ -22,7 +22,9 @@ from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
 from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
 from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Steps, Writing, picture
 
-Quantity = Literal["amplitude", "duration", "factor", "half_width", "slenderness", "restitution"]
+Quantity = Literal[
+    "amplitude", "duration", "factor", "half_width", "slenderness", "inertia_ratio", "restitution"
+]
 
 
 class Assess(BlockOptions):
@@ -264,7 +266,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
     def _question(self, at: Mapping[str, Any]) -> Any:
         """The answer as a function of the numbers that it depends on."""
-        block = Block(at["half_width"], at["slenderness"], self.gravity)
+        block = Block(at["half_width"], at["slenderness"], self.gravity, self.inertia_ratio)
         c, model = at["restitution"], self._model
         if not self.shaken:
             if self.answer == "critical-intensity":

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, dataclass_transform
 import numpy as np
 import tyro
 
-from ..block import Block
+from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import PULSES, Motion, Record, example_record, read_record
 from ..host import check_free, written_whole
 from ..impact import housner_restitution
@@ -144,11 +144,14 @@ class BlockOptions(Command):
     """Options that describe one block."""
 
     width: float = 0.8  # Full width 2b of the base [m].
-    height: float | None = None  # Full height 2a [m]. Give this or the slenderness.
+    height: float | None = None
+    """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
     slenderness: float | None = None  # Height over width [-]. 5 if neither is given.
     restitution: float | None = None
     """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if None."""
     gravity: float = 9.81  # Acceleration of gravity [m/s2].
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
+    """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
 
     @functools.cached_property
     def block(self) -> Block:
@@ -156,10 +159,12 @@ class BlockOptions(Command):
         check("width", self.width, POSITIVE)
         if self.height is None:
             slenderness = 5.0 if self.slenderness is None else self.slenderness
-            return Block(self.width / 2, slenderness, self.gravity)
-        if self.slenderness is not None:
+        elif self.slenderness is not None:
             raise ValueError("height and slenderness exclude each other, got both")
-        return Block.from_size(self.width, self.height, self.gravity)
+        else:
+            check("height", self.height, POSITIVE)
+            slenderness = self.height / self.width
+        return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
 
     @functools.cached_property
     def coefficient(self) -> float:

@@ -98,7 +98,8 @@ class Case(NamedTuple):
 
     def for_steps(self) -> "Case":
         """What the steps need of it."""
-        equation = eqx.tree_at(lambda e: e.gravity, self.equation, None)
+        unused = (None, None)
+        equation = eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), self.equation, unused)
         return self._replace(equation=equation, unit=None, finite=None)
 
     def valid(self) -> Booleans:

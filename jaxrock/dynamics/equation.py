@@ -33,6 +33,7 @@ class Equation(eqx.Module):
     critical_angle: Reals
     critical_velocity: Reals
     gravity: Reals
+    inertia_ratio: Reals
     tangent: Reals  # of the critical angle: the push that just lifts the block
     model: RockingModel
 
@@ -50,6 +51,7 @@ class Equation(eqx.Module):
             critical_angle=angle,
             critical_velocity=model.critical_velocity(block),
             gravity=jnp.broadcast_to(block.gravity, angle.shape),
+            inertia_ratio=jnp.broadcast_to(block.inertia_ratio, angle.shape),
             tangent=angle if isinstance(model, Linearized) else 1 / block.slenderness,
             model=model,
         )

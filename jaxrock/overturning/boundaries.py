@@ -19,6 +19,7 @@ from ..host import listed, with_clock
 from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
+    AT_LEAST_ONE,
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
@@ -103,6 +104,7 @@ _QUANTITIES: dict[str, tuple[Domain, type[Motion], Callable[[Any], Any]]] = {
     "factor": (NON_NEGATIVE, Motion, _strength),  # on what is there
     "half_width": (POSITIVE, Motion, lambda scene: scene.block.half_width),
     "slenderness": (POSITIVE, Motion, lambda scene: scene.block.slenderness),
+    "inertia_ratio": (AT_LEAST_ONE, Motion, lambda scene: scene.block.inertia_ratio),
     "restitution": (UNIT_INTERVAL, Motion, lambda scene: scene.restitution),
 }
 
@@ -133,8 +135,8 @@ def overturning_boundaries(
         A pulse, or a `Record` with one-dimensional samples.
     along : str
         ``"amplitude"`` or ``"duration"`` of a pulse, ``"factor"`` on any motion,
-        ``"half_width"``, ``"slenderness"`` or ``"restitution"``. What the scene has for it
-        does not matter (but for the factor, which multiplies it).
+        ``"half_width"``, ``"slenderness"``, ``"inertia_ratio"`` or ``"restitution"``. What the
+        scene has for it does not matter (but for the factor, which multiplies it).
     values : array_like, shape (..., n)
         Increasing values [unit of the quantity], at least two. All else broadcasts against
         their leading axes.

@@ -29,6 +29,7 @@ _DIMENSIONS = {
     "slenderness": (r"slenderness $\lambda$", "1"),
     "width": ("width $2b$", "m"),
     "half_width": ("half-width $b$", "m"),
+    "inertia_ratio": (r"inertia ratio $\kappa$", "1"),
     "restitution": ("restitution $C$", "1"),
     "intensity": ("pulse intensity $I$", "m s-1"),
 }

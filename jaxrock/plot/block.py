@@ -10,16 +10,20 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
 
-from ..block import Block
+from ..block import Block, is_rectangle
 from ..dynamics import Equation, Response
 from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
+_STAND_IN = "a rectangle stands in for the outline"
 _RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
 
 @draws()
 def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = None) -> Axes:
     """Draw a block, to scale, with the symbols of Fig. 1.
+
+    Of a body that is no homogeneous rectangle the outline is not known: a dashed rectangle
+    with the same base and centre of mass stands in for it.
 
     Parameters
     ----------
@@ -181,5 +185,8 @@ def _block_on(ax: Axes, block: Block, reach: float, top: float) -> Polygon:
     ax.axhspan(bottom, 0, color="0.85")
     ax.axhline(0, color=NEUTRAL, linewidth=0.8)
     shape = Polygon(_corners(block), closed=True, facecolor="0.92", edgecolor=INK)
+    if not is_rectangle(block):
+        shape.set_linestyle("--")
+        ax.text(0.02, 0.98, _STAND_IN, transform=ax.transAxes, va="top", fontsize="small")
     ax.add_patch(shape)
     return shape

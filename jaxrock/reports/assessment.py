@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from .. import resonance
 from ..accuracy import choose
+from ..block import RECTANGLE_INERTIA_RATIO
 from ..host import mapped
 from ..impact import housner_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
@@ -119,6 +120,7 @@ def _programs(scene: Scene) -> list[Callable[[Scene], Any]]:
 def _described(scene: Scene) -> dict[str, Any]:
     block = scene.block
     names = ["slenderness", "half_diagonal", "critical_angle", "frequency_parameter", "gravity"]
+    names.append("inertia_ratio")
     return {
         "width": 2 * block.half_width,
         "height": 2 * block.half_height,
@@ -174,9 +176,14 @@ def text(result: dict[str, Any]) -> str:
     scene, models = result["scene"], result["models"]
     columns = ({"scene": scene} | models["linearized"], models["nonlinear"])
     *columns, errors = map(_by_place, (*columns, result["linearization_error"]))
+    outline = f"{scene['height']:.6g} m high (slenderness {scene['slenderness']:.6g})"
+    if not math.isclose(scene["inertia_ratio"], RECTANGLE_INERTIA_RATIO, rel_tol=1e-6):
+        outline = (
+            f"centre of mass {scene['height'] / 2:.6g} m high"
+            f" (slenderness {scene['slenderness']:.6g}), inertia ratio {scene['inertia_ratio']:.6g}"
+        )
     lines = [
-        f"Block {scene['width']:.6g} m wide, {scene['height']:.6g} m high"
-        f" (slenderness {scene['slenderness']:.6g}), C = {scene['restitution']:.6g},"
+        f"Block {scene['width']:.6g} m wide, {outline}, C = {scene['restitution']:.6g},"
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
     ]

@@ -255,7 +255,7 @@ def _barrier(x: Reals) -> Reals:
 
 def _weight_of(intensity: Reals, block: Block) -> Reals:
     """A pulse as a pure number; its square is twice the peak it causes, if it is weak."""
-    return intensity / jnp.sqrt(block.gravity * block.half_width / 0.75)
+    return intensity / jnp.sqrt(block.gravity * block.half_width * block.inertia_ratio)
 
 
 def _of_half(block: Block) -> tuple[Reals, Reals]:

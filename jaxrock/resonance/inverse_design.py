@@ -73,9 +73,9 @@ def critical_slenderness(
     floating-point numbers; 0 for C = 1 and n = inf.
     """
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
-    half_width, gravity = block.half_width, block.gravity
-    # The pulse as a pure number, on which alone the slenderness depends.
-    weight = quotient(pulse, jnp.sqrt(half_width) * jnp.sqrt(gravity / 0.75))
+    half_width, gravity = block.half_width, block.gravity * block.inertia_ratio
+    # The pulse as a pure number, on which alone the slenderness depends: b g kappa is 1 with it.
+    weight = quotient(pulse, jnp.sqrt(half_width) * jnp.sqrt(gravity))
     number = jnp.finfo(weight.dtype)
     representable = (weight > float(number.max) ** -0.5) & (weight < jnp.inf)
     slenderness_beyond = jnp.where(weight > 1, 0, jnp.inf)

@@ -62,6 +62,7 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     half_width                     0.4     -0.329681      -1.07027
     slenderness                      5     0.0280581       1.13859
     gravity                       9.81    -0.0134427      -1.07027
+    inertia_ratio              1.33333    -0.0989044      -1.07027
     restitution                    0.7       0.87915       4.99457
     intensity                     0.15        1.7583       2.14053
     """

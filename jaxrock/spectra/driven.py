@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..accuracy import respond_within
-from ..block import Block
+from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..dynamics import respond_batch, uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import labelled
 from ..impact import housner_restitution
 from ..overturning import critical_amplitude
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import POSITIVE, as_real, check
+from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
 from .grid import Values, axis, filled, label
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def rocking_spectrum(
     *,
     critical_angle: Values | None = None,
     gravity: float = 9.81,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
 ) -> "xarray.Dataset":
@@ -65,8 +66,8 @@ def rocking_spectrum(
         lambda [-] or alpha_c [rad] of the blocks: one of the two.
     restitution : array_like, optional
         C [-]; by default Housner's of each block, without a dimension of its own.
-    gravity : float
-        g [m/s2].
+    gravity, inertia_ratio : float
+        g [m/s2] and kappa [-] of all blocks; see `Block`.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
@@ -93,6 +94,7 @@ def rocking_spectrum(
     [1 0]
     """
     check("gravity", as_real("gravity", gravity), POSITIVE)
+    check("inertia_ratio", as_real("inertia_ratio", inertia_ratio), AT_LEAST_ONE)
     if (slenderness is None) == (critical_angle is None):
         raise ValueError("slenderness or critical_angle must be given, one of the two")
     if critical_angle is not None:
@@ -104,11 +106,12 @@ def rocking_spectrum(
     axes = {name: axis(name, given) for name, given in values.items() if given is not None}
 
     def problem(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Any, ...]:
-        half_diagonal = 0.75 * gravity * (period / (2 * math.pi)) ** 2
-        block = Block(half_diagonal / np.sqrt(1 + slenderness**2), slenderness, gravity)
+        half_diagonal = 1 / inertia_ratio * gravity * (period / (2 * math.pi)) ** 2
+        half_width = half_diagonal / np.sqrt(1 + slenderness**2)
+        block = Block(half_width, slenderness, gravity, inertia_ratio)
         return block, _restitution(block) if restitution is None else restitution, motion
 
-    about = {"motion": motion.name, "gravity": gravity}
+    about = {"motion": motion.name, "gravity": gravity, "inertia_ratio": inertia_ratio}
     return _spectrum("Rocking spectrum", axes, problem, model, tolerance, about)
 
 
@@ -119,6 +122,7 @@ def overturning_spectrum(
     *,
     slenderness: float = 5.0,
     restitution: float | None = None,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
 ) -> "xarray.Dataset":
@@ -132,8 +136,8 @@ def overturning_spectrum(
         omega_p / p [-], a number or one-dimensional; see `Pulse.frequency`.
     amplitude_ratio : array_like
         a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-]: lifts from 1 on.
-    slenderness, restitution : float
-        lambda [-] and C [-], Housner's by default.
+    slenderness, restitution, inertia_ratio : float
+        lambda [-], C [-], Housner's by default, and kappa [-], on which only that depends.
     model, tolerance
         As in `rocking_spectrum`.
 
@@ -151,13 +155,13 @@ def overturning_spectrum(
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
     axes = {name: axis(name, values) for name, values in given.items()}
     kind = pulse_class(shape)
-    block, c, uplift = _unit_block(slenderness, restitution, model)
+    block, c, uplift = _unit_block(slenderness, restitution, inertia_ratio, model)
     p = float(block.frequency_parameter)
 
     def problem(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Any, ...]:
         return block, c, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * p))
 
-    about = {"motion": kind.name, "gravity": float(block.gravity)}
+    about = {"motion": kind.name, "gravity": float(block.gravity), "inertia_ratio": inertia_ratio}
     return _spectrum("Overturning spectrum", axes, problem, model, tolerance, about)
 
 
@@ -168,6 +172,7 @@ def overturning_map(
     *,
     slenderness: float = 5.0,
     restitution: float | None = None,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     resolution: float = 0.01,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
@@ -175,7 +180,7 @@ def overturning_map(
 
     Parameters
     ----------
-    shape, frequency_ratio, slenderness, restitution, model
+    shape, frequency_ratio, slenderness, restitution, inertia_ratio, model
         As in `overturning_spectrum`.
     amplitude_ratios : sequence of two floats
         The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
@@ -195,7 +200,7 @@ def overturning_map(
         If an argument is outside of what is allowed.
     """
     model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
-    block, c, uplift = _unit_block(slenderness, restitution, model)
+    block, c, uplift = _unit_block(slenderness, restitution, inertia_ratio, model)
     durations = pulse_class(shape).angle / (ratios * float(block.frequency_parameter))
     found = critical_amplitude(
         block, c, shape, durations, amplitude_ratios, resolution=resolution, model=model
@@ -214,6 +219,7 @@ def overturning_map(
         "motion": shape.name,
         "slenderness": slenderness,
         "restitution": c,
+        "inertia_ratio": inertia_ratio,
         "lowest_amplitude_ratio": float(amplitude_ratios[0]),
         "highest_amplitude_ratio": float(amplitude_ratios[1]),
         "resolution": resolution,
@@ -223,10 +229,10 @@ def overturning_map(
 
 
 def _unit_block(
-    slenderness: float, restitution: float | None, model: ModelLike
+    slenderness: float, restitution: float | None, inertia_ratio: float, model: ModelLike
 ) -> tuple[Block, float, float]:
     """A block of any size, its restitution, and the acceleration that just lifts it."""
-    block = Block(0.2, slenderness)
+    block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     c = float(_restitution(block)) if restitution is None else restitution
     return block, c, float(uplift_acceleration(block, as_model(model)))
 

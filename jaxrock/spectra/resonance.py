@@ -13,9 +13,9 @@ from jaxtyping import Array
 
 from .. import resonance
 from ..accuracy import linearized_is_enough
-from ..block import Block
+from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
-from ..validation import POSITIVE, as_real, check
+from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
 from .grid import Values, axis, filled
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def resonance_spectrum(
     model: ModelLike | Literal["auto"] = Linearized(),
     tolerance: float = 1e-3,
     gravity: float = 9.81,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     chunk: int = 2**16,
     store: str | Path | None = None,
     devices: Sequence[Any] | None = None,
@@ -67,8 +68,8 @@ def resonance_spectrum(
         "auto": at each point the cheapest that keeps the `tolerance`, as the variable model says.
     tolerance : float
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
-    gravity : float
-        g [m/s2].
+    gravity, inertia_ratio : float
+        g [m/s2] and kappa [-] of all blocks; see `Block`.
     chunk : int
         Most grid points that are computed at once; several chunks show their progress.
     store : path, optional
@@ -98,7 +99,10 @@ def resonance_spectrum(
     >>> print(spectrum.rotation_ratio.sel(width=0.4, restitution=0.6).values.round(3))
     [0.077 0.317]
     """
-    check("gravity", as_real("gravity", gravity), POSITIVE)
+    constants = {"gravity": gravity, "inertia_ratio": inertia_ratio}
+    shared = [as_real(name, value) for name, value in constants.items()]
+    for name, value, domain in zip(constants, shared, (POSITIVE, AT_LEAST_ONE), strict=True):
+        check(name, value, domain)
     single = None if model == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if chunk < 1:
@@ -111,7 +115,7 @@ def resonance_spectrum(
         for name, (long_name, units) in _VARIABLES.items()
     }
     variables["critical_intensity"] = (dims[:3], *variables["critical_intensity"][1:])
-    attributes = {"model": "auto", "gravity": gravity, "gravity_units": "m s-2"}
+    attributes = {"model": "auto", **constants, "gravity_units": "m s-2"}
     if single:
         attributes["model"] = single.name
     else:
@@ -123,7 +127,7 @@ def resonance_spectrum(
     def compute(*parts: np.ndarray) -> dict[str, Any]:
         # Each chunk by the program for one device: of what is partitioned XLA makes another
         # one, whose last digits differ.
-        grid = jax.device_put((*parts, as_real("gravity", gravity)), next(turns))
+        grid = jax.device_put((*parts, *shared), next(turns))
         return _evaluate(*grid, single) if single else _auto(grid, tolerance)
 
     title, ahead = "Resonance spectra of rigid rocking blocks", len(devices)
@@ -151,8 +155,8 @@ def _over_grid(function: Callable[..., Any]) -> Callable[..., Any]:
 
     def mapped(*grid: Any) -> Any:
         def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
-            block = Block(width / 2, slenderness, grid[4])
-            return function(Scene(block, restitution, intensity), *grid[5:])
+            block = Block(width / 2, slenderness, *grid[4:6])
+            return function(Scene(block, restitution, intensity), *grid[6:])
 
         # What does not depend on an axis is computed once for it: nothing is broadcast before.
         for place in (3, 2, 1, 0):
@@ -172,7 +176,7 @@ def _auto(grid: tuple[Array, ...], tolerance: float) -> dict[str, np.ndarray]:
     """As `_evaluate`, the linearized points apart from the nonlinear ones; and which is which."""
     linear = np.asarray(_linearized_is_enough(*grid, as_real("tolerance", tolerance)))
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
-    *axes, gravity = map(np.asarray, grid)
+    *axes, gravity, inertia_ratio = map(np.asarray, grid)
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
         places = np.flatnonzero(mask)
         if not places.size:
@@ -182,7 +186,8 @@ def _auto(grid: tuple[Array, ...], tolerance: float) -> dict[str, np.ndarray]:
         padded = np.pad(places, (0, room - places.size), mode="edge")
         at = np.unravel_index(padded, linear.shape)
         slenderness, width, restitution, intensity = (v[k] for v, k in zip(axes, at, strict=True))
-        block = Block(width / 2, slenderness, np.full(room, gravity))
+        shared = (np.full(room, value) for value in (gravity, inertia_ratio))
+        block = Block(width / 2, slenderness, *shared)
         scenes = jax.device_put(Scene(block, restitution, intensity), grid[0].device)
         for name, values in _evaluate_points(scenes, model).items():
             answers[name].reshape(-1)[places] = np.asarray(values)[: places.size]

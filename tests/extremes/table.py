@@ -25,7 +25,7 @@ Launch, half-cycle and stabilized velocity, period, rotation, rotation ratio, am
 overturning margin, overturning half-cycle, and critical intensity for 1, 10⁶ and unlimited
 half-cycles; linearized and nonlinear; against mpmath at exactly the same arguments.
 
-- Values: 2 (1 + κ) units in the last place, κ the sum of the magnitudes of all elasticities.
+- Values: 2 (1 + K) units in the last place, K the sum of the magnitudes of all elasticities.
   C counts with the smaller of C and 1 - C.
 - Gradients: {corners.OF_DERIVATIVES} eps of each entry; over 1 - x² for what has no value
   beyond the verge, x being the stabilized velocity over the critical one.
