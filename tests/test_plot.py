@@ -378,13 +378,13 @@ def test_block(rotation):
     assert ax.get_aspect() == 1
 
 
-@pytest.mark.parametrize(("ratio", "line"), [(4 / 3, "-"), (1.2, "--")])
-def test_a_rectangle_that_stands_in_for_an_outline_says_so(ratio, line):
+@pytest.mark.parametrize(("ratio", "known"), [(4 / 3, True), (1.2, False)])
+def test_a_rectangle_that_stands_in_for_an_outline_says_so(ratio, known):
     ax = plot_block(jr.Block(0.4, 5.0, inertia_ratio=ratio))
     shape = next(p for p in ax.patches if isinstance(p, Polygon) and p.get_xy().shape == (5, 2))
-    assert shape.get_linestyle() == line
+    assert (shape.get_linestyle() in ("-", "solid")) == known
     notes = [text for text in ax.texts if text.get_text().startswith("a rectangle stands in for")]
-    assert len(notes) == (line == "--")
+    assert len(notes) == (not known)
 
 
 @pytest.mark.parametrize("slenderness", [0.5, 2.0, 5.0])

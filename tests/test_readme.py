@@ -49,7 +49,7 @@ def compared(code, namespace):
 
 @pytest.mark.float64
 def test_quickstart():
-    assert compared(BLOCKS[0], {}) == 7
+    assert compared(BLOCKS[0], {}) == 9
 
 
 @pytest.mark.float64

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import share_in_centre
+from ..block import RECTANGLE_INERTIA_RATIO
 from ..validation import Booleans, Reals
 from .solver_steps import Segment
 
@@ -114,7 +114,8 @@ def _at_shares(
     equation, (push, lift) = segment.equation, segment.ground(begin + share * step)
     acceleration = equation.acceleration(y[0], push, lift)
     sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
-    radius_over_g = share_in_centre(equation.inertia_ratio) / equation.p_squared
+    # In this order, so that forces on a rectangle and their derivatives keep all bits.
+    radius_over_g = 0.75 / equation.p_squared * (RECTANGLE_INERTIA_RATIO / equation.inertia_ratio)
     horizontal = radius_over_g * (cosine * acceleration + sine * y[1] ** 2) - push
     normal = 1 + lift + radius_over_g * (sine * acceleration - cosine * y[1] ** 2)
     return horizontal, normal
