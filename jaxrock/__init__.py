@@ -53,8 +53,11 @@ from .ground_motion import (
     Rectangular,
     Ricker,
     Sine,
+    Suite,
     example_record,
+    example_suite,
     read_record,
+    read_suite,
 )
 from .impact import housner_restitution
 from .overturning import (
@@ -102,6 +105,7 @@ __all__ += ["sensitivity", "signals", "spectra"]
 __all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
 __all__ += ["Cosine", "HalfSine", "Rectangular", "Ricker", "Sine"]
 __all__ += ["Record", "example_record", "read_record"]
+__all__ += ["Suite", "example_suite", "read_suite"]
 __all__ += ["amplification", "overturning_half_cycle", "overturning_margin", "rotation_ratio"]
 __all__ += ["stabilized_period", "stabilized_rotation", "stabilized_velocity"]
 __all__ += ["half_cycle_velocity", "housner_restitution", "launch_velocity", "next_velocity"]

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..block import Block
 from ..dynamics import BatchResponse, respond_batch
-from ..ground_motion import Pulse, Record
+from ..ground_motion import Motion, Record, Suite
 from ..host import listed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
@@ -53,7 +53,7 @@ class EstimatedResponse(eqx.Module):
 def respond_within(
     blocks: Block,
     restitution: Number,
-    motion: Pulse | Record,
+    motion: Motion | Suite,
     tolerance: float,
     duration: Number | None = None,
     *,
@@ -85,6 +85,12 @@ def respond_within(
     by which a block comes to rest. The tests compare it with an integrator of another kind.
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
+    if isinstance(motion, Suite):
+        return motion.apply(
+            lambda record: respond_within(
+                blocks, restitution, record, tolerance, duration, model=model
+            )
+        )
     restitution = as_real("restitution", restitution)
     if duration is not None:
         duration = as_real("duration", duration)
@@ -156,9 +162,14 @@ def _part(arguments: tuple[Any, ...], shape: tuple[int, ...], index: Any) -> tup
         return np.broadcast_to(samples, (*shape, samples.shape[-1]))[where]
 
     if isinstance(motion, Record):
-        vertical = None if motion.vertical is None else samples_taken(motion.vertical)
-        time_step, scale, start = map(taken, (motion.time_step, motion.scale, motion.start))
-        motion = Record(samples_taken(motion.acceleration), time_step, vertical, scale, start)
+        # In place, so that what a padded record knows of its end stays.
+        names = ("acceleration", "vertical", "time_step", "scale", "start")
+        places = [name for name in names if getattr(motion, name) is not None]
+        new = [
+            (samples_taken if name in names[:2] else taken)(getattr(motion, name))
+            for name in places
+        ]
+        motion = eqx.tree_at(lambda m: [getattr(m, name) for name in places], motion, new)
     else:
         motion = jax.tree.map(taken, motion)
     end = None if duration is None else taken(duration)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..block import Block
-from ..ground_motion import Motion, Pulse, Record
+from ..ground_motion import Motion, Pulse, Record, Suite
 from ..host import listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
@@ -158,7 +158,7 @@ def _compiled(platform: str) -> Callable[..., BatchResponse]:
 def respond_batch(
     blocks: Block,
     restitution: Number,
-    motion: Motion,
+    motion: Motion | Suite,
     duration: Number | None = None,
     *,
     model: ModelLike = Nonlinear(),
@@ -175,8 +175,8 @@ def respond_batch(
     blocks : Block
     restitution : array_like
         C [-], between 0 and 1.
-    motion : Motion
-        A pulse or a `Record`.
+    motion : Motion or Suite
+        A pulse, a `Record`, or a `Suite`, whose records make the leading axis of the results.
     duration : array_like, optional
         How long to follow each block [s], greater than 0; by default to the end of the motion.
     model : Nonlinear or Linearized, or their names
@@ -210,13 +210,19 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
+    if isinstance(motion, Suite):
+        return motion.apply(
+            lambda record: respond_batch(
+                blocks, restitution, record, duration, model=model, rtol=rtol
+            )
+        )
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
     if duration is not None:
         duration = as_real("duration", duration)
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
-        raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
+        raise ValueError(f"motion must be a pulse, a Record or a Suite, got {type(motion).__name__}")
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
     blocks.check()

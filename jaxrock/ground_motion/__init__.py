@@ -1,8 +1,10 @@
-"""How the ground moves: pulses, records, and the files that records are read from.
+"""How the ground moves: pulses, records and suites of them, and the files that these are read from.
 
 Names beside those in ``__all__`` are for the other packages.
 """
 
+from .intensity import MEASURES as MEASURES
+from .intensity import intensity_measure
 from .motion import Motion
 from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
@@ -11,6 +13,8 @@ from .record import Record
 from .record import padded as padded
 from .record import room_for as room_for
 from .record_files import example_record, from_obspy, read_record
+from .suite import Suite
+from .suite_files import example_suite, read_suite
 
 __all__ = [
     "Cosine",
@@ -21,7 +25,11 @@ __all__ = [
     "Rectangular",
     "Ricker",
     "Sine",
+    "Suite",
     "example_record",
+    "example_suite",
     "from_obspy",
+    "intensity_measure",
     "read_record",
+    "read_suite",
 ]

@@ -173,9 +173,9 @@ class Padded(Record):
 
     filled: Reals = quantity(NON_NEGATIVE)  # index of the last sample of the record itself
 
-    def __init__(self, record: Record):
+    def __init__(self, record: Record, room: int | None = None):
         # In NumPy: JAX would compile the padding for every length.
-        room, vertical = room_for(record.samples), record.vertical
+        room, vertical = room or room_for(record.samples), record.vertical
         self.acceleration = as_real("acceleration", padded(record.acceleration, room))
         self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
         self.time_step = record.time_step

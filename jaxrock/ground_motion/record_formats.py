@@ -242,6 +242,12 @@ def read_csv(
     return [Component(repr(str(path)), factor, row, step) for factor, row in rows]
 
 
+def columns_of(path: Path) -> list[str]:
+    """The names of the columns of a .csv file but those of times, velocities and displacements."""
+    _, names = _column_names(_Text(path))
+    return [n for n in names if times_in(n) is None and not re.search(_NOT_ACCELERATION, n, re.I)]
+
+
 def _column_names(text: _Text) -> tuple[int, list[str]]:
     """The number of the line with the names of the columns, and these."""
     for number, line in enumerate(text.lines, 1):

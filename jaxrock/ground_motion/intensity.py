@@ -1,0 +1,85 @@
+"""Intensity measures of ground motions: one number that says how strong a record is."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..block import Block
+from ..validation import Reals
+from .record import Record
+
+# What `intensity_measure` knows: in words, the unit, and whether it is relative to a block.
+MEASURES = {
+    "pga": ("peak ground acceleration", "m/s2", False),
+    "pgv": ("peak ground velocity", "m/s", False),
+    "pga_ratio": ("peak ground acceleration over g tan(alpha_c)", "1", True),
+    "pgv_ratio": ("peak ground velocity over g tan(alpha_c) / p", "1", True),
+}
+
+
+def intensity_measure(record: Record, measure: str, block: Block | None = None) -> Reals:
+    """How strong the horizontal motion of a record is.
+
+    Parameters
+    ----------
+    record : Record
+    measure : str
+        ``"pga"``, the peak ground acceleration [m/s2]; ``"pgv"``, the peak ground velocity [m/s],
+        from rest on and exact for lines between samples; ``"pga_ratio"``, PGA / (g tan(alpha_c))
+        [-], above 1 where the motion lifts the block; ``"pgv_ratio"``, p PGV / (g tan(alpha_c))
+        [-].
+    block : Block, optional
+        For the two ratios.
+
+    Returns
+    -------
+    Array
+        Of the shape of the scale of the record, broadcast with the block.
+
+    Raises
+    ------
+    ValueError
+        If there is no such measure, or a ratio is asked for without a block.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> record = jr.example_record()
+    >>> print(f"{jr.ground_motion.intensity_measure(record, 'pgv'):.3f} m/s")
+    0.376 m/s
+    """
+    if measure not in MEASURES:
+        raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")
+    padded = record.bucketed()
+    if measure.startswith("pga"):
+        value = _peak_acceleration(padded.acceleration)
+    else:
+        value = padded.time_step * _peak_velocity(padded.acceleration, padded._last)
+    value = abs(record.scale) * value
+    if not MEASURES[measure][2]:
+        return value
+    if block is None:
+        raise ValueError(f"block must be given for the measure {measure!r}")
+    uplift = block.gravity / block.slenderness
+    if measure == "pga_ratio":
+        return value / uplift
+    return block.frequency_parameter * value / uplift
+
+
+@jax.jit
+def _peak_acceleration(samples: Reals) -> Reals:
+    return abs(samples).max(axis=-1)
+
+
+@jax.jit
+def _peak_velocity(samples: Reals, last: Any) -> Reals:
+    """The largest velocity of one motion, over its time step."""
+    before, after = samples[..., :-1], samples[..., 1:]
+    inside = jnp.arange(before.shape[-1], dtype=samples.dtype) < jnp.asarray(last)
+    velocity = jnp.cumsum(jnp.where(inside, 0.5 * (before + after), 0), axis=-1)
+    # Where the acceleration changes its sign, the velocity has an extreme between two samples.
+    crosses = inside & (before * after < 0)
+    triangle = 0.5 * after * after / jnp.where(crosses, before - after, 1)
+    extreme = jnp.where(crosses, velocity + triangle, 0)
+    return jnp.maximum(abs(velocity), abs(extreme)).max(axis=-1)

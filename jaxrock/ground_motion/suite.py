@@ -1,0 +1,230 @@
+"""Suites: several records, of any lengths and time steps, as one argument."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from ..block import Block
+from ..host import with_progress
+from ..validation import FINITE, POSITIVE, Number, Numbers, Reals, as_real, check
+from .intensity import intensity_measure
+from .record import Padded, Record, room_for
+
+_T = TypeVar("_T")
+
+
+class Suite(eqx.Module):
+    """Several recorded ground motions, each with its own number of samples and time step.
+
+    What takes one `Record` and many blocks takes a suite as well, and answers with a leading axis
+    for its records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        At least one, each with one-dimensional samples and scales of one common shape.
+    names : sequence of str, optional
+        Different from each other; by default ``"1"``, ``"2"`` and so on.
+
+    Raises
+    ------
+    ValueError
+        If there is no record, if one is an array of them, if scales differ in shape, or if the
+        names are not one different word for each.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> suite = jr.Suite([jr.example_record("north"), jr.example_record("east")], ["N", "E"])
+    >>> blocks = jr.Block(half_width=[0.1, 0.2, 0.4], slenderness=5.0)
+    >>> print(jr.respond_batch(blocks, 0.8, suite).peak_rotation.shape)
+    (2, 3)
+    """
+
+    records: tuple[Record, ...]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def __init__(self, records: Sequence[Record], names: Sequence[str] | None = None):
+        if isinstance(records, Record) or not isinstance(records, Sequence):
+            raise ValueError(f"records must be a list of records, got {type(records).__name__}")
+        if not records:
+            raise ValueError("records must be at least one record, got none")
+        self.records = tuple(records)
+        if isinstance(names, str):
+            raise ValueError(f"names must be a list of names, got {names!r}")
+        if names is None:
+            names = [str(number) for number in range(1, len(records) + 1)]
+        self.names = tuple(names)
+        for k, record in enumerate(self.records):
+            if not isinstance(record, Record):
+                got = type(record).__name__
+                raise ValueError(f"records must be records, got a {got} as number {k + 1}")
+            samples = (record.acceleration, record.vertical)
+            if any(np.ndim(each) > 1 for each in jax.tree.leaves(samples)):
+                raise ValueError(f"records must be single ones, number {k + 1} is an array of them")
+            if np.shape(record.time_step) or np.shape(record.start):
+                raise ValueError(f"records must have one time step and start, not number {k + 1}")
+            shape, first = np.shape(record.scale), np.shape(self.records[0].scale)
+            if shape != first:
+                differs = f"got {first} and, in number {k + 1}, {shape}"
+                raise ValueError(f"records must have scales of one shape, {differs}")
+        wrong = [name for name in self.names if not isinstance(name, str)]
+        if wrong:
+            raise ValueError(f"names must be words, got {wrong[0]!r}")
+        if len(self.names) != len(self.records):
+            counts = f"got {len(self.names)} names of {len(self.records)} records"
+            raise ValueError(f"names must be as many as records, {counts}")
+        twice = [name for k, name in enumerate(self.names) if name in self.names[:k]]
+        if twice:
+            raise ValueError(f"names must differ from each other, got {twice[0]!r} twice")
+
+    def __str__(self) -> str:
+        samples, steps = (
+            sorted({number(record) for record in self.records})
+            for number in (lambda record: record.samples, lambda record: float(record.time_step))
+        )
+
+        def between(values: list[Any]) -> str:
+            return f"{values[0]:,}" if len(values) == 1 else f"{values[0]:,} to {values[-1]:,}"
+
+        return (
+            f"suite of {len(self)} record{'s' * (len(self) > 1)} of {between(samples)} samples,"
+            f" {between(steps)} s apart"
+        )
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __iter__(self) -> Iterator[Record]:
+        return iter(self.records)
+
+    def __getitem__(self, which: "int | str | slice") -> "Record | Suite":
+        """One record, by its number from 0 on or its name, or a part of the suite."""
+        if isinstance(which, slice):
+            return Suite(self.records[which], self.names[which])
+        if isinstance(which, str):
+            if which not in self.names:
+                raise KeyError(f"no record is named {which!r}")
+            which = self.names.index(which)
+        return self.records[which]
+
+    def measure(self, measure: str, block: Block | None = None) -> Reals:
+        """An intensity measure of each record, as it is scaled now.
+
+        Parameters
+        ----------
+        measure, block
+            As in `intensity_measure`.
+
+        Returns
+        -------
+        Array, shape (records, ...)
+            In the unit of the measure.
+
+        Raises
+        ------
+        ValueError
+            If there is no such measure, or a ratio is asked for without a block.
+        """
+        return jnp.stack([intensity_measure(r, measure, block) for r in self.bucketed()])
+
+    def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
+        """The factors that bring each record to levels of an intensity measure.
+
+        Parameters
+        ----------
+        levels : array_like
+            Greater than 0 [unit of the measure].
+        measure, block
+            As in `intensity_measure`.
+
+        Returns
+        -------
+        Array, shape (records, ...)
+            For `scaled` [-].
+
+        Raises
+        ------
+        ValueError
+            If a level is not greater than 0, or if a record has none of the measure.
+        """
+        levels = as_real("levels", levels)
+        check("levels", levels, POSITIVE)
+        measures = self.measure(measure, block)
+        if not isinstance(measures, jax.core.Tracer):
+            for name, value in zip(self.names, np.asarray(measures), strict=True):
+                if not (value > 0).all():
+                    must = f"every record must have a {measure} greater than 0 to be scaled"
+                    raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
+        return levels / measures.reshape(*measures.shape, *[1] * levels.ndim)
+
+    def scaled(self, factors: Number) -> "Suite":
+        """The suite with other scales.
+
+        Parameters
+        ----------
+        factors : array_like, shape () or (records, ...)
+            Finite [-].
+
+        Returns
+        -------
+        Suite
+
+        Raises
+        ------
+        ValueError
+            If a factor is not finite, or the leading axis is not that of the records.
+        """
+        factors = as_real("factors", factors)
+        check("factors", factors, FINITE)
+        if factors.ndim and len(factors) != len(self):
+            got = f"got an array of shape {factors.shape}"
+            raise ValueError(f"factors must be one, or one for each of {len(self)} records, {got}")
+        each = [factors] * len(self) if factors.ndim == 0 else factors
+        scaled = [record.scaled(factor) for record, factor in zip(self.records, each, strict=True)]
+        return Suite(scaled, self.names)
+
+    def bucketed(self) -> tuple[Record, ...]:
+        """The records, those that are concrete padded so that few lengths are left.
+
+        Returns
+        -------
+        tuple of Record
+        """
+        longest = max(record.samples for record in self.records)
+        rooms = [room_for(longest)]
+        while rooms[-1] > room_for(rooms[-1] // 4):
+            rooms.append(room_for(rooms[-1] // 4))
+
+        def one(record: Record) -> Record:
+            if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(record)):
+                return record
+            return Padded(record, min(room for room in rooms if room >= record.samples))
+
+        return tuple(map(one, self.records))
+
+    def apply(self, function: Callable[[Record], _T], about: str = "records") -> _T:
+        """What a function makes of each record, stacked along a leading axis.
+
+        Parameters
+        ----------
+        function : callable
+            From a record to a pytree of arrays, whose shapes are the same for all records.
+        about : str
+            What is being worked off, for the display of progress.
+
+        Returns
+        -------
+        pytree
+        """
+        answers = [function(record) for record in with_progress(self.bucketed(), about)]
+        traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(answers))
+        if traced:
+            return jax.tree.map(lambda *leaves: jnp.stack(leaves), *answers)
+        stacked = jax.tree.map(lambda *leaves: np.stack([*map(np.asarray, leaves)]), *answers)
+        return jax.tree.map(jnp.asarray, stacked)
