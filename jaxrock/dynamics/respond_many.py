@@ -222,7 +222,9 @@ def respond_batch(
         duration = as_real("duration", duration)
         check("duration", duration, POSITIVE)
     if not isinstance(motion, Pulse | Record):
-        raise ValueError(f"motion must be a pulse, a Record or a Suite, got {type(motion).__name__}")
+        raise ValueError(
+            f"motion must be a pulse, a Record or a Suite, got {type(motion).__name__}"
+        )
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
     blocks.check()

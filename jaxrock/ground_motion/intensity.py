@@ -47,7 +47,7 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     >>> import jaxrock as jr
     >>> record = jr.example_record()
     >>> print(f"{jr.ground_motion.intensity_measure(record, 'pgv'):.3f} m/s")
-    0.376 m/s
+    0.528 m/s
     """
     if measure not in MEASURES:
         raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")

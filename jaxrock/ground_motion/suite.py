@@ -90,7 +90,8 @@ class Suite(eqx.Module):
         )
 
         def between(values: list[Any]) -> str:
-            return f"{values[0]:,}" if len(values) == 1 else f"{values[0]:,} to {values[-1]:,}"
+            words = [f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values]
+            return words[0] if len(words) == 1 else f"{words[0]} to {words[-1]}"
 
         return (
             f"suite of {len(self)} record{'s' * (len(self) > 1)} of {between(samples)} samples,"

@@ -1,6 +1,7 @@
 """The machine outside: files, signals, threads, progress, printing."""
 
 from . import signals as signals
+from .datasets import along_records as along_records
 from .datasets import labelled as labelled
 from .files import check_free as check_free
 from .files import read_regular as read_regular

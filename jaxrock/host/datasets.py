@@ -1,6 +1,6 @@
 """Labelled datasets that follow the CF conventions when they are written to files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -30,3 +30,13 @@ def labelled(
         dataset.attrs["Conventions"] = "CF-1.9"  # the first with NumPy's integers of 64 bits
     source = f"jaxrock {version('jaxrock')}"
     return dataset.assign_attrs({"title": title, "source": source, **attributes})
+
+
+def along_records(separate: "Sequence[xarray.Dataset]", names: Sequence[str]) -> "xarray.Dataset":
+    """Datasets of single records as one, with a first dimension for the names of these."""
+    import xarray
+
+    attributes = {"long_name": "ground motion"}
+    records = xarray.DataArray(np.asarray(names, str), dims="record", attrs=attributes)
+    joined = xarray.concat(separate, "record", combine_attrs="override")
+    return joined.assign_coords(record=records)

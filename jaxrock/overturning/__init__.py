@@ -4,13 +4,13 @@ Names beside those in ``__all__`` are for the other packages.
 """
 
 from .boundaries import Boundaries, overturning_boundaries
-from .boundaries import checked as checked
 from .pulse_thresholds import (
     SurvivalWindows,
     critical_amplitude,
     critical_duration,
     survival_windows,
 )
+from .quantities import checked as checked
 
 __all__ = ["Boundaries", "SurvivalWindows"]
 __all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]

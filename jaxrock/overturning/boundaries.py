@@ -1,9 +1,7 @@
 """Where a block in driven motion changes from standing to overturning, and back."""
 
-import functools
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,26 +11,19 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..block import Block
-from ..dynamics import TOPPLED_ROTATION, BatchResponse, DrivenScene, compiler_options, respond_batch
-from ..ground_motion import Motion, Pulse, Record
-from ..host import listed, with_clock
+from ..dynamics import TOPPLED_ROTATION, BatchResponse, DrivenScene
+from ..ground_motion import Motion, Suite
+from ..host import listed, with_clock, with_progress
 from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
-    AT_LEAST_ONE,
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    UNIT_INTERVAL,
     Booleans,
-    Domain,
     Number,
     Numbers,
     Reals,
-    as_real,
-    check,
-    of_one_precision,
 )
+from .boundary_slopes import moved
+from .quantities import Search, checked, is_traced, respond_at, split
 
 
 class Boundaries(eqx.Module):
@@ -70,7 +61,7 @@ class Boundaries(eqx.Module):
     complete: Booleans
 
     def __str__(self) -> str:
-        if jnp.ndim(self.count) or _traced(self.count):
+        if jnp.ndim(self.count) or is_traced(self.count):
             return listed(self, count="", value="", overturns_first="", complete="")
         does = {True: "overturns", False: "stands"}
         if not self.count:
@@ -84,35 +75,10 @@ class Boundaries(eqx.Module):
         return "\n".join(lines)
 
 
-class Search(NamedTuple):
-    """What is sought, and how; static in compiled programs."""
-
-    along: str
-    model: Any
-    max_boundaries: int
-    halvings: int = 0  # of intervals in which the mode changes, or the margin comes near 0
-
-
-def _strength(scene: Any) -> Any:
-    return scene.motion.scale if isinstance(scene.motion, Record) else scene.motion.amplitude
-
-
-# What boundaries are sought along: its domain, the motions that have it, its place in a scene.
-_QUANTITIES: dict[str, tuple[Domain, type[Motion], Callable[[Any], Any]]] = {
-    "amplitude": (FINITE, Pulse, _strength),
-    "duration": (POSITIVE, Pulse, lambda scene: scene.motion.duration),
-    "factor": (NON_NEGATIVE, Motion, _strength),  # on what is there
-    "half_width": (POSITIVE, Motion, lambda scene: scene.block.half_width),
-    "slenderness": (POSITIVE, Motion, lambda scene: scene.block.slenderness),
-    "inertia_ratio": (AT_LEAST_ONE, Motion, lambda scene: scene.block.inertia_ratio),
-    "restitution": (UNIT_INTERVAL, Motion, lambda scene: scene.restitution),
-}
-
-
 def overturning_boundaries(
     block: Block,
     restitution: Number,
-    motion: Motion,
+    motion: Motion | Suite,
     along: str,
     values: Numbers,
     *,
@@ -131,8 +97,9 @@ def overturning_boundaries(
     block : Block
     restitution : array_like
         C [-], between 0 and 1.
-    motion : Motion
-        A pulse, or a `Record` with one-dimensional samples.
+    motion : Motion or Suite
+        A pulse, a `Record` with one-dimensional samples, or a `Suite`, whose records make the
+        leading axis of the result.
     along : str
         ``"amplitude"`` or ``"duration"`` of a pulse, ``"factor"`` on any motion,
         ``"half_width"``, ``"slenderness"``, ``"inertia_ratio"`` or ``"restitution"``. What the
@@ -172,66 +139,49 @@ def overturning_boundaries(
 
 @with_clock("boundaries")
 def searched(
-    block: Block, restitution: Number, motion: Motion, values: Numbers, search: Search
+    block: Block, restitution: Number, motion: Motion | Suite, values: Numbers, search: Search
 ) -> Boundaries:
     """The boundaries in a range; a `ValueError` if an argument is not allowed."""
+    if isinstance(motion, Suite):
+        # One by one: what is found for a record does not depend on the others.
+        records = with_progress(motion.bucketed(), "boundaries")
+        return _stacked([searched(block, restitution, r, values, search) for r in records])
     scene, places = checked(block, restitution, motion, search.along, values)
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
     return _boundaries(scene, places, search=search._replace(model=as_model(search.model)))
 
 
-def checked(
-    block: Block, restitution: Number, motion: Motion, along: str, values: Numbers
-) -> tuple[DrivenScene, Array]:
-    """The scene and the values of a search; a `ValueError` if they are not allowed."""
-    if not isinstance(motion, Pulse | Record):
-        raise ValueError(f"motion must be a pulse or a Record, got {type(motion).__name__}")
-    allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(motion, has)]
-    if along not in allowed:
-        raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")
-    places = as_real("values", values)
-    check("values", places, _QUANTITIES[along][0])
-    scene = DrivenScene(block, restitution, motion)
-    samples = jax.tree.leaves(_split(scene)[1])
-    if any(np.ndim(direction) > 1 for direction in samples):
-        raise ValueError("motion must be one record, got an array of them")
-    if places.ndim == 0 or places.shape[-1] < 2:
-        raise ValueError(
-            f"values must be at least two values, got an array of shape {places.shape}"
-        )
-    if not _traced(places) and (np.diff(np.asarray(places)) <= 0).any():
-        raise ValueError("values must be increasing, got values that do not increase")
-    return of_one_precision((scene, places))
+# Beyond the number of boundaries, in the fields that list them.
+_MISSING = {"value": math.nan, "overturns_beyond": False, "impacts": -1, "toppled": False}
 
 
-def _split(scene: DrivenScene) -> tuple[Any, Any]:
-    """The numbers of a scene, one a block, and the samples of its record, which all share."""
-    samples = ("acceleration", "vertical")
-    is_number = jax.tree.map_with_path(
-        lambda path, _: getattr(path[-1], "name", "") not in samples, scene
-    )
-    return eqx.partition(scene, is_number)
+def _stacked(separate: list[Boundaries]) -> Boundaries:
+    """The boundaries of several records, with a leading axis for these."""
+    library: Any = jnp if is_traced(separate) else np
+    columns = max(found.value.shape[-1] for found in separate)
 
+    def joined(name: str) -> Any:
+        parts = [library.asarray(getattr(found, name)) for found in separate]
+        if name in _MISSING:
+            room = [(0, 0)] * (parts[0].ndim - 1)
+            parts = [
+                library.pad(
+                    part, [*room, (0, columns - part.shape[-1])], constant_values=_MISSING[name]
+                )
+                for part in parts
+            ]
+        return jnp.asarray(library.stack(parts))
 
-def _traced(tree: Any) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
-
-
-def _followed(scene: DrivenScene, value: Any, search: Search) -> BatchResponse:
-    """The response at a value, to the end of the input."""
-    *_, place = _QUANTITIES[search.along]
-    value = place(scene) * value if search.along == "factor" else value
-    scene = eqx.tree_at(place, scene, value)  # unchecked: the values have been
-    return respond_batch(scene.block, scene.restitution, scene.motion, model=search.model)
+    return Boundaries(**{name: joined(name) for name in Boundaries.__dataclass_fields__})
 
 
 @eqx.filter_custom_jvp
 def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundaries:
     """The search. All boundaries are listed, under a transformation `max_boundaries`."""
-    traced = _traced((scene, values))
+    traced = is_traced((scene, values))
     library: Any = jnp if traced else np
-    numbers, samples = _split(scene)
+    numbers, samples = split(scene)
     numbers, values = jax.tree.map(library.asarray, (numbers, values))
     shape = np.broadcast_shapes(*(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1])
     size, places = math.prod(shape), values.shape[-1]
@@ -240,7 +190,7 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
 
     def followed(index: Any, value: Any) -> BatchResponse:
         chosen = eqx.combine(jax.tree.map(lambda leaf: leaf[index], numbers), samples)
-        return jax.tree.map(library.asarray, _followed(chosen, value, search))
+        return jax.tree.map(library.asarray, respond_at(chosen, value, search))
 
     def margin_and_mode(index: Any, value: Any) -> tuple[Any, Any]:
         response = followed(index, value)
@@ -267,12 +217,12 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
 
     def table(entries: Any, missing: Any, listed: Any = valid) -> Any:
         entries = library.where(listed, entries, missing)
-        filled = library.full((size, columns), missing, entries.dtype)
+        rows = library.full((size, columns), missing, entries.dtype)
         if traced:
-            filled = filled.at[pairs.case, pairs.column].set(entries)
+            rows = rows.at[pairs.case, pairs.column].set(entries)
         else:
-            filled[pairs.case, pairs.column] = entries
-        return filled.reshape(*shape, columns)
+            rows[pairs.case, pairs.column] = entries
+        return rows.reshape(*shape, columns)
 
     answers = dict(
         value=table(stands, library.nan),
@@ -290,71 +240,10 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
 def _boundaries_jvp(primals: Any, tangents: Any, *, search: Search) -> tuple[Any, Any]:
     """By the implicit function theorem, elementwise in all numbers that are perturbed."""
     scene, values = primals
-    changes, sample_changes = _split(tangents[0])
+    changes, sample_changes = split(tangents[0])
     if jax.tree.leaves(sample_changes):
         raise ValueError("boundaries have no derivatives with respect to the samples of a record")
     found = _boundaries(scene, values, search=search)
-    traced = _traced(found)
-    library: Any = jnp if traced else np
-    # Padded to a power of two, so that few programs serve all numbers of boundaries.
-    columns = found.value.shape[-1]
-    room = 1 << (max(columns, 1) - 1).bit_length()
-    padding = [(0, 0)] * (found.value.ndim - 1) + [(0, room - columns)]
-    value = library.pad(found.value, padding, constant_values=library.nan)
-    toppled = library.pad(found.toppled, padding)
-    numbers, samples = _split(scene)
-    perturbed = jax.tree.map(lambda t: t is not None, changes, is_leaf=lambda t: t is None)
-    parts = (*eqx.partition(numbers, perturbed), samples)
-    compiled = _compiled_slopes("" if traced else jax.default_backend())
-    slopes = compiled(parts, values, value, toppled, search._replace(max_boundaries=0, halvings=0))
-    total = _moved(slopes, changes)
-    total = total if room == columns else total[..., :columns]
+    total = moved(scene, changes, values, found, search)
     nothing = jax.tree.map(lambda leaf: None, found)
     return found, eqx.tree_at(lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None)
-
-
-def _widened(leaf: Any, shape: tuple[int, ...]) -> Any:
-    """The number of a block at each of its boundaries."""
-    return jnp.broadcast_to(jnp.asarray(leaf)[..., None], shape)
-
-
-def _slopes(
-    parts: tuple[Any, Any, Any], values: Any, value: Any, toppled: Any, search: Search
-) -> Any:
-    """Derivatives of the boundaries with respect to the numbers that move; 0 where none is.
-
-    The parts of the scene are the numbers that move, those that do not, and the samples.
-    """
-    exists = jnp.isfinite(value)
-    # Where there is no boundary, any value serves for the derivatives that are thrown away.
-    stand_in = jax.lax.stop_gradient(_widened(jnp.asarray(values)[..., 0], value.shape))
-    moving, fixed = jax.tree.map(lambda leaf: _widened(leaf, value.shape)[None], parts[:2])
-    numbers, form = jax.tree.flatten(moving)
-    point = [jnp.where(exists, value, stand_in)[None], *numbers]
-
-    def vanishing(shifts: Any) -> Any:
-        """What is 0 at a boundary, where the value and the numbers are shifted."""
-        shifts = shifts.reshape(*shifts.shape, *[1] * value.ndim)
-        at, *moving = (number + shift for number, shift in zip(point, shifts, strict=True))
-        scene = eqx.combine(jax.tree.unflatten(form, moving), fixed, parts[2])
-        response = _followed(scene, at, search)
-        return jnp.where(toppled[None], TOPPLED_ROTATION - response.peak_rotation, response.margin)
-
-    # Each derivative is taken on a copy of the block: one tangent for many blocks compiles
-    # faster than many tangents for one.
-    each = jnp.eye(len(point), dtype=value.dtype)
-    to_value, *to_numbers = jax.jvp(vanishing, (jnp.zeros_like(each),), (each,))[1]
-    return jax.tree.unflatten(form, [jnp.where(exists, -s / to_value, 0) for s in to_numbers])
-
-
-@functools.cache
-def _compiled_slopes(platform: str) -> Callable[..., Any]:
-    """`_slopes` for a platform; for "" as a part of another program, whose options apply."""
-    options = compiler_options(platform) if platform else None
-    return jax.jit(_slopes, static_argnames="search", compiler_options=options)
-
-
-@jax.jit
-def _moved(slopes: Any, changes: Any) -> Any:
-    products = jax.tree.map(lambda slope, t: slope * _widened(t, slope.shape), slopes, changes)
-    return sum(jax.tree.leaves(products))

@@ -16,7 +16,8 @@ from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import shown
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, Numbers, as_real
-from .boundaries import Boundaries, Search, overturning_boundaries, searched
+from .boundaries import Boundaries, overturning_boundaries, searched
+from .quantities import Search
 
 _HALVINGS = 6  # from first intervals of 64 times the resolution
 

@@ -9,8 +9,8 @@ import numpy as np
 from ..accuracy import respond_within
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..dynamics import respond_batch, uplift_acceleration
-from ..ground_motion import Motion, Pulse, pulse_class
-from ..host import labelled
+from ..ground_motion import Motion, Pulse, Suite, pulse_class
+from ..host import along_records, labelled
 from ..impact import housner_restitution
 from ..overturning import critical_amplitude
 from ..resonance import ModelLike, Nonlinear, as_model
@@ -43,7 +43,7 @@ _BOUNDARIES = {  # long names
 
 
 def rocking_spectrum(
-    motion: Motion,
+    motion: Motion | Suite,
     period: Values,
     slenderness: Values | None = None,
     restitution: Values | None = None,
@@ -54,12 +54,12 @@ def rocking_spectrum(
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
 ) -> "xarray.Dataset":
-    """Response of blocks of many sizes and shapes to one ground motion.
+    """Response of blocks of many sizes and shapes to one ground motion, or to several.
 
     Parameters
     ----------
-    motion : Motion
-        A pulse or a `Record`, the same for all.
+    motion : Motion or Suite
+        A pulse or a `Record`, the same for all; or a `Suite`, each record of which all meet.
     period : array_like
         2 pi / p of the blocks [s], a number or one-dimensional.
     slenderness, critical_angle : array_like
@@ -78,8 +78,8 @@ def rocking_spectrum(
     Returns
     -------
     xarray.Dataset
-        With dimensions period, slenderness (and restitution) the variables rotation_ratio,
-        peak_rotation, overturned, margin and impacts, at the end of the input.
+        With dimensions (record,) period, slenderness (and restitution) the variables
+        rotation_ratio, peak_rotation, overturned, margin and impacts, at the end of the input.
 
     Raises
     ------
@@ -93,6 +93,24 @@ def rocking_spectrum(
     >>> print(spectrum.overturned.values.ravel())
     [1 0]
     """
+    if isinstance(motion, Suite):
+        return along_records(
+            [
+                rocking_spectrum(
+                    record,
+                    period,
+                    slenderness,
+                    restitution,
+                    critical_angle=critical_angle,
+                    gravity=gravity,
+                    inertia_ratio=inertia_ratio,
+                    model=model,
+                    tolerance=tolerance,
+                )
+                for record in motion.bucketed()
+            ],
+            motion.names,
+        )
     check("gravity", as_real("gravity", gravity), POSITIVE)
     check("inertia_ratio", as_real("inertia_ratio", inertia_ratio), AT_LEAST_ONE)
     if (slenderness is None) == (critical_angle is None):
