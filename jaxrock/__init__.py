@@ -11,8 +11,8 @@ it as ``model=``, itself or by its name. The defaults are the paper's own: the c
 driven motion is nonlinear.
 
 What is here is what most scenes need. Result classes and further tools are in the packages:
-`resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `spectra`,
-`plot`, `reports`.
+`resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `risk`,
+`spectra`, `plot`, `reports`.
 
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
@@ -33,6 +33,7 @@ from . import (
     overturning,
     reports,
     resonance,
+    risk,
     sensitivity,
     spectra,
 )
@@ -88,6 +89,7 @@ from .resonance import (
     stabilized_velocity,
     worst_train,
 )
+from .risk import Hazard, fragility, overturning_rate, read_hazard
 from .sensitivity import sensitivities, tornado, value_and_slopes
 from .spectra import (
     overturning_map,
@@ -101,7 +103,7 @@ if TYPE_CHECKING:
     from . import plot
 
 __all__ = ["accuracy", "dynamics", "ground_motion", "overturning", "plot", "reports", "resonance"]
-__all__ += ["sensitivity", "signals", "spectra"]
+__all__ += ["risk", "sensitivity", "signals", "spectra"]
 __all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
 __all__ += ["Cosine", "HalfSine", "Rectangular", "Ricker", "Sine"]
 __all__ += ["Record", "example_record", "read_record"]
@@ -113,6 +115,7 @@ __all__ += ["critical_intensity", "critical_restitution", "critical_slenderness"
 __all__ += ["critical_pulsed_amplitude", "pulsed_phase", "respond_to_train", "worst_train"]
 __all__ += ["respond", "respond_batch", "respond_within"]
 __all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]
+__all__ += ["Hazard", "fragility", "overturning_rate", "read_hazard"]
 __all__ += ["assess", "choose", "model_error", "sensitivities", "tornado", "value_and_slopes"]
 __all__ += ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
 __all__ += ["write_table"]

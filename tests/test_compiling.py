@@ -48,6 +48,10 @@ def record(samples=600, k=0):
     return jr.Record(5 * noise * np.sin(np.pi * np.linspace(0, 1, samples)), 0.01)
 
 
+def suite(k):
+    return jr.Suite([record(k=k), record(900, k=k + 1)])
+
+
 def wall(k):
     return jr.Scene(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 0.28)
 
@@ -72,6 +76,8 @@ CALLS = {
     "Oscillator": lambda k: jr.resonance.Oscillator(3.0 + k, 0.05).half_cycle_velocity(
         0.1, 2.0 + k
     ),
+    "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
+    "Hazard": lambda k: jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
     "amplification": lambda k: jr.amplification(scene(k)),
     "assess": lambda k: jr.assess(scene(k)),
     "choose": lambda k: jr.choose(scene(k), 0.01 + 0.01 * k),
@@ -97,12 +103,14 @@ CALLS = {
     "failure_probability": lambda k: jr.sensitivity.failure_probability(
         jr.overturning_margin, wall(k), _VARIATION, samples=100, seed=k
     ),
+    "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
     "free_motion_margin": lambda k: jr.dynamics.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
     "derivative_based_measures": lambda k: jr.sensitivity.derivative_based_measures(
         jr.rotation_ratio, scene(k), _RANGES, samples=64
     ),
     "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
+    "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(k=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
     "model_error": lambda k: jr.model_error(scene(k)),
     "monte_carlo": lambda k: jr.sensitivity.monte_carlo(
@@ -115,6 +123,9 @@ CALLS = {
     "overturning_half_cycle": lambda k: jr.overturning_half_cycle(wall(k)),
     "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
     "overturning_margin": lambda k: jr.overturning_margin(scene(k)),
+    "overturning_rate": lambda k: jr.overturning_rate(
+        block(k), 0.8, suite(k), jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9]
+    ),
     "overturning_spectrum": lambda k: jr.overturning_spectrum(
         jr.HalfSine, np.linspace(2.0 + k, 4, 3), np.linspace(2.0 + k, 4, 4)
     ),
@@ -163,7 +174,10 @@ LEFT_OUT = {
     "RockingModel": "is abstract",
     "Pulse": "is abstract",
     "Status": "names numbers",
+    "example_suite": "reads without JAX",
     "from_obspy": "reads without JAX",
+    "read_hazard": "reads without JAX",
+    "read_suite": "reads without JAX",
     "read_record": "reads without JAX",
     "write_table": "writes without JAX",
     "measure_tradeoff": "measures first calls too",
@@ -185,6 +199,7 @@ ANSWERS = {
     jr.overturning.SurvivalWindows,
     jr.sensitivity.TornadoBars,
     jr.accuracy.Tradeoff,
+    jr.risk.OverturningRate,
     jr.resonance.TrainResponse,
     jr.accuracy.EstimatedResponse,
     jr.resonance.WorstTrain,

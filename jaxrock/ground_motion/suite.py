@@ -39,9 +39,10 @@ class Suite(eqx.Module):
 
     Examples
     --------
+    >>> import jax.numpy as jnp
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.example_record("north"), jr.example_record("east")], ["N", "E"])
-    >>> blocks = jr.Block(half_width=[0.1, 0.2, 0.4], slenderness=5.0)
+    >>> blocks = jr.Block(half_width=jnp.array([0.1, 0.2, 0.4]), slenderness=5.0)
     >>> print(jr.respond_batch(blocks, 0.8, suite).peak_rotation.shape)
     (2, 3)
     """

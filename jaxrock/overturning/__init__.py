@@ -4,12 +4,14 @@ Names beside those in ``__all__`` are for the other packages.
 """
 
 from .boundaries import Boundaries, overturning_boundaries
+from .boundaries import searched as searched
 from .pulse_thresholds import (
     SurvivalWindows,
     critical_amplitude,
     critical_duration,
     survival_windows,
 )
+from .quantities import Search as Search
 from .quantities import checked as checked
 
 __all__ = ["Boundaries", "SurvivalWindows"]

@@ -1,0 +1,7 @@
+"""How likely motion beyond a limit is: fragility under a suite of records, yearly rates."""
+
+from .fragility_curves import fragility
+from .hazard import Hazard, read_hazard
+from .overturning_rate import OverturningRate, overturning_rate
+
+__all__ = ["Hazard", "OverturningRate", "fragility", "overturning_rate", "read_hazard"]

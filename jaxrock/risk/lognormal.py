@@ -1,0 +1,56 @@
+"""Lognormal fragility curves by maximum likelihood."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class LognormalFit(NamedTuple):
+    """A curve Phi(ln(x / median) / dispersion); NaN where there is none."""
+
+    median: float
+    dispersion: float
+    remark: str  # why there is none, or what is wrong with it; empty if all is well
+
+    def at(self, levels: np.ndarray) -> np.ndarray:
+        """The curve at levels."""
+        from scipy.special import ndtr
+
+        if self.dispersion == 0:
+            return np.where(levels < self.median, 0.0, 1.0)
+        return ndtr(np.log(levels / self.median) / self.dispersion)
+
+
+def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> LognormalFit:
+    """The most likely curve for counts of exceedance at levels, with `trials` at each."""
+    from scipy.optimize import minimize
+    from scipy.special import log_ndtr
+
+    if not exceeded.any():
+        return LognormalFit(np.nan, np.nan, "never exceeded")
+    if (exceeded == trials).all():
+        return LognormalFit(np.nan, np.nan, "always exceeded")
+    partly = (exceeded > 0) & (exceeded < trials)
+    if not partly.any() and (np.diff(exceeded) >= 0).all():
+        at = int(np.argmax(exceeded > 0))
+        between = "from none to all between two levels"
+        return LognormalFit(float(np.sqrt(levels[at - 1] * levels[at])), 0.0, between)
+    x = np.log(levels)
+    middle, width = x.mean(), x.std()
+    scaled = (x - middle) / width
+
+    def minus_log_likelihood(parameters: Any) -> tuple[float, np.ndarray]:
+        z = parameters[0] + parameters[1] * scaled
+        above, below = log_ndtr(z), log_ndtr(-z)
+        value = -(exceeded * above + (trials - exceeded) * below).sum()
+        density = -0.5 * z * z - 0.5 * np.log(2 * np.pi)
+        pull = exceeded * np.exp(density - above) - (trials - exceeded) * np.exp(density - below)
+        return value / trials, -np.array([pull.sum(), (pull * scaled).sum()]) / trials
+
+    # Concave in both: where it ends does not depend on the start.
+    found = minimize(minus_log_likelihood, np.zeros(2), jac=True, method="BFGS", tol=1e-10)
+    offset, slope = found.x
+    if slope <= 0:
+        return LognormalFit(np.nan, np.nan, "the share falls with the level")
+    median = float(np.exp(middle - offset / slope * width))
+    return LognormalFit(median, float(width / slope), "")

@@ -1,0 +1,193 @@
+"""The yearly rate of overturning, from the boundaries under each record of a suite."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from ..block import Block
+from ..ground_motion import Suite
+from ..host import shown
+from ..overturning import Boundaries, Search, searched
+from ..resonance import ModelLike, Nonlinear
+from ..validation import POSITIVE, Booleans, Number, Numbers, Reals, as_real, check
+from .hazard import Hazard
+
+_MEASURES = ("pga", "pgv")
+_SPACING = 0.01  # relative, between levels
+_UNSEEN = 3  # of events of which none was seen in a sample, as many may be expected at 95 %
+
+
+class OverturningRate(eqx.Module):
+    """How often a year a block overturns; see `overturning_rate`.
+
+    Attributes
+    ----------
+    rate : Array, shape ()
+        The mean over the records [1/yr].
+    contributions : Array, shape (records,)
+        What it would be if each motion were like this record [1/yr].
+    standard_error : Array, shape ()
+        Of the rate, for the scatter from record to record [1/yr]; NaN for one record.
+    unseen : Array, shape ()
+        Bound on what windows that no level hits, and levels beyond the last, may change [1/yr].
+    boundaries : Boundaries
+        Of each record, in levels of the intensity measure.
+    complete : Array of bool, shape ()
+        Whether no block overturns at the lowest level, and all motions were followed to their
+        ends. If not, the rate may be larger.
+    """
+
+    rate: Reals
+    contributions: Reals
+    standard_error: Reals
+    unseen: Reals
+    boundaries: Boundaries
+    complete: Booleans
+
+    def __str__(self) -> str:
+        found = int(np.asarray(self.boundaries.count).sum())
+        low = "" if self.complete else "\na record overturns it at the lowest level: may be more"
+        return (
+            f"overturns at a rate of {shown(self.rate, '1/yr')}\n"
+            f"standard error {shown(self.standard_error, '1/yr')} from {len(self.contributions)}"
+            f" records, at most {shown(self.unseen, '1/yr')} unseen between {found} boundaries{low}"
+        )
+
+
+def overturning_rate(
+    block: Block,
+    restitution: Number,
+    suite: Suite,
+    hazard: Hazard | Callable[[Any], Any],
+    measure: str = "pgv",
+    levels: Numbers | None = None,
+    *,
+    model: ModelLike = Nonlinear(),
+    max_boundaries: int = 64,
+) -> OverturningRate:
+    """How often a year a block overturns, without a fit between.
+
+    Each record, scaled to a level x of the intensity measure, overturns the block on a union of
+    intervals between its boundaries a_0 < a_1 < ..., survival windows included. With the
+    hazard H(x), that happens at a rate of H(a_0) - H(a_1) + ... a year. The rate is the
+    mean over the records.
+
+    Parameters
+    ----------
+    block : Block
+        One block.
+    restitution : float
+        C [-], between 0 and 1.
+    suite : Suite
+    hazard : Hazard or callable
+        Rate of exceedance H [1/yr] of a level, falling.
+    measure : {"pgv", "pga"}
+        The intensity measure of the hazard [m/s], [m/s2].
+    levels : array_like, shape (n,), optional
+        Increasing levels between which boundaries are sought, inside of the hazard curve. By
+        default over all of it, 1 % apart; needed with a hazard that is a function.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+    max_boundaries : int
+        How many of each record are listed under a transformation that traces numbers.
+
+    Returns
+    -------
+    OverturningRate
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside of what is allowed, or a record has no intensity.
+
+    Notes
+    -----
+    What is beyond the last level is taken to be like the last level. Derivatives with respect to
+    the block, the restitution and the hazard, in both modes, are those of the boundaries found;
+    a boundary that rounding hides adds nothing to them (see `overturning_boundaries`).
+
+    The bound on what is unseen is that of Good and Turing: windows between two levels are hit by
+    a level as often as they are wide. So the windows that one level alone has hit are
+    together as wide as those that none has hit, up to the scatter of a few.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
+    >>> hazard = jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4])
+    >>> found = jr.overturning_rate(jr.Block(0.1, 5.0), 0.8, suite, hazard)
+    >>> print(f"{found.rate:.5f} 1/yr")
+    0.00201 1/yr
+    """
+    if not isinstance(suite, Suite):
+        raise ValueError(f"suite must be a Suite, got a {type(suite).__name__}")
+    if measure not in _MEASURES:
+        raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
+    if not callable(hazard):
+        raise ValueError(f"hazard must be a Hazard or a function, got {hazard!r}")
+    restitution = as_real("restitution", restitution)
+    shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
+    if any(shapes) or any(np.shape(record.scale) for record in suite):
+        raise ValueError("block, restitution and scales of records must be single ones")
+    places = _levels(hazard, levels)
+    search = Search("factor", model, max_boundaries, drop_unknown=True)
+    found = searched(block, restitution, suite.scaled(suite.factors(1.0, measure)), places, search)
+    exists = jnp.isfinite(found.value)
+    rates = hazard(jnp.where(exists, found.value, places[0]))
+    if not isinstance(rates, jax.core.Tracer):
+        check("the rates of the hazard", np.asarray(rates)[np.asarray(exists)], POSITIVE)
+    signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
+    changes = jnp.where(exists, signs * rates, 0).sum(axis=-1)
+    contributions = changes + jnp.where(found.overturns_first, hazard(places[0]), 0)
+    number = len(suite)
+    scatter = contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
+    return OverturningRate(
+        rate=contributions.mean(),
+        contributions=contributions,
+        standard_error=scatter / math.sqrt(number),
+        unseen=_unseen(jax.lax.stop_gradient((found, hazard(places))), places),
+        boundaries=found,
+        complete=found.complete.all() & ~found.overturns_first.any(),
+    )
+
+
+def _levels(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
+    if levels is None:
+        if not isinstance(hazard, Hazard):
+            raise ValueError("levels must be given, since the hazard is a function")
+        low, high = (float(hazard.levels[end]) for end in (0, -1))
+        inner = np.geomspace(low, high, math.ceil(math.log(high / low) / _SPACING) + 1)
+        return as_real("levels", np.concatenate([[low], inner[1:-1], [high]]))
+    places = as_real("levels", levels)
+    check("levels", places, POSITIVE)
+    if places.ndim != 1 or len(places) < 2:
+        must = "levels must be one-dimensional, of at least two values"
+        raise ValueError(f"{must}, got an array of shape {places.shape}")
+    if (np.diff(np.asarray(places)) <= 0).any():
+        raise ValueError("levels must be increasing, got values that do not increase")
+    if isinstance(hazard, Hazard):
+        low, high = (float(hazard.levels[end]) for end in (0, -1))
+        if places[0] < low or places[-1] > high:
+            must = f"levels must be inside of those of the hazard, {low:.6g} to {high:.6g}"
+            raise ValueError(f"{must}, got {places[0]:.6g} to {places[-1]:.6g}")
+    return places
+
+
+def _unseen(found_and_rates: Any, levels: Any) -> Reals:
+    """Bound on what windows that no level hits, and what is beyond the levels, may change."""
+    found, rates = found_and_rates
+    # NaN is not below anything.
+    before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)
+    overturned = (before % 2 == 1) != found.overturns_first[:, None]
+    changed = overturned[:, 1:] != overturned[:, :-1]
+    lonely = changed[:, :-1] & changed[:, 1:]
+    alone = jnp.where(lonely, 0.5 * (rates[:-2] - rates[2:])[None, :], 0).sum()
+    width = jnp.where(changed, (rates[:-1] - rates[1:])[None, :], 0).sum()
+    typical = width / jnp.maximum(changed.sum(), 1).astype(rates.dtype)
+    return (alone + _UNSEEN * typical) / len(overturned) + rates[-1]

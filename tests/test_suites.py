@@ -1,0 +1,341 @@
+"""Suites of records: their measures, what is computed with them, and their files."""
+
+import csv
+import io
+import re
+import zipfile
+from fractions import Fraction
+from importlib.resources import files
+from itertools import pairwise
+
+import hypothesis
+import hypothesis.strategies as st
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+import xarray as xr
+
+import jaxrock as jr
+from jaxrock.ground_motion import intensity_measure
+
+G = 9.80665
+BLOCK = jr.Block(0.2, 5.0)
+BLOCKS = jr.Block(np.array([0.2, 0.4]), np.array([5.0, 4.0]))
+
+
+def shaking(samples, step, cycles, upward=False):
+    """A few cycles that swell and die away, of up to 4 m/s2."""
+    along = np.linspace(0, 1, samples)
+    envelope = 4 * np.sin(np.pi * along)
+    vertical = 0.5 * envelope * np.sin(9 * np.pi * along) if upward else None
+    return jr.Record(envelope * np.sin(2 * np.pi * cycles * along), step, vertical)
+
+
+SHORT = jr.Suite([shaking(120, 0.02, 3), shaking(200, 0.015, 4)])  # padded as they are alone
+# Here the second one is padded further than alone, because of the third.
+LONGER = shaking(300, 0.01, 4, upward=True), shaking(600, 0.005, 5)
+SUITE = jr.Suite([SHORT[0], *LONGER], ["a", "b", "c"])
+
+
+def exact_peaks(samples, step):
+    """PGA and PGV of lines between samples, from rest on."""
+    velocity, fastest = Fraction(0), Fraction(0)
+    for before, after in pairwise(map(Fraction, samples)):
+        if before * after < 0:
+            fastest = max(fastest, abs(velocity + before**2 / (before - after) / 2))
+        velocity += (before + after) / 2
+        fastest = max(fastest, abs(velocity))
+    return float(max(map(abs, map(Fraction, samples)))), float(fastest * Fraction(step))
+
+
+WHOLE = st.integers(-20, 20).map(float)
+
+
+@hypothesis.given(st.lists(WHOLE, min_size=2, max_size=30), st.sampled_from([1.0, -2.5, 0.0]))
+@hypothesis.example([float(n * 7 % 11 - 4) for n in range(257)], -2.0)
+def test_peaks_against_exact_arithmetic(samples, scale):
+    record = jr.Record(np.array(samples), 0.01, scale=scale)
+    eps = float(np.finfo(record.acceleration.dtype).eps)
+    expected = exact_peaks(samples, float(record.time_step))
+    for measure, peak in zip(("pga", "pgv"), expected, strict=True):
+        found = float(intensity_measure(record, measure))
+        assert found == pytest.approx(abs(scale) * peak, rel=16 * eps), measure
+
+
+def test_measures_have_the_shape_of_scale_and_block(eps):
+    record = shaking(50, 0.02, 2).scaled(np.array([[1.0], [-2.0], [0.0]]))
+    for measure in ("pga", "pgv"):
+        value = np.asarray(intensity_measure(record, measure))
+        assert value.shape == (3, 1)
+        np.testing.assert_allclose(value[:, 0], value[0] * [1, 2, 0], rtol=4 * eps)
+        blocks = jr.Block(np.array([[0.2, 0.4]]), np.array([[5.0, 4.0]]))
+        uplift = 9.81 / np.array([5.0, 4.0])  # g tan(alpha_c)
+        frequency = np.asarray(blocks.frequency_parameter) if measure == "pgv" else 1.0
+        ratio = intensity_measure(record, f"{measure}_ratio", blocks)
+        np.testing.assert_allclose(ratio, value * frequency / uplift, rtol=8 * eps)
+
+
+def test_derivative_of_a_measure(eps):
+    record = shaking(50, 0.02, 2)
+    slope = jax.grad(lambda factor: intensity_measure(record.scaled(factor), "pgv"))(-2.0)
+    assert float(slope) == pytest.approx(-float(intensity_measure(record, "pgv")), rel=64 * eps)
+
+
+ONE = jr.Record(np.array([0.0, 1.0]), 0.1)
+MANY = jr.Record(np.ones((2, 3)), 0.1)
+STEPS = jr.Record(np.ones(3), np.array([0.1, 0.2]))
+TWICE = ONE.scaled(np.ones(2))
+STILL = SUITE.scaled(np.array([1.0, 0.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: jr.Suite([]), "records must be at least one record, got none"),
+        (lambda: jr.Suite(ONE), "records must be a list of records, got Record"),
+        (lambda: jr.Suite([ONE, 3.0]), "records must be records, got a float as number 2"),
+        (lambda: jr.Suite([ONE, MANY]), "records must be single ones, number 2 is an array of"),
+        (lambda: jr.Suite([STEPS]), "records must have one time step and start, not number 1"),
+        (lambda: jr.Suite([ONE, TWICE]), r"scales of one shape, got \(\) and, in number 2, \(2,\)"),
+        (lambda: jr.Suite([ONE], "a"), "names must be a list of names, got 'a'"),
+        (lambda: jr.Suite([ONE], [1]), "names must be words, got 1"),
+        (lambda: jr.Suite([ONE] * 2, ["a"]), "must be as many as records, got 1 names of 2 rec"),
+        (lambda: jr.Suite([ONE] * 3, ["a", "b", "a"]), "must differ from each other, got 'a' tw"),
+        (lambda: SUITE.scaled(np.ones(2)), r"for each of 3 records, got an array of shape \(2,\)"),
+        (lambda: SUITE.scaled(np.nan), "factors must be finite, got nan"),
+        (lambda: SUITE.factors([1.0, 0.0], "pga"), "levels must be finite and greater than 0"),
+        (lambda: STILL.factors(1.0, "pgv"), "a pgv greater than 0 to be scaled, got 0 for 'b'"),
+        (lambda: SUITE.measure("pgd"), "must be one of pga, pgv, pga_ratio, pgv_ratio, got 'pgd'"),
+        (lambda: SUITE.measure("pga_ratio"), "block must be given for the measure 'pga_ratio'"),
+        (lambda: intensity_measure(ONE, "PGA"), "measure must be one of .* got 'PGA'"),
+        (lambda: jr.read_suite([]), "a suite needs at least one file, got none"),
+        (lambda: jr.read_suite("none"), "'none': there is no such folder or file"),
+        (lambda: jr.read_suite(["a.txt"]), ".AT2 and .csv files are read, not '.txt'"),
+    ],
+)
+def test_what_is_refused(monkeypatch, call, message):
+    """Also where types are not checked, as for those who use the library."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match=message) as error:
+        call()
+    assert "\n" not in str(error.value)
+
+
+def test_a_suite_is_a_sequence():
+    assert len(SUITE) == 3
+    assert [record.samples for record in SUITE] == [120, 300, 600]
+    assert SUITE["b"] is SUITE[1] is SUITE[1:][0]
+    assert SUITE[1:].names == ("b", "c")
+    assert jr.Suite([ONE, ONE]).names == ("1", "2")
+    assert str(SUITE) == "suite of 3 records of 120 to 600 samples, 0.005 to 0.02 s apart"
+    assert str(SUITE[:1]) == "suite of 1 record of 120 samples, 0.02 s apart"
+    with pytest.raises(KeyError, match="no record is named 'd'"):
+        SUITE["d"]
+
+
+def test_records_are_scaled_to_levels(eps):
+    levels = np.array([0.2, 0.5])
+    for measure in ("pga", "pgv_ratio"):
+        plain = SUITE.measure(measure, BLOCK)
+        each = [intensity_measure(record, measure, BLOCK) for record in SUITE]
+        np.testing.assert_array_equal(plain, each)
+        scaled = SUITE.scaled(SUITE.factors(levels, measure, BLOCK))
+        assert scaled.names == SUITE.names
+        reached = scaled.measure(measure, BLOCK)
+        np.testing.assert_allclose(reached, np.tile(levels, (3, 1)), rtol=8 * eps)
+        np.testing.assert_allclose(SUITE.scaled(-2.0).measure(measure, BLOCK), 2 * plain, rtol=eps)
+        turned = SUITE.scaled(np.array([1.0, 0.0, -1.0])).measure(measure, BLOCK)
+        np.testing.assert_allclose(turned, plain * np.array([1.0, 0.0, 1.0]), rtol=eps)
+    assert SUITE.measure("pgv_ratio", BLOCKS).shape == (3, 2)
+    assert SUITE.factors(levels, "pgv_ratio", BLOCKS).shape == (3, 2, 2)
+
+
+def assert_row(found, k, single, rtol=0.0):
+    for rows, theirs in zip(jax.tree.leaves(found), jax.tree.leaves(single), strict=True):
+        np.testing.assert_allclose(rows[k], theirs, rtol=rtol)
+
+
+def test_responses_are_those_of_the_records(eps):
+    strong = SUITE.scaled(np.tile([[0.8], [1.5], [3.0]], (3, 1, 1)))
+    found = jr.respond_batch(BLOCKS, 0.8, strong)
+    assert found.overturned.shape == (3, 3, 2)
+    assert 0 < found.overturned.sum() < 18
+    for k, record in enumerate(strong):
+        rtol = max(1e-9, 100 * eps) if k == 1 else 0.0
+        assert_row(found, k, jr.respond_batch(BLOCKS, 0.8, record), rtol)
+    found = jr.respond_within(BLOCKS, 0.8, SHORT, 1e-2, duration=2.0)
+    for k, record in enumerate(SHORT):
+        assert_row(found, k, jr.respond_within(BLOCKS, 0.8, record, 1e-2, duration=2.0))
+
+
+def test_rocking_spectrum(eps, tmp_path):
+    found = jr.rocking_spectrum(SUITE, [1.0, 2.0], 4.0)
+    assert found.peak_rotation.dims == ("record", "period", "slenderness")
+    assert found.record.values.tolist() == ["a", "b", "c"]
+    for name, record in zip(SUITE.names, SUITE, strict=True):
+        single, row = jr.rocking_spectrum(record, [1.0, 2.0], 4.0), found.sel(record=name)
+        xr.testing.assert_allclose(row.drop_vars("record"), single, rtol=max(1e-9, 100 * eps))
+        assert row.attrs == single.attrs
+    found.to_netcdf(tmp_path / "suite.nc")
+    with xr.open_dataset(tmp_path / "suite.nc") as again:
+        xr.testing.assert_equal(again, found)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    ("along", "values"),
+    [("factor", np.linspace(0.5, 2.5, 11)), ("half_width", np.geomspace(0.05, 0.6, 15))],
+)
+def test_boundaries_are_those_of_the_records(along, values):
+    found = jr.overturning_boundaries(BLOCKS, 0.8, SUITE, along, values)
+    count = np.asarray(found.count)
+    assert count.shape == (3, 2)
+    assert len(set(count.max(axis=1).tolist())) > 1
+    assert found.value.shape == (3, 2, count.max())
+    missing = {"value": np.nan, "overturns_beyond": False, "impacts": -1, "toppled": False}
+    for k, record in enumerate(SUITE):
+        single = jr.overturning_boundaries(BLOCKS, 0.8, record, along, values)
+        listed = single.value.shape[-1]
+        for name, rows in vars(found).items():
+            if name in missing:
+                np.testing.assert_array_equal(rows[k, :, listed:], missing[name])
+                rows = rows[..., :listed]
+            assert_row(rows, k, getattr(single, name), 1e-9 if k == 1 else 0.0)
+
+
+@pytest.mark.float64
+def test_derivatives_of_the_boundaries_of_a_suite():
+    def slopes(motion):
+        def edges(restitution):
+            factors = np.linspace(0.5, 2.5, 11)
+            return jr.overturning_boundaries(BLOCK, restitution, motion, "factor", factors).value
+
+        return jax.jvp(edges, (0.8,), (1.0,))
+
+    found = slopes(SHORT)
+    for k, record in enumerate(SHORT):
+        value, slope = slopes(record)
+        assert value.size > 0
+        assert (abs(slope) > 1e-3).any()
+        assert_row([each[:, : value.size] for each in found], k, [value, slope])
+
+
+@pytest.mark.float64
+def test_derivative_of_a_boundary_long_before_the_end_of_a_record():
+    """This block balances for ten seconds, until the record ends and rounding has decided."""
+    suite = jr.example_suite()
+    record = suite.scaled(1 / suite.measure("pgv"))[8]
+    edge, step = 1.5034582935571408, 1e-6
+
+    def edges(restitution):
+        block, factors = jr.Block.from_size(0.6, 2.4), np.linspace(edge - 1e-5, edge + 1e-5, 5)
+        found = jr.overturning_boundaries(block, restitution, record, "factor", factors)
+        return found.value[..., 0]
+
+    value, slope = jax.jvp(edges, (np.array([0.8 - step, 0.8, 0.8 + step]),), (np.ones(3),))
+    assert float(value[1]) == pytest.approx(edge, rel=1e-12)
+    assert float(slope[1]) == pytest.approx(-0.0921831, abs=1e-7)
+    assert float(slope[1]) == pytest.approx(float(value[2] - value[0]) / (2 * step), rel=1e-6)
+
+
+AT2 = "PEER\nRSN1\nUNITS OF G\nNPTS= 3, DT= .01 SEC\n{} .2 -.3\n"
+CONTENTS = {
+    "a.csv": "# time step 0.01 s\neast_g,north_g,up_g\n1,4,7\n2,5,8\n3,6,9\n",
+    "b.csv": "time [s],acc [cm/s2]\n0,10\n0.5,-20\n",
+    "RSN1_A-000.AT2": AT2.format(".1"),
+    "RSN1_A-090.AT2": AT2.format(".4"),
+    "RSN1_A-UP.AT2": AT2.format(".7"),
+    "index.csv": "file,magnitude\na.csv,6.1\n",
+    "within/c.csv": "acc_g\nx\n",
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    def made(contents=CONTENTS):
+        for name, content in contents.items():
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_text(content)
+        return tmp_path
+
+    return made
+
+
+def test_a_folder_is_read(folder, eps):
+    expected = {
+        "RSN1_A-000": (0.01, [0.1, 0.2, -0.3], [0.7, 0.2, -0.3]),
+        "RSN1_A-090": (0.01, [0.4, 0.2, -0.3], [0.7, 0.2, -0.3]),
+        "a east": (0.01, [1, 2, 3], [7, 8, 9]),
+        "a north": (0.01, [4, 5, 6], [7, 8, 9]),
+        "b": (0.5, [0.1 / G, -0.2 / G], None),
+    }
+    path = folder()
+    level = jr.read_suite(path)
+    listed = jr.read_suite([path / "b.csv", str(path / "a.csv")])
+    both = jr.read_suite([path / name for name in CONTENTS if name[0] in "aR"], vertical=True)
+    assert level.names == tuple(expected)
+    assert listed.names == ("b", "a east", "a north")
+    assert both.names == ("a east", "a north", "RSN1_A-000", "RSN1_A-090")
+    assert jr.read_suite(path / "b.csv", time_step=0.5).names == ("b",)
+    for suite in (level, listed, both):
+        for name, record in zip(suite.names, suite, strict=True):
+            step, horizontal, vertical = expected[name]
+            np.testing.assert_allclose(record.time_step, step, rtol=2 * eps)
+            np.testing.assert_allclose(record.acceleration, G * np.array(horizontal), rtol=4 * eps)
+            assert (record.vertical is not None) == (suite is both)
+            if suite is both:
+                np.testing.assert_allclose(record.vertical, G * np.array(vertical), rtol=4 * eps)
+
+
+WORDS = "Dear reader\nthese are words\n"
+LEVEL, UP, ALONE = (CONTENTS[name] for name in ("RSN1_A-000.AT2", "RSN1_A-UP.AT2", "b.csv"))
+NONE = ": the folder has no .AT2 or .csv file of a record"
+
+
+@pytest.mark.parametrize(
+    ("contents", "options", "messages"),
+    [
+        ({}, {}, [NONE]),
+        ({"index.csv": WORDS, "a.txt": WORDS}, {}, [NONE]),
+        ({"a.csv": WORDS}, {"unit": "g", "time_step": 1.0}, ["a.csv', line 2: column 'Dear read"]),
+        ({"a.csv": "acc_g\n1\n"}, {"time_step": 1.0}, ["at least two samples were expected, got"]),
+        ({"b.csv": ALONE}, {"unit": "g"}, ["unit is 'g', but column 'acc [cm/s2]' states"]),
+        ({"a.csv": "", "b.AT2": WORDS}, {}, ["a.csv': the file is empty", "b.AT2': an .AT2 file"]),
+        ({"a-UP.AT2": UP}, {}, ["a suite needs at least one horizontal component, got 1 files"]),
+        ({"a.csv": "t,up_g\n0,1\n1,2\n"}, {}, ["a.csv': no column is a horizontal acceleration"]),
+        ({"a.csv": ALONE}, {"vertical": True}, ["a.csv': one vertical column was expected, got 0"]),
+        ({"a.AT2": LEVEL}, {"vertical": True}, ["a.AT2': no file is its vertical component by"]),
+        ({"a.AT2": LEVEL, "a.csv": ALONE}, {}, ["a.csv': another record is named 'a' as well"]),
+    ],
+)
+def test_folders_that_are_refused(folder, contents, options, messages):
+    """One line for each file."""
+    with pytest.raises(ValueError, match=re.escape(messages[0])) as error:
+        jr.read_suite(folder(contents), **options)
+    lines = str(error.value).splitlines()
+    assert all(message in line for message, line in zip(messages, lines, strict=True))
+
+
+def test_example_suite():
+    """Against its index; where it is from and on what terms, GeoNet's attribution included."""
+    packed = (files("jaxrock") / "data" / "example_suite.zip").read_bytes()
+    assert len(packed) < 0.5e6
+    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+        texts = {name: archive.read(name).decode() for name in archive.namelist()}
+    rows = {row["file"]: row for row in csv.DictReader(io.StringIO(texts.pop("index.csv")))}
+    assert rows.keys() == texts.keys()
+    expected = {}
+    for name in sorted(rows):
+        head = [line for line in texts[name].splitlines() if line.startswith("#")]
+        for word in ("Licence: ", "Source: "):
+            assert any(word in line for line in head), (name, word)
+        if "GeoNet" in rows[name]["network"]:
+            assert "GeoNet programme and its sponsors EQC, GNS Science, LINZ" in "".join(head)
+        for which in ("first", "second"):
+            expected[f"{name}, {which}"] = G * float(rows[name][f"pga_g_{which}"])
+    assert sum("kaikoura" in name for name in expected) == 4
+    suite = jr.example_suite(vertical=True)
+    assert len(suite) == 20
+    np.testing.assert_allclose(suite.measure("pga"), [*expected.values()], rtol=1e-3)
+    assert all(record.vertical is not None for record in suite)
