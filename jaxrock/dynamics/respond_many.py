@@ -236,7 +236,7 @@ def respond_batch(
     eps = float(jnp.finfo(dtype).eps)
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
-    order = next(order for least, order in _ORDERS[type(motion) is Record] if rtol >= least)
+    order = next(order for least, order in _ORDERS[isinstance(motion, Record)] if rtol >= least)
     parts = 1 if isinstance(motion, Record) else 2
     tolerance = np.asarray(max(_SHARE * rtol, eps), dtype)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)

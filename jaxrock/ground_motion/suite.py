@@ -163,7 +163,9 @@ class Suite(eqx.Module):
                 if not (value > 0).all():
                     must = f"every record must have a {measure} greater than 0 to be scaled"
                     raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
-        return levels / measures.reshape(*measures.shape, *[1] * levels.ndim)
+        return levels[(None,) * measures.ndim] / measures.reshape(
+            *measures.shape, *[1] * levels.ndim
+        )
 
     def scaled(self, factors: Number) -> "Suite":
         """The suite with other scales.

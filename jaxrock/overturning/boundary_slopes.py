@@ -74,7 +74,8 @@ def _while_balanced(
     )
     at = value[exists]
     neighbour = at * (1 + np.where(overturns_beyond[exists], 8, -8) * eps)
-    start, end = np.asarray(chosen.motion.start), np.asarray(chosen.motion.end)
+    motion = jax.tree.map(jnp.asarray, chosen.motion)
+    start, end = np.asarray(motion.start), np.asarray(motion.end)
 
     def apart(until: Any) -> Any:
         final, other = (
@@ -89,7 +90,7 @@ def _while_balanced(
             middle = 0.5 * (low + high)
             close = apart(middle) < eps**power
             low, high = np.where(close, middle, low), np.where(close, high, middle)
-        until = np.array(np.broadcast_to(np.asarray(scene.motion.end)[..., None], value.shape))
+        until = np.full(value.shape, end.max(initial=1.0))
         until[exists] = np.where(at_last < eps**power, end, high)
         times.append(until)
     return times
@@ -129,7 +130,7 @@ def _slopes(
         response = respond_at(scene, at, search, until)
         margin = response.margin
         if until is not None:
-            margin = jnp.where(until < scene.motion.end, response.final_rotation, margin)
+            margin = jnp.where(until[None] < scene.motion.end, response.final_rotation, margin)
         return jnp.where(toppled[None], TOPPLED_ROTATION - response.peak_rotation, margin)
 
     # Each derivative is taken on a copy of the block: one tangent for many blocks compiles

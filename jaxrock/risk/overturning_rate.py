@@ -123,7 +123,7 @@ def overturning_rate(
     >>> hazard = jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4])
     >>> found = jr.overturning_rate(jr.Block(0.1, 5.0), 0.8, suite, hazard)
     >>> print(f"{found.rate:.5f} 1/yr")
-    0.00201 1/yr
+    0.00552 1/yr
     """
     if not isinstance(suite, Suite):
         raise ValueError(f"suite must be a Suite, got a {type(suite).__name__}")
