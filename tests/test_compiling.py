@@ -136,6 +136,9 @@ CALLS = {
         block(k), 0.7, pulse(k, jr.HalfSine), 0.2
     ),
     "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
+    "rate_elasticities": lambda k: jr.risk.rate_elasticities(
+        block(k), 0.8, suite(k), jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9]
+    ),
     "resonance_spectrum": lambda k: jr.resonance_spectrum(
         5.0, np.linspace(0.2, 1, 5) + 0.1 * k, 0.7, 0.15
     ),
@@ -200,6 +203,7 @@ ANSWERS = {
     jr.sensitivity.TornadoBars,
     jr.accuracy.Tradeoff,
     jr.risk.OverturningRate,
+    jr.risk.RateElasticities,
     jr.resonance.TrainResponse,
     jr.accuracy.EstimatedResponse,
     jr.resonance.WorstTrain,

@@ -30,6 +30,7 @@ from .options import (
     Writing,
     picture,
 )
+from .suites import Fragility
 
 
 class Spectrum(Writing):
@@ -199,6 +200,7 @@ COMMANDS: dict[str, type[Command]] = {
     "spectrum": Spectrum,
     "respond": Respond,
     "rocking-spectrum": RockingSpectrum,
+    "fragility": Fragility,
     "critical": Critical,
     "sensitivity": Sensitivity,
     "tradeoff": Tradeoff,

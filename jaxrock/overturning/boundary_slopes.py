@@ -74,8 +74,9 @@ def _while_balanced(
     )
     at = value[exists]
     neighbour = at * (1 + np.where(overturns_beyond[exists], 8, -8) * eps)
-    motion = jax.tree.map(jnp.asarray, chosen.motion)
-    start, end = np.asarray(motion.start), np.asarray(motion.end)
+    # In NumPy: under some transformations all that JAX computes here would be traced.
+    start, step = chosen.motion.start, chosen.motion.time_step
+    end = start + np.asarray(chosen.motion._last) * step
 
     def apart(until: Any) -> Any:
         final, other = (

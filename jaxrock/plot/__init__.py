@@ -5,6 +5,7 @@ of which `plot_curves` and `plot_rocking_curves` draw one.
 """
 
 from .block import animate, plot_block, plot_phase, plot_response
+from .fragility import plot_fragility
 from .pulses import plot_convergence, plot_overturning_map, plot_resonance, plot_train
 from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado
 from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
@@ -16,6 +17,7 @@ __all__ = [
     "plot_convergence",
     "plot_curves",
     "plot_distribution",
+    "plot_fragility",
     "plot_overturning_map",
     "plot_phase",
     "plot_resonance",

@@ -3,5 +3,7 @@
 from .fragility_curves import fragility
 from .hazard import Hazard, read_hazard
 from .overturning_rate import OverturningRate, overturning_rate
+from .rate_elasticities import RateElasticities, rate_elasticities
 
-__all__ = ["Hazard", "OverturningRate", "fragility", "overturning_rate", "read_hazard"]
+__all__ = ["Hazard", "OverturningRate", "RateElasticities", "fragility", "overturning_rate"]
+__all__ += ["rate_elasticities", "read_hazard"]

@@ -110,7 +110,8 @@ def overturning_rate(
     -----
     What is beyond the last level is taken to be like the last level. Derivatives with respect to
     the block, the restitution and the hazard, in both modes, are those of the boundaries found;
-    a boundary that rounding hides adds nothing to them (see `overturning_boundaries`).
+    a boundary that rounding hides adds nothing to them (see `overturning_boundaries`). What they
+    say of a change of some per cent, `rate_elasticities` compares.
 
     The bound on what is unseen is that of Good and Turing: windows between two levels are hit by
     a level as often as they are wide. So the windows that one level alone has hit are
@@ -135,7 +136,7 @@ def overturning_rate(
     shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
     if any(shapes) or any(np.shape(record.scale) for record in suite):
         raise ValueError("block, restitution and scales of records must be single ones")
-    places = _levels(hazard, levels)
+    places = levels_of(hazard, levels)
     search = Search("factor", model, max_boundaries, drop_unknown=True)
     found = searched(block, restitution, suite.scaled(suite.factors(1.0, measure)), places, search)
     exists = jnp.isfinite(found.value)
@@ -157,7 +158,8 @@ def overturning_rate(
     )
 
 
-def _levels(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
+def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
+    """The levels between which boundaries are sought; a `ValueError` if they are not allowed."""
     if levels is None:
         if not isinstance(hazard, Hazard):
             raise ValueError("levels must be given, since the hazard is a function")

@@ -1,0 +1,124 @@
+"""The command about suites of records."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..ground_motion import MEASURES, Suite, example_suite, read_suite
+from ..host import table
+from ..risk import fragility, rate_elasticities, read_hazard
+from ..validation import POSITIVE, as_real, check
+from .options import Answer, BlockOptions, Grid, ModelName, Steps, Writing, picture
+
+
+class Fragility(BlockOptions, Writing):
+    """Fragility of a block under a suite of records; with a hazard, the yearly rate of overturning.
+
+    Writes fragility.nc, fragility.csv and fragility.png: the share of records that exceed each
+    threshold at each level, with intervals and lognormal curves.
+
+    Example: jaxrock fragility --records example --width 0.6 --height 2.4 --restitution 0.8
+    """
+
+    records: str = "example"
+    """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
+    unit: str | None = None  # Unit of the records, where the files do not state it.
+    time_step: float | None = None  # Time between samples of .csv files without times [s].
+    vertical: bool = False  # Include the vertical component of each record.
+    measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv"
+    """Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the block."""
+    levels: Grid | None = None
+    """Levels of the measure, increasing; by default from where no record overturns the block."""
+    threshold: tuple[str, ...] = ("uplift", "0.5", "1", "overturning")
+    """Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning"."""
+    tolerance: float = 1e-3  # Relative error of peak rotations that is allowed.
+    hazard: Path | None = None
+    """A .csv file with two columns, level of the measure and yearly rate of exceedance."""
+    model: ModelName = "nonlinear"  # Equation of motion.
+    out: Path = Path("fragility")
+
+    def _steps(self) -> Steps:
+        block, c, suite = self.block, self.coefficient, self._suite()
+        check("tolerance", as_real("tolerance", self.tolerance), POSITIVE)
+        thresholds = [_number_or_word(word) for word in self.threshold]
+        if self.levels is None:
+            levels = self._usual_levels()
+        else:
+            levels = np.array(self.numbers("levels"))
+            check("levels", levels, POSITIVE)
+            if (np.diff(levels) <= 0).any():
+                raise ValueError("levels must increase, got others")
+        suite.factors(1.0, self.measure, block)  # every record has to have some
+        hazard = None
+        if self.hazard is not None:
+            if self.measure not in ("pgv", "pga"):
+                raise ValueError(f"hazard goes with the measures pgv and pga, not {self.measure}")
+            hazard = read_hazard(self.hazard)
+        folder = yield [f"fragility.{kind}" for kind in ("nc", "csv", "png")]
+        from ..plot import plot_fragility
+
+        options = {"tolerance": self.tolerance, "model": self.model}
+        curves = fragility(block, c, suite, levels, self.measure, thresholds, **options)
+        curves.to_netcdf(folder / "fragility.nc")
+        over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
+        curves[over_level].to_dataframe().to_csv(folder / "fragility.csv")
+        picture(plot_fragility(curves), folder / "fragility.png")
+        chaotic = 1 - float(curves.within_tolerance.mean())
+        medians = {"median": curves["median"].values, "dispersion": curves["dispersion"].values}
+        _, unit, _ = MEASURES[self.measure]
+        lines = [
+            table(
+                f"{suite}, {levels.size} levels of {self.measure},"
+                f" {levels[0]:.4g} to {levels[-1]:.4g} {'' if unit == '1' else unit}".rstrip(),
+                [str(name) for name in curves.threshold.values],
+                **medians,
+            )
+        ]
+        names = curves.threshold.values
+        lines += [f"{n}: {r}" for n, r in zip(names, curves.remark.values, strict=True) if r]
+        if chaotic:
+            lines.append(f"{chaotic:.1%} of the responses are not within the tolerance")
+        data: dict[str, Any] = {
+            "records": len(suite),
+            "thresholds": [str(name) for name in names],
+            **{name: values.tolist() for name, values in medians.items()},
+            "remarks": curves.remark.values.tolist(),
+            "share_within_tolerance": 1 - chaotic,
+        }
+        if hazard is not None:
+            about = rate_elasticities(block, c, suite, hazard, self.measure, model=self.model)
+            found = about.found
+            lines.append(f"{found}\n{about}")
+            data |= {
+                "rate": float(found.rate),
+                "standard_error": float(found.standard_error),
+                "unseen": float(found.unseen),
+                "complete": bool(found.complete),
+                "elasticities": dict(zip(about.names, about.differences.tolist(), strict=True)),
+                "slopes": dict(zip(about.names, about.slopes.tolist(), strict=True)),
+            }
+        return Answer("\n".join(lines), data)
+
+    def _suite(self) -> Suite:
+        if self.records != "example":
+            options = {"unit": self.unit, "time_step": self.time_step, "vertical": self.vertical}
+            return read_suite(self.records, **options)
+        if self.unit is not None or self.time_step is not None:
+            raise ValueError('records "example" have their unit and time step: leave them out')
+        return example_suite(vertical=self.vertical)
+
+    def _usual_levels(self) -> np.ndarray:
+        block = self.block
+        uplift = float(block.gravity / block.slenderness)
+        if self.measure.startswith("pga"):
+            return (1.0 if self.measure == "pga_ratio" else uplift) * np.geomspace(0.5, 8, 25)
+        unit = uplift / float(block.frequency_parameter)
+        return (1.0 if self.measure == "pgv_ratio" else unit) * np.geomspace(0.1, 3, 25)
+
+
+def _number_or_word(word: str) -> float | str:
+    try:
+        return float(word)
+    except ValueError:
+        return word

@@ -1,0 +1,67 @@
+"""Fragility curves."""
+
+import numpy as np
+import xarray
+from matplotlib.axes import Axes
+
+from .axes import (
+    ACCENT,
+    BESIDE,
+    CURVES,
+    INK,
+    LIGHT,
+    NEUTRAL,
+    axes_or_new,
+    draws,
+    label_of,
+    labelled,
+)
+
+_COLOURS = (NEUTRAL, LIGHT, ACCENT, INK)
+_MARKERS = ("^", "s", "D", "o", "v", "P", "X")
+
+
+@draws("dataset : xarray.Dataset\n    Of `jaxrock.fragility`.")
+def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw shares of a suite over the level: counted, with intervals, and lognormal curves.
+
+    A mark is the counted share, a bar its interval, a line the most likely lognormal curve. The
+    bars of several thresholds stand side by side around their level.
+    """
+    ax = axes_or_new(ax, figsize=(8, 4.5))
+    levels, count = dataset.level.values, dataset.threshold.size
+    step = np.diff(np.log(levels)).min(initial=0.2) / (count + 1)
+    for k, threshold in enumerate(dataset.threshold.values):
+        curves = dataset.sel(threshold=threshold)
+        colour, look = _COLOURS[-(k + 1) % len(_COLOURS)], CURVES[k % len(CURVES)]
+        ratio = str(threshold).replace(".", "").isdigit()
+        name = rf"$\alpha_{{max}} > {threshold}\,\alpha_c$" if ratio else str(threshold)
+        middle, low, high = (
+            curves[variable].values
+            for variable in ("exceedance", "exceedance_low", "exceedance_high")
+        )
+        ax.errorbar(
+            levels * np.exp((k - (count - 1) / 2) * step),
+            middle,
+            (middle - low, high - middle),
+            fmt=_MARKERS[k % len(_MARKERS)],
+            color=colour,
+            markersize=4,
+            elinewidth=0.7,
+            label=name,
+        )
+        if np.isfinite(curves["median"]):
+            fine = np.geomspace(levels[0], levels[-1], 300)
+            ax.plot(fine, _lognormal(curves, fine), color=colour, linestyle=look["linestyle"])
+    ax.set(xscale="log", ylim=(-0.03, 1.03))
+    ax.legend(**BESIDE, title="counted, with interval;\nlognormal curves")
+    return labelled(ax, label_of(dataset.level), "share of the records [-]")
+
+
+def _lognormal(curves: xarray.Dataset, levels: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtr
+
+    median, dispersion = float(curves["median"]), float(curves["dispersion"])
+    if dispersion == 0:
+        return np.where(levels < median, 0.0, 1.0)
+    return ndtr(np.log(levels / median) / dispersion)

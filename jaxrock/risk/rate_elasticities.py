@@ -1,0 +1,119 @@
+"""What the rate of overturning depends on, at a point and over a change."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..block import Block
+from ..dynamics import respond_batch
+from ..ground_motion import Suite
+from ..host import table
+from ..resonance import ModelLike, Nonlinear
+from ..validation import Number, Numbers, as_real
+from .hazard import Hazard
+from .overturning_rate import OverturningRate, levels_of, overturning_rate
+
+
+class RateElasticities(eqx.Module):
+    """Changes of the yearly rate in per cent for one per cent; see `rate_elasticities`.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the numbers of the block, and the restitution.
+    slopes : Array, shape (names,)
+        From the derivatives of the boundaries found [-].
+    differences : Array, shape (names,)
+        From the rates that are counted at both ends of the change [-].
+    change : float
+        Relative, to either side.
+    found : OverturningRate
+        The rate itself.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    slopes: Float[Array, " names"]
+    differences: Float[Array, " names"]
+    change: float = eqx.field(static=True)
+    found: OverturningRate
+
+    def __str__(self) -> str:
+        over = {f"over_+-{self.change:.0%}": np.asarray(self.differences)}
+        columns = {**over, "at_the_point": np.asarray(self.slopes)}
+        return table("elasticities of the rate", self.names, **columns)
+
+
+def rate_elasticities(
+    block: Block,
+    restitution: Number,
+    suite: Suite,
+    hazard: Hazard | Callable[[Any], Any],
+    measure: str = "pgv",
+    levels: Numbers | None = None,
+    *,
+    change: float = 0.05,
+    model: ModelLike = Nonlinear(),
+) -> RateElasticities:
+    """How much the rate of overturning changes with each number, in two ways.
+
+    The derivative of `overturning_rate` is exact for the boundaries found. Where a block rocks
+    long before it overturns, many of these bound narrow windows and move fast, each its own way,
+    and their sum is as irregular as they are: a small change says nothing about a larger one. The
+    difference of the rates at both ends of a change, counted at all levels, averages
+    over such windows. Trust the slope where the two agree, and the difference where not.
+
+    Parameters
+    ----------
+    block, restitution, suite, hazard, measure, levels, model
+        As in `overturning_rate`.
+    change : float
+        Relative change to either side, greater than 0 and less than 0.5; no further than C = 1
+        and kappa = 1.
+
+    Returns
+    -------
+    RateElasticities
+
+    Raises
+    ------
+    ValueError
+        As in `overturning_rate`, or if the change is out of range.
+    """
+    if not 0 < change < 0.5:
+        raise ValueError(f"change must be greater than 0 and less than 0.5, got {change!r}")
+    restitution = as_real("restitution", restitution)
+
+    def rate(block: Block, c: Any) -> tuple[Any, OverturningRate]:
+        found = overturning_rate(block, c, suite, hazard, measure, levels, model=model)
+        return found.rate, found
+
+    slopes, found = jax.grad(rate, argnums=(0, 1), has_aux=True)(block, restitution)
+    names = (*vars(block), "restitution")
+    at = np.array([float(value) for value in (*vars(block).values(), restitution)])
+    slope = np.array([float(value) for value in (*vars(slopes[0]).values(), slopes[1])])
+    # Every number in turn at both ends of its change.
+    ends = np.stack([at * np.where(np.eye(at.size), 1 + s * change, 1) for s in (-1, 1)])
+    least, most = (
+        np.array([{"inertia_ratio": one, "restitution": two}.get(name, three) for name in names])
+        for one, two, three in ((1, 0, 0), (np.inf, 1, np.inf))
+    )
+    ends = np.clip(ends, least, most)
+    places = levels_of(hazard, levels)
+    *shape, c = (jnp.asarray(ends[..., k])[..., None] for k in range(at.size))
+    scaled = suite.scaled(suite.factors(places, measure))
+    response = respond_batch(Block(*shape), c, scaled, model=model)
+    rates = np.asarray(hazard(places))
+    weights = np.append(rates[:-1] - rates[1:], 0.0)
+    weights = 0.5 * (weights + np.append(0.0, weights[:-1]))
+    weights[-1] += rates[-1]
+    counted = (np.asarray(response.overturned) * weights).sum(axis=-1).mean(axis=0)
+    spans = np.stack([np.diagonal(end) for end in ends])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        difference = (counted[1] - counted[0]) / (spans[1] - spans[0]) * at / float(found.rate)
+        slope = slope * at / float(found.rate)
+    return RateElasticities(names, jnp.asarray(slope), jnp.asarray(difference), change, found)

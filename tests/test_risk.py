@@ -1,0 +1,424 @@
+"""Hazard, fragility and rates of overturning: closed forms, definitions, counting, differences."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import jaxtyping
+import mpmath
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import jaxrock as jr
+from jaxrock.risk.lognormal import fit_lognormal
+
+DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+NAN = float("nan")
+
+
+def refuses(message, function, *args, **kwargs):
+    """Whether a call is refused with this message, in one sentence."""
+    with pytest.raises(ValueError, match=message) as error:
+        function(*args, **kwargs)
+    return "\n" not in str(error.value)
+
+
+def test_hazard_is_straight_in_logarithms(eps):
+    hazard = jr.Hazard([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-5])
+    levels = jnp.asarray([0.1, 10**-0.5, 1.0, 10**0.5, 10.0])
+    rates = np.array([1e-2, 1e-3, 1e-4, 10**-4.5, 1e-5])
+    np.testing.assert_allclose(hazard(levels), rates, rtol=40 * eps)
+    assert np.isnan(hazard(jnp.asarray([0.09, 11.0, -1.0, 0.0]))).all()
+    for level, power in ((0.4, 2), (4.0, 1)):
+        slope = -power * float(hazard(level)) / level
+        assert float(jax.grad(hazard)(level)) == pytest.approx(slope, rel=40 * eps)
+        assert float(jax.jvp(hazard, (level,), (1.0,))[1]) == pytest.approx(slope, rel=40 * eps)
+    assert float(jax.grad(hazard)(20.0)) == 0
+    assert str(hazard) == "hazard from 0.01 1/yr at 0.1 to 1e-05 1/yr at 10"
+
+
+@pytest.mark.parametrize(
+    ("levels", "rates", "message"),
+    [
+        ([1.0], [1.0], r"of at least two values, got an array of shape \(1,\)"),
+        ([[1.0, 2.0]], [[2.0, 1.0]], r"levels must be one-dimensional, .* of shape \(1, 2\)"),
+        ([1.0, 2.0, 3.0], [2.0, 1.0], r"rates must be as many as levels, 3, got \(2,\)"),
+        ([1.0, 2.0, 2.0], [3.0, 2.0, 1.0], "levels must increase .* got 2 and then 2"),
+        ([1.0, 2.0, 3.0], [3.0, 0.5, 1.0], "rates must fall .* got 0.5 and then 1"),
+        ([0.0, 2.0], [3.0, 2.0], "levels must be finite and greater than 0, got 0"),
+        ([1.0, 2.0], [3.0, 0.0], "rates must be finite and greater than 0, got 0"),
+        ([1.0, NAN], [3.0, 2.0], "levels must be finite and greater than 0, got nan"),
+    ],
+)
+def test_curves_that_are_no_hazard(levels, rates, message):
+    assert refuses(message, jr.Hazard, levels, rates)
+
+
+def test_hazard_file(tmp_path):
+    path = tmp_path / "hazard.csv"
+    path.write_text("# a site\nPGV [m/s], rate [1/yr]\n0.1,2e-2\n\n# far\n 0.3, 2e-3\n1,1e-4\n")
+    for hazard in (jr.read_hazard(path), jr.read_hazard(str(path))):
+        np.testing.assert_array_equal(hazard.levels, jnp.asarray([0.1, 0.3, 1.0]))
+        np.testing.assert_array_equal(hazard.rates, jnp.asarray([2e-2, 2e-3, 1e-4]))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, ": the file cannot be read: No such file"),
+        (b"level,rate\n\xff\xfe\x00", ": a text file was expected, this one is binary"),
+        (b"", ": at least two lines .* got 0"),
+        (b"level,rate\n1,1e-3\n", ": at least two lines .* got 1"),
+        (b"level,rate\n1,often\n2,1e-3\n", ", line 2: a level and a rate .* got '1,often'"),
+        (b"# site\nlevel,rate\n1,2\n2,1,0\n", ", line 4: a level and a rate .* got '2,1,0'"),
+        (b"level,rate\n1,1e-3\n2,2e-3\n", ": rates must fall .* got 0.001 and then 0.002"),
+        (b"level,rate\n1,1e-3\n2,nan\n", ": .* must be finite and greater than 0, got nan"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, content, message):
+    path = tmp_path / "hazard.csv"
+    if content is not None:
+        path.write_bytes(content)
+    assert refuses(f"hazard.csv'{message}", jr.read_hazard, path)
+
+
+@pytest.mark.parametrize(
+    ("levels", "counts", "trials"),
+    [
+        ([0.5, 1.0, 2.0, 4.0], [1, 4, 9, 10], 10),
+        ([0.5, 1.0, 2.0, 4.0], [3, 1, 6, 5], 10),
+        ([1.0, 2.0, 3.0, 4.0], [0, 10, 0, 10], 10),
+        ([1e-3, 1.0, 1e3], [1, 4, 9], 10),
+        ([1.0, 1.001, 1.002], [10, 40, 75], 80),
+        (np.geomspace(0.1, 3, 9), [0, 0, 1, 0, 2, 1, 3, 5, 4], 20),
+    ],
+)
+def test_lognormal_fit_is_the_most_likely(levels, counts, trials):
+    levels, counts = np.array(levels), np.array(counts)
+    fit = fit_lognormal(levels, counts, trials)
+    middle, width = np.log(levels).mean(), np.log(levels).std()
+
+    def at(parameters):
+        return stats.norm.cdf((np.log(levels) - middle) / width * parameters[1] - parameters[0])
+
+    found = optimize.minimize(
+        lambda parameters: -stats.binom.logpmf(counts, trials, at(parameters)).sum(),
+        [0.0, 1.0],
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 2000, "maxfev": 2000},
+    )
+    np.testing.assert_allclose(fit.at(levels), at(found.x), atol=1e-6)
+    assert fit.median == pytest.approx(np.exp(middle + found.x[0] / found.x[1] * width), rel=1e-5)
+    assert fit.dispersion == pytest.approx(width / found.x[1], rel=1e-5)
+    assert fit.remark == ""
+
+
+def test_lognormal_fit_recovers_a_curve():
+    levels = np.geomspace(0.2, 5, 15)
+    shares = stats.norm.cdf(np.log(levels / 0.8) / 0.45)
+    fit = fit_lognormal(levels, np.round(1e9 * shares).astype(int), 10**9)
+    assert fit.median == pytest.approx(0.8, rel=1e-6)
+    assert fit.dispersion == pytest.approx(0.45, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ([0, 0, 0], (NAN, NAN, "never exceeded")),
+        ([5, 5, 5], (NAN, NAN, "always exceeded")),
+        ([0, 5, 5], (2.0, 0.0, "from none to all between two levels")),
+        ([4, 2, 1], (NAN, NAN, "the share falls with the level")),
+        ([5, 5, 0], (NAN, NAN, "the share falls with the level")),
+    ],
+)
+def test_counts_without_a_curve(counts, expected):
+    levels = np.array([1.0, 4.0, 9.0])
+    fit = fit_lognormal(levels, np.array(counts), 5)
+    np.testing.assert_allclose(fit[:2], expected[:2], rtol=1e-15)
+    assert fit.remark == expected[2]
+    curve = [0.0, 1.0, 1.0] if fit.dispersion == 0 else [NAN] * 3
+    np.testing.assert_array_equal(fit.at(levels), curve)
+
+
+# Half-sine pulses overturn a linearized block without an impact, beyond one boundary each.
+DURATIONS = (0.4, 0.7, 1.1)
+SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
+BLOCK, RESTITUTION = jr.Block(*SHAPE[:2]), 0.85
+LEVELS = np.geomspace(0.9, 6.0, 40)
+OFTEN, POWER = 2e-4, 2.3  # the hazard is OFTEN / level**POWER
+
+
+def pulses(samples):
+    along = np.sin(np.linspace(0, np.pi, samples + 1))
+    return jr.Suite([jr.Record(along, duration / samples) for duration in DURATIONS])
+
+
+def verge(measure, duration, half_width, slenderness, inertia_ratio):
+    """The boundary in levels of PGA or PGV, from alpha' + p (alpha - alpha_c) = 0 at the end."""
+    numbers = map(mpmath.mpf, (duration, half_width, slenderness, inertia_ratio))
+    duration, half_width, slenderness, inertia_ratio = numbers
+    angle, gravity = mpmath.acot(slenderness), mpmath.mpf("9.81")
+    w = mpmath.pi / duration
+    p = mpmath.sqrt(gravity * mpmath.sin(angle) / (inertia_ratio * half_width))
+
+    def at_the_end(beta):
+        uplift = mpmath.asin(1 / beta) / w
+        start, end = mpmath.exp(-p * uplift), mpmath.exp(-p * duration)
+        pushed = start * (p / beta + w * mpmath.cos(w * uplift)) + w * end
+        return p * beta * pushed / (p**2 + w**2) - start
+
+    beta = mpmath.findroot(at_the_end, (1.001, 60), solver="anderson", tol=1e-60)
+    return beta * gravity * angle * (1 if measure == "pga" else 2 / w)
+
+
+@functools.cache
+def closed_rate(measure, *shape, often=OFTEN, power=POWER):
+    return sum(often * verge(measure, d, *shape) ** -power for d in DURATIONS) / len(DURATIONS)
+
+
+def rate_of_pulses(shape, restitution, suite, measure="pgv", levels=LEVELS, curve=(OFTEN, POWER)):
+    block = jr.Block(*shape[:2], inertia_ratio=shape[2])
+
+    def hazard(level):
+        return curve[0] * level ** -curve[1]
+
+    return jr.overturning_rate(
+        block, restitution, suite, hazard, measure, levels, model="linearized"
+    )
+
+
+@DOUBLE
+def test_rate_and_derivatives_in_closed_form():
+    suite, numbers = pulses(400), (SHAPE, RESTITUTION, (OFTEN, POWER))
+
+    def rate(shape, restitution, curve):
+        return rate_of_pulses(shape, restitution, suite, curve=curve).rate
+
+    value, reverse = jax.value_and_grad(rate, (0, 1, 2))(*numbers)
+    assert float(value) == pytest.approx(float(closed_rate("pgv", *SHAPE)), rel=1e-6)
+    first = [tuple(int(k == place) for k in range(5)) for place in range(5)]
+    expected = [
+        float(mpmath.diff(lambda *at: closed_rate("pgv", *at[:3], often=at[3], power=at[4]), at, n))
+        for at in [(*SHAPE, OFTEN, POWER)]
+        for n in first
+    ]
+    np.testing.assert_allclose([*reverse[0], *reverse[2]], expected, rtol=1e-6)
+    assert abs(float(reverse[1])) < 1e-12 * float(value)  # no impact comes before
+    directions = (SHAPE, 0.0, (0.0, 0.0))
+    forward = jax.jvp(rate, numbers, directions)[1]
+    assert float(forward) == pytest.approx(np.dot(expected[:3], SHAPE), rel=1e-6)
+
+
+@DOUBLE
+def test_rate_converges_with_the_samples():
+    """In levels of PGV what straight lines take from pulse and velocity cancels, not of PGA."""
+    expected, levels = float(closed_rate("pga", *SHAPE)), np.geomspace(2.5, 9.0, 40)
+    coarse, fine = (
+        float(rate_of_pulses(SHAPE, RESTITUTION, pulses(n), "pga", levels).rate) - expected
+        for n in (100, 200)
+    )
+    assert 3.5 < coarse / fine < 4.5
+    assert abs(fine) < 1e-3 * expected
+
+
+@DOUBLE
+def test_what_a_rate_says():
+    """Every record has one boundary: what is unseen is as much as three mean steps of one."""
+    verges = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS])
+    found = rate_of_pulses(SHAPE, RESTITUTION, pulses(400))
+    np.testing.assert_allclose(found.boundaries.value[:, 0], verges, rtol=1e-7)
+    np.testing.assert_allclose(found.contributions, OFTEN * verges**-POWER, rtol=1e-6)
+    error = np.std(OFTEN * verges**-POWER, ddof=1) / np.sqrt(3)
+    assert float(found.standard_error) == pytest.approx(error, rel=1e-6)
+    at, rates = np.searchsorted(LEVELS, verges), OFTEN * LEVELS**-POWER
+    unseen = (rates[at - 1] - rates[at]).mean() + rates[-1]
+    assert float(found.unseen) == pytest.approx(unseen, rel=1e-9)
+    assert bool(found.complete)
+    assert str(found) == (
+        f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr\n"
+        f"standard error {error:.6g} 1/yr from 3 records, at most {unseen:.6g} 1/yr unseen"
+        " between 3 boundaries"
+    )
+    late = rate_of_pulses(SHAPE, RESTITUTION, pulses(400), levels=LEVELS[LEVELS > 1.5])
+    assert not late.complete
+    assert str(late).endswith("\na record overturns it at the lowest level: may be more")
+    np.testing.assert_allclose(late.contributions[1:], found.contributions[1:], rtol=1e-9)
+    assert float(late.contributions[0]) == pytest.approx(rates[LEVELS > 1.5][0], rel=1e-12)
+    ends = np.array([LEVELS[0], LEVELS[-1]])
+    hazard = jr.Hazard(ends, OFTEN * ends**-POWER)
+    for levels in (None, LEVELS):
+        of_curve = jr.overturning_rate(
+            BLOCK, RESTITUTION, pulses(400), hazard, levels=levels, model="linearized"
+        )
+        np.testing.assert_allclose(of_curve.contributions, found.contributions, rtol=1e-9)
+
+
+def test_fragility_of_pulses_is_a_staircase(eps):
+    suite, levels = pulses(200), np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
+    curves = jr.fragility(
+        BLOCK, RESTITUTION, suite, levels, confidence=0.9, model="linearized", tolerance=1e-2
+    )
+    assert curves.threshold.values.tolist() == ["uplift", "0.5", "1", "overturning"]
+    assert curves.exceedance.dims == ("level", "threshold")
+    durations = np.array(DURATIONS)
+    falls = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS])
+    lifted = 2 * 9.81 * np.arctan(0.25) * durations / np.pi  # at a PGA of g alpha_c
+    for threshold, at in (("uplift", lifted), ("overturning", falls)):
+        counts = (levels[:, None] > at).sum(axis=1)
+        assert {0, 1, 2, 3} == {*counts}
+        of_one = curves.sel(threshold=threshold)
+        np.testing.assert_allclose(of_one.exceedance, counts / 3, rtol=eps)
+        low, high = stats.beta.ppf([[0.05], [0.95]], [counts, counts + 1], [4 - counts, 3 - counts])
+        np.testing.assert_allclose(of_one.exceedance_low, np.where(counts, low, 0), rtol=1e-9)
+        np.testing.assert_allclose(of_one.exceedance_high, np.where(counts < 3, high, 1), rtol=1e-9)
+        assert str(of_one.remark.values) == ""
+        fit = fit_lognormal(curves.level.values, counts, 3)
+        assert (float(of_one["median"]), float(of_one.dispersion)) == fit[:2]
+    assert (curves.exceedance.diff("threshold") <= 0).all()
+    np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
+
+
+def test_fragility_says_where_the_share_falls():
+    """Between 1.20 and 1.26 m/s this pulse of a full sine does not overturn the block."""
+    pulse, block = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005), jr.Block(0.1, 5.0)
+    options = {"model": "linearized", "thresholds": ["overturning"]}
+    curves = jr.fragility(block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options)
+    np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
+    assert str(curves.remark.values[0]).endswith("the counted share falls 1 time")
+
+
+STILL = jr.Suite([jr.Record(np.zeros(3), 0.1)])
+STRETCHED = pulses(4).scaled(np.ones((3, 2)))
+MANY = jr.Block(np.array([0.2, 0.3]), 4.0)
+OF_BOTH = [
+    ({"suite": pulses(4)[0]}, "suite must be a Suite, got a Record"),
+    ({"suite": STILL}, "must have a pgv greater than 0 to be scaled, got 0 for '1'"),
+    ({"suite": STRETCHED}, "scales of records must be single ones"),
+    ({"block": MANY}, "block.* restitution .*must be single ones"),
+    ({"restitution": np.ones(2)}, "block.* restitution .*must be single ones"),
+    ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
+    ({"measure": "pgd"}, "measure must be one of .* got 'pgd'"),
+    ({"levels": [0.0, 2.0]}, "levels must be finite and greater than 0, got 0"),
+    ({"levels": [2.0, 1.0]}, "levels must be .*increasing"),
+]
+OF_FRAGILITY = [
+    ({"levels": 1.0}, "levels must be a list of increasing levels"),
+    ({"thresholds": ["topple"]}, "ratios, 'uplift' or 'overturning', got 'topple'"),
+    ({"thresholds": [0.0]}, "thresholds must be finite and greater than 0, got 0"),
+    ({"thresholds": [1, "uplift", 1.0]}, "each only once, got 1, uplift, 1$"),
+    ({"thresholds": []}, "thresholds must be at least one, each only once, got none"),
+    ({"confidence": 1.0}, "confidence must be between 0 and 1, got 1.0"),
+]
+OF_RATES = [
+    ({"measure": "pgv_ratio"}, "measure must be one of pga, pgv, got 'pgv_ratio'"),
+    ({"hazard": 0.01}, "hazard must be a Hazard or a function, got 0.01"),
+    ({"hazard": np.exp, "levels": None}, "levels must be given, since the hazard is a function"),
+    ({"hazard": lambda x: 0 * x}, "the rates of the hazard must be finite and greater than 0"),
+    ({"levels": [2.0]}, r"of at least two values, got an array of shape \(1,\)"),
+    ({"levels": [0.4, 4.0]}, "inside of those of the hazard, 0.5 to 5, got 0.4 to 4"),
+    ({"max_boundaries": 0}, "max_boundaries must be at least 1, got 0"),
+]
+
+
+@pytest.mark.parametrize(
+    ("function", "change", "message"),
+    [(jr.fragility, *row) for row in OF_BOTH + OF_FRAGILITY]
+    + [(jr.overturning_rate, *row) for row in OF_BOTH + OF_RATES],
+)
+def test_what_is_refused(monkeypatch, function, change, message):
+    """Also where types are not checked, as for those who use the library."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    arguments = {"block": BLOCK, "restitution": 0.8, "suite": pulses(4), "levels": [1.0, 2.0, 3.0]}
+    if function is jr.overturning_rate:
+        arguments["hazard"] = jr.Hazard([0.5, 5.0], [1e-2, 1e-4])
+    assert refuses(message, function, **(arguments | {"model": "linearized"} | change))
+
+
+# The block in the example suite.
+SIZE, SITE = (0.3, 4.0), jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+ALL_LEVELS = (0.1, 3.0)
+
+
+@DOUBLE
+def test_rate_of_recorded_motions():
+    """A wider and a less slender block overturns more seldom."""
+    suite = jr.example_suite()[18:]
+
+    def rate(block, restitution):
+        return jr.overturning_rate(block, restitution, suite, SITE).rate
+
+    value, slopes = jax.value_and_grad(rate, (0, 1))(jr.Block(*SIZE), 0.8)
+    assert 0 < float(value) < 1e-4
+    assert all(np.isfinite(slope) for slope in jax.tree.leaves(slopes))
+    assert float(slopes[0].half_width) < 0 < float(slopes[0].slenderness)
+
+
+@DOUBLE
+@SLOW
+def test_rate_against_counting():
+    """Outcomes at 10,000 levels of each record; what is missed is within its bound."""
+    suite, block = jr.example_suite(), jr.Block(*SIZE)
+    levels = np.clip(np.geomspace(*ALL_LEVELS, 10_000), *ALL_LEVELS)
+    rates, factors = np.asarray(SITE(levels)), suite.factors(levels, "pgv")
+    overturned = np.stack(
+        [
+            np.asarray(jr.respond_batch(block, 0.8, record.scaled(some)).overturned, float)
+            for record, some in zip(suite, factors, strict=True)
+        ]
+    )
+    share = 0.5 * (overturned[:, 1:] + overturned[:, :-1])
+    counted = (share @ -np.diff(rates) + rates[-1] * overturned[:, -1]).mean()
+    for number in (None, 100, 250):
+        some = None if number is None else np.clip(np.geomspace(*ALL_LEVELS, number), *ALL_LEVELS)
+        found = jr.overturning_rate(block, 0.8, suite, SITE, levels=some)
+        assert bool(found.complete)
+        assert abs(float(found.rate) - counted) < float(found.unseen) < counted / 3, number
+
+
+@DOUBLE
+@SLOW
+@pytest.mark.parametrize("which", [0, 1], ids=["half_width", "restitution"])
+def test_slopes_of_boundaries_under_records(which):
+    """Against differences of boundaries sought again, where the slopes say that they are.
+
+    Some boundaries have others nearby or bend sharply: several steps, of which the best counts.
+    """
+    suite, at = jr.example_suite(), (SIZE[0], 0.8)
+    suite = suite.scaled(1 / suite.measure("pgv"))
+    levels = np.clip(np.geomspace(*ALL_LEVELS, 342), *ALL_LEVELS)
+    errors, unknown = [], 0
+    for number in (2, 7, 8, 14):
+
+        def edges(half_width, restitution, levels=levels, record=suite[number]):
+            block = jr.Block(half_width, SIZE[1])
+            found = jr.overturning_boundaries(block, restitution, record, "factor", levels)
+            return found.value, found.count
+
+        direction = tuple(float(k == which) for k in range(2))
+        (edge, _), (slope, _) = jax.jvp(edges, at, direction)
+        edge, slope = np.asarray(edge), np.asarray(slope)
+        known = np.isfinite(slope)
+        unknown += (~known).sum()
+        best = np.full(edge.size, np.inf)
+        for step in 10.0 ** np.arange(-6, -11, -1):
+            both = np.array([[step], [-step]])
+            moved = [
+                np.full((2, edge.size), value) + both * (k == which) for k, value in enumerate(at)
+            ]
+            change = both * np.where(known, slope, 1)
+            width = 0.5 * abs(change) + 1e-13
+            sides = np.linspace(edge + change - width, edge + change + width, 5, axis=-1)
+            value, count = edges(*moved, sides)
+            alone = (np.asarray(count) == 1).all(axis=0) & known
+            if alone.any():
+                difference = np.diff(np.asarray(value[..., 0])[::-1], axis=0)[0] / (2 * step)
+                scale = np.maximum(abs(difference), 1e-2 * edge / at[which])
+                error = abs(difference - slope) / scale
+                best = np.where(alone, np.fmin(best, error), best)
+        errors.append(best)
+    errors = np.concatenate(errors)
+    compared = np.isfinite(errors)
+    assert compared.mean() >= 0.8
+    assert unknown <= 0.1 * errors.size
+    np.testing.assert_array_less(errors[compared], 1e-5)
