@@ -8,6 +8,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray
 from cf_conventions import assert_follows_cf
@@ -315,6 +316,33 @@ def test_rocking_spectrum(tmp_path, capsys):
     assert_follows_cf(out / "rocking_spectrum.nc")
 
 
+def test_fragility(tmp_path, capsys):
+    """Of two records, on which a hazard curve makes a rate."""
+    for name, amplitude in (("a", 0.2), ("b", 0.3)):
+        samples = amplitude * np.sin(np.linspace(0, 2 * np.pi, 150))
+        text = "".join(f"{value:.6f}\n" for value in samples)
+        (tmp_path / f"{name}.csv").write_text(f"# time step 0.004 s\nacc_g\n{text}")
+    hazard = tmp_path / "hazard" / "curve.csv"
+    hazard.parent.mkdir()
+    hazard.write_text("PGV m/s,rate 1/yr\n0.2,1e-2\n2,1e-4\n")
+    options = ("--records", tmp_path, "--width", 0.2, "--slenderness", 5, "--restitution", 0.8)
+    options += ("--threshold", 0.5, "overturning", "--levels", 0.2, 0.5, 0.8, "--json")
+    out = tmp_path / "out"
+    code, text, _ = run(capsys, "fragility", *options, "--hazard", hazard, "--out", out)
+    assert code == 0
+    answer = json.loads(text)
+    suite, block = jr.read_suite(tmp_path), jr.Block(0.1, 5.0)
+    expected = jr.overturning_rate(block, 0.8, suite, jr.read_hazard(hazard))
+    assert answer["rate"] == pytest.approx(float(expected.rate), rel=1e-12)
+    assert answer["thresholds"] == ["0.5", "overturning"]
+    assert answer["elasticities"]["half_width"] < 0
+    assert len(list(out.iterdir())) == 3
+    with xarray.open_dataset(out / "fragility.nc") as dataset:
+        assert list(dataset.record.values) == ["a", "b"]
+    table = (out / "fragility.csv").read_text(encoding="utf-8").splitlines()
+    assert len(table) == 1 + 3 * 2
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -323,6 +351,12 @@ def test_rocking_spectrum(tmp_path, capsys):
         ("respond --pulse sine --amplitude 3", "amplitude and pulse_duration must be given"),
         ("respond --record missing.csv --unit g", "missing.csv"),
         ("rocking-spectrum --period 0", "period must be finite and greater than 0"),
+        ("fragility --records nowhere", "nowhere': there is no such folder or file"),
+        ("fragility --unit g", 'records "example" have their unit and time step'),
+        ("fragility --levels 2 1", "levels must increase"),
+        ("fragility --threshold fallen", "thresholds must be rotation ratios"),
+        ("fragility --hazard missing.csv", "missing.csv"),
+        ("fragility --hazard missing.csv --measure pgv_ratio", "hazard goes with the measures"),
     ],
 )
 def test_bad_driven_input(tmp_path, capsys, given, words):

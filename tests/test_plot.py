@@ -23,6 +23,7 @@ from jaxrock.plot import (
     plot_convergence,
     plot_curves,
     plot_distribution,
+    plot_fragility,
     plot_overturning_map,
     plot_phase,
     plot_resonance,
@@ -138,7 +139,14 @@ def looks_of(ax):
 
 
 @pytest.fixture(scope="module")
-def calls(spectrum, response, boundaries, rocking, scatter, bars):
+def curves():
+    pulse = np.sin(np.linspace(0, 2 * np.pi, 200))
+    suite = jr.Suite([jr.Record(a * pulse, a / 400) for a in (1.0, 2.0, 3.0)])
+    return jr.fragility(jr.Block(0.1, 5.0), 0.8, suite, np.geomspace(0.2, 3, 7))
+
+
+@pytest.fixture(scope="module")
+def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
     """A call of every function that takes axes, and the number of entries in its legend."""
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
     samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
@@ -152,6 +160,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars):
             lambda ax: plot_distribution(samples, scatter, ax, "rotation ratio [-]"),
             4,
         ),
+        plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),

@@ -1,7 +1,5 @@
 """Hazard, fragility and rates of overturning: closed forms, definitions, counting, differences."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import jaxtyping
@@ -172,42 +170,47 @@ def verge(measure, duration, half_width, slenderness, inertia_ratio):
     return beta * gravity * angle * (1 if measure == "pga" else 2 / w)
 
 
-@functools.cache
 def closed_rate(measure, *shape, often=OFTEN, power=POWER):
     return sum(often * verge(measure, d, *shape) ** -power for d in DURATIONS) / len(DURATIONS)
 
 
 def rate_of_pulses(shape, restitution, suite, measure="pgv", levels=LEVELS, curve=(OFTEN, POWER)):
     block = jr.Block(*shape[:2], inertia_ratio=shape[2])
-
-    def hazard(level):
-        return curve[0] * level ** -curve[1]
-
-    return jr.overturning_rate(
-        block, restitution, suite, hazard, measure, levels, model="linearized"
-    )
+    arguments = (block, restitution, suite, lambda x: curve[0] * x ** -curve[1], measure, levels)
+    return jr.overturning_rate(*arguments, model="linearized")
 
 
 @DOUBLE
 def test_rate_and_derivatives_in_closed_form():
-    suite, numbers = pulses(400), (SHAPE, RESTITUTION, (OFTEN, POWER))
+    suite, numbers = pulses(400), (*SHAPE, OFTEN, POWER, RESTITUTION)
 
-    def rate(shape, restitution, curve):
-        return rate_of_pulses(shape, restitution, suite, curve=curve).rate
+    def rate(*at):
+        return rate_of_pulses(at[:3], at[5], suite, curve=at[3:5]).rate
 
-    value, reverse = jax.value_and_grad(rate, (0, 1, 2))(*numbers)
-    assert float(value) == pytest.approx(float(closed_rate("pgv", *SHAPE)), rel=1e-6)
-    first = [tuple(int(k == place) for k in range(5)) for place in range(5)]
+    def exact(*at):
+        return closed_rate("pgv", *at[:3], often=at[3], power=at[4])
+
+    value, reverse = jax.value_and_grad(rate, range(6))(*numbers)
+    assert float(value) == pytest.approx(float(exact(*SHAPE, OFTEN, POWER)), rel=1e-6)
     expected = [
-        float(mpmath.diff(lambda *at: closed_rate("pgv", *at[:3], often=at[3], power=at[4]), at, n))
-        for at in [(*SHAPE, OFTEN, POWER)]
-        for n in first
+        float(mpmath.diff(exact, numbers[:5], tuple(int(k == of) for k in range(5))))
+        for of in range(5)
     ]
-    np.testing.assert_allclose([*reverse[0], *reverse[2]], expected, rtol=1e-6)
-    assert abs(float(reverse[1])) < 1e-12 * float(value)  # no impact comes before
-    directions = (SHAPE, 0.0, (0.0, 0.0))
-    forward = jax.jvp(rate, numbers, directions)[1]
+    np.testing.assert_allclose(reverse[:5], expected, rtol=1e-6)
+    assert abs(float(reverse[5])) < 1e-12 * float(value)  # no impact comes before
+    forward = jax.jvp(rate, numbers, (*SHAPE, 0.0, 0.0, 0.0))[1]
     assert float(forward) == pytest.approx(np.dot(expected[:3], SHAPE), rel=1e-6)
+
+
+@DOUBLE
+def test_the_verge_is_that_of_a_pulse():
+    """Without records: the critical amplitude of a half-sine."""
+    found = jr.critical_amplitude(
+        BLOCK, RESTITUTION, jr.HalfSine, np.array(DURATIONS), model="linearized"
+    )
+    expected = [float(verge("pga", duration, *SHAPE)) for duration in DURATIONS]
+    np.testing.assert_allclose(found.value[:, 0], expected, rtol=1e-10)
+    np.testing.assert_array_equal(found.impacts[:, 0], 0)
 
 
 @DOUBLE
@@ -248,9 +251,8 @@ def test_what_a_rate_says():
     ends = np.array([LEVELS[0], LEVELS[-1]])
     hazard = jr.Hazard(ends, OFTEN * ends**-POWER)
     for levels in (None, LEVELS):
-        of_curve = jr.overturning_rate(
-            BLOCK, RESTITUTION, pulses(400), hazard, levels=levels, model="linearized"
-        )
+        options = {"levels": levels, "model": "linearized"}
+        of_curve = jr.overturning_rate(BLOCK, RESTITUTION, pulses(400), hazard, **options)
         np.testing.assert_allclose(of_curve.contributions, found.contributions, rtol=1e-9)
 
 
@@ -274,7 +276,7 @@ def test_fragility_of_pulses_is_a_staircase(eps):
         np.testing.assert_allclose(of_one.exceedance_high, np.where(counts < 3, high, 1), rtol=1e-9)
         assert str(of_one.remark.values) == ""
         fit = fit_lognormal(curves.level.values, counts, 3)
-        assert (float(of_one["median"]), float(of_one.dispersion)) == fit[:2]
+        assert (float(of_one.lognormal_median), float(of_one.lognormal_dispersion)) == fit[:2]
     assert (curves.exceedance.diff("threshold") <= 0).all()
     np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
 
@@ -361,12 +363,7 @@ def test_rate_against_counting():
     suite, block = jr.example_suite(), jr.Block(*SIZE)
     levels = np.clip(np.geomspace(*ALL_LEVELS, 10_000), *ALL_LEVELS)
     rates, factors = np.asarray(SITE(levels)), suite.factors(levels, "pgv")
-    overturned = np.stack(
-        [
-            np.asarray(jr.respond_batch(block, 0.8, record.scaled(some)).overturned, float)
-            for record, some in zip(suite, factors, strict=True)
-        ]
-    )
+    overturned = np.asarray(jr.respond_batch(block, 0.8, suite.scaled(factors)).overturned, float)
     share = 0.5 * (overturned[:, 1:] + overturned[:, :-1])
     counted = (share @ -np.diff(rates) + rates[-1] * overturned[:, -1]).mean()
     for number in (None, 100, 250):
@@ -401,11 +398,10 @@ def test_slopes_of_boundaries_under_records(which):
         known = np.isfinite(slope)
         unknown += (~known).sum()
         best = np.full(edge.size, np.inf)
-        for step in 10.0 ** np.arange(-6, -11, -1):
+        for step in np.geomspace(1e-6, 1e-10, 9):
             both = np.array([[step], [-step]])
-            moved = [
-                np.full((2, edge.size), value) + both * (k == which) for k, value in enumerate(at)
-            ]
+            moved = [np.full((2, edge.size), value) for value in at]
+            moved[which] = moved[which] + both
             change = both * np.where(known, slope, 1)
             width = 0.5 * abs(change) + 1e-13
             sides = np.linspace(edge + change - width, edge + change + width, 5, axis=-1)

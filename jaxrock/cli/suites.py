@@ -65,7 +65,10 @@ class Fragility(BlockOptions, Writing):
         curves[over_level].to_dataframe().to_csv(folder / "fragility.csv")
         picture(plot_fragility(curves), folder / "fragility.png")
         chaotic = 1 - float(curves.within_tolerance.mean())
-        medians = {"median": curves["median"].values, "dispersion": curves["dispersion"].values}
+        medians = {
+            "median": curves["lognormal_median"].values,
+            "dispersion": curves["lognormal_dispersion"].values,
+        }
         _, unit, _ = MEASURES[self.measure]
         lines = [
             table(

@@ -3,6 +3,7 @@
 from . import signals as signals
 from .datasets import along_records as along_records
 from .datasets import labelled as labelled
+from .datasets import with_names as with_names
 from .files import check_free as check_free
 from .files import read_regular as read_regular
 from .files import written_whole as written_whole

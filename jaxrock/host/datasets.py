@@ -32,11 +32,23 @@ def labelled(
     return dataset.assign_attrs({"title": title, "source": source, **attributes})
 
 
+def with_names(dataset: "xarray.Dataset", **names: tuple[Sequence[str], str]) -> "xarray.Dataset":
+    """The dataset with names along dimensions, each with what they are names of.
+
+    CF wants numbers along dimensions: it is not claimed any more.
+    """
+    coordinates = {
+        dimension: (dimension, np.asarray(values, str), {"long_name": long_name})
+        for dimension, (values, long_name) in names.items()
+    }
+    named = dataset.assign_coords(coordinates)
+    named.attrs = {n: value for n, value in dataset.attrs.items() if n != "Conventions"}
+    return named
+
+
 def along_records(separate: "Sequence[xarray.Dataset]", names: Sequence[str]) -> "xarray.Dataset":
     """Datasets of single records as one, with a first dimension for the names of these."""
     import xarray
 
-    attributes = {"long_name": "ground motion"}
-    records = xarray.DataArray(np.asarray(names, str), dims="record", attrs=attributes)
     joined = xarray.concat(separate, "record", combine_attrs="override")
-    return joined.assign_coords(record=records)
+    return with_names(joined, record=(names, "ground motion"))

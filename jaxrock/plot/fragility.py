@@ -48,20 +48,22 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             color=colour,
             markersize=4,
             elinewidth=0.7,
-            label=name,
         )
-        if np.isfinite(curves["median"]):
+        line = {"color": colour, "linestyle": look["linestyle"]}
+        if np.isfinite(curves["lognormal_median"]):
             fine = np.geomspace(levels[0], levels[-1], 300)
-            ax.plot(fine, _lognormal(curves, fine), color=colour, linestyle=look["linestyle"])
+            ax.plot(fine, _lognormal(curves, fine), **line)
+        mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
+        ax.plot([], [], label=name, **line, **mark)
     ax.set(xscale="log", ylim=(-0.03, 1.03))
-    ax.legend(**BESIDE, title="counted, with interval;\nlognormal curves")
+    ax.legend(**BESIDE, title="counted, with interval,\nand lognormal curves")
     return labelled(ax, label_of(dataset.level), "share of the records [-]")
 
 
 def _lognormal(curves: xarray.Dataset, levels: np.ndarray) -> np.ndarray:
     from scipy.special import ndtr
 
-    median, dispersion = float(curves["median"]), float(curves["dispersion"])
+    median, dispersion = float(curves["lognormal_median"]), float(curves["lognormal_dispersion"])
     if dispersion == 0:
         return np.where(levels < median, 0.0, 1.0)
     return ndtr(np.log(levels / median) / dispersion)

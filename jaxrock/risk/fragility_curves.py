@@ -9,7 +9,7 @@ import numpy as np
 from ..accuracy import respond_within
 from ..block import Block
 from ..ground_motion import MEASURES, Suite
-from ..host import labelled
+from ..host import labelled, with_names
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import POSITIVE, Number, Numbers, as_real, check
 from .lognormal import fit_lognormal
@@ -71,8 +71,9 @@ def fragility(
     xarray.Dataset
         Over level and threshold ``exceedance``, the share of records, with the exact (binomial)
         interval ``exceedance_low`` to ``exceedance_high``, and ``lognormal``, the most likely
-        lognormal curve. Over threshold its ``median`` and ``dispersion`` and a ``remark``, which
-        says where it does not fit: overturning is not monotone in the level. Over level
+        lognormal curve. Over threshold its ``lognormal_median`` and ``lognormal_dispersion``, and
+        a ``remark``, which says where it does not fit: overturning is not monotone in the level.
+        Over level
         ``share_within_tolerance``; elsewhere the response is chaotic. Over record and level
         every response, and the factor on the record.
 
@@ -140,17 +141,15 @@ def fragility(
     dataset = labelled(
         "Fragility",
         {
-            **_curves(counts, places, len(suite), confidence),
+            **_curves(counts, places, len(suite), confidence, MEASURES[measure][1]),
             "share_within_tolerance": (("level",), within, chaos),
             **each,
         },
         {"level": (("level",), places, _about(*MEASURES[measure][:2]))},
         attributes,
     )
-    about_records = {"long_name": "ground motion"}
-    return dataset.assign_coords(
-        record=("record", np.asarray(suite.names, str), about_records),
-        threshold=("threshold", np.asarray(names, str), {"long_name": "threshold"}),
+    return with_names(
+        dataset, record=(suite.names, "ground motion"), threshold=(names, "threshold")
     )
 
 
@@ -178,7 +177,7 @@ def _exceeds(threshold: Threshold, ratio: np.ndarray, overturned: np.ndarray) ->
 
 
 def _curves(
-    counts: np.ndarray, levels: np.ndarray, number: int, confidence: float
+    counts: np.ndarray, levels: np.ndarray, number: int, confidence: float, unit: str
 ) -> dict[str, Any]:
     """Counted and fitted curves, for counts of shape (levels, thresholds)."""
     from scipy.stats import binomtest
@@ -208,7 +207,15 @@ def _curves(
         "exceedance_low": (both, low, _about(f"lower end {ends}")),
         "exceedance_high": (both, high, _about(f"upper end {ends}")),
         "lognormal": (both, fitted, _about("most likely lognormal curve")),
-        "median": (("threshold",), medians, {"long_name": "median of the lognormal curve"}),
-        "dispersion": (("threshold",), dispersions, _about("its standard deviation of ln(level)")),
+        "lognormal_median": (
+            ("threshold",),
+            medians,
+            _about("median of the lognormal curve", unit),
+        ),
+        "lognormal_dispersion": (
+            ("threshold",),
+            dispersions,
+            _about("its standard deviation of ln(level)"),
+        ),
         "remark": (("threshold",), np.asarray(remarks, str), {"long_name": "on the curve"}),
     }
