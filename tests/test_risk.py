@@ -71,7 +71,11 @@ def test_hazard_file(tmp_path):
         (b"level,rate\n1,often\n2,1e-3\n", ", line 2: a level and a rate .* got '1,often'"),
         (b"# site\nlevel,rate\n1,2\n2,1,0\n", ", line 4: a level and a rate .* got '2,1,0'"),
         (b"level,rate\n1,1e-3\n2,2e-3\n", ": rates must fall .* got 0.001 and then 0.002"),
-        (b"level,rate\n1,1e-3\n2,nan\n", ": .* must be finite and greater than 0, got nan"),
+        (
+            b"level,rate\n1,1e-3\n2,nan\n",
+            ", line 3: .* must be finite and greater than 0, got '2,nan'",
+        ),
+        (b"1,1e-2\n2,1e-3\n3,1e-4\n", ", line 1: a line with the names .* got '1,1e-2'"),
     ],
 )
 def test_files_that_are_refused(tmp_path, content, message):
@@ -126,8 +130,11 @@ def test_lognormal_fit_recovers_a_curve():
         ([0, 0, 0], (NAN, NAN, "never exceeded")),
         ([5, 5, 5], (NAN, NAN, "always exceeded")),
         ([0, 5, 5], (2.0, 0.0, "from none to all between two levels")),
-        ([4, 2, 1], (NAN, NAN, "the share falls with the level")),
-        ([5, 5, 0], (NAN, NAN, "the share falls with the level")),
+        ([0, 2, 5], (4.0, 0.0, "from none to all around one level")),
+        ([0, 0, 3], (9.0, 0.0, "from none to all around one level")),
+        ([2, 2, 2], (NAN, NAN, "the share does not rise with the level")),
+        ([4, 2, 1], (NAN, NAN, "the share does not rise with the level")),
+        ([5, 5, 0], (NAN, NAN, "the share does not rise with the level")),
     ],
 )
 def test_counts_without_a_curve(counts, expected):
@@ -135,8 +142,8 @@ def test_counts_without_a_curve(counts, expected):
     fit = fit_lognormal(levels, np.array(counts), 5)
     np.testing.assert_allclose(fit[:2], expected[:2], rtol=1e-15)
     assert fit.remark == expected[2]
-    curve = [0.0, 1.0, 1.0] if fit.dispersion == 0 else [NAN] * 3
-    np.testing.assert_array_equal(fit.at(levels), curve)
+    step = [0.0, 1.0] if fit.dispersion == 0 else [NAN] * 2
+    np.testing.assert_array_equal(fit.at(np.array([1.9, 9.1])), step)
 
 
 # Half-sine pulses overturn a linearized block without an impact, beyond one boundary each.
@@ -223,6 +230,53 @@ def test_rate_converges_with_the_samples():
     )
     assert 3.5 < coarse / fine < 4.5
     assert abs(fine) < 1e-3 * expected
+
+
+@DOUBLE
+def test_a_rate_is_proportional_to_the_hazard():
+    """Also to the rates of a curve, since it is straight in logarithms; and under `jit`."""
+    levels, rates = np.array([0.9, 2.0, 6.0]), np.array([1e-2, 1e-3, 1e-4])
+    suite = pulses(100)
+
+    def rate(rates, restitution=RESTITUTION):
+        options = {"levels": LEVELS[:30], "model": "linearized"}
+        return jr.overturning_rate(
+            BLOCK, restitution, suite, jr.Hazard(levels, rates), **options
+        ).rate
+
+    value, slopes = jax.value_and_grad(rate)(rates)
+    assert float(slopes @ rates) == pytest.approx(float(value), rel=1e-12)
+    compiled = jax.jit(lambda c: rate(rates, c))(RESTITUTION)
+    assert float(compiled) == pytest.approx(float(value), rel=1e-9)
+
+
+@DOUBLE
+def test_elasticities_at_the_point_and_over_a_change():
+    """Where no window is narrow the two agree, up to what is counted between levels."""
+    fine = np.geomspace(0.9, 6.0, 4000)
+    found = jr.risk.rate_elasticities(
+        BLOCK,
+        RESTITUTION,
+        pulses(100),
+        lambda x: OFTEN * x**-POWER,
+        levels=fine,
+        model="linearized",
+    )
+    assert found.names == ("half_width", "slenderness", "gravity", "inertia_ratio", "restitution")
+    exact = float(closed_rate("pgv", *SHAPE))
+    for name, k in (("half_width", 0), ("slenderness", 1), ("inertia_ratio", 2)):
+        ends = [
+            float(closed_rate("pgv", *(x * (1 + s * 0.05 * (k == j)) for j, x in enumerate(SHAPE))))
+            for s in (-1, 1)
+        ]
+        place = found.names.index(name)
+        over = (ends[1] - ends[0]) / 0.1 / exact
+        assert float(found.differences[place]) == pytest.approx(over, abs=0.01)
+        assert float(found.slopes[place]) == pytest.approx(over, rel=0.02)
+    assert float(found.differences[-1]) == 0
+    assert str(found).splitlines()[1].split() == ["over", "+-5%", "at", "the", "point"]
+    with pytest.raises(ValueError, match="change must be greater than 0 and less than 0.5, got 1"):
+        jr.risk.rate_elasticities(BLOCK, RESTITUTION, pulses(100), SITE, change=1)
 
 
 @DOUBLE

@@ -65,5 +65,5 @@ def _lognormal(curves: xarray.Dataset, levels: np.ndarray) -> np.ndarray:
 
     median, dispersion = float(curves["lognormal_median"]), float(curves["lognormal_dispersion"])
     if dispersion == 0:
-        return np.where(levels < median, 0.0, 1.0)
+        return 0.5 * (1 + np.sign(levels - median))
     return ndtr(np.log(levels / median) / dispersion)

@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+_LEVEL = 1e-4  # a slope that is none, for a change of ln(level) by its standard deviation
+
 
 class LognormalFit(NamedTuple):
     """A curve Phi(ln(x / median) / dispersion); NaN where there is none."""
@@ -17,7 +19,7 @@ class LognormalFit(NamedTuple):
         from scipy.special import ndtr
 
         if self.dispersion == 0:
-            return np.where(levels < self.median, 0.0, 1.0)
+            return 0.5 * (1 + np.sign(levels - self.median))
         return ndtr(np.log(levels / self.median) / self.dispersion)
 
 
@@ -30,11 +32,15 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         return LognormalFit(np.nan, np.nan, "never exceeded")
     if (exceeded == trials).all():
         return LognormalFit(np.nan, np.nan, "always exceeded")
-    partly = (exceeded > 0) & (exceeded < trials)
-    if not partly.any() and (np.diff(exceeded) >= 0).all():
+    if len(levels) < 2:
+        return LognormalFit(np.nan, np.nan, "one level is not enough for a curve")
+    partly = np.flatnonzero((exceeded > 0) & (exceeded < trials))
+    if len(partly) < 2 and (np.diff(exceeded) >= 0).all():
+        # Any steep curve through the one level between does, the likelier the steeper.
         at = int(np.argmax(exceeded > 0))
-        between = "from none to all between two levels"
-        return LognormalFit(float(np.sqrt(levels[at - 1] * levels[at])), 0.0, between)
+        median = levels[at] if len(partly) else np.sqrt(levels[at - 1] * levels[at])
+        where = "around one level" if len(partly) else "between two levels"
+        return LognormalFit(float(median), 0.0, f"from none to all {where}")
     x = np.log(levels)
     middle, width = x.mean(), x.std()
     scaled = (x - middle) / width
@@ -50,7 +56,7 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
     # Concave in both: where it ends does not depend on the start.
     found = minimize(minus_log_likelihood, np.zeros(2), jac=True, method="BFGS", tol=1e-10)
     offset, slope = found.x
-    if slope <= 0:
-        return LognormalFit(np.nan, np.nan, "the share falls with the level")
+    if slope < _LEVEL:
+        return LognormalFit(np.nan, np.nan, "the share does not rise with the level")
     median = float(np.exp(middle - offset / slope * width))
     return LognormalFit(median, float(width / slope), "")

@@ -160,10 +160,13 @@ def overturning_rate(
 
 def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
     """The levels between which boundaries are sought; a `ValueError` if they are not allowed."""
+    ends = None
+    if isinstance(hazard, Hazard) and not isinstance(hazard.levels, jax.core.Tracer):
+        ends = np.asarray(hazard.levels)[[0, -1]].tolist()
     if levels is None:
-        if not isinstance(hazard, Hazard):
-            raise ValueError("levels must be given, since the hazard is a function")
-        low, high = (float(hazard.levels[end]) for end in (0, -1))
+        if ends is None:
+            raise ValueError("levels must be given, since the hazard is a function or traced")
+        low, high = ends
         inner = np.geomspace(low, high, math.ceil(math.log(high / low) / _SPACING) + 1)
         return as_real("levels", np.concatenate([[low], inner[1:-1], [high]]))
     places = as_real("levels", levels)
@@ -171,13 +174,13 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
     if places.ndim != 1 or len(places) < 2:
         must = "levels must be one-dimensional, of at least two values"
         raise ValueError(f"{must}, got an array of shape {places.shape}")
+    if isinstance(places, jax.core.Tracer):
+        return places
     if (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")
-    if isinstance(hazard, Hazard):
-        low, high = (float(hazard.levels[end]) for end in (0, -1))
-        if places[0] < low or places[-1] > high:
-            must = f"levels must be inside of those of the hazard, {low:.6g} to {high:.6g}"
-            raise ValueError(f"{must}, got {places[0]:.6g} to {places[-1]:.6g}")
+    if ends and (float(places[0]) < ends[0] or float(places[-1]) > ends[1]):
+        must = f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g}"
+        raise ValueError(f"{must}, got {places[0]:.6g} to {places[-1]:.6g}")
     return places
 
 
