@@ -257,6 +257,13 @@ def test_twenty_lengths_of_record_take_three_programs(call, compiled):
     assert compiled == []
 
 
+def test_a_suite_takes_two_programs(compiled):
+    """Twenty records of 2,000 to 9,000 samples and three time steps."""
+    examples = jr.example_suite()
+    jr.respond_batch(STOUT, 0.3, examples.scaled(np.full((20, 20), 0.1)))
+    assert len([name for name in compiled if "march" in name]) <= 2
+
+
 def test_batches_of_all_sizes_take_two_programs(compiled):
     def followed(size):
         blocks = jr.Block(np.linspace(0.2, 0.3, size), 5.0)

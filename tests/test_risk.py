@@ -275,8 +275,8 @@ def test_elasticities_at_the_point_and_over_a_change():
         assert float(found.slopes[place]) == pytest.approx(over, rel=0.02)
     assert float(found.differences[-1]) == 0
     assert str(found).splitlines()[1].split() == ["over", "+-5%", "at", "the", "point"]
-    with pytest.raises(ValueError, match="change must be greater than 0 and less than 0.5, got 1"):
-        jr.risk.rate_elasticities(BLOCK, RESTITUTION, pulses(100), SITE, change=1)
+    with pytest.raises(ValueError, match=r"greater than 0 and less than 0\.5, got 1"):
+        jr.risk.rate_elasticities(BLOCK, RESTITUTION, pulses(100), SITE, change=1.0)
 
 
 @DOUBLE
