@@ -142,6 +142,11 @@ def _sweep(folder: Path) -> None:
 
 def _remove(scratch: Path) -> None:
     """Remove a scratch folder, for seconds, as another thread may still write into it."""
+    # Under another name that thread finds it no more; one by which it can still be swept.
+    renamed = scratch.with_name(_PREFIX + scratch.name[: len(_PREFIX) - 1 : -1])
+    with contextlib.suppress(OSError):  # gone already, or open, where that forbids it
+        if not renamed.exists():
+            scratch = scratch.rename(renamed)
     until = time.monotonic() + 2
     while (reason := _removed(scratch)) and time.monotonic() < until:
         time.sleep(0.01)
