@@ -34,7 +34,7 @@ def moved(scene: DrivenScene, changes: Any, values: Any, found: Any, search: Sea
     static = search._replace(max_boundaries=0, halvings=0)
 
     def slopes_at(until: Any) -> Any:
-        return compiled(parts, values, value, toppled, until, static)
+        return compiled(parts, values[..., 0], value, toppled, until, static)
 
     if traced or isinstance(scene.motion, Pulse):
         slopes = slopes_at(None)
@@ -72,29 +72,28 @@ def _while_balanced(
         ),
         samples,
     )
-    at = value[exists]
-    neighbour = at * (1 + np.where(overturns_beyond[exists], 8, -8) * eps)
     # In NumPy: under some transformations all that JAX computes here would be traced.
     start, step = chosen.motion.start, chosen.motion.time_step
     end = start + np.asarray(chosen.motion._last) * step
+    # Both sides of the boundary at once.
+    at = value[exists]
+    sides = np.stack([at, at * (1 + np.where(overturns_beyond[exists], 8, -8) * eps)])
 
     def apart(until: Any) -> Any:
-        final, other = (
-            np.asarray(respond_at(chosen, x, search, until).final_rotation) for x in (at, neighbour)
-        )
+        final, other = np.asarray(respond_at(chosen, sides[:, None], search, until).final_rotation)
         return abs(final - other)
 
-    times, at_last = [], apart(end)
-    for power in _APART:
-        low, high = start, end
-        for _ in range(12):
-            middle = 0.5 * (low + high)
-            close = apart(middle) < eps**power
-            low, high = np.where(close, middle, low), np.where(close, high, middle)
-        until = np.full(value.shape, end.max(initial=1.0))
-        until[exists] = np.where(at_last < eps**power, end, high)
-        times.append(until)
-    return times
+    # Bisected for both distances at once.
+    distance = eps ** np.array(_APART)[:, None]
+    low, high = (np.broadcast_to(time, (len(_APART), at.size)) for time in (start, end))
+    together = apart(high) < distance
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        close = apart(middle) < distance
+        low, high = np.where(close, middle, low), np.where(close, high, middle)
+    until = np.full((len(_APART), *value.shape), end.max(initial=1.0))
+    until[:, exists] = np.where(together, end, high)
+    return [*until]
 
 
 def _settled(early: Any, late: Any, unknown: float) -> Any:
@@ -110,15 +109,16 @@ def _widened(leaf: Any, shape: tuple[int, ...]) -> Any:
 
 
 def _slopes(
-    parts: tuple[Any, Any, Any], values: Any, value: Any, toppled: Any, until: Any, search: Search
+    parts: tuple[Any, Any, Any], first: Any, value: Any, toppled: Any, until: Any, search: Search
 ) -> Any:
     """Derivatives of the boundaries with respect to the numbers that move; 0 where none is.
 
-    The parts of the scene are the numbers that move, those that do not, and the samples.
+    The parts of the scene are the numbers that move, those that do not, and the samples; `first`
+    is the first of the values that were tried.
     """
     exists = jnp.isfinite(value)
     # Where there is no boundary, any value serves for the derivatives that are thrown away.
-    stand_in = jax.lax.stop_gradient(_widened(jnp.asarray(values)[..., 0], value.shape))
+    stand_in = jax.lax.stop_gradient(_widened(first, value.shape))
     moving, fixed = jax.tree.map(lambda leaf: _widened(leaf, value.shape)[None], parts[:2])
     numbers, form = jax.tree.flatten(moving)
     point = [jnp.where(exists, value, stand_in)[None], *numbers]

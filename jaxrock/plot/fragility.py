@@ -3,6 +3,7 @@
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from .axes import (
     ACCENT,
@@ -56,6 +57,9 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
         ax.plot([], [], label=name, **line, **mark)
     ax.set(xscale="log", ylim=(-0.03, 1.03))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.legend(**BESIDE, title="counted, with interval,\nand lognormal curves")
     return labelled(ax, label_of(dataset.level), "share of the records [-]")
 
