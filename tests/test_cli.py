@@ -353,7 +353,7 @@ def test_fragility(tmp_path, capsys):
         ("rocking-spectrum --period 0", "period must be finite and greater than 0"),
         ("fragility --records nowhere", "nowhere': there is no such folder or file"),
         ("fragility --unit g", 'records "example" have their unit and time step'),
-        ("fragility --levels 2 1", "levels must increase"),
+        ("fragility --levels 2 1", "levels must be increasing"),
         ("fragility --threshold fallen", "thresholds must be rotation ratios"),
         ("fragility --hazard missing.csv", "missing.csv"),
         ("fragility --hazard missing.csv --measure pgv_ratio", "hazard goes with the measures"),

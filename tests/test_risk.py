@@ -131,7 +131,7 @@ def test_lognormal_fit_recovers_a_curve():
         ([5, 5, 5], (NAN, NAN, "always exceeded")),
         ([0, 5, 5], (2.0, 0.0, "from none to all between two levels")),
         ([0, 2, 5], (4.0, 0.0, "from none to all around one level")),
-        ([0, 0, 3], (9.0, 0.0, "from none to all around one level")),
+        ([0, 0, 3], (NAN, NAN, "the levels end where exceedance begins")),
         ([2, 2, 2], (NAN, NAN, "the share does not rise with the level")),
         ([4, 2, 1], (NAN, NAN, "the share does not rise with the level")),
         ([5, 5, 0], (NAN, NAN, "the share does not rise with the level")),
@@ -251,6 +251,31 @@ def test_a_rate_is_proportional_to_the_hazard():
 
 
 @DOUBLE
+def test_what_a_rate_cannot_see():
+    """Nothing between two levels, and under `jit` no more boundaries than are listed."""
+    suite = pulses(100)
+
+    def rate(restitution, levels):
+        return rate_of_pulses(SHAPE, restitution, suite, levels=levels)
+
+    assert rate(RESTITUTION, [0.1, 0.2]).unseen >= OFTEN * 0.1**-POWER
+    pulse = np.sin(np.linspace(0, 2 * np.pi, 400))
+    suite, ends = jr.Suite([jr.Record(pulse, 0.5 / 400)]), np.linspace(0.3, 1.5, 41)
+    slim = jr.Block(0.1, 5.0)
+
+    def of_sine(c, listed):
+        options = {"levels": ends, "max_boundaries": listed}
+        return jr.overturning_rate(slim, c, suite, lambda x: OFTEN * x**-POWER, **options)
+
+    assert of_sine(0.9, 1).boundaries.count[0] == 3
+    assert of_sine(0.9, 1).complete
+    cut = jax.jit(lambda c: of_sine(c, 1))(0.9)
+    assert not cut.complete
+    with pytest.raises(ValueError, match="must fall with the level"):
+        jr.overturning_rate(slim, 0.9, suite, lambda x: x, levels=ends)
+
+
+@DOUBLE
 def test_elasticities_at_the_point_and_over_a_change():
     """Where no window is narrow the two agree, up to what is counted between levels."""
     fine = np.geomspace(0.9, 6.0, 4000)
@@ -294,7 +319,7 @@ def test_what_a_rate_says():
     assert bool(found.complete)
     assert str(found) == (
         f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr\n"
-        f"standard error {error:.6g} 1/yr from 3 records, at most {unseen:.6g} 1/yr unseen"
+        f"standard error {error:.6g} 1/yr from 3 records, up to {unseen:.6g} 1/yr unseen"
         " between 3 boundaries"
     )
     late = rate_of_pulses(SHAPE, RESTITUTION, pulses(400), levels=LEVELS[LEVELS > 1.5])
@@ -359,7 +384,7 @@ OF_BOTH = [
     ({"levels": [2.0, 1.0]}, "levels must be .*increasing"),
 ]
 OF_FRAGILITY = [
-    ({"levels": 1.0}, "levels must be a list of increasing levels"),
+    ({"levels": 1.0}, "levels must be one-dimensional"),
     ({"thresholds": ["topple"]}, "ratios, 'uplift' or 'overturning', got 'topple'"),
     ({"thresholds": [0.0]}, "thresholds must be finite and greater than 0, got 0"),
     ({"thresholds": [1, "uplift", 1.0]}, "each only once, got 1, uplift, 1$"),

@@ -339,3 +339,58 @@ def test_example_suite():
     assert len(suite) == 20
     np.testing.assert_allclose(suite.measure("pga"), [*expected.values()], rtol=1e-3)
     assert all(record.vertical is not None for record in suite)
+
+
+@pytest.mark.parametrize(
+    ("columns", "horizontal", "upward"),
+    [
+        ("HNE,HNN,HNZ", ["HNE", "HNN"], "HNZ"),
+        ("ax,ay,az", ["ax", "ay"], "az"),
+        ("accX,accY,accZ", ["accX", "accY"], "accZ"),
+        ("N-S (g),EW [g],U-D (g)", ["N-S", "EW"], "U-D (g)"),
+        ("acc (g) EW,acc (g) NS,acc (g) UD", ["acc EW", "acc NS"], "acc (g) UD"),
+        ("acc_g_x,acc_g_y,acc_g_z", ["acc x", "acc y"], "acc_g_z"),
+        ("sample,acc_g,vx", [""], None),
+        ("north,down", [""], None),
+    ],
+)
+def test_columns_by_their_names(tmp_path, columns, horizontal, upward):
+    path = tmp_path / "s.csv"
+    count = columns.count(",") + 1
+    rows = "".join(",".join(str(k + j) for j in range(count)) + "\n" for k in range(3))
+    path.write_text(f"{columns}\n{rows}", encoding="utf-8")
+    suite = jr.read_suite([path], unit="g", time_step=0.01)
+    assert list(suite.names) == [f"s {name}".strip() for name in horizontal]
+    if upward is not None:
+        place = columns.split(",").index(upward)
+        for record in jr.read_suite([path], unit="g", time_step=0.01, vertical=True):
+            np.testing.assert_allclose(record.vertical, 9.80665 * (np.arange(3) + place), rtol=1e-6)
+
+
+def test_more_than_two_horizontal_columns(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("one,two,three\n1,2,3\n1,2,3\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="at most two horizontal columns were expected: 'one', "):
+        jr.read_suite([path], unit="g", time_step=0.01)
+
+
+def test_vertical_components_by_the_names_of_files(tmp_path):
+    """Of the station whose name it is, not of one whose name begins alike; and not downward."""
+    for name, value in (("STA1-000", 1), ("STA1-UP", 2), ("STA10-000", 3), ("STA10-UP", 4)):
+        head = f"{name}\nacceleration in units of g\n\nNPTS= 3, DT= .01 SEC\n"
+        (tmp_path / f"{name}.AT2").write_text(f"{head}{value} {value} {value}\n", encoding="utf-8")
+    (tmp_path / "santa_cruz.AT2").write_text(f"{head}5 5 5\n", encoding="utf-8")
+    assert jr.read_suite(tmp_path).names == ("STA1-000", "STA10-000", "santa_cruz")
+    files = sorted(tmp_path.glob("STA*"))
+    found = jr.read_suite(iter(files), vertical=True)
+    assert [round(float(record.vertical[0]) / 9.80665) for record in found] == [2, 4]
+    (tmp_path / "STA1-UP.AT2").rename(tmp_path / "STA1-DWN.AT2")
+    with pytest.raises(ValueError, match=r"STA1-DWN.* points downward by its name"):
+        jr.read_suite([tmp_path / "STA1-000.AT2", tmp_path / "STA1-DWN.AT2"], vertical=True)
+
+
+def test_scales_and_levels_are_not_mixed():
+    suite = jr.Suite([jr.Record([0.0, 1.0, 0.0], 0.1, scale=np.array([1.0, 2.0]))])
+    assert suite.factors(1.0, "pga").shape == (1, 2)
+    with pytest.raises(ValueError, match="levels must be one where scales are arrays"):
+        suite.factors([3.0, 5.0], "pga")

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..ground_motion import MEASURES, Suite, example_suite, read_suite
 from ..host import table
-from ..risk import fragility, rate_elasticities, read_hazard
+from ..risk import fragility, rate_elasticities, read_hazard, threshold_names
 from ..validation import POSITIVE, as_real, check
 from .options import Answer, BlockOptions, Grid, ModelName, Steps, Writing, picture
 
@@ -29,7 +29,7 @@ class Fragility(BlockOptions, Writing):
     measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv"
     """Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the block."""
     levels: Grid | None = None
-    """Levels of the measure, increasing; by default from where no record overturns the block."""
+    """Increasing levels of the measure for the curves; by default by the size of the block."""
     threshold: tuple[str, ...] = ("uplift", "0.5", "1", "overturning")
     """Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning"."""
     tolerance: float = 1e-3  # Relative error of peak rotations that is allowed.
@@ -42,13 +42,14 @@ class Fragility(BlockOptions, Writing):
         block, c, suite = self.block, self.coefficient, self._suite()
         check("tolerance", as_real("tolerance", self.tolerance), POSITIVE)
         thresholds = [_number_or_word(word) for word in self.threshold]
+        threshold_names(thresholds)
         if self.levels is None:
             levels = self._usual_levels()
         else:
             levels = np.array(self.numbers("levels"))
             check("levels", levels, POSITIVE)
             if (np.diff(levels) <= 0).any():
-                raise ValueError("levels must increase, got others")
+                raise ValueError("levels must be increasing, got values that do not increase")
         suite.factors(1.0, self.measure, block)  # every record has to have some
         hazard = None
         if self.hazard is not None:

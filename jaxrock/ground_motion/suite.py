@@ -148,7 +148,7 @@ class Suite(eqx.Module):
         Returns
         -------
         Array, shape (records, ...)
-            For `scaled` [-].
+            For `scaled` [-], with the axes of the levels last.
 
         Raises
         ------
@@ -157,6 +157,9 @@ class Suite(eqx.Module):
         """
         levels = as_real("levels", levels)
         check("levels", levels, POSITIVE)
+        shape = np.shape(self.records[0].scale)
+        if shape and levels.ndim:
+            raise ValueError(f"levels must be one where scales are arrays, of shape {shape} here")
         measures = self.measure(measure, block)
         if not isinstance(measures, jax.core.Tracer):
             for name, value in zip(self.names, np.asarray(measures), strict=True):

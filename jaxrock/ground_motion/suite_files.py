@@ -1,9 +1,10 @@
 """Suites from folders and lists of files, and the one that comes with the library."""
 
+import os
 import re
 import tempfile
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
 
@@ -16,15 +17,18 @@ from .suite import Suite
 
 _SUFFIXES = (".at2", ".csv")
 _INDEX = "index.csv"  # in a folder, the usual name of a table of the records
-_UPWARD = r"(?:^|[^a-z])(?:up|ud|vert(?:ical)?|ver|[a-z]{2}z|z)(?:[^a-z]|$)"
-_DOWNWARD = r"(?:^|[^a-z])(?:dn|down|dwn)(?:[^a-z]|$)"
-_AT2_COMPONENT = r"(?:[-_. ](?:up|ud|dn|down|dwn|vert?|vertical|v|z)|[-_. ]?[a-z]{2}z)$"
+# Words of names of columns, and the ends of names of .AT2 files.
+_UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
+_DOWNWARD = r"do?w?n(?:ward)?"
+_NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
+_AT2_UPWARD = r"[-_. ](?:up|ud|vert?|vertical|v|z|[a-z][hnlg]z)$"
+_AT2_DOWNWARD = r"[-_. ](?:dn|down|dwn)$"
 
 _Part = tuple[str, Path, str | None, StrPath | None]  # name, file, column, vertical
 
 
 def read_suite(
-    source: StrPath | Sequence[StrPath],
+    source: StrPath | Iterable[StrPath],
     *,
     unit: str | None = None,
     time_step: float | int | None = None,
@@ -32,15 +36,15 @@ def read_suite(
 ) -> Suite:
     """Read the records of a folder, or of several files, as one suite.
 
-    Every horizontal component is a record of its own: each column of accelerations of a ``.csv``
-    file, each ``.AT2`` file. Columns named up, ud, z, vertical or the like, and .AT2 files
-    whose names end so, are vertical components. Of a folder, its .AT2 and .csv files are
-    read in the order of their names, but not those in folders within it, nor a table
-    ``index.csv``.
+    Every horizontal component is a record of its own: one column or two of a ``.csv`` file, each
+    ``.AT2`` file. Columns named up, ud, z, vertical or the like, and .AT2 files whose names end
+    so, are vertical components; where some columns state a unit, the others are left out. Of
+    a folder, its .AT2 and .csv files are read in the order of their names, but not those in
+    folders within it, nor a table ``index.csv``.
 
     Parameters
     ----------
-    source : str or path, or a sequence of them
+    source : str or path, or several of them
         A folder, or files; see `read_record` for their formats.
     unit, time_step : optional
         As in `read_record`, where the files do not state them: the same for all.
@@ -123,9 +127,9 @@ def example_suite(*, vertical: bool = False) -> Suite:
         return read_suite(folder, vertical=vertical)
 
 
-def _paths(source: StrPath | Sequence[StrPath]) -> list[Path]:
+def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
     """The files of a suite; a `ValueError` if there is none."""
-    if not isinstance(source, Sequence) or isinstance(source, str):
+    if isinstance(source, str | os.PathLike):
         folder = Path(source)
         if not folder.is_dir():
             if folder.exists():
@@ -133,40 +137,40 @@ def _paths(source: StrPath | Sequence[StrPath]) -> list[Path]:
             raise ValueError(f"{str(folder)!r}: there is no such folder or file")
         paths = [
             path
-            for path in sorted(folder.iterdir())
+            for path in sorted(folder.iterdir(), key=lambda path: path.name)
             if path.suffix.lower() in _SUFFIXES and path.name.lower() != _INDEX and path.is_file()
         ]
         if not paths:
             raise ValueError(f"{str(folder)!r}: the folder has no .AT2 or .csv file of a record")
         return paths
-    if not source:
+    paths = [Path(path) for path in source]
+    if not paths:
         raise ValueError("a suite needs at least one file, got none")
-    return [Path(path) for path in source]
+    return paths
 
 
-def _components(path: Path, paths: Sequence[Path], vertical: bool) -> Iterator[_Part]:
+def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part]:
     """The horizontal components of a file."""
     if path.suffix.lower() == ".at2":
-        if _stem(path) != path.stem:  # a vertical one
-            return
-        upward = None
-        if vertical:
-            rises = [p for p in paths if _stem(p) != p.stem and path.stem.startswith(_stem(p))]
-            if len(rises) != 1:
-                found = f"{len(rises)} files are" if rises else "no file is"
-                raise ValueError(f"{str(path)!r}: {found} its vertical component by the name")
-            upward = rises[0]
-        yield path.stem, path, None, upward
+        if not _is_vertical(path):
+            yield path.stem, path, None, _upward_of(path, paths) if vertical else None
         return
     if path.suffix.lower() != ".csv":
         raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
     names = columns_of(path)
-    plain = {name: re.sub(r"[_\s\[(]+$", "", _without_unit(name)) for name in names}
-    rises = [name for name in names if re.search(_UPWARD, plain[name], re.I)]
-    level = [name for name in names if name not in rises]
-    level = [name for name in level if not re.search(_DOWNWARD, plain[name], re.I)]
+    names = [name for name in names if units_in_name(name)] or names
+    plain = {name: _without_unit(name) for name in names}
+    rises, level = [], []
+    for name, words in plain.items():
+        if _has(_UPWARD, words):
+            rises.append(name)
+        elif not _has(f"{_DOWNWARD}|{_NO_ACCELERATION}", words):
+            level.append(name)
     if not level:
         raise ValueError(f"{str(path)!r}: no column is a horizontal acceleration")
+    if len(level) > 2:
+        listed = ", ".join(map(repr, level[:6]))
+        raise ValueError(f"{str(path)!r}: at most two horizontal columns were expected: {listed}")
     if vertical and len(rises) != 1:
         raise ValueError(f"{str(path)!r}: one vertical column was expected, got {len(rises)}")
     for name in level:
@@ -174,14 +178,38 @@ def _components(path: Path, paths: Sequence[Path], vertical: bool) -> Iterator[_
         yield of_several, path, name, rises[0] if vertical else None
 
 
+def _has(pattern: str, words: str) -> bool:
+    """Whether one of the words of a name, also those of camelCase, is of a pattern."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
+    return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
+
+
 def _without_unit(name: str) -> str:
-    """The name of a column up to the unit that it states."""
+    """The name of a column without the unit that it states."""
     stated = units_in_name(name)
-    return name[: name.rfind(stated[-1][0])] if stated else name
+    if stated:
+        at = name.rfind(stated[-1][0])
+        name = f"{name[:at].rstrip('_ [(')} {name[at + len(stated[-1][0]) :].lstrip('_ ])')}"
+    return name.strip("_ ")
 
 
-def _stem(path: Path) -> str:
-    """The name of an .AT2 file, without the word for a vertical component if it ends with one."""
-    if path.suffix.lower() != ".at2":
-        return path.stem
-    return re.sub(_AT2_COMPONENT, "", path.stem, flags=re.I)
+def _is_vertical(path: Path) -> bool:
+    return re.search(f"{_AT2_UPWARD}|{_AT2_DOWNWARD}", path.stem, re.I) is not None
+
+
+def _upward_of(path: Path, paths: list[Path]) -> Path:
+    """The vertical component beside a horizontal one, both .AT2 files, by their names."""
+    found: dict[str, Path] = {}
+    for other in paths:
+        if other.suffix.lower() == ".at2" and _is_vertical(other) and other.parent == path.parent:
+            stem = re.sub(f"{_AT2_UPWARD}|{_AT2_DOWNWARD}", "", other.stem, flags=re.I)
+            # Then a separator, or an angle.
+            if re.match(re.escape(stem) + r"(?:[-_. ]|\d{3}$|$)", path.stem):
+                found[stem] = other
+    if not found:
+        raise ValueError(f"{str(path)!r}: no file is its vertical component by the name")
+    nearest = found[max(found, key=len)]
+    if re.search(_AT2_DOWNWARD, nearest.stem, re.I):
+        points = f"{str(nearest)!r} points downward by its name"
+        raise ValueError(f"{points}, but a vertical component must be positive upward")
+    return nearest

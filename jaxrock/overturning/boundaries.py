@@ -124,7 +124,9 @@ def overturning_boundaries(
     Notes
     -----
     The derivatives are those of the implicit function theorem: at a boundary the margin
-    stays 0 (where the block is `toppled`, its peak stays pi / 2).
+    stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record they are taken
+    while the block still balances; where chaos hides that in rounding they are NaN, and under
+    `jit`, where the margin at the end has to do, at most boundaries of long records.
 
     Examples
     --------

@@ -38,6 +38,8 @@ def moved(scene: DrivenScene, changes: Any, values: Any, found: Any, search: Sea
 
     if traced or isinstance(scene.motion, Pulse):
         slopes = slopes_at(None)
+        if search.drop_unknown:
+            slopes = jax.tree.map(lambda s: jnp.where(jnp.isfinite(s), s, 0), slopes)
     else:
         overturns_beyond = library.pad(found.overturns_beyond, padding)
         times = _while_balanced(scene, value, overturns_beyond, search)

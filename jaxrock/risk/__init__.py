@@ -1,6 +1,10 @@
-"""How likely motion beyond a limit is: fragility under a suite of records, yearly rates."""
+"""How likely motion beyond a limit is: fragility under a suite of records, yearly rates.
+
+Names beside those in ``__all__`` are for the other packages.
+"""
 
 from .fragility_curves import fragility
+from .fragility_curves import threshold_names as threshold_names
 from .hazard import Hazard, read_hazard
 from .overturning_rate import OverturningRate, overturning_rate
 from .rate_elasticities import RateElasticities, rate_elasticities

@@ -71,9 +71,9 @@ def fragility(
     xarray.Dataset
         Over level and threshold ``exceedance``, the share of records, with the exact (binomial)
         interval ``exceedance_low`` to ``exceedance_high``, and ``lognormal``, the most likely
-        lognormal curve. Over threshold its ``lognormal_median`` and ``lognormal_dispersion``, and
-        a ``remark``, which says where it does not fit: overturning is not monotone in the level.
-        Over level
+        lognormal curve; both take the records for independent. Over threshold its
+        ``lognormal_median`` and ``lognormal_dispersion``, and a ``remark``, which says where it
+        does not fit: overturning is not monotone in the level. Over level
         ``share_within_tolerance``; elsewhere the response is chaotic. Over record and level
         every response, and the factor on the record.
 
@@ -98,16 +98,15 @@ def fragility(
         raise ValueError("block and restitution must be single ones, got arrays of them")
     if any(np.shape(record.scale) for record in suite):
         raise ValueError("scales of records must be single ones, got arrays of them")
-    places = np.asarray(as_real("levels", levels), float)
-    check("levels", places, POSITIVE)
-    if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
-        raise ValueError("levels must be a list of increasing levels, got others")
+    check("levels", as_real("levels", levels), POSITIVE)
+    places = np.asarray(levels, float)
+    if places.ndim != 1 or not places.size:
+        raise ValueError(f"levels must be one-dimensional, got an array of shape {places.shape}")
+    if (np.diff(places) <= 0).any():
+        raise ValueError("levels must be increasing, got values that do not increase")
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
-    names = [_name(threshold) for threshold in thresholds]
-    if not names or len(set(names)) < len(names):
-        got = ", ".join(names) or "none"
-        raise ValueError(f"thresholds must be at least one, each only once, got {got}")
+    names = threshold_names(thresholds)
     model = as_model(model)
     factors = suite.factors(places, measure, block)
     estimate = respond_within(block, restitution, suite.scaled(factors), tolerance, model=model)
@@ -155,6 +154,15 @@ def fragility(
 
 def _about(long_name: str, units: str = "1") -> dict[str, str]:
     return {"long_name": long_name, "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1")}
+
+
+def threshold_names(thresholds: Sequence[Threshold]) -> list[str]:
+    """Thresholds as their labels; a `ValueError` if they are not allowed."""
+    names = [_name(threshold) for threshold in thresholds]
+    if not names or len(set(names)) < len(names):
+        got = ", ".join(names) or "none"
+        raise ValueError(f"thresholds must be at least one, each only once, got {got}")
+    return names
 
 
 def _name(threshold: Threshold) -> str:

@@ -111,21 +111,25 @@ def read_hazard(path: str | os.PathLike[str]) -> Hazard:
     """
     path = Path(path)
     try:
-        text = read_regular(path).decode("utf-8-sig")
+        content = read_regular(path)
     except OSError as error:
         reason = error.strerror or error
         raise ValueError(f"{str(path)!r}: the file cannot be read: {reason}") from error
+    if b"\0" in content:
+        raise ValueError(f"{str(path)!r}: a text file was expected, this one is binary")
+    try:
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ValueError(f"{str(path)!r}: a text file was expected, this one is binary") from None
+        text = content.decode("latin-1")  # names; numbers are the same in both
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
-    rows = [_level_and_rate(path, *line) for line in lines[1:]]
     if lines and _is_number(lines[0][1].split(",")[0]):
         must = "a line with the names of the two columns was expected"
         raise ValueError(f"{str(path)!r}, line {lines[0][0]}: {must}, got {lines[0][1][:60]!r}")
+    rows = [_level_and_rate(path, *line) for line in lines[1:]]
     if len(rows) < 2:
         must = "at least two lines of a level and a rate below their names were expected"
         raise ValueError(f"{str(path)!r}: {must}, got {len(rows)}")
@@ -148,7 +152,7 @@ def _level_and_rate(path: Path, number: int, line: str) -> tuple[float, float]:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        float(word.replace("_", "?"))  # 1_000 is a number in Python only
     except ValueError:
         return False
     return True

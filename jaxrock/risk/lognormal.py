@@ -38,6 +38,9 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
     if len(partly) < 2 and (np.diff(exceeded) >= 0).all():
         # Any steep curve through the one level between does, the likelier the steeper.
         at = int(np.argmax(exceeded > 0))
+        if len(partly) and at in (0, len(levels) - 1):
+            where = "begins" if at else "ends"
+            return LognormalFit(np.nan, np.nan, f"the levels end where exceedance {where}")
         median = levels[at] if len(partly) else np.sqrt(levels[at - 1] * levels[at])
         where = "around one level" if len(partly) else "between two levels"
         return LognormalFit(float(median), 0.0, f"from none to all {where}")

@@ -35,12 +35,13 @@ class OverturningRate(eqx.Module):
     standard_error : Array, shape ()
         Of the rate, for the scatter from record to record [1/yr]; NaN for one record.
     unseen : Array, shape ()
-        Bound on what windows that no level hits, and levels beyond the last, may change [1/yr].
+        Estimated upper limit (95 %) of what windows that no level hits may change, and all that
+        levels beyond the last may [1/yr].
     boundaries : Boundaries
         Of each record, in levels of the intensity measure.
     complete : Array of bool, shape ()
-        Whether no block overturns at the lowest level, and all motions were followed to their
-        ends. If not, the rate may be larger.
+        Whether no record overturns the block at the lowest level, all motions were followed to
+        their ends, and all boundaries are listed. If not, the rate may be another.
     """
 
     rate: Reals
@@ -52,11 +53,13 @@ class OverturningRate(eqx.Module):
 
     def __str__(self) -> str:
         found = int(np.asarray(self.boundaries.count).sum())
-        low = "" if self.complete else "\na record overturns it at the lowest level: may be more"
+        low = "\na record overturns it at the lowest level: may be more"
+        low = low if self.boundaries.overturns_first.any() else "\nnot complete"
+        low = "" if self.complete else low
         return (
             f"overturns at a rate of {shown(self.rate, '1/yr')}\n"
             f"standard error {shown(self.standard_error, '1/yr')} from {len(self.contributions)}"
-            f" records, at most {shown(self.unseen, '1/yr')} unseen between {found} boundaries{low}"
+            f" records, up to {shown(self.unseen, '1/yr')} unseen between {found} boundaries{low}"
         )
 
 
@@ -95,7 +98,7 @@ def overturning_rate(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
-        How many of each record are listed under a transformation that traces numbers.
+        How many of each record are listed under `jit`; if there are more, it is not `complete`.
 
     Returns
     -------
@@ -108,14 +111,17 @@ def overturning_rate(
 
     Notes
     -----
-    What is beyond the last level is taken to be like the last level. Derivatives with respect to
-    the block, the restitution and the hazard, in both modes, are those of the boundaries found;
-    a boundary that rounding hides adds nothing to them (see `overturning_boundaries`). What they
-    say of a change of some per cent, `rate_elasticities` compares.
+    What is beyond the last level is taken to be like the last level, and nothing below the first
+    counts. Derivatives with respect to the block, the restitution and the hazard, in both modes,
+    are those of the boundaries found; a boundary that rounding hides adds nothing to them (see
+    `overturning_boundaries`), under `jit` most of those of long records. What they say of a change
+    of some per cent, `rate_elasticities` compares.
 
-    The bound on what is unseen is that of Good and Turing: windows between two levels are hit by
-    a level as often as they are wide. So the windows that one level alone has hit are
-    together as wide as those that none has hit, up to the scatter of a few.
+    What is unseen is estimated as Good and Turing did: a level hits a window between two others as
+    often as it is wide. So the windows that one level alone has hit are together as wide as
+    those that none has hit, up to scatter, for which twice their standard deviation is added, and
+    three windows of the usual width, since there may be so many where none was hit. The standard
+    error takes the records for independent samples.
 
     Examples
     --------
@@ -135,26 +141,31 @@ def overturning_rate(
     restitution = as_real("restitution", restitution)
     shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
     if any(shapes) or any(np.shape(record.scale) for record in suite):
-        raise ValueError("block, restitution and scales of records must be single ones")
+        raise ValueError("block, restitution and scales of records must be single ones, got arrays")
     places = levels_of(hazard, levels)
+    at_levels = hazard(places)
+    if not isinstance(at_levels, jax.core.Tracer):
+        check("the rates of the hazard", at_levels, POSITIVE)
+        if (np.diff(np.asarray(at_levels)) >= 0).any():
+            raise ValueError("the rates of the hazard must fall with the level, got others")
     search = Search("factor", model, max_boundaries, drop_unknown=True)
     found = searched(block, restitution, suite.scaled(suite.factors(1.0, measure)), places, search)
     exists = jnp.isfinite(found.value)
     rates = hazard(jnp.where(exists, found.value, places[0]))
-    if not isinstance(rates, jax.core.Tracer):
-        check("the rates of the hazard", np.asarray(rates)[np.asarray(exists)], POSITIVE)
     signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
     changes = jnp.where(exists, signs * rates, 0).sum(axis=-1)
-    contributions = changes + jnp.where(found.overturns_first, hazard(places[0]), 0)
+    contributions = changes + jnp.where(found.overturns_first, at_levels[0], 0)
     number = len(suite)
     scatter = contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
     return OverturningRate(
         rate=contributions.mean(),
         contributions=contributions,
         standard_error=scatter / math.sqrt(number),
-        unseen=_unseen(jax.lax.stop_gradient((found, hazard(places))), places),
+        unseen=_unseen(jax.lax.stop_gradient((found, at_levels)), places),
         boundaries=found,
-        complete=found.complete.all() & ~found.overturns_first.any(),
+        complete=found.complete.all()
+        & ~found.overturns_first.any()
+        & (found.count <= found.value.shape[-1]).all(),
     )
 
 
@@ -178,21 +189,26 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
         return places
     if (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")
-    if ends and (float(places[0]) < ends[0] or float(places[-1]) > ends[1]):
+    slack = 8 * float(jnp.finfo(places.dtype).eps)
+    low, high = float(places[0]), float(places[-1])
+    if ends and (low < ends[0] * (1 - slack) or high > ends[1] * (1 + slack)):
         must = f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g}"
-        raise ValueError(f"{must}, got {places[0]:.6g} to {places[-1]:.6g}")
-    return places
+        raise ValueError(f"{must}, got {low:.6g} to {high:.6g}")
+    return jnp.clip(places, *ends) if ends else places
 
 
 def _unseen(found_and_rates: Any, levels: Any) -> Reals:
-    """Bound on what windows that no level hits, and what is beyond the levels, may change."""
+    """How much windows that no level hits, and what is beyond the levels, may change."""
     found, rates = found_and_rates
     # NaN is not below anything.
     before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)
     overturned = (before % 2 == 1) != found.overturns_first[:, None]
     changed = overturned[:, 1:] != overturned[:, :-1]
     lonely = changed[:, :-1] & changed[:, 1:]
-    alone = jnp.where(lonely, 0.5 * (rates[:-2] - rates[2:])[None, :], 0).sum()
-    width = jnp.where(changed, (rates[:-1] - rates[1:])[None, :], 0).sum()
-    typical = width / jnp.maximum(changed.sum(), 1).astype(rates.dtype)
-    return (alone + _UNSEEN * typical) / len(overturned) + rates[-1]
+    alone = jnp.where(lonely, 0.5 * (rates[:-2] - rates[2:])[None, :], 0)
+    scatter = 2 * jnp.sqrt((alone * alone).sum())
+    steps = rates[:-1] - rates[1:]
+    number = changed.sum()
+    width = jnp.where(changed, steps[None, :], 0).sum()
+    typical = jnp.where(number > 0, width / jnp.maximum(number, 1).astype(rates.dtype), steps.max())
+    return (alone.sum() + scatter + _UNSEEN * typical) / len(overturned) + rates[-1]

@@ -43,7 +43,7 @@ class RateElasticities(eqx.Module):
     found: OverturningRate
 
     def __str__(self) -> str:
-        over = {f"over_+-{self.change:.0%}": np.asarray(self.differences)}
+        over = {f"over_+-{100 * self.change:g}%": np.asarray(self.differences)}
         columns = {**over, "at_the_point": np.asarray(self.slopes)}
         return table("elasticities of the rate", self.names, **columns)
 
@@ -78,6 +78,7 @@ def rate_elasticities(
     Returns
     -------
     RateElasticities
+        NaN where the rate is 0.
 
     Raises
     ------
@@ -107,6 +108,8 @@ def rate_elasticities(
     *shape, c = (jnp.asarray(ends[..., k])[..., None] for k in range(at.size))
     scaled = suite.scaled(suite.factors(places, measure))
     response = respond_batch(Block(*shape), c, scaled, model=model)
+    if not bool(response.complete.all()):
+        raise ValueError("motion could not be followed to its end for every record and level")
     rates = np.asarray(hazard(places))
     weights = np.append(rates[:-1] - rates[1:], 0.0)
     weights = 0.5 * (weights + np.append(0.0, weights[:-1]))
