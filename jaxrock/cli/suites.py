@@ -25,7 +25,7 @@ class Fragility(BlockOptions, Writing):
     """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
     unit: str | None = None  # Unit of the records, where the files do not state it.
     time_step: float | None = None  # Time between samples of .csv files without times [s].
-    vertical: bool = False  # Include the vertical component of each record.
+    with_vertical: bool = False  # Include the vertical component of each record.
     measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv"
     """Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the block."""
     levels: Grid | None = None
@@ -106,11 +106,15 @@ class Fragility(BlockOptions, Writing):
 
     def _suite(self) -> Suite:
         if self.records != "example":
-            options = {"unit": self.unit, "time_step": self.time_step, "vertical": self.vertical}
+            options = {
+                "unit": self.unit,
+                "time_step": self.time_step,
+                "vertical": self.with_vertical,
+            }
             return read_suite(self.records, **options)
         if self.unit is not None or self.time_step is not None:
             raise ValueError('records "example" have their unit and time step: leave them out')
-        return example_suite(vertical=self.vertical)
+        return example_suite(vertical=self.with_vertical)
 
     def _usual_levels(self) -> np.ndarray:
         block = self.block
