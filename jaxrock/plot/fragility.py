@@ -5,6 +5,7 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from ..risk import LognormalFit
 from .axes import (
     ACCENT,
     BESIDE,
@@ -18,7 +19,7 @@ from .axes import (
     labelled,
 )
 
-_COLOURS = (NEUTRAL, LIGHT, ACCENT, INK)
+_COLOURS = (INK, ACCENT, LIGHT, NEUTRAL)
 _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 
 
@@ -34,7 +35,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     step = np.diff(np.log(levels)).min(initial=0.2) / (count + 1)
     for k, threshold in enumerate(dataset.threshold.values):
         curves = dataset.sel(threshold=threshold)
-        colour, look = _COLOURS[-(k + 1) % len(_COLOURS)], CURVES[k % len(CURVES)]
+        colour, look = _COLOURS[k % len(_COLOURS)], CURVES[k % len(CURVES)]
         ratio = str(threshold).replace(".", "").isdigit()
         name = rf"$\alpha_{{max}} > {threshold}\,\alpha_c$" if ratio else str(threshold)
         middle, low, high = (
@@ -53,7 +54,8 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         line = {"color": colour, "linestyle": look["linestyle"]}
         if np.isfinite(curves["lognormal_median"]):
             fine = np.geomspace(levels[0], levels[-1], 300)
-            ax.plot(fine, _lognormal(curves, fine), **line)
+            median, dispersion = (float(curves[f"lognormal_{n}"]) for n in ("median", "dispersion"))
+            ax.plot(fine, LognormalFit(median, dispersion).at(fine), **line)
         mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
         ax.plot([], [], label=name, **line, **mark)
     ax.set(xscale="log", ylim=(-0.03, 1.03))
@@ -62,12 +64,3 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.legend(**BESIDE, title="counted, with interval,\nand lognormal curves")
     return labelled(ax, label_of(dataset.level), "share of the records [-]")
-
-
-def _lognormal(curves: xarray.Dataset, levels: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtr
-
-    median, dispersion = float(curves["lognormal_median"]), float(curves["lognormal_dispersion"])
-    if dispersion == 0:
-        return 0.5 * (1 + np.sign(levels - median))
-    return ndtr(np.log(levels / median) / dispersion)

@@ -12,7 +12,7 @@ class LognormalFit(NamedTuple):
 
     median: float
     dispersion: float
-    remark: str  # why there is none, or what is wrong with it; empty if all is well
+    remark: str = ""  # why there is none, or what is wrong with it; empty if all is well
 
     def at(self, levels: np.ndarray) -> np.ndarray:
         """The curve at levels."""
