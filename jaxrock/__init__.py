@@ -12,7 +12,7 @@ driven motion is nonlinear.
 
 What is here is what most scenes need. Result classes and further tools are in the packages:
 `resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `risk`,
-`spectra`, `plot`, `reports`.
+`calibration`, `spectra`, `plot`, `reports`.
 
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
@@ -28,6 +28,7 @@ from .host import signals  # before JAX, so that a command can be interrupted wh
 # isort: split
 from . import (
     accuracy,
+    calibration,
     dynamics,
     ground_motion,
     overturning,
@@ -39,10 +40,12 @@ from . import (
 )
 from .accuracy import choose, model_error, respond_within
 from .block import Block
+from .calibration import fit_driven_rocking, fit_free_rocking
 from .dynamics import (
     DrivenScene,
     Status,
     critical_pulsed_amplitude,
+    harmonic_orbit,
     pulsed_phase,
     respond,
     respond_batch,
@@ -50,6 +53,7 @@ from .dynamics import (
 from .ground_motion import (
     Cosine,
     HalfSine,
+    Harmonic,
     Record,
     Rectangular,
     Ricker,
@@ -92,6 +96,7 @@ from .resonance import (
 from .risk import Hazard, fragility, overturning_rate, read_hazard
 from .sensitivity import sensitivities, tornado, value_and_slopes
 from .spectra import (
+    harmonic_spectrum,
     overturning_map,
     overturning_spectrum,
     resonance_spectrum,
@@ -102,10 +107,10 @@ from .spectra import (
 if TYPE_CHECKING:
     from . import plot
 
-__all__ = ["accuracy", "dynamics", "ground_motion", "overturning", "plot", "reports", "resonance"]
-__all__ += ["risk", "sensitivity", "signals", "spectra"]
+__all__ = ["accuracy", "calibration", "dynamics", "ground_motion", "overturning", "plot"]
+__all__ += ["reports", "resonance", "risk", "sensitivity", "signals", "spectra"]
 __all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
-__all__ += ["Cosine", "HalfSine", "Rectangular", "Ricker", "Sine"]
+__all__ += ["Cosine", "HalfSine", "Harmonic", "Rectangular", "Ricker", "Sine"]
 __all__ += ["Record", "example_record", "read_record"]
 __all__ += ["Suite", "example_suite", "read_suite"]
 __all__ += ["amplification", "overturning_half_cycle", "overturning_margin", "rotation_ratio"]
@@ -117,6 +122,7 @@ __all__ += ["respond", "respond_batch", "respond_within"]
 __all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]
 __all__ += ["Hazard", "fragility", "overturning_rate", "read_hazard"]
 __all__ += ["assess", "choose", "model_error", "sensitivities", "tornado", "value_and_slopes"]
+__all__ += ["fit_driven_rocking", "fit_free_rocking", "harmonic_orbit", "harmonic_spectrum"]
 __all__ += ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
 __all__ += ["write_table"]
 

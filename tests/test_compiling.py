@@ -56,6 +56,20 @@ def wall(k):
     return jr.Scene(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 0.28)
 
 
+def impact_times(k):
+    """Of a block that loses a tenth of its velocity at each impact."""
+    launches = 0.9 * (0.9 - 0.01 * k) ** np.arange(9)
+    p = float(jr.Block(0.1 + 0.01 * k, 5).frequency_parameter)
+    return np.cumsum([0, *2 / p * np.arctanh(launches)])
+
+
+def shaking_test(k):
+    """A rotation measured on a shaking table, the block, and the motion of the table."""
+    pulse, time = jr.Sine(2.5 + 0.01 * k, 0.8), np.linspace(0, 4, 101)
+    rotation, _ = jr.respond(jr.Block(0.2, 5.0), 0.85, pulse, 4.0).history(time)
+    return time, rotation, jr.Block(0.2, 5.0), pulse
+
+
 _VARIATION = {"restitution": 0.05}
 _RANGES = {"intensity": (0.1, 0.16)}
 _slopes = jr.value_and_slopes(jr.rotation_ratio)
@@ -66,6 +80,7 @@ CALLS = {
     "Sine": lambda k: (pulse(k).horizontal(0.1 + k), pulse(k).shifted(k).scaled(k).knots()),
     "Cosine": lambda k: pulse(k, jr.Cosine).horizontal(0.1 + k),
     "HalfSine": lambda k: pulse(k, jr.HalfSine).intensity,
+    "Harmonic": lambda k: jr.Harmonic(3.0 + 0.1 * k, 8.0).shifted(k).scaled(k).horizontal(0.1 + k),
     "Rectangular": lambda k: pulse(k, jr.Rectangular).upward(0.1 + k),
     "Ricker": lambda k: pulse(k, jr.Ricker).horizontal(0.1 + k),
     "Record": lambda k: (
@@ -104,14 +119,21 @@ CALLS = {
         jr.overturning_margin, wall(k), _VARIATION, samples=100, seed=k
     ),
     "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
+    "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
+    "fit_free_rocking": lambda k: jr.fit_free_rocking(impact_times(k), jr.Block(0.1 + 0.01 * k, 5)),
     "free_motion_margin": lambda k: jr.dynamics.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
     "derivative_based_measures": lambda k: jr.sensitivity.derivative_based_measures(
         jr.rotation_ratio, scene(k), _RANGES, samples=64
     ),
     "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
+    "harmonic_orbit": lambda k: jr.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
+    "harmonic_spectrum": lambda k: jr.harmonic_spectrum([2.0, 3.0 + k], [0.5, 2.0 + k], cycles=5),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
     "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(k=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
+    "least_harmonic_amplitude": lambda k: jr.dynamics.least_harmonic_amplitude(
+        block(k), 0.9, 10.0 + k
+    ),
     "model_error": lambda k: jr.model_error(scene(k)),
     "monte_carlo": lambda k: jr.sensitivity.monte_carlo(
         jr.rotation_ratio, scene(k), _VARIATION, samples=50, seed=k
@@ -156,6 +178,9 @@ CALLS = {
     "stabilized_period": lambda k: jr.stabilized_period(scene(k)),
     "stabilized_rotation": lambda k: jr.stabilized_rotation(scene(k)),
     "stabilized_velocity": lambda k: jr.stabilized_velocity(scene(k)),
+    "symmetry_breaking_amplitude": lambda k: jr.dynamics.symmetry_breaking_amplitude(
+        block(k), 0.9, 10.0 + k
+    ),
     "survival_windows": lambda k: jr.survival_windows(
         block(k), 0.9, pulse(k), np.linspace(0.5, 1.5, 9) + 0.1 * k
     ),
@@ -180,6 +205,7 @@ LEFT_OUT = {
     "example_suite": "reads without JAX",
     "from_obspy": "reads without JAX",
     "read_hazard": "reads without JAX",
+    "read_impact_times": "reads without JAX",
     "read_suite": "reads without JAX",
     "read_record": "reads without JAX",
     "write_table": "writes without JAX",
@@ -194,6 +220,9 @@ ANSWERS = {
     jr.sensitivity.DerivativeBasedMeasures,
     jr.accuracy.ModelError,
     jr.sensitivity.ReliabilityResult,
+    jr.calibration.DrivenFit,
+    jr.calibration.FreeRockingFit,
+    jr.dynamics.HarmonicOrbit,
     jr.dynamics.PulsedPhase,
     jr.dynamics.PulsedThreshold,
     jr.dynamics.Response,

@@ -24,6 +24,8 @@ from jaxrock.plot import (
     plot_curves,
     plot_distribution,
     plot_fragility,
+    plot_free_rocking_fit,
+    plot_harmonic,
     plot_overturning_map,
     plot_phase,
     plot_resonance,
@@ -151,6 +153,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
     samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
     nine = jr.resonance_spectrum([3.0, 4.0], np.linspace(0.4, 1.2, 9), 0.6, 0.15)
+    floor = jr.harmonic_spectrum(np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), restitution=0.9)
     table = tradeoff_table()
     return {
         plot_block: (lambda ax: plot_block(jr.Block(0.4, 5.0), ax=ax), 0),
@@ -161,6 +164,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
             4,
         ),
         plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
+        plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 5),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
@@ -190,7 +194,7 @@ def tradeoff_table():
 
 @pytest.mark.float64
 def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
-    whole = {animate, plot_spectrum, plot_rocking_spectrum}
+    whole = {animate, plot_free_rocking_fit, plot_spectrum, plot_rocking_spectrum}
     assert {getattr(plot, name) for name in plot.__all__} == whole | set(calls)
     for function, (call, entries) in calls.items():
         name = function.__name__

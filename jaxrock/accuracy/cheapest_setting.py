@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..dynamics import DrivenScene
-from ..ground_motion import Pulse, Record
+from ..ground_motion import Harmonic, Pulse, Record
 from ..host import listed
 from ..resonance import Scene
 from ..validation import POSITIVE, Number, Reals, check
@@ -187,8 +187,10 @@ def _reasons(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
 
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     motion = scene.motion
-    if not isinstance(motion, Pulse | Record):
-        raise ValueError(f"motion must be a pulse or a Record, got a {type(motion).__name__}")
+    if not isinstance(motion, Pulse | Harmonic | Record):
+        raise ValueError(
+            f"motion must be a pulse, a Harmonic or a Record, got a {type(motion).__name__}"
+        )
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])

@@ -18,6 +18,8 @@ from ..spectra import (
     write_table,
 )
 from ..validation import AT_LEAST_ONE, POSITIVE, check
+from .harmonic import Harmonic
+from .measurements import Fit
 from .one_block import Assess, Critical, Respond, Sensitivity
 from .options import (
     Answer,
@@ -203,6 +205,8 @@ COMMANDS: dict[str, type[Command]] = {
     "fragility": Fragility,
     "critical": Critical,
     "sensitivity": Sensitivity,
+    "harmonic": Harmonic,
+    "fit": Fit,
     "tradeoff": Tradeoff,
     "paper": Paper,
     "conformance": Conformance,

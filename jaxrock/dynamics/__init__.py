@@ -6,6 +6,9 @@ Names beside those in ``__all__`` are for the other packages.
 from .driven_scene import DrivenScene
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
+from .harmonic_departure import peak_after_launch as peak_after_launch
+from .harmonic_linearized import least_harmonic_amplitude, symmetry_breaking_amplitude
+from .harmonic_orbit import HarmonicOrbit, harmonic_orbit
 from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
 from .overturning_criterion import free_motion_margin
 from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
@@ -18,14 +21,18 @@ from .response import Response, Status
 __all__ = [
     "BatchResponse",
     "DrivenScene",
+    "HarmonicOrbit",
     "PulsedPhase",
     "PulsedThreshold",
     "Response",
     "Status",
     "critical_pulsed_amplitude",
     "free_motion_margin",
+    "harmonic_orbit",
+    "least_harmonic_amplitude",
     "pulsed_next_velocity",
     "pulsed_phase",
     "respond",
     "respond_batch",
+    "symmetry_breaking_amplitude",
 ]

@@ -1,8 +1,9 @@
 """Ground motion for the batch: power series from any time on, and when it lifts a block at rest.
 
-A pulse is one interval, whose series is known at any time in it. A record is a line in each
-interval between two samples; a table says which interval is the next one strong enough to lift a
-block.
+A pulse is one interval, whose series is known at any time in it. A harmonic motion is a one-sine
+pulse, interval after interval: the phase begins anew in each, so that it keeps its digits however
+many there are. A record is a line in each interval between two samples; a table says which interval
+is the next one strong enough to lift a block.
 """
 
 import math
@@ -15,7 +16,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..ground_motion import Pulse, Record, padded, room_for
+from ..ground_motion import Harmonic, Pulse, Record, Sine, padded, room_for
 from .taylor import Coefficients, evaluate, sine_cosine
 
 _GRADES = 16  # of strength, each sqrt(2) below the one before
@@ -27,7 +28,7 @@ def negligible(dtype: Any) -> float:
 
 
 class PulseInput(eqx.Module):
-    """One interval with a pulse of amplitude 1, which lasts for `extent` of its durations."""
+    """Intervals with a pulse of amplitude 1 each, which lasts for `extent` of its durations."""
 
     harmonic: tuple[Any, Any] | None  # see `Pulse.harmonic`
     extent: Any
@@ -35,10 +36,11 @@ class PulseInput(eqx.Module):
     vertical: tuple[Any, ...] = ()
 
     @classmethod
-    def of(cls, kind: type[Pulse], dtype: Any) -> "PulseInput":
-        """The input for pulses of a kind."""
+    def of(cls, kind: type[Pulse], dtype: Any, intervals: Any = 1) -> "PulseInput":
+        """The input for pulses of a kind, or for as many of them without a break."""
         harmonic = jax.tree.map(lambda part: np.asarray(part, dtype), kind.harmonic)
-        return cls(harmonic, np.asarray(kind.extremes[-1], dtype), np.asarray(1, np.int32))
+        extent = np.asarray(kind.extremes[-1], dtype)
+        return cls(harmonic, extent, np.asarray(intervals, np.int32))
 
     def rate(self, length: Any) -> Any:
         """Rate of the phase in time, for intervals of a length."""
@@ -107,7 +109,7 @@ class PulseInput(eqx.Module):
         return jnp.zeros_like(motion)
 
     def next_interval(self, interval: Any, trail: Any) -> Any:
-        """The interval itself: there is only one."""
+        """The interval itself: all are equally strong."""
         del trail
         return jnp.minimum(interval, self.intervals)
 
@@ -228,19 +230,24 @@ class RecordInput(eqx.Module):
         return jnp.where(interval < self.intervals, following, self.intervals)
 
 
-def factor_length_and_end(motion: Pulse | Record) -> tuple[Any, Any, Any]:
+def factor_length_and_end(motion: Pulse | Harmonic | Record) -> tuple[Any, Any, Any]:
     """The factor on the input of a motion, the length of its intervals, and the end of the last."""
     if isinstance(motion, Record):
         end = motion.start + motion._last * motion.time_step
         return motion.scale, motion.time_step, end
+    if isinstance(motion, Harmonic):
+        length = 2 * math.pi / motion.frequency
+        return motion.amplitude, length, motion.start + motion._number * length
     length = motion.duration * motion.extremes[-1]
     return motion.amplitude, length, motion.start + length
 
 
-def input_of(motion: Pulse | Record) -> PulseInput | RecordInput:
+def input_of(motion: Pulse | Harmonic | Record) -> PulseInput | RecordInput:
     """The input of a motion, which may be several records, for a factor of 1."""
     if isinstance(motion, Pulse):
         return PulseInput.of(type(motion), motion.amplitude.dtype)
+    if isinstance(motion, Harmonic):
+        return PulseInput.of(Sine, motion.amplitude.dtype, motion._number)
     # Few different shapes, so that few programs are compiled.
     samples = motion.acceleration, motion.vertical
     if not any(isinstance(part, jax.core.Tracer) for part in samples):

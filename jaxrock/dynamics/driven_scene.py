@@ -19,7 +19,7 @@ class DrivenScene(Checked):
     restitution : array_like
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
-        A pulse or a `Record`.
+        A pulse, a `Harmonic` or a `Record`.
     """
 
     block: Block

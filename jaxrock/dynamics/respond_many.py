@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..block import Block
-from ..ground_motion import Motion, Pulse, Record, Suite
+from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..host import listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
@@ -25,7 +25,8 @@ from .taylor import materialized
 
 _LANES = 64  # on a processor
 _ROOMS = (1024, 4096)  # for the queue, on a processor
-_ALONE = {PulseInput: 512, RecordInput: 16}  # blocks that one thread follows as fast as two
+# Blocks that one thread follows as fast as two, through one pulse or a record.
+_ALONE = {PulseInput: 512, RecordInput: 16}
 # Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
 # samples keep the steps short.
 _ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10), (0, 14)))
@@ -167,8 +168,9 @@ def respond_batch(
     """Response of many blocks, from rest, on the grid of the input.
 
     Everything broadcasts: blocks, restitutions, durations, the amplitude, duration and
-    start of a pulse, the scale, time step and start of a `Record`, and the leading axes of
-    its samples. What one block does is the same whatever else is in the batch.
+    start of a pulse, the amplitude, frequency and start of a `Harmonic`, the scale, time step
+    and start of a `Record`, and the leading axes of its samples. What one block does is the
+    same whatever else is in the batch.
 
     Parameters
     ----------
@@ -176,7 +178,8 @@ def respond_batch(
     restitution : array_like
         C [-], between 0 and 1.
     motion : Motion or Suite
-        A pulse, a `Record`, or a `Suite`, whose records make the leading axis of the results.
+        A pulse, a `Harmonic`, a `Record`, or a `Suite`, whose records make the leading axis of
+        the results.
     duration : array_like, optional
         How long to follow each block [s], greater than 0; by default to the end of the motion.
     model : Nonlinear or Linearized, or their names
@@ -198,8 +201,9 @@ def respond_batch(
     Notes
     -----
     By Taylor polynomials, each as long as its last terms allow: a pulse enters by its own series,
-    a record by one line from sample to sample. Outside of transformations, the batch is shared
-    out to the devices, or to the cores of a processor. Has forward-mode derivatives.
+    a harmonic motion by one for each period, a record by one line from sample to sample. Outside
+    of transformations, the batch is shared out to the devices, or to the cores of a processor.
+    Has forward-mode derivatives.
 
     Examples
     --------
@@ -221,9 +225,9 @@ def respond_batch(
     if duration is not None:
         duration = as_real("duration", duration)
         check("duration", duration, POSITIVE)
-    if not isinstance(motion, Pulse | Record):
+    if not isinstance(motion, Pulse | Harmonic | Record):
         raise ValueError(
-            f"motion must be a pulse, a Record or a Suite, got {type(motion).__name__}"
+            f"motion must be a pulse, a Harmonic, a Record or a Suite, got {type(motion).__name__}"
         )
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
@@ -284,7 +288,10 @@ def _shared_out(
         devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
     workers, size = processors() if on_processor else len(devices), rows.shape[1]
-    share = max(-(-size // workers), _ALONE[type(ground)] if on_processor else 1)
+    alone = _ALONE[type(ground)] if on_processor else 1
+    if isinstance(ground, PulseInput):
+        alone = max(alone // int(ground.intervals), 1)
+    share = max(-(-size // workers), alone)
     room, lanes = 1 << (share - 1).bit_length(), share
     if on_processor:
         # Few different shapes, so that few programs are compiled; the same share for each worker.

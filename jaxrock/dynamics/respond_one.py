@@ -44,7 +44,7 @@ def respond(
     restitution : float
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
-        A pulse or a `Record`.
+        A pulse, a `Harmonic` or a `Record`.
     duration : float, optional
         How long to follow the block [s], greater than 0; by default to the end of the motion.
     rotation, velocity : float, optional

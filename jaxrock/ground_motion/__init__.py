@@ -3,6 +3,7 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
+from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
 from .motion import Motion
@@ -19,6 +20,7 @@ from .suite_files import example_suite, read_suite
 __all__ = [
     "Cosine",
     "HalfSine",
+    "Harmonic",
     "Motion",
     "Pulse",
     "Record",

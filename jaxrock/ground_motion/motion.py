@@ -20,7 +20,7 @@ from ..validation import NON_NEGATIVE, Booleans, Checked, Number, Numbers, Reals
 
 
 class Motion(Checked):
-    """A ground motion: a `Pulse` of some shape, or a `Record`.
+    """A ground motion: a `Pulse` of some shape, a `Harmonic` or a `Record`.
 
     Attributes
     ----------

@@ -98,12 +98,13 @@ def overturning_boundaries(
     restitution : array_like
         C [-], between 0 and 1.
     motion : Motion or Suite
-        A pulse, a `Record` with one-dimensional samples, or a `Suite`, whose records make the
-        leading axis of the result.
+        A pulse, a `Harmonic`, a `Record` with one-dimensional samples, or a `Suite`, whose
+        records make the leading axis of the result.
     along : str
-        ``"amplitude"`` or ``"duration"`` of a pulse, ``"factor"`` on any motion,
-        ``"half_width"``, ``"slenderness"``, ``"inertia_ratio"`` or ``"restitution"``. What the
-        scene has for it does not matter (but for the factor, which multiplies it).
+        ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of the one, ``"frequency"`` of
+        the other, ``"factor"`` on any motion, ``"half_width"``, ``"slenderness"``,
+        ``"inertia_ratio"`` or ``"restitution"``. What the scene has for it does not matter (but
+        for the factor, which multiplies it).
     values : array_like, shape (..., n)
         Increasing values [unit of the quantity], at least two. All else broadcasts against
         their leading axes.
@@ -124,9 +125,9 @@ def overturning_boundaries(
     Notes
     -----
     The derivatives are those of the implicit function theorem: at a boundary the margin
-    stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record they are taken
-    while the block still balances; where chaos hides that in rounding they are NaN, and under
-    `jit`, where the margin at the end has to do, at most boundaries of long records.
+    stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record or a `Harmonic`
+    they are taken while the block still balances; where chaos hides that in rounding they are
+    NaN, and under `jit`, where the margin at the end has to do, at most boundaries of long ones.
 
     Examples
     --------

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..dynamics import TOPPLED_ROTATION, DrivenScene, compiler_options
-from ..ground_motion import Pulse
-from .quantities import Search, is_traced, respond_at, split
+from ..ground_motion import Harmonic, Pulse
+from .quantities import Search, is_traced, respond_at, scene_at, split
 
 
 def moved(scene: DrivenScene, changes: Any, values: Any, found: Any, search: Search) -> Any:
@@ -58,9 +58,9 @@ _SETTLED = 1e-3  # relative difference of the two, at most
 def _while_balanced(
     scene: DrivenScene, value: Any, overturns_beyond: Any, search: Search
 ) -> list[Any]:
-    """Two times up to which the motion at each boundary under a record is known.
+    """Two times up to which the motion at each boundary under a long motion is known.
 
-    A block that balances falls to one side or the other before a long record ends, by what
+    A block that balances falls to one side or the other before a long motion ends, by what
     rounding says, so that the margin at its end has no derivatives. But as long as it balances,
     every change grows in the same ratio, from which the boundary follows: it does so until motions
     from both sides of the boundary have come apart.
@@ -74,11 +74,16 @@ def _while_balanced(
         ),
         samples,
     )
-    # In NumPy: under some transformations all that JAX computes here would be traced.
-    start, step = chosen.motion.start, chosen.motion.time_step
-    end = start + np.asarray(chosen.motion._last) * step
-    # Both sides of the boundary at once.
     at = value[exists]
+    motion: Any = scene_at(chosen, at, search).motion
+    # In NumPy: under some transformations all that JAX computes here would be traced.
+    if isinstance(motion, Harmonic):
+        number, length = motion._number, 2 * np.pi / motion.frequency
+    else:
+        number, length = motion._last, motion.time_step
+    start = motion.start
+    end = start + np.asarray(number) * length
+    # Both sides of the boundary at once.
     sides = np.stack([at, at * (1 + np.where(overturns_beyond[exists], 8, -8) * eps)])
 
     def apart(until: Any) -> Any:
@@ -94,7 +99,8 @@ def _while_balanced(
         close = apart(middle) < distance
         low, high = np.where(close, middle, low), np.where(close, high, middle)
     until = np.full((len(_APART), *value.shape), end.max(initial=1.0))
-    until[:, exists] = np.where(together, end, high)
+    # Beyond the end by rounding, which no program then takes for a time before it.
+    until[:, exists] = np.where(together, end * (1 + 16 * eps), high)
     return [*until]
 
 
@@ -133,7 +139,8 @@ def _slopes(
         response = respond_at(scene, at, search, until)
         margin = response.margin
         if until is not None:
-            margin = jnp.where(until[None] < scene.motion.end, response.final_rotation, margin)
+            end = scene_at(scene, at, search).motion.end
+            margin = jnp.where(until[None] < end, response.final_rotation, margin)
         return jnp.where(toppled[None], TOPPLED_ROTATION - response.peak_rotation, margin)
 
     # Each derivative is taken on a copy of the block: one tangent for many blocks compiles

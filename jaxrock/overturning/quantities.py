@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from ..block import Block
 from ..dynamics import BatchResponse, DrivenScene, respond_batch
-from ..ground_motion import Motion, Pulse, Record
+from ..ground_motion import Harmonic, Motion, Pulse, Record
 from ..validation import (
     AT_LEAST_ONE,
     FINITE,
@@ -42,9 +42,10 @@ def _strength(scene: Any) -> Any:
 
 
 # What boundaries are sought along: its domain, the motions that have it, its place in a scene.
-_QUANTITIES: dict[str, tuple[Domain, type[Motion], Callable[[Any], Any]]] = {
-    "amplitude": (FINITE, Pulse, _strength),
+_QUANTITIES: dict[str, tuple[Domain, Any, Callable[[Any], Any]]] = {
+    "amplitude": (FINITE, Pulse | Harmonic, _strength),
     "duration": (POSITIVE, Pulse, lambda scene: scene.motion.duration),
+    "frequency": (POSITIVE, Harmonic, lambda scene: scene.motion.frequency),
     "factor": (NON_NEGATIVE, Motion, _strength),  # on what is there
     "half_width": (POSITIVE, Motion, lambda scene: scene.block.half_width),
     "slenderness": (POSITIVE, Motion, lambda scene: scene.block.slenderness),
@@ -57,9 +58,9 @@ def checked(
     block: Block, restitution: Number, motion: Motion, along: str, values: Numbers
 ) -> tuple[DrivenScene, Array]:
     """The scene and the values of a search; a `ValueError` if they are not allowed."""
-    if not isinstance(motion, Pulse | Record):
+    if not isinstance(motion, Pulse | Harmonic | Record):
         raise ValueError(
-            f"motion must be a pulse, a Record or a Suite, got {type(motion).__name__}"
+            f"motion must be a pulse, a Harmonic, a Record or a Suite, got {type(motion).__name__}"
         )
     allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(motion, has)]
     if along not in allowed:
@@ -96,9 +97,14 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def respond_at(scene: DrivenScene, value: Any, search: Search, until: Any = None) -> BatchResponse:
-    """The response at a value, to a time or to the end of the input."""
+def scene_at(scene: DrivenScene, value: Any, search: Search) -> DrivenScene:
+    """The scene at a value of the quantity."""
     *_, place = _QUANTITIES[search.along]
     value = place(scene) * value if search.along == "factor" else value
-    scene = eqx.tree_at(place, scene, value)  # unchecked: the values have been
+    return eqx.tree_at(place, scene, value)  # unchecked: the values have been
+
+
+def respond_at(scene: DrivenScene, value: Any, search: Search, until: Any = None) -> BatchResponse:
+    """The response at a value, to a time or to the end of the input."""
+    scene = scene_at(scene, value, search)
     return respond_batch(scene.block, scene.restitution, scene.motion, until, model=search.model)

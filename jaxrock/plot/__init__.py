@@ -1,11 +1,13 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-`animate` writes a file; `plot_spectrum` and `plot_rocking_spectrum` make a figure of panels,
-of which `plot_curves` and `plot_rocking_curves` draw one.
+`animate` writes a file; `plot_free_rocking_fit` makes a figure of two panels, `plot_spectrum` and
+`plot_rocking_spectrum` one of panels of which `plot_curves` and `plot_rocking_curves` draw one.
 """
 
 from .block import animate, plot_block, plot_phase, plot_response
+from .calibration import plot_free_rocking_fit
 from .fragility import plot_fragility
+from .harmonic import plot_harmonic
 from .pulses import plot_convergence, plot_overturning_map, plot_resonance, plot_train
 from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado
 from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
@@ -18,6 +20,8 @@ __all__ = [
     "plot_curves",
     "plot_distribution",
     "plot_fragility",
+    "plot_free_rocking_fit",
+    "plot_harmonic",
     "plot_overturning_map",
     "plot_phase",
     "plot_resonance",

@@ -9,7 +9,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..host import read_regular
+from ..host import is_number, numbered_lines
 from ..validation import POSITIVE, Checked, Number, Numbers, Reals, as_real, quantity
 
 
@@ -110,23 +110,8 @@ def read_hazard(path: str | os.PathLike[str]) -> Hazard:
         With file and line, if the file cannot be read or holds no hazard curve.
     """
     path = Path(path)
-    try:
-        content = read_regular(path)
-    except OSError as error:
-        reason = error.strerror or error
-        raise ValueError(f"{str(path)!r}: the file cannot be read: {reason}") from error
-    if b"\0" in content:
-        raise ValueError(f"{str(path)!r}: a text file was expected, this one is binary")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")  # names; numbers are the same in both
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if lines and _is_number(lines[0][1].split(",")[0]):
+    lines = numbered_lines(path)
+    if lines and is_number(lines[0][1].split(",")[0]):
         must = "a line with the names of the two columns was expected"
         raise ValueError(f"{str(path)!r}, line {lines[0][0]}: {must}, got {lines[0][1][:60]!r}")
     rows = [_level_and_rate(path, *line) for line in lines[1:]]
@@ -142,17 +127,9 @@ def read_hazard(path: str | os.PathLike[str]) -> Hazard:
 def _level_and_rate(path: Path, number: int, line: str) -> tuple[float, float]:
     fields = line.split(",")
     must = "a level and a rate were expected, separated by a comma"
-    if len(fields) == 2 and all(map(_is_number, fields)):
+    if len(fields) == 2 and all(map(is_number, fields)):
         level, rate = map(float, fields)
         if 0 < level < math.inf and 0 < rate < math.inf:
             return level, rate
         must = "a level and a rate must be finite and greater than 0"
     raise ValueError(f"{str(path)!r}, line {number}: {must}, got {line[:60]!r}")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word.replace("_", "?"))  # 1_000 is a number in Python only
-    except ValueError:
-        return False
-    return True

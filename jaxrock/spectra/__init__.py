@@ -7,8 +7,9 @@ from .driven import overturning_map, overturning_spectrum, rocking_spectrum
 from .grid import axis as axis
 from .grid import overturned_share as overturned_share
 from .grid import write_table
+from .harmonic import harmonic_spectrum
 from .resonance import RESONANCE_AXES as RESONANCE_AXES
 from .resonance import resonance_spectrum
 
-__all__ = ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
-__all__ += ["write_table"]
+__all__ = ["harmonic_spectrum", "overturning_map", "overturning_spectrum", "resonance_spectrum"]
+__all__ += ["rocking_spectrum", "write_table"]

@@ -59,7 +59,8 @@ def rocking_spectrum(
     Parameters
     ----------
     motion : Motion or Suite
-        A pulse or a `Record`, the same for all; or a `Suite`, each record of which all meet.
+        A pulse, a `Harmonic` or a `Record`, the same for all; or a `Suite`, each record of which
+        all meet.
     period : array_like
         2 pi / p of the blocks [s], a number or one-dimensional.
     slenderness, critical_angle : array_like

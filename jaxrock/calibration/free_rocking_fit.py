@@ -1,0 +1,379 @@
+"""Restitution and frequency parameter of a block from a test in which it rocks freely."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..block import Block
+from ..host import listed
+from ..resonance import Linearized, ModelLike, RockingModel, as_model
+from ..validation import Booleans, Number, Numbers, Reals
+from .free_rocking_input import known_of, measurements, noises_of, padded, with_numbers
+from .free_rocking_summary import Summary, reestimated, summary
+from .impact_numbers import Numbering, repaired
+from .least_squares import (
+    ANGLE,
+    CHANGE,
+    FREQUENCY,
+    NUMBERS,
+    Fitted,
+    Known,
+    Measured,
+    Noises,
+    Places,
+    fitted,
+)
+
+_ROUNDS = 6  # in which the noises of times and rotations are found beside each other
+_SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
+_ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
+
+
+class FreeRockingFit(eqx.Module):
+    """What a test of free rocking says about a block; see `fit_free_rocking`.
+
+    Attributes
+    ----------
+    restitution, frequency_parameter, critical_angle : Array
+        C [-], p [1/s] and alpha_c [rad], each given or fitted; NaN where unknown.
+    launch_ratio, first_impact : Array
+        Velocity after the first impact over the critical one [-], and the time of that
+        impact [s].
+    standard_errors : dict of Array
+        By the names above; 0 of what was given.
+    covariance : Array, shape (5, 5)
+        Of `names`, in that order.
+    time_residuals, rotation_residuals : Array
+        Computed less measured [s], [rad]; NaN where a measurement was left out.
+    time_noise, rotation_noise : Array
+        Standard deviations of a measured time [s] and peak [rad], given or estimated.
+    impact_times : Array, shape (n,)
+        As they were given [s]; none if only peaks were.
+    impact_numbers : Array of int, shape (n,)
+        Which impact each time belongs to, from 0 on.
+    used : Array of bool, shape (n,)
+        Whether the time counts.
+    velocity_ratios, restitutions, restitution_errors : Array, shape (n - 2,)
+        Velocity before each impact but the first and the last, over the critical one, C of
+        that impact alone, and its standard error; NaN beside missing impacts.
+    restitution_change, restitution_change_error, restitution_change_p_value : Array
+        C of the largest impact less that of the smallest, if it is linear in the velocity; how
+        often a constant C would seem to change as much.
+    frequency_p_value : Array
+        How often durations of the given block would fit another p as much better; NaN where
+        p is fitted.
+    degrees_of_freedom : Array
+        Measurements less fitted numbers.
+    converged : Array of bool
+        Whether the search has.
+    block : Block or None
+        The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
+    repairs : tuple of str
+        Which impacts are missing, which times were left out.
+    """
+
+    restitution: Reals
+    frequency_parameter: Reals
+    critical_angle: Reals
+    launch_ratio: Reals
+    first_impact: Reals
+    standard_errors: dict[str, Reals]
+    covariance: Float[Array, "*batch 5 5"]
+    time_residuals: Reals
+    rotation_residuals: Reals
+    time_noise: Reals
+    rotation_noise: Reals
+    impact_times: Reals
+    impact_numbers: Places
+    used: Booleans
+    velocity_ratios: Reals
+    restitutions: Reals
+    restitution_errors: Reals
+    restitution_change: Reals
+    restitution_change_error: Reals
+    restitution_change_p_value: Reals
+    frequency_p_value: Reals
+    degrees_of_freedom: Reals
+    converged: Booleans
+    block: Block | None
+    repairs: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of rows and columns of `covariance`."""
+        return NUMBERS
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before the numbers are used, in sentences; of one concrete fit."""
+        said = list(self.repairs)
+        if float(self.restitution_change_p_value) < _SIGNIFICANT:
+            said.append(
+                f"one constant C does not explain the data: from the largest to the smallest"
+                f" impact it changes by {-float(self.restitution_change):.3g} +-"
+                f" {float(self.restitution_change_error):.2g}"
+                f" (p-value {float(self.restitution_change_p_value):.2g})"
+            )
+        if float(self.frequency_p_value) < _OTHER_BLOCK:
+            said.append(
+                f"the durations are not those of this block, or C is not constant: another p"
+                f" explains them better (p-value {float(self.frequency_p_value):.2g})"
+            )
+        return tuple(said)
+
+    def __str__(self) -> str:
+        units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))
+        if jnp.ndim(self.restitution) or isinstance(self.restitution, jax.core.Tracer):
+            return listed(self, **units, converged="")
+        order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
+        lines = []
+        for name in order:
+            value, error = float(getattr(self, name)), float(self.standard_errors[name])
+            if not np.isnan(value):
+                known = f"+- {error:.2g}" if error else "given"
+                lines.append(
+                    f"{name.replace('_', ' '):20}{value:.6g} {units[name]} {known}".rstrip()
+                )
+        for name, unit in (("time_noise", "s"), ("rotation_noise", "rad")):
+            if np.isfinite(float(getattr(self, name))):
+                lines.append(listed(self, **{name: unit}))
+        return "\n".join([*lines, *self.remarks])
+
+
+def fit_free_rocking(
+    impact_times: Numbers | None = None,
+    block: Block | None = None,
+    *,
+    peak_rotations: Numbers | None = None,
+    model: ModelLike = Linearized(),
+    frequency_known: bool = True,
+    time_noise: Number | None = None,
+    rotation_noise: Number | None = None,
+    repair: bool = True,
+) -> FreeRockingFit:
+    """Restitution of a block, and if need be its p, from a test in which it rocks freely.
+
+    The block is tilted and let go. The times of its impacts are enough, as a microphone or an
+    accelerometer beside it hears them: the launch after an impact decides when the next one
+    comes, and each launch is C times the one before. By least squares.
+
+    Parameters
+    ----------
+    impact_times : array_like, shape (n,), optional
+        Times of successive impacts [s], increasing.
+    block : Block, optional
+        The block, if it is known. Without it p is fitted too, from the times, and alpha_c if
+        there are peaks as well.
+    peak_rotations : array_like, shape (n - 1,), optional
+        Largest rotation between each impact and the next [rad], to either side; NaN where
+        unknown. Without times, those of successive half-cycles, of any number.
+    model : Linearized or Nonlinear, or their names
+        Equation of motion; nonlinear only with a block.
+    frequency_known : bool
+        Whether p is that of the block; if not, only its shape is taken.
+    time_noise, rotation_noise : float, optional
+        Standard deviations of the measured times [s] and peaks [rad], where they are known;
+        by default estimated from the residuals.
+    repair : bool
+        Whether to look for impacts that are missing, counted twice or out of line: up to four,
+        each of which chance would suggest once in a thousand tests. Not under `jit` and `vmap`.
+
+    Returns
+    -------
+    FreeRockingFit
+
+    Raises
+    ------
+    ValueError
+        If there are too few measurements, times do not increase or peaks are not positive, if
+        the motion does not decay, or if no free rocking is near the measurements. Traced
+        measurements give NaN instead, and ``converged`` is false.
+
+    Notes
+    -----
+    Errors of times are taken as independent, of one standard deviation. Standard errors are those
+    of least squares; the tests allow for the degrees of freedom.
+
+    Without p the durations have to say by their curvature how large the motion is: that takes
+    impacts from near overturning on. Of 13 impacts with 1 ms of noise, b = 0.1 m, lambda = 5,
+    C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of the critical one,
+    to 0.001 and 8 % if it is half of it.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> times = [0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503]
+    >>> fit = jr.fit_free_rocking(times, jr.Block(half_width=0.1, slenderness=5.0))
+    >>> print(f"{fit.restitution:.5f} +- {fit.standard_errors['restitution']:.5f}")
+    0.89999 +- 0.00007
+    """
+    model = as_model(model)
+    measured, traced = measurements(impact_times, peak_rotations)
+    known = known_of(block, measured, model, frequency_known)
+    noises = noises_of(measured, time_noise, rotation_noise)
+    counts = measured.times.size, measured.peaks.size
+    if traced:
+        return _result(_search(measured, known, noises, model, 1), measured, counts, block, ())
+    repairs: tuple[str, ...] = ()
+    measured = padded(measured)
+    lanes = 3 * measured.times.size  # as many as there may be repairs to choose from
+    if repair and counts[0] > 1:
+        numbering = _numbered(measured, counts[0], known, noises, model, lanes)
+        measured, repairs = with_numbers(measured, numbering), numbering.repairs
+    fit = _result(_search(measured, known, noises, model, lanes), measured, counts, block, repairs)
+    _refuse(fit, measured)
+    return fit
+
+
+class _Found(NamedTuple):
+    """The outcome of a search."""
+
+    about: Summary
+    fit: Fitted
+    noises: Noises
+    known: Known
+
+
+def _search(
+    measured: Measured, known: Known, noises: Noises, model: RockingModel, lanes: int
+) -> _Found:
+    """The best numbers, with the noises by and by where these are found beside each other."""
+    timed, peaked = measured.times.size > 1, measured.peaks.size > 0
+    both = timed and peaked and not all(noises.known)
+    for _ in range(_ROUNDS if both else 0):
+        fit = _together([measured], [known], noises, model, lanes)
+        noises = reestimated(measured, known, fit, noises)
+    kinds = [known, _freed(known, CHANGE), _freed(known, FREQUENCY)]
+    fits = _together([measured] * 3, kinds, noises, model, lanes)
+    given = noises.known[0 if timed else 1] or (timed and peaked)
+    about = summary(measured, known, fits, noises, model, given)
+    return _Found(about, fits, noises, known)
+
+
+def _freed(known: Known, place: int) -> Known:
+    free = known.free.copy()
+    free[place] = True
+    return eqx.tree_at(lambda k: k.free, known, free)
+
+
+def _together(
+    measured: Sequence[Measured],
+    known: Sequence[Known],
+    noises: Noises,
+    model: RockingModel,
+    lanes: int,
+) -> Fitted:
+    """Fits side by side, filled up to a number of them for which there is a program."""
+    spare = max(lanes - len(measured), 0)
+
+    def stacked(trees: Sequence[Any]) -> Any:
+        def stack(*leaves: Any) -> Any:
+            traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+            return jnp.stack(leaves) if traced else np.stack(leaves)
+
+        return jax.tree.map(stack, *trees, *[trees[0]] * spare)
+
+    return fitted(stacked(measured), stacked(known), noises, model)
+
+
+def _numbered(
+    measured: Measured, count: int, known: Known, noises: Noises, model: RockingModel, lanes: int
+) -> Numbering:
+    """Which impact each time belongs to, by the times alone."""
+    # Peaks would have to be given to other arcs for each numbering.
+    silent = eqx.tree_at(lambda m: m.peak_counts, measured, np.zeros_like(measured.peak_counts))
+    free = known.free.copy()
+    free[ANGLE] = False
+    known = eqx.tree_at(lambda k: k.free, known, free)
+
+    def squares_of(numberings: Sequence[Numbering]) -> np.ndarray:
+        rows = [with_numbers(silent, numbering) for numbering in numberings]
+        fits = _together(rows, [known] * len(rows), noises, model, lanes)
+        return np.sum(np.asarray(fits.residuals)[: len(rows)] ** 2, axis=1)
+
+    times = np.asarray(measured.times)[:count]
+    return repaired(times, int(free.sum()), squares_of, noises.known[0])
+
+
+def _result(
+    found: _Found,
+    measured: Measured,
+    counts: tuple[int, int],
+    block: Block | None,
+    repairs: tuple[str, ...],
+) -> FreeRockingFit:
+    """The result of a search, cut to the `counts` of times and peaks that were given."""
+    numpy: Any = jnp if isinstance(found.about.values, jax.core.Tracer) else np
+    about, noises, free = found.about, found.noises, found.known.free
+    times, peaks = counts
+    scale = numpy.sqrt(about.variance)
+    residuals = found.fit.residuals[0]
+    late = residuals[: measured.times.size][:times] * noises.times
+    high = residuals[measured.times.size :][:peaks] * noises.rotations
+    none = numpy.full((), np.nan, residuals.dtype)
+    values: dict[str, Any] = dict(zip(NUMBERS, about.values, strict=True))
+    fits: dict[str, Any] = {name: free[k] for k, name in enumerate(NUMBERS)}
+    for name, unknown in (
+        ("critical_angle", block is None and not fits["critical_angle"]),
+        ("first_impact", not fits["first_impact"]),
+    ):
+        values[name] = none if unknown else values[name]
+    errors = dict(zip(NUMBERS, numpy.sqrt(numpy.diagonal(about.covariance)), strict=True))
+    by_impact = slice(max(0, (times if times > 1 else peaks + 1) - 2))
+    if block is None and peaks:
+        block = Block.from_parameters(values["frequency_parameter"], values["critical_angle"])
+    elif block is not None and fits["frequency_parameter"]:
+        p, angle = values["frequency_parameter"], values["critical_angle"]
+        block = Block.from_parameters(p, angle, block.gravity, block.inertia_ratio)
+    arrays: dict[str, Any] = {
+        **values,
+        "covariance": about.covariance,
+        "time_residuals": numpy.where(measured.time_counts[:times], late, np.nan)
+        if times > 1
+        else late[:0],
+        "rotation_residuals": numpy.where(measured.peak_counts[:peaks], high, np.nan),
+        "time_noise": noises.times * scale if times > 1 else none,
+        "rotation_noise": noises.rotations * scale if peaks else none,
+        "impact_times": measured.times[: times if times > 1 else 0],
+        "impact_numbers": measured.impacts[:times],
+        "used": measured.time_counts[:times],
+        "velocity_ratios": about.velocity_ratios[by_impact],
+        "restitutions": about.restitutions[by_impact],
+        "restitution_errors": about.restitution_errors[by_impact],
+        "restitution_change": about.restitution_change,
+        "restitution_change_error": about.restitution_change_error,
+        "restitution_change_p_value": about.restitution_change_p_value,
+        "frequency_p_value": about.frequency_p_value,
+        "degrees_of_freedom": about.freedom,
+        "converged": found.fit.converged[0],
+        "standard_errors": errors,
+    }
+    arrays = jax.tree.map(jnp.asarray, arrays)
+    return FreeRockingFit(**arrays, block=block, repairs=repairs)
+
+
+def _refuse(fit: FreeRockingFit, measured: Measured) -> None:
+    """Raise `ValueError` for a fit of what is no free rocking."""
+    restitution, error = float(fit.restitution), float(fit.standard_errors["restitution"])
+    name = "impact_times" if fit.used.size > 1 else "peak_rotations"
+    if not bool(fit.converged) or not np.isfinite(restitution + error):
+        raise ValueError(f"{name} must be of a block that rocks freely; no such motion was found")
+    if restitution - 2 * error > 1:
+        raise ValueError(
+            f"{name} must be of a motion that decays, got one in which each launch is"
+            f" {restitution:.4g} times the one before"
+        )
+    if fit.used.size > 1:
+        times = np.asarray(measured.times)[np.asarray(measured.time_counts)]
+        noise, typical = float(fit.time_noise), float(np.median(np.diff(times)))
+        if noise > _ROUGH * typical:
+            raise ValueError(
+                f"impact_times must be of a block that rocks freely: they are {noise:.2g} s off"
+                f" the nearest such motion, and half-cycles last {typical:.2g} s"
+            )

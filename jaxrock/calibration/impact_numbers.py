@@ -1,0 +1,98 @@
+"""Which impact each recorded time belongs to: impacts missed, counted twice, or mistimed.
+
+One repair after another, each the best of all that are possible: a time is left out because it
+counts an impact again; one is passed over because nobody recorded it; a time is left out because
+it is wrong. Repairs are kept as long as together they explain more than chance would, by an
+F test that allows for the choice among all of them.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2, f
+
+MAX_REPAIRS = 4
+_LEVEL = 1e-3  # probability of a repair where nothing is wrong
+
+
+class Numbering(NamedTuple):
+    """The number of the impact at each time, whether the time counts, and what was repaired."""
+
+    impacts: np.ndarray
+    used: np.ndarray
+    repairs: tuple[str, ...] = ()
+
+    def without(self, place: int, again: bool) -> "Numbering":
+        """Leave out a time, which counts the impact before it again or is wrong."""
+        used, impacts = self.used.copy(), self.impacts.copy()
+        used[place] = False
+        if again:
+            impacts[place:] -= 1
+        return self._replace(impacts=impacts, used=used)
+
+    def passing(self, place: int) -> "Numbering":
+        """Pass over an impact before a time."""
+        impacts = self.impacts.copy()
+        impacts[place:] += 1
+        return self._replace(impacts=impacts)
+
+
+def repaired(
+    times: np.ndarray,
+    unknowns: int,
+    squares_of: Callable[[Sequence[Numbering]], np.ndarray],
+    noise_known: bool,
+) -> Numbering:
+    """The numbering of impacts that explains the times.
+
+    `squares_of` gives sums of squares, in units of the noise where that is known.
+    """
+    path = [Numbering(np.arange(times.size), np.ones(times.size, bool))]
+    squares = [float(squares_of(path)[0])]
+    while len(path) <= MAX_REPAIRS and path[-1].used.sum() - unknowns >= 3:
+        trials = _trials(path[-1], times)
+        values = np.nan_to_num(squares_of(trials), nan=np.inf)
+        best = int(np.argmin(values))
+        if not values[best] < squares[-1]:
+            break
+        path.append(trials[best])
+        squares.append(float(values[best]))
+    freedom = [int(numbering.used.sum()) - unknowns for numbering in path]
+    choices = 3 * times.size
+    for last in range(len(path) - 1, 0, -1):
+        if all(
+            _chance(squares[k], squares[last], freedom[last], last - k, noise_known)
+            * choices ** (last - k)
+            < _LEVEL
+            for k in range(last)
+        ):
+            return path[last]
+    return path[0]
+
+
+def _chance(before: float, after: float, freedom: int, repairs: int, noise_known: bool) -> float:
+    """How often chance alone would make repairs lower the sum of squares that much."""
+    if noise_known:
+        return float(chi2.sf(before - after, repairs))
+    floor = max(after, 1e-300)
+    return float(f.sf((before - after) / repairs / (floor / freedom), repairs, freedom))
+
+
+def _trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:
+    """All numberings with one more repair."""
+    places, trials = np.flatnonzero(numbering.used).tolist(), list[Numbering]()
+
+    def add(trial: Numbering, said: str) -> None:
+        trials.append(trial._replace(repairs=(*numbering.repairs, said)))
+
+    for previous, place in zip([None, *places[:-1]], places, strict=True):
+        at = f"{times[place]:.4f} s"
+        if previous is not None:
+            again = numbering.without(place, again=True)
+            add(again, f"the time {at} counts an impact again: left out")
+            between = f"between {times[previous]:.4f} s and {at}"
+            add(numbering.passing(place), f"an impact {between} is missing")
+        wrong = numbering.without(place, again=False)
+        add(wrong, f"the time {at} is out of line: left out")
+    return trials

@@ -1,0 +1,68 @@
+"""The command about harmonic floors."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..block import RECTANGLE_INERTIA_RATIO
+from ..spectra import axis, harmonic_spectrum
+from ..validation import AT_LEAST_ONE, COUNT, POSITIVE, UNIT_INTERVAL, as_real, check
+from .options import Answer, Grid, ModelName, Steps, Writing, picture
+
+
+class Harmonic(Writing):
+    """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
+
+    Where one impact in every half period goes on for ever, whether that is stable, how high the
+    block rocks then, and what it does elsewhere and from rest. The same for every size of
+    block. Writes harmonic.nc, harmonic.csv and harmonic.png.
+
+    Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
+    """
+
+    slenderness: float = 5.0  # Height over width [-].
+    restitution: float | None = None
+    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if None."""
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
+    """Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution."""
+    frequency_ratio: Grid = ("1:12:45",)  # Frequency of the floor over p [-].
+    amplitude_ratio: Grid = ("0.1:12:60",)
+    """Amplitude of the floor over what just lifts the block [-]: 1 lifts it from rest."""
+    model: ModelName = "nonlinear"  # Equation of motion.
+    cycles: int = 100  # Periods for which blocks are followed.
+    out: Path = Path("harmonic")
+
+    def _steps(self) -> Steps:
+        names = "frequency_ratio", "amplitude_ratio"
+        grid = {name: axis(name, self.numbers(name)) for name in names}
+        check("slenderness", as_real("slenderness", self.slenderness), POSITIVE)
+        check("inertia_ratio", as_real("inertia_ratio", self.inertia_ratio), AT_LEAST_ONE)
+        check("cycles", np.asarray(self.cycles), COUNT)
+        if self.restitution is not None:
+            check("restitution", as_real("restitution", self.restitution), UNIT_INTERVAL)
+        folder = yield [f"harmonic.{kind}" for kind in ("nc", "csv", "png")]
+        from ..plot import plot_harmonic
+
+        alike = "slenderness", "restitution", "inertia_ratio", "model", "cycles"
+        options = {name: getattr(self, name) for name in alike}
+        found = harmonic_spectrum(*grid.values(), **options)
+        found.to_netcdf(folder / "harmonic.nc")
+        found.to_dataframe().to_csv(folder / "harmonic.csv")
+        picture(plot_harmonic(found), folder / "harmonic.png")
+        sizes = {str(name): size for name, size in found.sizes.items()}
+        shares = {
+            name: {
+                str(meaning): float((found[name] == flag).mean())
+                for flag, meaning in zip(
+                    found[name].flag_values, found[name].flag_meanings.split(), strict=True
+                )
+            }
+            for name in ("region", "from_rest")
+        }
+        lines = [f"{np.prod(list(sizes.values()))} points"]
+        for name, title in (("region", "steady rocking"), ("from_rest", "from rest")):
+            parts = [
+                f"{share:.1%} {word.replace('_', ' ')}" for word, share in shares[name].items()
+            ]
+            lines.append(f"{title}: {', '.join(parts)}")
+        return Answer("\n".join(lines), {"sizes": sizes, "model": self.model, **shares})

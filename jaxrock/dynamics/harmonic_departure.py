@@ -1,0 +1,81 @@
+"""What becomes of blocks that are launched near a steady motion on a harmonic floor."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..block import Block
+from ..ground_motion import Harmonic
+from ..resonance import RockingModel
+from ..validation import Number, Reals
+from .batch_input import PulseInput, factor_length_and_end, input_of
+from .batch_step import Case, Lanes, max_steps, take_step
+from .overturning_criterion import TOPPLED_ROTATION
+from .respond_many import compiler_options
+
+_LANES = 64
+_ORDER, _PARTS, _TOLERANCE = 14, 2, 5e-11  # those of `respond_batch` at its usual tolerance
+
+
+def peak_after_launch(
+    block: Block,
+    restitution: Number,
+    motion: Harmonic,
+    phase: Number,
+    velocity: Number,
+    model: RockingModel,
+) -> np.ndarray:
+    """Peak rotations of blocks until the motion ends [rad]; NumPy, one-dimensional.
+
+    Launched to the positive side with a velocity [rad/s] at a phase [rad] of the first period. At
+    most `TOPPLED_ROTATION`; NaN where the motion could not be followed to its end.
+    """
+    factor, length, end = factor_length_and_end(motion)
+    time = np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency)
+    index = np.zeros_like(time)
+    arguments = (block, restitution, factor, length, motion.start, end, index)
+    leaves, form = jax.tree.flatten((arguments, time, velocity))
+    size = np.size(time)
+    groups = max(1, -(-size // _LANES))
+    # A power of two, so that few programs are compiled.
+    rows = np.ones((len(leaves), (1 << (groups - 1).bit_length()) * _LANES))
+    rows[:, :size] = np.stack([np.broadcast_to(leaf, (size,)) for leaf in leaves])
+    rows = rows.reshape(len(leaves), -1, _LANES).swapaxes(0, 1)
+    follow = _compiled(jax.default_backend())
+    peaks = follow(input_of(motion), rows, groups, form=form, model=model)
+    return np.asarray(peaks).reshape(-1)[:size]
+
+
+def _follow(ground: PulseInput, rows: Any, groups: Any, form: Any, model: RockingModel) -> Reals:
+    """The first groups of rows, one after the other."""
+
+    def group(number: Any, peaks: Reals) -> Reals:
+        arguments, time, velocity = jax.tree.unflatten(form, list(rows[number]))
+        case = Case.of(ground, arguments, model)
+        dtype, steps_of = time.dtype, case.for_steps()
+        tolerance = jnp.asarray(max(_TOLERANCE, float(jnp.finfo(dtype).eps)), dtype)
+        begin = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)._replace(
+            along=time / case.unit,
+            velocity=velocity * case.unit,
+            moves=jnp.ones(_LANES, bool),
+        )
+        end = jax.lax.while_loop(
+            lambda lanes: lanes.active(ground).any(),
+            lambda lanes: take_step(lanes, steps_of, ground, tolerance, _ORDER, _PARTS),
+            begin,
+        )
+        followed = case.valid() & (end.steps < max_steps(ground))
+        peak = jnp.where(followed, jnp.minimum(end.peak, TOPPLED_ROTATION), jnp.nan)
+        return peaks.at[number].set(peak)
+
+    return jax.lax.fori_loop(0, groups, group, jnp.zeros(rows[:, 0].shape, rows.dtype))
+
+
+@functools.cache
+def _compiled(platform: str) -> Callable[..., Reals]:
+    options = compiler_options(platform)
+    return jax.jit(_follow, static_argnames=("form", "model"), compiler_options=options)

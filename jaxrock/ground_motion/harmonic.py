@@ -1,0 +1,157 @@
+"""Harmonic ground motion: a sine of whole periods."""
+
+import math
+import operator
+from typing import Any, SupportsIndex
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..host import shown
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Number,
+    Reals,
+    as_array,
+    as_real,
+    check,
+    quantity,
+)
+from .motion import Motion
+from .record import room_for
+
+_MOST_CYCLES = 10**6
+
+
+class Harmonic(Motion):
+    """A sine for whole periods, ``amplitude sin(frequency (t - start))``, then rest.
+
+    Parameters
+    ----------
+    amplitude : array_like
+        Largest acceleration [m/s2], finite; negative for a motion that begins to the other side.
+    frequency : array_like
+        omega, the angular frequency [rad/s], greater than 0.
+    cycles : int
+        Number of periods, from 1 to 1,000,000; 20 by default. Under `jit` it is static.
+    start : array_like, optional
+        Time at which it begins [s], at least 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is outside of what is allowed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> shaking = jr.Harmonic(amplitude=2.5, frequency=10.0, cycles=5)
+    >>> print(f"ends at {shaking.end:.3f} s, {shaking.horizontal(0.1):.3f} m/s2 after 0.1 s")
+    ends at 3.142 s, 2.104 m/s2 after 0.1 s
+    """
+
+    cycles: int = eqx.field(static=True)
+    amplitude: Reals = quantity(FINITE)
+    frequency: Reals = quantity(POSITIVE)
+    start: Reals = quantity(NON_NEGATIVE)
+
+    name = "harmonic motion"
+
+    def __init__(
+        self, amplitude: Number, frequency: Number, cycles: SupportsIndex = 20, start: Number = 0.0
+    ):
+        self.amplitude = as_real("amplitude", amplitude)
+        self.frequency = as_real("frequency", frequency)
+        self.start = as_real("start", start)
+        self.cycles = _counted(cycles)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name} of {shown(self.amplitude, 'm/s2')}, frequency"
+            f" {shown(self.frequency, 'rad/s')}, for {self.cycles}"
+            f" period{'s' * (self.cycles > 1)} from {shown(self.start, 's')} on"
+        )
+
+    @property
+    def period(self) -> Reals:
+        """Duration of one period, 2 pi / omega [s]."""
+        return 2 * math.pi / self.frequency
+
+    @property
+    def end(self) -> Reals:
+        """Time from which on the ground is at rest [s]."""
+        return self.start + self._number * self.period
+
+    @property
+    def intensity(self) -> Reals:
+        """Change of the ground velocity, I [m/s]: 0 after whole periods."""
+        return 0 * self.amplitude / self.frequency
+
+    def value(self, time: Reals) -> tuple[Reals, Reals]:
+        """Acceleration of the ground; see `Motion.value`."""
+        horizontal = self.amplitude * jnp.sin(self.frequency * (time - self.start))
+        return horizontal, jnp.zeros_like(horizontal)
+
+    def knots(self) -> Float[Array, " knots"]:
+        """Start, extremes and end [s], repeated where there is room; see `Motion.knots`."""
+        numbers = 0.5 * jnp.arange(2 * self.cycles + 2, dtype=self.frequency.dtype) - 0.25
+        return self.start + jnp.clip(numbers, 0, self._number) * self.period
+
+    def next_kink(self, time: Reals) -> Reals:
+        """Always inf, since the motion has no kink inside; see `Motion.next_kink`."""
+        return jnp.full_like(time, jnp.inf)
+
+    def scaled(self, factor: Number) -> "Harmonic":
+        """The motion of another amplitude; see `Motion.scaled`."""
+        factor = as_real("factor", factor)
+        check("factor", factor, FINITE)
+        return eqx.tree_at(lambda motion: motion.amplitude, self, self.amplitude * factor)
+
+    @property
+    def _number(self) -> Any:  # of periods
+        return self.cycles
+
+    def bucketed(self) -> "Harmonic":
+        """The motion with room for more periods, unless it is traced; see `Motion.bucketed`."""
+        traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
+        return self if traced else WithRoom(self)
+
+
+class WithRoom(Harmonic):
+    """A concrete harmonic motion with room for more periods: many numbers share a program."""
+
+    filled: Reals = quantity(POSITIVE)  # number of periods of the motion itself
+
+    def __init__(self, motion: Harmonic):
+        self.amplitude = motion.amplitude
+        self.frequency = motion.frequency
+        self.start = motion.start
+        self.cycles = room_for(motion.cycles)
+        self.filled = as_array(np.asarray(motion.cycles, motion.frequency.dtype))
+
+    @property
+    def _number(self) -> Any:
+        return self.filled
+
+    def bucketed(self) -> "WithRoom":
+        """Itself."""
+        return self
+
+
+def _counted(cycles: Any) -> int:
+    """The argument `cycles`, checked to be a whole number of periods."""
+    try:
+        number = 0 if isinstance(cycles, bool | np.bool_) else operator.index(cycles)
+    except TypeError:  # also of a traced number
+        number = 0
+    if not 1 <= number <= _MOST_CYCLES:
+        raise ValueError(
+            f"cycles must be a whole number from 1 to {_MOST_CYCLES}, got {cycles!r:.60}"
+        )
+    return number

@@ -1,0 +1,130 @@
+"""Fits of measurements: half-cycles and restitution of a block that rocks freely."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+
+from ..calibration import FreeRockingFit
+from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, labelled
+
+_SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
+
+
+def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> Figure:
+    """Draw measured and fitted half-cycle durations, and C of each impact over its velocity.
+
+    Durations stand between the two impacts of their half-cycle, and impacts that are missing
+    or were left out at the foot. Of peaks without times only C is drawn. Where a constant C does
+    not explain the data, the line of a C linear in the velocity goes through the points; if p is
+    fitted too, only the legend says so, since with such a C p is another one.
+
+    Parameters
+    ----------
+    fit, figure : FreeRockingFit, matplotlib.figure.Figure
+        From `jaxrock.calibration.fit_free_rocking`, one test; the figure to draw on, a new one
+        by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If `fit` is of several tests.
+    """
+    if np.ndim(fit.restitution):
+        shape = np.shape(fit.restitution)
+        raise ValueError(f"fit must be of one test, got an array of shape {shape}")
+    timed = fit.impact_times.size > 1
+    if figure is None:
+        figure = plt.figure(figsize=(7.5, 6.4 if timed else 3.4), layout="constrained")
+    panels = figure.subplots(1 + timed, squeeze=False)[:, 0]
+    if timed:
+        _draw_durations(fit, panels[0])
+    _draw_restitutions(fit, panels[-1])
+    return figure
+
+
+def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
+    used, numbers = np.asarray(fit.used), np.asarray(fit.impact_numbers)
+    measured = np.asarray(fit.impact_times)
+    computed = measured + np.asarray(fit.time_residuals)
+    whole = np.diff(numbers[used]) == 1
+    between = numbers[used][:-1][whole] + 0.5
+    durations = [np.diff(times[used])[whole] for times in (measured, computed)]
+    ax.plot(between, durations[0], "o", color=INK, label="measured")
+    ax.plot(between, durations[1], color=ACCENT, label="fitted")
+    missing = np.setdiff1d(np.arange(numbers[0], numbers[-1]), numbers)
+    for impacts, marker, name in (
+        (missing, "x", "impact missing"),
+        (numbers[~used], "^", "time left out"),
+    ):
+        if impacts.size:
+            look: dict[str, Any] = {"color": LINE, "fillstyle": "none", "label": name}
+            at_foot = ax.get_xaxis_transform()
+            ax.plot(impacts, np.full(impacts.shape, 0.05), marker, transform=at_foot, **look)
+    ax.set_yscale("log")
+    # Of a narrow range, in which there are few powers of 10 and their multiples.
+    narrow = not whole.any() or np.ptp(np.log(durations)) < 1.5
+    ticks: Any = MaxNLocator(6, steps=[1, 2, 5, 10]) if narrow else LogLocator(subs=(1, 2, 3, 5))
+    ax.yaxis.set_major_locator(ticks)
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlim(numbers[0] - 0.5, numbers[-1] + 0.5)
+    ax.legend(**BESIDE)
+    labelled(ax, "number of the impact [-]", "half-cycle duration [s]")
+
+
+def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
+    velocities, each, errors = (
+        np.asarray(values)
+        for values in (fit.velocity_ratios, fit.restitutions, fit.restitution_errors)
+    )
+    name = "each impact,\nwith standard error"
+    ax.plot(velocities, each, "o", color=INK, label=name)
+    ax.errorbar(velocities, each, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2)
+    constant, error = float(fit.restitution), float(fit.standard_errors["restitution"])
+    name = f"constant: {constant:.4g},\n$\\pm$ {error:.2g} in grey"
+    ax.axhline(constant, color=ACCENT, label=name)
+    ax.axhspan(constant - error, constant + error, color=NEUTRAL, alpha=0.3, linewidth=0)
+    chance = float(fit.restitution_change_p_value)
+    if chance < _SIGNIFICANT and float(fit.standard_errors["frequency_parameter"]) > 0:
+        name = f"p-value of a constant {chance:.2g};\na change alters $p$ as well"
+        ax.plot([], [], " ", label=name)
+    elif chance < _SIGNIFICANT and np.isfinite(each).any():
+        name = f"linear in the velocity,\np-value {chance:.2g}"
+        ax.plot(*_linear(fit), color=LINE, linestyle="--", label=name)
+    ax.ticklabel_format(useOffset=False)
+    ax.legend(**BESIDE)
+    labelled(ax, "velocity before the impact over the critical one [-]", "restitution $C$ [-]")
+
+
+def _linear(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
+    """The ends of the line of a C that is linear in the velocity, through the mean of the points.
+
+    Of the constant C come the velocities between which C changes as much as the fit says.
+    """
+    last = _last_impact(fit)
+    velocities = float(fit.launch_ratio) * float(fit.restitution) ** np.array([0, last - 2])
+    slope = float(fit.restitution_change) / (velocities[0] - velocities[1])
+    at, each, errors = (
+        np.asarray(values)
+        for values in (fit.velocity_ratios, fit.restitutions, fit.restitution_errors)
+    )
+    known = np.isfinite(each)
+    weights = errors[known] ** -2.0
+    middle, height = (np.average(values[known], weights=weights) for values in (at, each))
+    return velocities, height + slope * (velocities - middle)
+
+
+def _last_impact(fit: FreeRockingFit) -> int:
+    """The number of the last impact that the measurements say something about."""
+    if fit.impact_times.size > 1:
+        return int(np.asarray(fit.impact_numbers)[np.asarray(fit.used)][-1])
+    return int(np.flatnonzero(np.isfinite(np.asarray(fit.rotation_residuals)))[-1]) + 1

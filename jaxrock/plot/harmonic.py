@@ -1,0 +1,73 @@
+"""Steady rocking on a harmonic floor, in the plane of its frequency and amplitude."""
+
+import numpy as np
+import xarray
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from .axes import ABOVE, INK, NEUTRAL, axes_or_new, draws, labelled
+
+_LOOKS = (  # of the regions from 1 on
+    ("0.88", "", "stable"),
+    ("w", "////", "not stable: rocks otherwise"),
+    ("0.62", "", "not stable: overturns"),
+)
+_LEVELS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
+
+
+@draws("found : xarray.Dataset\n    From `jaxrock.spectra.harmonic_spectrum`.")
+def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw where a block rocks steadily on a harmonic floor, and how high.
+
+    White where it does not, shaded or hatched where it does; curves are of equal peak rotation
+    over critical angle. From the dashed line on the floor lifts a block that is at rest.
+    """
+    ax = axes_or_new(ax, figsize=(7.2, 4.8))
+    found = found.sortby(["frequency_ratio", "amplitude_ratio"])
+    found = found.transpose("amplitude_ratio", "frequency_ratio")
+    across, up, about = found.frequency_ratio.values, found.amplitude_ratio.values, found.attrs
+    # Amplitudes of 0 have no place on a logarithmic axis.
+    found, up = found.isel(amplitude_ratio=up > 0), up[up > 0]
+    sides, levels = _edges(across), np.exp(_edges(np.log(up)))
+    for number, (colour, hatch, label) in enumerate(_LOOKS, 1):
+        cells = [
+            [(sides[j], levels[i]), (sides[j + 1], levels[i]),
+             (sides[j + 1], levels[i + 1]), (sides[j], levels[i + 1])]
+            for i, j in np.argwhere(found.region.values == number)
+        ]  # fmt: skip
+        if cells:
+            # An edge of its own colour leaves no gaps between the cells.
+            edge = "0.6" if hatch else colour
+            look = {"hatch": hatch, "edgecolor": edge, "linewidth": 0 if hatch else 0.4}
+            area = PolyCollection(cells, facecolor=colour, zorder=0, label=label, **look)
+            ax.add_collection(area)
+    ratio = found.rotation_ratio.values
+    if min(ratio.shape) > 1 and np.isfinite(ratio).any():
+        inside = [x for x in _LEVELS if np.nanmin(ratio) < x < np.nanmax(ratio)]
+        curves = ax.contour(across, up, ratio, levels=inside, colors=INK, linewidths=0.9)
+        ax.clabel(curves, fmt="%g", fontsize="x-small")
+        ax.plot([], [], color=INK, linewidth=0.9, label=r"rotation ratio $\alpha_{max}/\alpha_c$")
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.set(xlim=(sides[0], sides[-1]), ylim=(levels[0], levels[-1]))
+    if levels[0] < 1 < levels[-1]:
+        ax.axhline(1, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest")
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(**ABOVE, ncols=3, fontsize="small")
+    numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"
+    ax.text(0.99, 0.02, numbers, transform=ax.transAxes, ha="right", fontsize="small")
+    angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
+    vertical = rf"amplitude ratio $a/(g\,{angle})$ [-]"
+    return labelled(ax, r"frequency ratio $\omega/p$ [-]", vertical)
+
+
+def _edges(values: np.ndarray) -> np.ndarray:
+    """Between neighbours, and as far beyond the first and the last."""
+    if values.size == 1:
+        return values + np.array([-0.05, 0.05]) * np.maximum(np.abs(values), 1)
+    middle = 0.5 * (values[1:] + values[:-1])
+    first, last = 2 * values[0] - middle[0], 2 * values[-1] - middle[-1]
+    return np.concatenate([[first], middle, [last]])

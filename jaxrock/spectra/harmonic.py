@@ -1,0 +1,186 @@
+"""Spectra of steady rocking on a harmonic floor: where it is stable, and what happens elsewhere."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..dynamics import (
+    TOPPLED_ROTATION,
+    HarmonicOrbit,
+    harmonic_orbit,
+    peak_after_launch,
+    respond_batch,
+    uplift_acceleration,
+)
+from ..ground_motion import Harmonic
+from ..impact import housner_restitution
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import UNIT_INTERVAL, as_real, check
+from .grid import Values, axis, filled
+
+if TYPE_CHECKING:
+    import xarray
+
+_CHUNK = 2**14  # points of a spectrum that are computed at once
+_DISTURBANCE = 1e-3  # of the launch velocity, relative
+
+_AXES = {  # long names
+    "frequency_ratio": "frequency of the floor over p",
+    "amplitude_ratio": "amplitude of the floor over what just lifts the block",
+}
+_VARIABLES = {  # long names and units
+    "velocity_ratio": ("launch velocity over critical velocity", "1"),
+    "rotation_ratio": ("peak rotation over critical angle", "1"),
+    "phase": ("phase of the floor at an impact, after which rotation is positive", "rad"),
+    "trace": ("sum of both multipliers of the half-period map", "1"),
+    "multiplier": ("larger modulus of both multipliers", "1"),
+}
+_FLAGS = {  # long names and meanings
+    "region": (
+        "symmetric steady rocking, and what a block does that is launched near it",
+        "no_orbit stable symmetry_broken overturned",
+    ),
+    "from_rest": (
+        "what a block at rest does that the floor begins to move",
+        "stays_at_rest rocks overturned",
+    ),
+}
+
+
+def harmonic_spectrum(
+    frequency_ratio: Values,
+    amplitude_ratio: Values,
+    *,
+    slenderness: float = 5.0,
+    restitution: float | None = None,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    model: ModelLike = Nonlinear(),
+    cycles: int = 100,
+) -> "xarray.Dataset":
+    """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
+
+    Parameters
+    ----------
+    frequency_ratio : array_like
+        omega / p [-], a number or one-dimensional.
+    amplitude_ratio : array_like
+        Amplitude over g tan(alpha_c), linearized over g alpha_c [-]: lifts from 1 on.
+    slenderness, restitution, inertia_ratio : float
+        lambda [-], C [-], Housner's by default, and kappa [-], on which only that depends.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+    cycles : int
+        For how many periods blocks are followed, at least 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        With dimensions frequency_ratio and amplitude_ratio the variables velocity_ratio,
+        rotation_ratio, phase, trace and multiplier of `harmonic_orbit`, NaN where there is none;
+        region: no_orbit, stable, or what a block does that is launched near an orbit that is not
+        stable, symmetry_broken where it goes on to rock in another way, overturned where it
+        reaches pi / 2; and from_rest. The same for every size of block.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or a motion could not be followed.
+
+    Notes
+    -----
+    Near an orbit means in its phase but 0.1 % faster. At a restitution of 1 no orbit is stable,
+    and at best what is disturbed stays nearby. Where motions are chaotic single points of the
+    regions are due to rounding.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> found = jr.harmonic_spectrum([2.0, 4.0], [0.01, 1.5, 8.0], cycles=20)
+    >>> print(found.region.values.tolist())
+    [[0, 1, 3], [0, 1, 1]]
+    """
+    given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
+    axes = {name: axis(name, values) for name, values in given.items()}
+    model = as_model(model)
+    block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
+    if restitution is None:
+        restitution = max(float(housner_restitution(block)), 0.0)
+    check("restitution", as_real("restitution", restitution), UNIT_INTERVAL)
+    uplift, rate = float(uplift_acceleration(block, model)), float(block.frequency_parameter)
+    critical = float(model.critical_velocity(block))
+    Harmonic(1.0, 1.0, cycles)  # a `ValueError` before any work
+
+    def compute(*parts: np.ndarray) -> dict[str, Any]:
+        ratios, strengths = np.meshgrid(*parts, indexing="ij")
+        amplitude, frequency = strengths * uplift, ratios * rate
+        orbit = harmonic_orbit(block, restitution, amplitude, frequency, model=model)
+        motion = Harmonic(amplitude, frequency, cycles)
+        return {
+            "velocity_ratio": orbit.launch_velocity / critical,
+            "rotation_ratio": orbit.rotation_ratio,
+            "phase": orbit.phase,
+            "trace": orbit.trace,
+            "multiplier": abs(orbit.multipliers[..., 0]),
+            "region": _region(block, restitution, amplitude, frequency, cycles, orbit, model),
+            "from_rest": _from_rest(block, restitution, motion, model),
+        }
+
+    variables: dict[str, Any] = {
+        name: (tuple(axes), float, {"long_name": long_name, "units": units})
+        for name, (long_name, units) in _VARIABLES.items()
+    }
+    for name, (long_name, meanings) in _FLAGS.items():
+        values = np.arange(len(meanings.split()), dtype=np.int8)
+        described = {"long_name": long_name, "flag_values": values, "flag_meanings": meanings}
+        variables[name] = (tuple(axes), np.int8, described)
+    attributes = {
+        "model": model.name,
+        "motion": Harmonic.name,
+        "slenderness": slenderness,
+        "restitution": restitution,
+        "inertia_ratio": inertia_ratio,
+        "cycles": cycles,
+    }
+    found = filled("Harmonic spectrum", axes, variables, attributes, compute, _CHUNK)
+    for name, long_name in _AXES.items():
+        found[name].attrs["long_name"] = long_name
+    return found
+
+
+def _region(
+    block: Block,
+    restitution: float,
+    amplitude: np.ndarray,
+    frequency: np.ndarray,
+    cycles: int,
+    orbit: HarmonicOrbit,
+    model: RockingModel,
+) -> np.ndarray:
+    """Numbers of the regions, as in `_FLAGS`."""
+    region, exists = np.asarray(orbit.stable, np.int8), np.asarray(orbit.exists)
+    unstable = exists & (region == 0)
+    if unstable.any():
+        motion = Harmonic(amplitude[unstable], frequency[unstable], cycles)
+        phase, launch = (np.asarray(x)[unstable] for x in (orbit.phase, orbit.launch_velocity))
+        faster = (1 + _DISTURBANCE) * launch
+        peak = peak_after_launch(block, restitution, motion, phase, faster, model)
+        region[unstable] = 2 + _topples(peak)
+    return region
+
+
+def _from_rest(
+    block: Block, restitution: float, motion: Harmonic, model: RockingModel
+) -> np.ndarray:
+    """What blocks at rest do, as in `_FLAGS`."""
+    response = respond_batch(block, restitution, motion, model=model)
+    peak = np.asarray(response.peak_rotation)
+    return (peak > 0) + _topples(peak)
+
+
+def _topples(peak: np.ndarray) -> np.ndarray:
+    """1 where blocks have fallen, else 0."""
+    if np.isnan(peak).any():
+        raise ValueError("motion could not be followed to its end for every block")
+    # By rotation: after many periods what free motion would do is beside the point.
+    return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)

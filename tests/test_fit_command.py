@@ -1,0 +1,366 @@
+"""Impact times from a file to a fit, its files and its picture."""
+
+import csv
+import json
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock.calibration import fit_free_rocking
+from jaxrock.calibration.measurement_files import read_impact_times
+from jaxrock.cli import main
+from jaxrock.plot import plot_free_rocking_fit
+
+pytestmark = pytest.mark.float64
+
+P, ANGLE = 3.8, 0.2  # of the block that the tests are about
+BLOCK = jr.Block.from_parameters(P, ANGLE)
+SIZE = ("--width", 2 * float(BLOCK.half_width), "--height", 2 * float(BLOCK.half_height))
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def decay(count, launch=0.9, restitution=0.9, change=0.0, noise=1e-4):
+    """Impact times and peaks of the linearized equation, in closed form, C linear in velocity."""
+    ratios = [launch]
+    for _ in range(count - 2):
+        ratios.append(ratios[-1] * (restitution + change * (ratios[-1] - launch / 2)))
+    ratios = np.array(ratios)
+    times = np.cumsum(np.append(0.5, 2 / P * np.arctanh(ratios)))
+    errors = np.random.default_rng(count).normal(0, noise, count)
+    return times + errors, ANGLE * (1 - np.sqrt(1 - ratios**2))
+
+
+def written(path, times, peaks=None):
+    columns = [times] if peaks is None else [times, np.append(peaks, np.nan)]
+    np.savetxt(path, np.transpose(columns), "%.8f", ",", header="time [s],peak [rad]", comments="")
+    return path
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output, standard error."""
+    code = 0
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        code = stop.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.mark.parametrize(
+    ("content", "times", "peaks"),
+    [
+        ("0\n0.5\n0.9\n", [0, 0.5, 0.9], None),
+        ("# phone\n\ntime\n 0\n# far\n.5\r\n9e-1", [0, 0.5, 0.9], None),
+        ("\ufeffZeit [s]\n-1.5\n+.5\n", [-1.5, 0.5], None),
+        ('"t","peak"\n"0.1","-0.02"\n"0.2"\n', [0.1, 0.2], [-0.02]),
+        ("0,0.1\n1,\n2,nan\n3\n4,-0.05\n", [0, 1, 2, 3, 4], [0.1, np.nan, np.nan, np.nan]),
+        ("0,\n1,nan\n2,0.1\n", [0, 1, 2], None),  # the only peak is beyond the last impact
+    ],
+)
+def test_files_that_are_read(tmp_path, content, times, peaks):
+    path = tmp_path / "times.csv"
+    path.write_text(content, encoding="utf-8", newline="")
+    for found in (read_impact_times(path), read_impact_times(str(path))):
+        np.testing.assert_array_equal(found[0], times)
+        assert (found[1] is None) == (peaks is None)
+        if peaks is not None:
+            np.testing.assert_array_equal(found[1], peaks)
+
+
+PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, ": the file cannot be read: No such file or directory"),
+        (..., ": the file cannot be read: Is a directory"),
+        (b"1\n\xff\xfe\x00", ": a text file was expected, this one is binary"),
+        (b"", ": at least two lines, each with the time of an impact, were expected, got 0"),
+        (b"time\n# none\n", ": at least two lines, each with the time of an impact, .* got 0"),
+        (b"0.5\n", ": at least two lines, each with the time of an impact, .* got 1"),
+        (b"0;0.1\n1;0.1\n", ", line 1: columns were expected .* by commas .* got '0;0.1'"),
+        (b"0,5;0,1\n", ", line 1: .* and decimals by points, got '0,5;0,1'"),
+        (b"t\n0\n1,0.1,3\n", ", line 3: a time and at most one peak .* got '1,0.1,3'"),
+        (b"t,a,b\n0\n1\n", ", line 1: a time and at most one peak .* got 't,a,b'"),
+        (b"0.5s\n1\n", ", line 1: the time of an impact was expected, .* got '0.5s'"),
+        (b"t\n0\nsoon\n", ", line 3: the time of an impact was expected, .* got 'soon'"),
+        (b"0\n1 2\n", ", line 2: the time of an impact was expected, .* got '1 2'"),
+        (b"0\n1_0\n", ", line 2: the time of an impact was expected, .* got '1_0'"),
+        (b"0,0.1\n,0.1\n", ", line 2: the time of an impact was expected, .* got ',0.1'"),
+        (b"0,high\n1\n", ", line 1: the time of an impact was expected, .* got '0,high'"),
+        (b"0\nnan\n", ", line 2: a time must be finite, got 'nan'"),
+        (b"0\ninf,1\n", ", line 2: a time must be finite, got 'inf,1'"),
+        (b"0,0\n1\n", f", line 1: {PEAK}, or empty if unknown, got '0,0'"),
+        (b"0,0.1\n1,-3\n2\n", f", line 2: {PEAK}, or empty if unknown, got '1,-3'"),
+        (b"0,inf\n1\n", f", line 1: {PEAK}, or empty if unknown, got '0,inf'"),
+        (b"0,574\n1,066\n", f", line 1: {PEAK}, or empty if unknown, got '0,574'"),
+        (b"t\n0\n# x\n1\n1\n", ", line 5: a time after 1 s was expected, got 1 s"),
+        (b"1700000000.25\n1700000000.125\n", ", line 2: .* 1700000000 s was expected, got"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, content, message):
+    path = tmp_path / "times.csv"
+    if content is ...:
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match=f"^'[^']*times.csv'{message}") as caught:
+        read_impact_times(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
+    """A file and nothing else; the fit is that of the library."""
+    monkeypatch.chdir(tmp_path)
+    times, _ = decay(14)
+    written("times.csv", times)
+    code, text, err = run(capsys, "fit", "times.csv")
+    assert (code, err) == (0, "")
+    times, peaks = read_impact_times("times.csv")
+    assert peaks is None
+    fit = fit_free_rocking(times)
+    assert text == f"{fit}\nfit/fit.csv\nfit/fit.png\n"
+    assert "frequency parameter" in text
+    with open("fit/fit.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["impact"]) for row in rows] == list(range(14))
+    assert {row["used"] for row in rows} == {"True"}
+    columns = {name: [float(row[name]) for row in rows] for name in rows[0] if name != "used"}
+    np.testing.assert_array_equal(columns["time_s"], times)
+    np.testing.assert_allclose(columns["residual_s"], fit.time_residuals, atol=1e-12)
+    assert np.isnan([columns["restitution"][k] for k in (0, -1)]).all()
+    np.testing.assert_allclose(columns["restitution"][1:-1], fit.restitutions, rtol=1e-9)
+    np.testing.assert_allclose(columns["velocity_ratio"][1:-1], fit.velocity_ratios, rtol=1e-9)
+
+
+def test_of_a_block_as_json(capsys, tmp_path):
+    times, _ = decay(12)
+    path = written(tmp_path / "times.csv", times)
+    command = ("fit", path, *SIZE, "--out", tmp_path / "out", "--json")
+    code, text, _ = run(capsys, *command)
+    assert code == 0
+    found = json.loads(text)
+    errors = found["standard_errors"]
+    assert found["frequency_parameter"] == pytest.approx(P)
+    assert errors["frequency_parameter"] == errors["critical_angle"] == 0
+    assert abs(found["restitution"] - 0.9) < 4 * errors["restitution"] < 0.001
+    assert found["time_noise"] == pytest.approx(1e-4, rel=0.6)
+    assert found["rotation_noise"] is None
+    assert 0 < found["frequency_p_value"] < 1
+    assert (found["impacts"], found["used"], found["remarks"]) == (12, 12, [])
+    assert len(found["rows"]) == 12
+    assert found["rows"][0]["restitution"] is None
+    assert [path.rpartition("/")[2] for path in found["files"]] == ["fit.csv", "fit.png"]
+    # Without the block the critical angle is unknown, and so is its error.
+    code, text, _ = run(capsys, "fit", path, "--out", tmp_path / "other", "--json")
+    found = json.loads(text)
+    assert found["critical_angle"] is found["standard_errors"]["critical_angle"] is None
+    assert found["frequency_p_value"] is None
+
+
+def test_options_reach_the_fit(capsys, tmp_path):
+    times, peaks = decay(12)
+    peaks[3] = np.nan
+    path = written(tmp_path / "times.csv", times, peaks)
+    options = ("--frequency-unknown", "--model", "nonlinear", "--no-repair")
+    options += ("--time-noise", 2e-4, "--rotation-noise", 1e-3, "--out", tmp_path / "out")
+    code, text, _ = run(capsys, "fit", path, *SIZE, *options, "--json")
+    assert code == 0
+    found = json.loads(text)
+    assert found["standard_errors"]["frequency_parameter"] > 0
+    assert (found["time_noise"], found["rotation_noise"]) == (2e-4, 1e-3)
+    times, peaks = read_impact_times(path)
+    fit = fit_free_rocking(
+        times,
+        BLOCK,
+        peak_rotations=peaks,
+        model="nonlinear",
+        frequency_known=False,
+        time_noise=2e-4,
+        rotation_noise=1e-3,
+        repair=False,
+    )
+    for name in fit.names:
+        assert found[name] == pytest.approx(float(getattr(fit, name)), rel=1e-6, abs=1e-6)
+    of_peaks = [row["rotation_residual_rad"] for row in found["rows"]]
+    assert [k for k, value in enumerate(of_peaks) if value is None] == [3, 11]
+    assert [row["peak_rotation_rad"] for row in found["rows"]][3] is None
+
+
+def test_a_moon_and_a_statue(capsys, tmp_path):
+    """Gravity and inertia ratio make the block, and thereby its p."""
+    body = jr.Block(0.1, 5.0, gravity=1.62, inertia_ratio=1.2)
+    velocities = body.critical_angle * body.frequency_parameter * 0.9 * 0.9 ** np.arange(9)
+    durations = jr.Linearized().half_cycle_duration(body, velocities)
+    noise = np.random.default_rng(2).normal(0, 1e-4, 10)
+    path = written(tmp_path / "times.csv", np.append(0, np.cumsum(durations)) + noise)
+    options = ("--width", 0.2, "--slenderness", 5, "--gravity", 1.62, "--inertia-ratio", 1.2)
+    code, text, _ = run(capsys, "fit", path, *options, "--out", tmp_path / "out", "--json")
+    assert code == 0
+    found = json.loads(text)
+    assert found["frequency_parameter"] == pytest.approx(float(body.frequency_parameter))
+    assert found["restitution"] == pytest.approx(0.9, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--height 1", "height goes with a width only"),
+        ("--slenderness 5", "slenderness goes with a width only"),
+        ("--gravity 1.62", "gravity goes with a width only"),
+        ("--inertia-ratio 1.2", "inertia_ratio goes with a width only"),
+        ("--frequency-unknown", "frequency_unknown goes with a width only"),
+        ("--model nonlinear", "model goes with a width only"),
+        ("--width 0.2", "height or slenderness must be given with a width, one of the two"),
+        ("--width 0.2 --height 1 --slenderness 5", "height or slenderness must be given"),
+        ("--width -1 --height 1", "width must be finite and greater than 0, got -1"),
+        ("--width 1 --height 0", "height must be finite and greater than 0, got 0"),
+        ("--width 1 --slenderness 0", "slenderness must be finite and greater than 0, got 0"),
+        ("--time-noise 0", "time_noise must be finite and greater than 0, got 0"),
+        ("--rotation-noise 0.1", "rotation_noise goes with peak rotations in the file only"),
+        ("", "impact_times must be at least 5 to fit 4 numbers, got 3"),
+    ],
+)
+def test_what_is_refused(capsys, tmp_path, arguments, message):
+    path = written(tmp_path / "times.csv", np.array([0, 0.5, 0.9]))
+    code, out, err = run(capsys, "fit", path, *arguments.split(), "--out", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_is_missing(capsys, tmp_path):
+    code, _, err = run(capsys, "fit", tmp_path / "times.csv", "--out", tmp_path / "out")
+    assert code == 2
+    assert "times.csv': the file cannot be read: No such file" in err
+
+
+def test_in_a_study(capsys, tmp_path, monkeypatch):
+    """The file is sought beside the study; one that is wrong is found before any job runs."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "tests"
+    folder.mkdir()
+    written(folder / "a.csv", decay(12)[0])
+    job = '[[job]]\ncommand = "fit"\nfile = "a.csv"\nwidth = 0.2\nslenderness = 5\n'
+    (folder / "study.toml").write_text(job)
+    code, text, err = run(capsys, "run", folder / "study.toml")
+    assert (code, err) == (0, "")
+    assert text.startswith("job 1 (fit)\nrestitution")
+    assert (folder / "fit" / "fit.csv").exists()
+    bad = f'{job}out = "b"\n[[job]]\ncommand = "fit"\nfile = "c.csv"\nout = "c"\n'
+    (folder / "study.toml").write_text(bad)
+    code, _, err = run(capsys, "run", folder / "study.toml")
+    assert code == 2
+    assert "job 2 (fit): " in err
+    assert "c.csv': the file cannot be read" in err
+    assert not (folder / "b").exists()
+
+
+def lines_of(ax):
+    """What is drawn with a line of the legend, by its first words."""
+    named = {line.get_label().split("\n")[0].split(":")[0]: line for line in ax.get_lines()}
+    shown = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert shown == [line.get_label() for line in ax.get_lines() if line.get_label()[0] != "_"]
+    return SimpleNamespace(shown=shown, **{k.split(" ")[0].strip(","): v for k, v in named.items()})
+
+
+def test_picture_of_a_constant_restitution():
+    fit = fit_free_rocking(decay(12)[0], BLOCK)
+    durations, restitutions = plot_free_rocking_fit(fit).axes
+    of = lines_of(durations)
+    assert of.shown == ["measured", "fitted"]
+    np.testing.assert_array_equal(of.measured.get_xdata(), np.arange(11) + 0.5)
+    np.testing.assert_allclose(of.measured.get_ydata(), np.diff(decay(12)[0]))
+    ratios = float(fit.launch_ratio) * float(fit.restitution) ** np.arange(11)
+    np.testing.assert_allclose(of.fitted.get_ydata(), 2 / P * np.arctanh(ratios), rtol=1e-6)
+    assert of.measured.get_marker() == "o"
+    assert of.measured.get_linestyle() == "None"
+    assert durations.get_yscale() == "log"
+    low, high = durations.get_ylim()
+    labels = [text.get_text() for text in durations.get_yticklabels()]
+    assert sum(low < float(label) < high for label in labels) > 2
+    assert durations.get_xlabel() == "number of the impact [-]"
+    assert durations.get_ylabel() == "half-cycle duration [s]"
+
+    of = lines_of(restitutions)
+    error = float(fit.standard_errors["restitution"])
+    assert of.shown[1:] == [f"constant: {fit.restitution:.4g},\n$\\pm$ {error:.2g} in grey"]
+    np.testing.assert_allclose(of.each.get_xdata(), fit.velocity_ratios)
+    np.testing.assert_allclose(of.each.get_ydata(), fit.restitutions)
+    np.testing.assert_allclose(of.constant.get_ydata(), float(fit.restitution))
+    bars = np.array(restitutions.collections[0].get_segments())[:, :, 1]
+    np.testing.assert_allclose(np.ptp(bars, axis=1), 2 * fit.restitution_errors)
+    band = restitutions.patches[0]
+    assert band.get_y() == pytest.approx(float(fit.restitution) - error)
+    assert band.get_height() == pytest.approx(2 * error)
+    assert restitutions.get_xlabel().endswith(" over the critical one [-]")
+    assert restitutions.get_ylabel() == "restitution $C$ [-]"
+
+
+def test_picture_of_a_restitution_that_changes():
+    """The line lies on the C that was put in; with p fitted there is only the p-value."""
+    change, launch = 0.1, 0.9
+    times = decay(12, launch, 0.9, change, noise=1e-5)[0]
+    fit = fit_free_rocking(times, BLOCK)
+    line = lines_of(plot_free_rocking_fit(fit).axes[1]).linear
+    velocities = np.asarray(line.get_xdata())
+    true = 0.9 + change * (velocities - launch / 2)
+    np.testing.assert_allclose(line.get_ydata(), true, atol=0.004)
+    assert np.ptp(true) > 0.04
+    assert line.get_linestyle() == "--"
+    fit = fit_free_rocking(times)
+    assert fit.restitution_change_p_value < 0.05
+    shown = lines_of(plot_free_rocking_fit(fit).axes[1]).shown
+    assert shown[-1].startswith("p-value of a constant ")
+    assert shown[-1].endswith("a change alters $p$ as well")
+
+
+def test_picture_of_what_was_repaired():
+    clean = decay(24)[0]
+    faulty = np.insert(np.delete(clean, [5, 6]), 10, clean[11] + 0.005)
+    faulty[16] += 0.02
+    fit = fit_free_rocking(faulty, BLOCK)
+    assert len(fit.repairs) == 4
+    ax = plot_free_rocking_fit(fit).axes[0]
+    of = lines_of(ax)
+    assert of.shown == ["measured", "fitted", "impact missing", "time left out"]
+    assert of.impact.get_xdata().tolist() == [5, 6]
+    assert of.time.get_xdata().tolist() == [11, 17]
+    assert len({of.impact.get_marker(), of.time.get_marker(), of.measured.get_marker()}) == 3
+    there = np.asarray(of.measured.get_xdata())
+    assert not set(there) & {4.5, 5.5, 6.5, 16.5, 17.5}
+    np.testing.assert_allclose(of.measured.get_ydata(), np.diff(clean)[there.astype(int)])
+
+
+def test_picture_of_peaks_alone_and_of_few_points():
+    fit = fit_free_rocking(None, BLOCK, peak_rotations=decay(10)[1])
+    figure = plot_free_rocking_fit(fit)
+    assert len(figure.axes) == 1
+    np.testing.assert_allclose(lines_of(figure.axes[0]).each.get_ydata(), 0.9, rtol=1e-6)
+    given = plt.figure()
+    fit = fit_free_rocking(decay(4)[0], BLOCK)
+    assert plot_free_rocking_fit(fit, given) is given
+    assert len(given.axes) == 2
+    labels = [text.get_text() for text in given.axes[0].get_yticklabels()]
+    low, high = given.axes[0].get_ylim()
+    assert sum(low < float(label) < high for label in labels) > 1
+
+
+def test_several_fits_are_no_picture():
+    times = jnp.asarray([decay(8, restitution=c)[0] for c in (0.85, 0.9)])
+    fits = jax.vmap(lambda t: fit_free_rocking(t, BLOCK))(times)
+    with pytest.raises(ValueError, match=r"fit must be of one test, got an array of shape \(2,\)"):
+        plot_free_rocking_fit(fits)

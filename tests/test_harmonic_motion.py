@@ -1,0 +1,372 @@
+"""Harmonic ground motion, and blocks under it, against integration of another kind."""
+
+import itertools
+
+import jax
+import jax.monitoring
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import stepping
+
+import jaxrock as jr
+from jaxrock.dynamics.batch_input import input_of
+from jaxrock.ground_motion import PULSES, Harmonic, Motion, pulse_class
+from jaxrock.ground_motion.harmonic import _counted
+
+BLOCK = jr.Block(0.3, 5.0)
+UPLIFT = 9.81 / 5
+
+
+def harmonic(amplitude, frequency, cycles):
+    """The same motions for the integrator of another kind."""
+    turns = np.r_[0, np.arange(2 * cycles) / 2 + 0.25, cycles] * 2 * np.pi
+
+    def value(motion, piece, time):
+        there = amplitude[motion] * np.sin(turns[piece] + frequency[motion] * time)
+        return there, np.zeros_like(there)
+
+    return stepping.Ground(turns / frequency[:, None], value)
+
+
+def one(tree, k):
+    return jax.tree.map(lambda leaf: leaf[k] if np.ndim(leaf) else leaf, tree)
+
+
+def in_float32(tree):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
+
+
+def test_motion(eps):
+    motion, period = Harmonic(-3.0, 8.0, 4, start=0.2), 2 * np.pi / 8
+    end = 0.2 + 4 * period
+    times = np.linspace(0.21, end - 0.01, 57)
+    expected = -3 * np.sin(8 * (times - 0.2))
+    np.testing.assert_allclose(motion.horizontal(times), expected, atol=200 * eps)
+    assert not motion.horizontal([0.0, 0.199, end + 1e-3, 9.0]).any()
+    assert not motion.upward(times).any()
+    assert float(motion.intensity) == 0
+    assert float(motion.end) == pytest.approx(end)
+    assert float(motion.next_kink(motion.start)) == np.inf
+    knots = np.asarray(motion.knots())
+    assert knots[[0, 1, -1]] == pytest.approx([0.2, 0.2 + period / 4, end])
+    assert len(knots) == 10
+    for a, b in itertools.pairwise(knots):
+        rise = np.diff(motion.value(jnp.linspace(a, b, 30))[0])
+        assert (rise >= -200 * eps).all() or (rise <= 200 * eps).all()
+    other = motion.scaled(-2.0).shifted(1.0)
+    assert float(other.horizontal(1.3)) == pytest.approx(6 * np.sin(0.8), rel=1e-5)
+    assert other.cycles == 4
+    assert str(motion) == (
+        "harmonic motion of -3 m/s2, frequency 8 rad/s, for 4 periods from 0.2 s on"
+    )
+    assert str(Harmonic(1.0, 2.0, 1)).endswith("for 1 period from 0 s on")
+
+
+@pytest.mark.float64
+def test_hundreds_of_radians_keep_their_digits():
+    motion, time = Harmonic(1.0, 12.566, 200), np.linspace(90, 99.9, 300)
+    np.testing.assert_allclose(motion.horizontal(time), np.sin(12.566 * time), atol=3e-13)
+    assert motion.bucketed().horizontal(97.0) == motion.horizontal(97.0)
+
+
+@pytest.mark.parametrize("name", ["amplitude", "frequency", "start"])
+@pytest.mark.parametrize("value", [jnp.nan, jnp.inf])
+def test_bad_numbers(name, value):
+    with pytest.raises(ValueError, match=f"{name} must be"):
+        Harmonic(**{"amplitude": 1.0, "frequency": 1.0} | {name: value})
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Harmonic(1.0, 0.0), "frequency must be finite and greater than 0, got 0"),
+        (lambda: Harmonic(1.0, -2.0), "frequency must be finite and greater than 0, got -2"),
+        (lambda: Harmonic(1.0, 1.0, start=-1.0), "start must be finite and at least 0, got -1"),
+        (lambda: Harmonic(1.0, 1.0).scaled(jnp.inf), "factor must be finite"),
+        (lambda: Harmonic(1.0, 1.0, 0), "cycles must be a whole number from 1 to 1000000, got 0"),
+        (lambda: Harmonic(1.0, 1.0, -3), "cycles must be a whole number .* got -3"),
+        (lambda: _counted(2.0), "cycles must be a whole number .* got 2.0"),
+        (lambda: Harmonic(1.0, 1.0, True), "cycles must be a whole number .* got True"),
+        (lambda: Harmonic(1.0, 1.0, 10**7), "cycles must be a whole number .* got 10000000"),
+        (lambda: jax.jit(_counted)(3), "cycles must be a whole number"),
+    ],
+)
+def test_bad_input(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_number_of_cycles_of_numpy():
+    motion = Harmonic(1.0, 2.0, np.int64(3))
+    assert type(motion.cycles) is int
+    assert jax.grad(lambda m: m.horizontal(0.1))(motion).cycles == 3
+
+
+def test_traced_bad_values_give_nan():
+    def peak(amplitude, frequency):
+        return jr.respond_batch(BLOCK, 0.7, Harmonic(amplitude, frequency, 3)).peak_rotation
+
+    given = jnp.array([2.5, 2.5, 2.5, jnp.nan]), jnp.array([8.0, 0.0, -8.0, 8.0])
+    assert np.isnan(jax.jit(peak)(*given)).tolist() == [False, True, True, True]
+    slope = jax.jvp(peak, given, (jnp.ones(4), jnp.ones(4)))[1]
+    assert np.isfinite(slope).all()
+    assert not slope[1:].any()
+    found = jax.jit(lambda w: jr.respond(BLOCK, 0.7, Harmonic(2.5, w, 3), max_impacts=0))(0.0)
+    assert found.status == jr.Status.INVALID
+    assert np.isnan(found.peak_rotation)
+
+
+def test_is_no_shape_of_pulse():
+    assert not issubclass(Harmonic, tuple(PULSES.values()))
+    with pytest.raises(ValueError, match="shape must be a class of pulses"):
+        pulse_class(Harmonic)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", ["nonlinear", "linearized"])
+def test_one_cycle_is_a_sine(model):
+    for amplitude, frequency in ((2.6, 8.0), (-3.5, 7.0), (4.5, 4.0)):
+        pulse = jr.Sine(amplitude, 2 * np.pi / frequency, 0.1)
+        motion = Harmonic(amplitude, frequency, 1, 0.1)
+        both = [jr.respond(BLOCK, 0.9, m, 4.0, rtol=1e-11, model=model) for m in (pulse, motion)]
+        both += [
+            jr.respond_batch(BLOCK, 0.9, m, 4.0, rtol=1e-11, model=model) for m in (pulse, motion)
+        ]
+        for found in both[1:]:
+            assert found.overturned == both[0].overturned
+            for name in ("peak_rotation", "final_rotation", "margin"):
+                expected = float(getattr(both[0], name))
+                assert float(getattr(found, name)) == pytest.approx(expected, rel=1e-8, abs=1e-9)
+
+
+# From just above uplift to overturning. The first two blocks come to rest in each half-cycle, and
+# are lifted again in all of them.
+STRENGTH = np.array([1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)])  # over that of uplift
+RESTITUTION = np.array([0.1, 0.2, *np.repeat([0.7, 0.85], 5)])
+_RNG = np.random.default_rng(5)
+HALF_WIDTH, SLENDERNESS = _RNG.uniform(0.1, 0.5, 12), _RNG.uniform(3, 8, 12)
+FREQUENCY = np.where(STRENGTH > 2.1, _RNG.uniform(3, 5, 12), _RNG.uniform(6, 15, 12))
+
+
+@pytest.fixture(scope="module")
+def truth():
+    rocker = stepping.Rocker(HALF_WIDTH, SLENDERNESS, RESTITUTION)
+    ground = harmonic(STRENGTH * 9.81 / SLENDERNESS, FREQUENCY, 30)
+    return stepping.follow(rocker, ground, 0.0, rtol=1e-11)
+
+
+def scenes():
+    motion = Harmonic(STRENGTH * 9.81 / SLENDERNESS, FREQUENCY, 30)
+    return jr.Block(HALF_WIDTH, SLENDERNESS), RESTITUTION, motion
+
+
+@pytest.mark.float64
+def test_batch_against_independent_integration(truth):
+    found = jr.respond_batch(*scenes())
+    assert found.complete.all()
+    assert truth.overturned.sum() == 3
+    np.testing.assert_array_equal(found.overturned, truth.overturned)
+    stands = ~truth.overturned
+    assert (truth.impacts[stands] >= 59).all()
+    assert (truth.impacts[:2] > 300).all()
+    for mine, theirs in (
+        (found.peak_rotation, truth.peak),
+        (found.final_rotation, truth.rotation),
+        (found.margin, truth.margin),
+    ):
+        atol = 1e-8 * truth.peak[stands].min()
+        np.testing.assert_allclose(mine[stands], theirs[stands], rtol=1e-7, atol=atol)
+
+
+@pytest.mark.float64
+def test_adaptive_against_independent_integration(truth):
+    for k in range(len(STRENGTH)):
+        r = jr.respond(*one(scenes(), k), rtol=1e-11)
+        assert r.status == jr.Status.COMPLETE
+        assert bool(r.overturned) == truth.overturned[k]
+        if not r.overturned:
+            assert float(r.peak_rotation) == pytest.approx(truth.peak[k], rel=1e-7)
+            assert float(r.margin) == pytest.approx(truth.margin[k], rel=1e-7)
+            first = truth.impact_times[k][0]
+            assert float(r.impact_times[0]) == pytest.approx(first, rel=1e-8)
+
+
+@pytest.mark.float64
+def test_lifted_in_every_half_cycle_or_never():
+    """Where the block comes to rest in between; the ground is symmetric, but for its first side."""
+    weak = jr.respond_batch(BLOCK, 0.2, Harmonic(0.9999 * UPLIFT, 9.0, 200))
+    assert weak.complete
+    assert float(weak.peak_rotation) == 0
+    motion = Harmonic(-1.01 * UPLIFT, 9.0, 200, start=0.3)
+    found = jr.respond(BLOCK, 0.2, motion, rtol=1e-11)
+    assert bool(found.at_rest)
+    events = found.events
+    lifts = np.asarray(events.time)[1:][(np.diff(events.time) > 0.1) & (events.rotation[1:] == 0)]
+    assert len(lifts) >= 399
+    batch = jr.respond_batch(BLOCK, 0.2, motion)
+    assert 400 <= int(batch.impacts) <= int(found.impacts)
+    assert float(batch.peak_rotation) == pytest.approx(float(found.peak_rotation), rel=1e-8)
+    first = jr.respond_batch(BLOCK, 0.2, Harmonic(1.01 * UPLIFT, 9.0, 1))
+    assert float(batch.peak_rotation) == pytest.approx(float(first.peak_rotation), rel=1e-8)
+
+
+@pytest.mark.float64
+def test_long_and_fast_motions_against_each_other():
+    """Up to 200 periods, and a hundred times as fast as the block."""
+    for amplitude, frequency, cycles in ((30.0, 300.0, 200), (3.0, 12.0, 200), (2.3, 1.0, 10)):
+        motion = Harmonic(amplitude, frequency, cycles, start=0.5)
+        r, found = jr.respond(BLOCK, 0.6, motion, rtol=1e-10), jr.respond_batch(BLOCK, 0.6, motion)
+        assert bool(r.overturned) == bool(found.overturned)
+        assert float(found.peak_rotation) == pytest.approx(float(r.peak_rotation), rel=1e-7)
+        if not r.overturned:
+            assert float(found.margin) == pytest.approx(float(r.margin), rel=1e-7)
+    long = Harmonic(3.0, 12.0, 200)
+    inside = 61.7  # in the 118th period
+    r, found = (f(BLOCK, 0.6, long, inside) for f in (jr.respond, jr.respond_batch))
+    assert float(found.final_rotation) == pytest.approx(float(r.final_rotation), rel=1e-6)
+    rotation, _ = r.history(np.array([10.0, inside]))
+    assert float(rotation[1]) == pytest.approx(float(r.final_rotation), rel=1e-6)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("place", [0, 1], ids=["amplitude", "frequency"])
+def test_derivatives_against_differences(place):
+    point = 1.3 * UPLIFT, 9.0
+
+    def adaptive(*numbers):
+        return jr.respond(BLOCK, 0.7, Harmonic(*numbers, 30, 0.1), rtol=1e-12).peak_rotation
+
+    def batch(*numbers):
+        motion = Harmonic(*numbers, 30, 0.1)
+        return jr.respond_batch(BLOCK, 0.7, motion, rtol=1e-12).peak_rotation
+
+    step = np.eye(2)[place] * 1e-5
+    difference = float(adaptive(*(point + step)) - adaptive(*(point - step))) / 2e-5
+    direction = tuple(np.eye(2)[place])
+    for slope in (
+        jax.jvp(adaptive, point, direction)[1],
+        jax.grad(adaptive, place)(*point),
+        jax.jvp(batch, point, direction)[1],
+    ):
+        assert float(slope) == pytest.approx(difference, rel=1e-6)
+
+
+@pytest.mark.parametrize("cycles", [20, 200])
+def test_float32(cycles):
+    """The phase begins anew in each period: peaks keep their digits for hundreds of radians."""
+    rng, number = np.random.default_rng(1), 60
+    block = jr.Block(rng.uniform(0.1, 0.5, number), rng.uniform(3, 8, number))
+    c = rng.uniform(0.3, 0.6, number)
+    uplift = 9.81 / np.asarray(block.slenderness)
+    motion = Harmonic(uplift * rng.uniform(1.1, 1.4, number), rng.uniform(8, 25, number), cycles)
+    found = jr.respond_batch(*in_float32((block, c, motion)))
+    assert found.peak_rotation.dtype == np.float32
+    assert found.complete.all()
+    if jax.config.jax_enable_x64:
+        wide = jr.respond_batch(block, c, motion)
+        error = np.abs(np.asarray(found.peak_rotation) / np.asarray(wide.peak_rotation) - 1)
+        assert np.quantile(error, 0.9) < 1e-5
+        assert error.max() < 1e-3  # where impacts amplify it
+    r = jr.respond(*one(in_float32((block, c, motion)), 3))
+    assert r.peak_rotation.dtype == np.float32
+    assert float(r.peak_rotation) == pytest.approx(float(found.peak_rotation[3]), rel=1e-4)
+
+
+def test_everything_broadcasts():
+    amplitude, frequency = np.array([[2.1], [2.5]]), np.array([8.0, 10.0, 12.0])
+    found = jr.respond_batch(BLOCK, 0.6, Harmonic(amplitude, frequency, 5))
+    assert found.peak_rotation.shape == (2, 3)
+    for i, k in itertools.product(range(2), range(3)):
+        alone = jr.respond_batch(BLOCK, 0.6, Harmonic(amplitude[i, 0], frequency[k], 5))
+        assert alone.peak_rotation == found.peak_rotation[i, k]
+
+
+@pytest.mark.float64
+def test_boundaries():
+    amplitudes = np.linspace(2, 6, 41)
+    sine = jr.overturning_boundaries(BLOCK, 0.9, jr.Sine(1.0, 1.0), "amplitude", amplitudes)
+    one_cycle = Harmonic(1.0, 2 * np.pi, 1)
+    found = jr.overturning_boundaries(BLOCK, 0.9, one_cycle, "amplitude", amplitudes)
+    assert len(sine.value)
+    np.testing.assert_allclose(found.value, sine.value, rtol=1e-9)
+    windows = jr.survival_windows(BLOCK, 0.9, one_cycle, amplitudes)
+    assert windows.first_overturning == pytest.approx(float(sine.value[0]), rel=1e-9)
+
+    frequencies = np.linspace(4.5, 9, 61)
+    for cycles in (3, 8):
+
+        def boundary(half_width, cycles=cycles):
+            motion = Harmonic(3.0, 9.9, cycles)  # the frequency of which does not matter
+            block = jr.Block(half_width, 5.0)
+            return jr.overturning_boundaries(block, 0.9, motion, "frequency", frequencies).value
+
+        # All times are in ratio to the square root of the size.
+        found = boundary(0.3)
+        assert len(found) == 7
+        np.testing.assert_allclose(jax.jacfwd(boundary)(0.3), found / -0.6, rtol=1e-6)
+    with pytest.raises(ValueError, match="along must be one of amplitude, frequency, factor, "):
+        jr.overturning_boundaries(BLOCK, 0.9, one_cycle, "duration", amplitudes)
+    with pytest.raises(ValueError, match="along must be one of amplitude, duration, factor, "):
+        jr.overturning_boundaries(BLOCK, 0.9, jr.Sine(1.0, 1.0), "frequency", amplitudes)
+
+
+@pytest.mark.float64
+def test_what_else_takes_a_motion():
+    motion = Harmonic(2.5, 8.0, 40)
+    frequency = np.linspace(8, 14, 5)
+    found = jr.respond_within(BLOCK, 0.6, Harmonic(2.5, frequency, 40), 1e-6)
+    assert found.within_tolerance.all()
+    tight = jr.respond_batch(BLOCK, 0.6, Harmonic(2.5, frequency, 40), rtol=1e-13)
+    error = np.abs(found.response.peak_rotation / tight.peak_rotation - 1)
+    assert (error <= found.error).all()
+    assert jr.choose(jr.DrivenScene(BLOCK, 0.6, motion), 1e-6).within_tolerance
+    spectrum = jr.rocking_spectrum(motion, [1.0, 4.0], slenderness=5.0)
+    assert spectrum.attrs["motion"] == "harmonic motion"
+    assert np.isfinite(spectrum.peak_rotation).all()
+
+
+class Other(Harmonic.__base__):
+    """A motion that is none of those that the batch knows."""
+
+    start: jax.Array
+    name = "other"
+    end = intensity = value = knots = next_kink = scaled = None
+
+
+def test_other_motions_are_refused():
+    other = Other(jnp.zeros(()))
+    assert isinstance(other, Motion)
+    words = "motion must be a pulse, a Harmonic, a Record or a Suite, got Other"
+    with pytest.raises(ValueError, match=words):
+        jr.respond_batch(BLOCK, 0.9, other, 1.0)
+    with pytest.raises(ValueError, match=words):
+        jr.overturning_boundaries(BLOCK, 0.9, other, "factor", [1.0, 2.0])
+    with pytest.raises(ValueError, match="motion must be a pulse, a Harmonic or a Record"):
+        jr.choose(jr.DrivenScene(BLOCK, 0.9, other), 1e-3)
+
+
+def test_programs_do_not_depend_on_the_number_of_cycles():
+    names = []
+
+    def hear(event, seconds, **details):
+        if event == "/jax/core/compile/backend_compile_duration":
+            names.append(details.get("fun_name", ""))
+
+    def followed(cycles):
+        motion = Harmonic(2.5, 9.0, cycles)
+        jr.respond(BLOCK, 0.6, motion, motion.end)
+        jr.respond_batch(BLOCK, 0.6, motion)
+        motion.horizontal(0.3)
+
+    followed(3)
+    jr.respond_batch(BLOCK, 0.6, jr.Sine(2.5, 0.7))
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    try:
+        for cycles in (1, 20, 200, 256):
+            followed(cycles)
+    finally:
+        jax.monitoring.unregister_event_duration_listener(hear)
+    assert names == []
+    forms = [jax.tree.structure(input_of(m)) for m in (Harmonic(1.0, 1.0), jr.Sine(1.0, 1.0))]
+    assert forms[0] == forms[1]

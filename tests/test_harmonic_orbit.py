@@ -1,0 +1,477 @@
+"""Steady rocking on a harmonic floor, against SciPy's steps through the full equation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxrock as jr
+from jaxrock.dynamics import (
+    harmonic_orbit,
+    least_harmonic_amplitude,
+    symmetry_breaking_amplitude,
+)
+
+MODELS = ["linearized", "nonlinear"]
+BLOCK = jr.Block(0.2, 5.0)
+
+
+def in_units(block, w, beta):
+    """Amplitude and frequency from beta, over g alpha_c, and w, over p."""
+    unit, p = (
+        np.asarray(block.gravity * block.critical_angle),
+        np.asarray(block.frequency_parameter),
+    )
+    return beta * unit, w * p
+
+
+def orbit_of(block, c, w, beta, model="nonlinear"):
+    return harmonic_orbit(block, c, *in_units(block, w, beta), model=model)
+
+
+class Reference:
+    """The half-period map of one block by DOP853; the floor then counts as turned around."""
+
+    def __init__(self, block, c, amplitude, frequency, model):
+        self.c, self.amplitude, self.frequency = map(float, (c, amplitude, frequency))
+        self.angle, self.p = float(block.critical_angle), float(block.frequency_parameter)
+        self.gravity, self.linearized = float(block.gravity), model == "linearized"
+
+    def field(self, time, state):
+        push = self.amplitude / self.gravity * np.sin(self.frequency * time)
+        tilt = self.angle - state[0]
+        if self.linearized:
+            return state[1], -(self.p**2) * (tilt - push)
+        return state[1], -(self.p**2) * (np.sin(tilt) - push * np.cos(tilt))
+
+    def next_launch(self, time, velocity, rtol=1e-12):
+        """Time and velocity of the next launch, and the peak in between."""
+        half = np.pi / self.frequency
+
+        def lands(time, state):
+            return state[0]
+
+        def turns(time, state):
+            return state[1]
+
+        lands.terminal, lands.direction, turns.direction = True, -1, -1
+        found = solve_ivp(
+            self.field,
+            (time, time + 1.9 * half),
+            (0.0, velocity),
+            "DOP853",
+            events=[lands, turns],
+            rtol=rtol,
+            atol=1e-15,
+            max_step=half / 8,
+        )
+        landing = -found.y_events[0][0][1]
+        peak = max(state[0] for state in found.y_events[1])
+        return found.t_events[0][0] - half, self.c * landing, peak
+
+    def steady(self, time, velocity, most=400):
+        """Repeated until nothing changes any more."""
+        for _ in range(most):
+            before = time, velocity
+            time, velocity, peak = self.next_launch(*before)
+            if max(abs(velocity / before[1] - 1), abs(time - before[0]) * self.frequency) < 2e-13:
+                break
+        return time, velocity, peak
+
+    def derivative(self, time, velocity, relative=2e-4):
+        """Of the map, by differences of two widths; rows are the results."""
+        steps = relative / self.frequency, relative * velocity
+        columns = []
+        for k, step in enumerate(steps):
+            slopes = []
+            for width in (step, 0.5 * step):
+                shift = width * np.eye(2)[k]
+                ahead = self.next_launch(time + shift[0], velocity + shift[1], 1e-13)
+                behind = self.next_launch(time - shift[0], velocity - shift[1], 1e-13)
+                slopes.append((np.array(ahead[:2]) - behind[:2]) / (2 * width))
+            columns.append((4 * slopes[1] - slopes[0]) / 3)
+        return np.stack(columns, axis=1)
+
+
+STABLE = [  # block, C, w, beta
+    (BLOCK, 0.7, 4.0, 2.0),
+    (jr.Block(0.5, 2.0), 0.7, 3.0, 1.2),
+    (jr.Block(0.3, 8.0, inertia_ratio=1.2), 0.6, 6.0, 4.0),
+    (jr.Block(1.0, 3.0, 1.62, 1.9), 0.5, 2.0, 0.9),
+    (jr.Block(0.1, 1.0), 0.6, 2.5, 1.8),
+]
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("case", STABLE)
+def test_motion_that_settles_does_so_there(case, model):
+    block, c, w, beta = case
+    amplitude, frequency = map(float, in_units(block, w, beta))
+    orbit = harmonic_orbit(block, c, amplitude, frequency, model=model)
+    assert orbit.exists
+    assert orbit.stable
+    reference = Reference(block, c, amplitude, frequency, model)
+    begin = 0.98 * float(orbit.phase) / frequency, 1.02 * float(orbit.launch_velocity)
+    time, velocity, peak = reference.steady(*begin)
+    assert float(orbit.phase) == pytest.approx(time * frequency, rel=1e-9)
+    assert float(orbit.launch_velocity) == pytest.approx(velocity, rel=1e-10)
+    assert float(orbit.peak_rotation) == pytest.approx(peak, rel=1e-10)
+
+
+ALL = [  # also unstable ones, near the fold, and with symmetry broken
+    *STABLE,
+    (BLOCK, 0.925, 4.0, 0.095),
+    (BLOCK, 0.9, 2.0, 3.0),
+    (jr.Block(0.3, 2.0, inertia_ratio=1.5), 0.95, 8.0, 1.0),
+    (BLOCK, 0.9, 0.7, 0.6),
+    (BLOCK, 1.0, 5.0, 0.4),
+]
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("case", ALL)
+def test_multipliers(case, model):
+    block, c, w, beta = case
+    amplitude, frequency = map(float, in_units(block, w, beta))
+    orbit = harmonic_orbit(block, c, amplitude, frequency, model=model)
+    reference = Reference(block, c, amplitude, frequency, model)
+    launch = float(orbit.phase) / frequency, float(orbit.launch_velocity)
+    time, velocity, _ = reference.next_launch(*launch)
+    assert time * frequency == pytest.approx(launch[0] * frequency, abs=1e-8)
+    assert velocity == pytest.approx(launch[1], rel=1e-8)
+    matrix = reference.derivative(*launch, 2e-4 if w > 1 else 2e-6)
+    scale = np.abs(matrix).max()
+    assert float(orbit.trace) == pytest.approx(np.trace(matrix), abs=2e-8 * scale)
+    assert float(orbit.determinant) == pytest.approx(c**2, rel=1e-14)
+    assert np.linalg.det(matrix) == pytest.approx(c**2, abs=1e-7 * scale**2)
+    found, expected = np.asarray(orbit.multipliers), np.linalg.eigvals(matrix)
+    size = np.abs(found)
+    assert size[0] >= size[1]
+    error = np.abs(found[:, None] - expected).min(axis=1)
+    near = np.abs(found[0] - found[1])  # close ones are ill-conditioned
+    np.testing.assert_allclose(error, 0, atol=2e-8 * scale**2 / min(near, 1))
+    assert bool(orbit.stable) == bool((size < 1 - 1e-12).all())
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("case", ALL)
+def test_trace_and_determinant_by_the_variational_equation(case, model):
+    block, c, w, beta = case
+    amplitude, frequency = map(float, in_units(block, w, beta))
+    orbit = harmonic_orbit(block, c, amplitude, frequency, model=model)
+    reference = Reference(block, c, amplitude, frequency, model)
+
+    def field(time, state):
+        rotation, change = state[0], 1e-20j  # whose imaginary part is a derivative
+        acceleration = reference.field(time, (rotation + change, 0.0))[1]
+        stiffness = acceleration.imag / change.imag
+        return [state[1], acceleration.real, *state[4:], *(stiffness * state[2:4])]
+
+    begin = float(orbit.phase) / frequency
+    end, velocity = begin + np.pi / frequency, float(orbit.launch_velocity)
+    start = (0.0, velocity, 1.0, 0.0, 0.0, 1.0)
+    flight = solve_ivp(field, (begin, end), start, "DOP853", rtol=1e-13, atol=1e-15)
+    last = flight.y[:, -1]
+    leaving, arriving = (reference.field(time, (0.0, 0.0))[1] for time in (begin, end))
+    before = np.array([[-velocity, 0.0], [-leaving, 1.0]])
+    after = np.array([[-1.0, 0.0], [c * arriving, -c * last[1]]]) / last[1]
+    matrix = after @ last[2:].reshape(2, 2) @ before
+    scale = np.abs(matrix).max()
+    assert float(orbit.trace) == pytest.approx(np.trace(matrix), abs=1e-10 * scale)
+    assert float(orbit.determinant) == pytest.approx(np.linalg.det(matrix), abs=1e-10 * scale)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    ("w", "c", "least", "breaking"),
+    [
+        (4.0, 0.925, 0.0923325834, 9.639820),
+        (4.0, 0.8, 0.2602008103, 8.717489),
+        (2.0, 0.9, 0.1129065770, 2.160498),
+        (8.0, 0.9, 0.1281487996, 36.438229),
+    ],
+)
+def test_limits_of_the_linearized_block(w, c, least, breaking):
+    unit, frequency = in_units(BLOCK, w, 1.0)
+    found = least_harmonic_amplitude(BLOCK, c, frequency) / unit
+    assert float(found) == pytest.approx(least, abs=6e-11)
+    broken = symmetry_breaking_amplitude(BLOCK, c, frequency) / unit
+    assert float(broken) == pytest.approx(breaking, abs=6e-7)
+    beta = np.concatenate([float(found) * (1 + np.array([-1e-9, 1e-9])),
+                           float(broken) * (1 + np.array([-1e-9, 1e-9]))])  # fmt: skip
+    orbit = orbit_of(BLOCK, c, w, beta, "linearized")
+    assert orbit.exists.tolist() == [False, True, True, True]
+    assert orbit.symmetry_broken.tolist() == [False, False, False, True]
+    assert orbit.stable.tolist()[1:] == [True, True, False]
+    assert float(orbit.trace[1]) == pytest.approx(1 + c**2, rel=1e-3)
+    assert float(orbit.trace[2]) == pytest.approx(-(1 + c**2), rel=1e-7)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    ("w", "c", "beta", "velocity", "ratio"),
+    [
+        (4.0, 0.925, 2.0, 0.8089190177, 0.1895130),
+        (4.0, 0.9, 2.0, 0.7954240336, 0.1890390),
+        (2.0, 0.8, 1.5, 1.0919671019, 0.5329054539),
+    ],
+)
+def test_known_linearized_motions(w, c, beta, velocity, ratio):
+    orbit = orbit_of(BLOCK, c, w, beta, "linearized")
+    unit = jr.Linearized().critical_velocity(BLOCK)
+    assert float(orbit.launch_velocity / unit) == pytest.approx(velocity, abs=6e-11)
+    assert float(orbit.rotation_ratio) == pytest.approx(ratio, abs=6e-8)
+    assert float(orbit.peak_rotation / BLOCK.critical_angle) == float(orbit.rotation_ratio)
+
+
+@pytest.mark.float64
+def test_collocation_of_the_linearized_equation_is_its_closed_form(monkeypatch):
+    steady = "jaxrock.dynamics.harmonic_orbit"
+    import sys
+
+    module = sys.modules[steady]
+    c, w = np.meshgrid([0.0, 0.3, 0.9, 1.0], np.geomspace(0.35, 50, 9))
+    least = least_harmonic_amplitude(BLOCK, c, in_units(BLOCK, w, 1.0)[1])
+    beta = np.asarray(least / in_units(BLOCK, w, 1.0)[0])
+    c, w, _ = np.broadcast_arrays(c, w, np.zeros((2, 1, 1)))
+    beta = np.stack([(1 + 1e-6) * beta + 1e-6, 2 * beta + 0.5])
+    closed = orbit_of(BLOCK, c, w, beta, "linearized")
+    # Without its velocity a block may begin to move only later than in the closed form.
+    assert closed.exists[:, :, 1:].all()
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "linearized_steady", module.nonlinear_steady)
+        jax.clear_caches()
+        found = orbit_of(BLOCK, c, w, beta, "linearized")
+    jax.clear_caches()
+    # A deviation at the fold grows like the inverse root of the distance from it.
+    for name, rtol in (("launch_velocity", 1e-9), ("phase", 1e-8), ("rotation_ratio", 1e-9),
+                       ("trace", 1e-7)):  # fmt: skip
+        np.testing.assert_allclose(getattr(found, name), getattr(closed, name), rtol, 1e-12)
+    np.testing.assert_array_equal(found.exists, closed.exists)
+
+
+@pytest.mark.float64
+def test_slender_blocks_are_linearized():
+    """The difference falls as the inverse square of the slenderness."""
+    blocks = jr.Block(0.2, np.array([10.0, 20.0, 40.0, 80.0]))
+    nonlinear, linearized = (orbit_of(blocks, 0.85, 3.0, 1.4, model) for model in MODELS[::-1])
+    unit = jr.Linearized().critical_velocity(blocks)
+    for name, scale in (("launch_velocity", unit), ("rotation_ratio", 1), ("trace", 1),
+                        ("phase", 1)):  # fmt: skip
+        gap = np.asarray((getattr(nonlinear, name) - getattr(linearized, name)) / scale)
+        np.testing.assert_allclose(gap[:-1] / gap[1:], 4, rtol=0.02)
+
+
+def numbers(at, model):
+    block = jr.Block(at[0], at[1], at[5], at[6])
+    orbit = harmonic_orbit(block, at[2], at[3], at[4], model=model)
+    parts = orbit.multipliers.real, orbit.multipliers.imag
+    scalars = (orbit.launch_velocity, orbit.phase, orbit.peak_rotation, orbit.rotation_ratio)
+    return jnp.concatenate([jnp.stack([*scalars, orbit.trace, orbit.determinant]), *parts])
+
+
+POINTS = [  # b, lambda, C, amplitude, omega, g, kappa
+    (0.2, 5.0, 0.9, 3.0, 16.0, 9.81, 4 / 3),
+    (0.5, 2.0, 0.7, 6.0, 9.0, 9.81, 1.2),
+    (0.4, 3.0, 0.85, 1.1, 6.0, 9.81, 1.6),  # real multipliers
+]
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("point", POINTS)
+def test_derivatives(point, model):
+    at = np.array(point)
+    value = jax.jit(numbers, static_argnums=1)
+    forward, reverse = (jax.jit(mode(numbers), static_argnums=1)(at, model)
+                        for mode in (jax.jacfwd, jax.jacrev))  # fmt: skip
+    np.testing.assert_allclose(forward, reverse, rtol=1e-10, atol=1e-11)
+    for k in range(at.size):
+        slopes = []
+        for width in (2e-3 * at[k], 1e-3 * at[k]):
+            shift = width * np.eye(at.size)[k]
+            slopes.append((value(at + shift, model) - value(at - shift, model)) / (2 * width))
+        expected = np.asarray(4 * slopes[1] - slopes[0]) / 3
+        size = np.maximum(np.abs(expected), np.abs(value(at, model)) / at[k])
+        np.testing.assert_array_less(np.abs(forward[:, k] - expected), 1e-7 * size + 1e-12)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+def test_second_derivatives(model):
+    at = np.array(POINTS[0])
+
+    def some(at):
+        return numbers(at, model)[jnp.array([0, 2, 4])]
+
+    found = jax.jit(jax.jacfwd(jax.jacrev(some)))(at)
+    slope = jax.jit(jax.jacfwd(some))
+    for k in (1, 2, 3, 4):
+        shift = 1e-4 * at[k] * np.eye(at.size)[k]
+        expected = (slope(at + shift) - slope(at - shift)) / (2e-4 * at[k])
+        scale = np.abs(expected).max(axis=1, keepdims=True)
+        np.testing.assert_allclose((found[:, :, k] - expected) / scale, 0, atol=1e-5)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_none_leaves_its_neighbours_alone(model):
+    amplitude = jnp.array([0.05, 3.0, 0.0, 1.0])
+
+    def velocities(amplitude, c):
+        return harmonic_orbit(BLOCK, c, amplitude, 14.0, model=model).launch_velocity
+
+    orbit = harmonic_orbit(BLOCK, 0.9, amplitude, 14.0, model=model)
+    assert orbit.exists.tolist() == [False, True, False, True]
+    flags = orbit.exists | ~(orbit.stable | orbit.symmetry_broken | orbit.below_uplift)
+    assert flags.all()
+    assert orbit.below_uplift.tolist() == [False, False, False, True]
+    for name in ("launch_velocity", "phase", "peak_rotation", "rotation_ratio", "trace"):
+        assert np.isnan(getattr(orbit, name)).tolist() == [True, False, True, False]
+    assert np.isnan(orbit.determinant).tolist() == [True, False, True, False]
+    assert np.isnan(orbit.multipliers[0]).all()
+
+    def total(amplitude, c):
+        return jnp.nansum(velocities(amplitude, c))
+
+    slopes, by_c = jax.grad(total, (0, 1))(amplitude, 0.9)
+    alone = jax.grad(total, (0, 1))(amplitude[1::2], 0.9)
+    eps = float(jnp.finfo(slopes.dtype).eps)
+    np.testing.assert_allclose(slopes[1::2], alone[0], rtol=1e3 * eps)
+    assert slopes[::2].tolist() == [0, 0]
+    assert float(by_c) == pytest.approx(float(alone[1]), rel=1e3 * eps)
+
+
+def test_traced_arguments_out_of_range_give_nan():
+    @jax.jit
+    def total(at):
+        orbit = harmonic_orbit(BLOCK, at[0], at[1:], 14.0)
+        return jnp.nansum(orbit.launch_velocity), orbit.exists
+
+    (value, exists), slope = jax.value_and_grad(total, has_aux=True)(jnp.array([0.9, 3.0, -1.0]))
+    assert exists.tolist() == [True, False]
+    assert np.isfinite(slope).all()
+    assert float(slope[2]) == 0
+    assert float(value) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((1.1, 3.0, 14.0), "restitution must be between 0 and 1, got 1.1"),
+        ((0.9, -3.0, 14.0), "amplitude must be finite and at least 0, got -3"),
+        ((0.9, 3.0, 0.0), "frequency must be finite and greater than 0, got 0"),
+    ],
+)
+def test_bad_arguments(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        harmonic_orbit(BLOCK, *arguments)
+
+
+def test_bad_frequency_of_limits():
+    with pytest.raises(ValueError, match="frequency must be finite"):
+        least_harmonic_amplitude(BLOCK, 0.9, np.inf)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_shapes_and_transformations(model):
+    amplitude, c, b = np.meshgrid(np.linspace(2, 4, 71), [0.8, 0.9], [0.2, 0.4], indexing="ij")
+    orbit = harmonic_orbit(jr.Block(b, 5.0), c, amplitude, 12.0, model=model)
+    assert orbit.trace.shape == (71, 2, 2)
+    assert orbit.multipliers.shape == (71, 2, 2, 2)
+    one = harmonic_orbit(jr.Block(0.4, 5.0), 0.8, amplitude[70, 0, 0], 12.0, model=model)
+    eps = float(jnp.finfo(orbit.trace.dtype).eps)
+    for name in ("launch_velocity", "phase", "rotation_ratio"):
+        value = float(getattr(one, name))
+        assert float(getattr(orbit, name)[70, 0, 1]) == pytest.approx(value, rel=30 * eps)
+    mapped = jax.vmap(lambda a: harmonic_orbit(BLOCK, 0.9, a, 12.0, model=model).rotation_ratio)(
+        jnp.asarray(amplitude[:5, 0, 0])
+    )
+    np.testing.assert_allclose(mapped, orbit.rotation_ratio[:5, 1, 0], rtol=30 * eps)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_no_orbits_at_all(model):
+    orbit = harmonic_orbit(BLOCK, 0.9, np.zeros(0), 12.0, model=model)
+    assert orbit.trace.shape == (0,)
+    assert orbit.multipliers.shape == (0, 2)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+def test_single_precision(model):
+    rng = np.random.default_rng(3)
+    w, beta = rng.uniform(0.8, 10, 60), rng.uniform(0.8, 3.0, 60)
+    c, slenderness = rng.uniform(0.5, 0.95, 60), rng.uniform(2, 10, 60)
+    single = [part.astype(np.float32) for part in (slenderness, c, w, beta)]
+    rough, exact = (
+        orbit_of(jr.Block(k.dtype.type(0.2), k), *rest, model)
+        for k, *rest in (single, [part.astype(float) for part in single])
+    )
+    assert rough.trace.dtype == np.float32
+    assert rough.multipliers.dtype == np.complex64
+    assert rough.exists.all()
+    for name in ("launch_velocity", "phase", "rotation_ratio"):
+        np.testing.assert_allclose(getattr(rough, name), getattr(exact, name), rtol=2e-5)
+    np.testing.assert_allclose(rough.trace, exact.trace, rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS)
+def test_corners(model):
+    """Finite wherever it exists, with derivatives; from nearly nothing to strong floors."""
+    c, w = np.meshgrid([0.0, 0.01, 0.5, 0.999, 1.0], [0.3, 1.0, 4.0, 50.0], indexing="ij")
+    least = least_harmonic_amplitude(BLOCK, c, in_units(BLOCK, w, 1.0)[1])
+    beta = np.asarray(least / in_units(BLOCK, w, 1.0)[0])
+    beta = beta * np.array([1 + 1e-6, 1.2, 4.0])[:, None, None] + 1e-5 * (c == 1)
+
+    def total(at):
+        orbit = orbit_of(BLOCK, at[0], at[1], at[2], model)
+        numbers = (orbit.launch_velocity, orbit.phase, orbit.rotation_ratio, orbit.trace)
+        return sum(jnp.nansum(number) for number in numbers), orbit
+
+    at = tuple(jnp.asarray(part) for part in np.broadcast_arrays(c, w, beta))
+    slopes, orbit = jax.grad(total, has_aux=True)(at)
+    if model == "linearized":
+        assert orbit.exists[:, 2:].all()
+    else:  # whose own least amplitude is a little larger or smaller
+        assert orbit.exists[1:, 2:].all()
+    for slope in slopes:
+        assert np.isfinite(slope).all()
+        assert (np.asarray(slope)[~np.asarray(orbit.exists)] == 0).all()
+    with np.errstate(invalid="ignore"):  # less on the upper branch, more on the lower one
+        assert not (np.asarray(orbit.trace) > 1 + c**2).any()
+    ratio = np.asarray(orbit.rotation_ratio)[np.asarray(orbit.exists)]
+    assert (ratio > 0).all()
+    assert (np.asarray(orbit.phase)[np.asarray(orbit.exists)] <= np.pi + 1e-12).all()
+
+
+@pytest.mark.float64
+def test_from_where_on_the_nonlinear_motion_exists():
+    """Just above its own fold it is found, and there the larger multiplier is 1."""
+    c, w = 0.9, 3.0
+    low, high = 0.05, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if orbit_of(BLOCK, c, w, middle).exists else (middle, high)
+    linearized = least_harmonic_amplitude(BLOCK, c, in_units(BLOCK, w, 1.0)[1])
+    assert high == pytest.approx(float(linearized / in_units(BLOCK, w, 1.0)[0]), rel=0.02)
+    gaps = []
+    for above in (1e-6, 1e-8):
+        orbit = orbit_of(BLOCK, c, w, high * (1 + above))
+        assert orbit.stable
+        gaps.append(1 + c**2 - float(orbit.trace))
+    assert gaps[0] / gaps[1] == pytest.approx(10, rel=1e-2)  # like the square root
+
+
+def test_printing():
+    orbit = harmonic_orbit(BLOCK, 0.9, jnp.array([0.05, 1.0]), 14.0, model="linearized")
+    text = str(orbit)
+    assert "launch velocity     " in text
+    assert "NaN in 1 of 2" in text
+    assert "exists              1 of 2" in text
+    assert "no block begins it" in text
+    assert "no block begins" not in str(harmonic_orbit(BLOCK, 0.9, 3.0, 14.0, model="linearized"))
