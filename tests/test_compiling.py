@@ -127,7 +127,7 @@ CALLS = {
     ),
     "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
     "harmonic_orbit": lambda k: jr.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
-    "harmonic_spectrum": lambda k: jr.harmonic_spectrum([2.0, 3.0 + k], [0.5, 2.0 + k], cycles=5),
+    "harmonic_spectrum": lambda k: jr.harmonic_spectrum([2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
     "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(k=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),

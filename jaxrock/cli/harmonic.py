@@ -26,15 +26,17 @@ class Harmonic(Writing):
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution."""
     frequency_ratio: Grid = ("1:12:45",)  # Frequency of the floor over p [-].
-    amplitude_ratio: Grid = ("0.1:12:60",)
-    """Amplitude of the floor over what just lifts the block [-]: 1 lifts it from rest."""
+    amplitude_ratio: Grid | None = None
+    """Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if None."""
     model: ModelName = "nonlinear"  # Equation of motion.
     cycles: int = 100  # Periods for which blocks are followed.
     out: Path = Path("harmonic")
 
     def _steps(self) -> Steps:
-        names = "frequency_ratio", "amplitude_ratio"
-        grid = {name: axis(name, self.numbers(name)) for name in names}
+        frequencies = axis("frequency_ratio", self.numbers("frequency_ratio"))
+        usual = self.amplitude_ratio is None
+        given = np.geomspace(0.05, 12, 60) if usual else self.numbers("amplitude_ratio")
+        amplitudes = axis("amplitude_ratio", given)
         check("slenderness", as_real("slenderness", self.slenderness), POSITIVE)
         check("inertia_ratio", as_real("inertia_ratio", self.inertia_ratio), AT_LEAST_ONE)
         check("cycles", np.asarray(self.cycles), COUNT)
@@ -45,7 +47,7 @@ class Harmonic(Writing):
 
         alike = "slenderness", "restitution", "inertia_ratio", "model", "cycles"
         options = {name: getattr(self, name) for name in alike}
-        found = harmonic_spectrum(*grid.values(), **options)
+        found = harmonic_spectrum(frequencies, amplitudes, **options)
         found.to_netcdf(folder / "harmonic.nc")
         found.to_dataframe().to_csv(folder / "harmonic.csv")
         picture(plot_harmonic(found), folder / "harmonic.png")

@@ -159,13 +159,15 @@ def _region(
 ) -> np.ndarray:
     """Numbers of the regions, as in `_FLAGS`."""
     region, exists = np.asarray(orbit.stable, np.int8), np.asarray(orbit.exists)
-    unstable = exists & (region == 0)
-    if unstable.any():
-        motion = Harmonic(amplitude[unstable], frequency[unstable], cycles)
-        phase, launch = (np.asarray(x)[unstable] for x in (orbit.phase, orbit.launch_velocity))
+    unstable = np.flatnonzero(exists & (region == 0))
+    if unstable.size:
+        # Some more than once, so that few sizes are compiled.
+        places = np.resize(unstable, 1 << (unstable.size - 1).bit_length())
+        motion = Harmonic(amplitude.flat[places], frequency.flat[places], cycles)
+        phase, launch = (np.asarray(x).flat[places] for x in (orbit.phase, orbit.launch_velocity))
         faster = (1 + _DISTURBANCE) * launch
         peak = peak_after_launch(block, restitution, motion, phase, faster, model)
-        region[unstable] = 2 + _topples(peak)
+        region.flat[places] = 2 + _topples(peak)
     return region
 
 
