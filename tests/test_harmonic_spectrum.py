@@ -171,6 +171,7 @@ def test_from_rest_is_what_the_batch_says():
     np.testing.assert_array_equal(found.from_rest[0], expected)
 
 
+@pytest.mark.thorough
 def test_chunks_change_nothing(monkeypatch):
     arguments = [2.0, 3.0], np.geomspace(0.5, 9, 5)
     whole = harmonic_spectrum(*arguments, restitution=0.9, cycles=4)
@@ -218,6 +219,7 @@ def test_picture():
 
 
 @pytest.mark.float64
+@pytest.mark.thorough
 def test_floors_of_single_precision_are_followed():
     """Without 64 bits the regions are the same, but for chaotic points."""
     arguments = [2.0, 4.0], [0.05, 1.5, 5.0]

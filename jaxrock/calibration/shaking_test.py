@@ -13,9 +13,9 @@ from ..ground_motion import Motion
 from ..resonance import RockingModel
 from ..validation import Booleans, Reals
 
-RESTITUTIONS = tuple(0.5 + 0.01 * k for k in range(49))  # to begin with
+RESTITUTIONS = tuple(0.5 + 0.0025 * k for k in range(193))  # to begin with
 _STARTS = 4  # of them from which the first part is fitted
-_STAGES = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0)  # of the impacts, by parts
+_STAGES = (0.03, 0.06, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0)  # of the impacts, by parts
 _STEP_LEFT = 0.1  # that the search would still make, in standard errors
 _BENDING = 0.5  # part by which a change of one standard error may differ from its derivative
 _ROUGHER = 1.3  # times the noise of the part before: then it is another motion
@@ -129,7 +129,7 @@ class Stage(NamedTuple):
             converged = converged and (straight or bool(exact.all()))
             seen = noise if known else _seen_noise(np.asarray(test.measured)[counts])
             converged = converged and float(np.sqrt(np.mean(off**2))) <= _OFF * seen
-        covariance = covariance * slopes * slopes[:, None]
+        covariance = covariance * slopes * slopes[:, None] if converged else covariance * np.nan
         off = float(np.sqrt(np.mean(off**2)))
         return cls(end, numbers, values, covariance, rotation, noise, off, converged)
 
@@ -142,8 +142,10 @@ class Stage(NamedTuple):
         return self.off <= _ROUGHER * last.off + _EXACT and bool(near.all())
 
     def closer(self, other: "Stage") -> bool:
-        """Whether it is nearer to the measurements."""
-        return self.converged or not self.off >= other.off
+        """Whether it is the better one of two fits to the same part."""
+        if self.converged != other.converged:
+            return self.converged
+        return not self.off >= other.off
 
 
 def _bending(
@@ -247,7 +249,7 @@ def fitted_in_parts(test: ShakingTest, restitution: Any, noise: Any) -> Stage:
     begin, last = _part(test, first), None
     for numbers in _first_numbers(begin, restitution):
         stage = Stage.of(test, _improved(begin, numbers), first, noise)
-        if last is None or (not last.converged and stage.closer(last)):
+        if last is None or stage.closer(last):
             last = stage
     assert last is not None
     for end in ends:

@@ -1,0 +1,633 @@
+"""Fits to free and driven rocking: independent data, statistics of simulated tests, bad input."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import jaxtyping
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxrock as jr
+from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
+
+DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+MODELS = ("linearized", "nonlinear")
+BLOCK = jr.Block(0.1, 5.0)
+ANGLE = np.arctan(1 / 5)
+P = np.sqrt(9.81 * np.sin(ANGLE) / (4 / 3 * 0.1))
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
+NAN, INF = float("nan"), float("inf")
+
+
+def body(half_width, slenderness):
+    """Frequency parameter and critical angle."""
+    angle = np.arctan(1 / slenderness)
+    return np.sqrt(9.81 * np.sin(angle) / (4 / 3 * half_width)), angle
+
+
+def durations(model, p, angle, ratios):
+    """Half-cycles after launches at so many times the critical velocity; nonlinear by energy."""
+    if model == "linearized":
+        return 2 / p * np.arctanh(ratios)
+    # sin(theta / 2) = least * cosh(u) for the angle theta from the vertical takes the root away.
+    end = np.arctanh(ratios)[..., None]
+    least = np.sin(angle / 2) * np.sqrt(1 - ratios**2)[..., None]
+    steep = 1 / np.sqrt(1 - (least * np.cosh(end * (NODES + 1) / 2)) ** 2)
+    return np.sum(steep * WEIGHTS * end, axis=-1) / p
+
+
+def peaks_of(model, angle, ratios):
+    least = np.sqrt(1 - ratios**2)
+    if model == "linearized":
+        return angle * (1 - least)
+    return angle - 2 * np.arcsin(np.sin(angle / 2) * least)
+
+
+def launches(launch, restitution, count, change=0.0):
+    """Velocity ratios; C linear in that before an impact, its mean as without a change."""
+    constant = launch * restitution ** np.arange(count - 1)
+    before, ratios = constant[:-1], [launch]
+    slope = change / np.ptp(before)
+    for _ in before:
+        ratios.append(ratios[-1] * (restitution + slope * (ratios[-1] - before.mean())))
+    return np.array(ratios)
+
+
+def impacts(launch, restitution, count, model="linearized", p=P, angle=ANGLE, change=0.0):
+    """Times of impacts, the first at 1 s."""
+    ratios = launches(launch, restitution, count, change)
+    return np.cumsum(np.append(1.0, durations(model, p, angle, ratios)))
+
+
+def true_errors(noise, launch, restitution, count, model="linearized", p=P, angle=ANGLE):
+    """Of C where p is known, of C and p where not: normal equations, by differences."""
+    full, columns = np.array([launch, restitution, p]), [np.ones(count)]
+    for k, step in enumerate(1e-4 * np.array([1 - launch, restitution, p])):
+        ends = [full + sign * step * np.eye(3)[k] for sign in (-1, 1)]
+        low, high = (impacts(*at[:2], count, model, at[2], angle) for at in ends)
+        columns.append((high - low) / (2 * step))
+    errors = []
+    for free in (3, 4):
+        jacobian = np.transpose(columns[:free])
+        scale = np.linalg.norm(jacobian, axis=0)
+        inverse = np.linalg.pinv(jacobian / scale)
+        errors.append(noise * np.linalg.norm(inverse, axis=1)[2:] / scale[2:])
+    return errors[0][0], errors[1]
+
+
+def refuses(message, function, *args, **kwargs):
+    """Whether a call is refused with this message, in one sentence."""
+    with pytest.raises(ValueError, match=message) as error:
+        function(*args, **kwargs)
+    return "\n" not in str(error.value)
+
+
+@DOUBLE
+@pytest.mark.parametrize(
+    ("launch", "of_restitution", "of_p"), [(0.95, 2.5e-4, 0.0028), (0.5, 1.1e-3, 0.076)]
+)
+def test_stated_errors(launch, of_restitution, of_p):
+    """Of 13 impacts with 1 ms of noise, as the docstring says, and by differences."""
+    times = impacts(launch, 0.9, 13)
+    fits = [
+        fit_free_rocking(times, BLOCK, frequency_known=k, time_noise=1e-3) for k in (True, False)
+    ]
+    known, unknown = true_errors(1e-3, launch, 0.9, 13)
+    assert fits[0].standard_errors["restitution"] == pytest.approx(known, rel=1e-5)
+    assert fits[0].standard_errors["frequency_parameter"] == 0
+    found = [float(fits[1].standard_errors[k]) for k in ("restitution", "frequency_parameter")]
+    np.testing.assert_allclose(found, unknown, rtol=1e-5)
+    np.testing.assert_allclose([found[0], found[1] / P], [of_restitution, of_p], rtol=0.05)
+
+
+WAYS = [
+    (model, way)
+    for model in MODELS
+    for way in ("block", "free p", "peaks", "free p and peaks", "peaks alone", "no block")
+    if (model, way) != ("nonlinear", "no block")
+] + [("linearized", "no block, peaks")]
+SHORT = {("linearized", "free p"), ("linearized", "no block, peaks"), ("nonlinear", "block")}
+
+
+@DOUBLE
+@pytest.mark.parametrize(
+    ("model", "way"),
+    [pytest.param(*case, marks=() if case in SHORT else SLOW) for case in WAYS],
+)
+def test_exact_measurements(model, way):
+    p, angle = body(0.3, 3.0)
+    times, peaks = impacts(0.9, 0.85, 12, model, p, angle), None
+    if "peaks" in way:
+        peaks = peaks_of(model, angle, launches(0.9, 0.85, 12)) * (-1) ** np.arange(11)
+        peaks[4] = NAN
+    alone = way == "peaks alone"
+    fit = fit_free_rocking(
+        None if alone else times,
+        None if "no block" in way else jr.Block(0.3, 3.0),
+        peak_rotations=peaks,
+        model=model,
+        frequency_known="free p" not in way,
+    )
+    expected = np.array([1.0, 0.9, 0.85, p, angle])
+    unknown = [alone, False, False, False, way == "no block"]
+    found = np.array([float(getattr(fit, name)) for name in fit.names])
+    np.testing.assert_array_equal(np.isnan(found), unknown)
+    np.testing.assert_allclose(found, np.where(unknown, NAN, expected), rtol=1e-9)
+    if way in ("block", "peaks", "peaks alone"):
+        assert fit.standard_errors["frequency_parameter"] == 0
+    np.testing.assert_allclose(fit.time_residuals, 0, atol=1e-9)
+    each, ratios = np.asarray(fit.restitutions), np.asarray(fit.velocity_ratios)
+    lost = [4, 3] if alone else []
+    np.testing.assert_allclose(np.delete(each, lost), 0.85, rtol=1e-7)
+    before = launches(0.9, 0.85, 12)[:-1]
+    np.testing.assert_allclose(np.delete(ratios, lost), np.delete(before, lost), rtol=1e-7)
+    assert np.isnan(each[lost]).all()
+    assert fit.converged
+    assert fit.repairs == ()
+    assert fit.block is None or fit.block.frequency_parameter == pytest.approx(p, rel=1e-9)
+
+
+def drawn(rng, model, count=None):
+    """A test of a block of any kind, without and with noise, half-cycles above six noises."""
+    while True:
+        half_width, slenderness = rng.uniform(0.05, 0.5), rng.uniform(2, 12)
+        restitution, launch = rng.uniform(0.5, 0.98), rng.uniform(0.3, 0.95)
+        noise, impacts_ = 10 ** rng.uniform(-4, -2), count or int(rng.integers(5, 21))
+        p, angle = body(half_width, slenderness)
+        times = impacts(launch, restitution, impacts_, model, p, angle)
+        seen = 1 + int((np.diff(times) > 6 * noise).sum())
+        if seen < (count or 5):
+            continue
+        exact = noise, launch, restitution, seen, model, p, angle
+        return exact, (half_width, slenderness), times[:seen] + rng.normal(0, noise, seen)
+
+
+def assert_honest(off, stated, factor=1.0):
+    """No bias, and errors stated as large as they are; both over the true ones."""
+    off, stated = np.array(off), np.array(stated)
+    assert abs(off.mean()) < 2 * factor * off.std() / off.size**0.5
+    chance = 3 / (2 * off.size) ** 0.5  # three standard errors of a scatter
+    assert abs(np.sqrt(np.mean(stated**2)) / off.std() - 1) < max(0.1, 1.5 * chance)
+
+
+@functools.partial(jax.jit, static_argnames=("frequency_known", "time_noise"))
+def several(times, shapes, frequency_known=True, time_noise=None):
+    """Fits to many tests at once."""
+    options = {"frequency_known": frequency_known, "time_noise": time_noise}
+    return jax.vmap(lambda t, shape: fit_free_rocking(t, jr.Block(*shape), **options))(
+        jnp.asarray(times), jnp.asarray(shapes)
+    )
+
+
+@DOUBLE
+@pytest.mark.parametrize("frequency_known", [True, pytest.param(False, marks=SLOW)])
+def test_bias_and_errors_of_many_tests(frequency_known):
+    """Of nine impacts each, all tests at once; the first three as one by one."""
+    rng = np.random.default_rng(5)
+    cases = [drawn(rng, "linearized", 9) for _ in range(400)]
+    times, shapes = (np.array([case[k] for case in cases]) for k in (2, 1))
+    fits = several(times, shapes, frequency_known)
+    true = np.array([case[0][2] for case in cases])
+    errors = [true_errors(*case[0]) for case in cases]
+    of_restitution = np.array([e[0] if frequency_known else e[1][0] for e in errors])
+    steady = np.array([e[1][1] < 0.2 * c[0][5] for e, c in zip(errors, cases, strict=True)])
+    steady |= frequency_known  # elsewhere p is hardly known, and C not linear in the times
+    assert fits.converged[steady].all()
+    off = (np.asarray(fits.restitution) - true) / of_restitution
+    stated = np.asarray(fits.standard_errors["restitution"]) / of_restitution
+    assert_honest(off[steady], stated[steady])
+    for k in range(3):
+        block = jr.Block(*cases[k][1])
+        one = fit_free_rocking(times[k], block, frequency_known=frequency_known, repair=False)
+        for name in (*one.names, "restitution_change_p_value", "time_noise"):
+            alone, among = getattr(one, name), getattr(fits, name)[k]
+            assert float(among) == pytest.approx(float(alone), rel=1e-6, nan_ok=True)
+
+
+@DOUBLE
+@SLOW
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("frequency_known", [True, False])
+def test_bias_and_errors_of_a_thousand_tests(model, frequency_known):
+    """From 5 to 20 impacts."""
+    rng, off, stated, refused, outside = np.random.default_rng(7), [], [], 0, 0
+    while len(off) < 1000:
+        exact, shape, times = drawn(rng, model)
+        known, (unknown, of_p) = true_errors(*exact)
+        if not frequency_known and of_p > 0.2 * exact[5]:
+            outside += 1
+            continue
+        options = {"model": model, "frequency_known": frequency_known, "repair": False}
+        try:
+            fit = fit_free_rocking(times, jr.Block(*shape), **options)
+        except ValueError:
+            refused += 1
+            continue
+        true = known if frequency_known else unknown
+        off.append((float(fit.restitution) - exact[2]) / true)
+        stated.append(float(fit.standard_errors["restitution"]) / true)
+    print(model, frequency_known, np.mean(off), np.std(off), np.mean(np.square(stated)) ** 0.5)
+    print("refused", refused, "p hardly known", outside)
+    assert refused < 5
+    assert_honest(off, stated)
+
+
+def faulty(fault, place, times):
+    if fault == "missing":
+        return np.delete(times, place), f"between {times[place - 1]:.4f} s and", "is missing"
+    if fault == "again":
+        late = times[place] + 0.008
+        return np.insert(times, place + 1, late), f"{late:.4f} s", "counts an impact again"
+    wrong = times.copy()
+    wrong[place] += 0.03
+    return wrong, f"{wrong[place]:.4f} s", "is out of line"
+
+
+FAULTS = [("missing", k) for k in (2, 7, 11)] + [
+    (fault, k) for fault in ("again", "out of line") for k in (0, 7, 13)
+]
+
+
+@DOUBLE
+@pytest.mark.parametrize(
+    ("model", "frequency_known"),
+    [
+        ("linearized", True),
+        ("linearized", False),
+        ("nonlinear", True),
+        pytest.param("nonlinear", False, marks=SLOW),
+    ],
+)
+def test_repairs(model, frequency_known):
+    """Of fourteen impacts with 1 ms of noise; the times that are left say what C is."""
+    rng = np.random.default_rng(11)
+    exact = impacts(0.9, 0.9, 14, model)
+    errors = true_errors(1e-3, 0.9, 0.9, 14, model)
+    error = errors[0] if frequency_known else errors[1][0]
+    options = {"model": model, "frequency_known": frequency_known}
+    for fault, place in FAULTS:
+        if not frequency_known and place == 0 and fault == "out of line":
+            continue  # what the first half-cycle alone says, a free p takes up
+        times, where, what = faulty(fault, place, exact + rng.normal(0, 1e-3, 14))
+        fit = fit_free_rocking(times, BLOCK, **options)
+        assert len(fit.repairs) == 1, (fault, place, fit.repairs)
+        assert what in fit.repairs[0] or place in (0, 13), (fault, place, fit.repairs)
+        assert where in fit.repairs[0] or fault == "again", (fault, place, fit.repairs)
+        assert abs(float(fit.restitution) - 0.9) < 5 * error, (fault, place)
+        assert fit.remarks[0] == fit.repairs[0]
+        assert fit.used.sum() == times.size - (fault != "missing")
+
+
+@DOUBLE
+def test_two_missing_impacts():
+    times = impacts(0.9, 0.9, 16) + np.random.default_rng(2).normal(0, 1e-3, 16)
+    for gone in ([4, 9], [6, 7]):
+        fit = fit_free_rocking(np.delete(times, gone), BLOCK)
+        assert len(fit.repairs) == 2
+        assert all(said.endswith("is missing") for said in fit.repairs)
+        np.testing.assert_array_equal(fit.impact_numbers, np.delete(np.arange(16), gone))
+        assert fit.used.all()
+        assert abs(float(fit.restitution) - 0.9) < 4 * true_errors(1e-3, 0.9, 0.9, 16)[0]
+
+
+@DOUBLE
+@SLOW
+@pytest.mark.parametrize("model", MODELS)
+def test_nothing_to_repair(model):
+    rng, repaired = np.random.default_rng(3), 0
+    for _ in range(200):
+        _, shape, times = drawn(rng, model)
+        repaired += len(fit_free_rocking(times, jr.Block(*shape), model=model).repairs) > 0
+    print(model, "repaired without need", repaired)
+    assert repaired <= 2
+
+
+@DOUBLE
+def test_ordinary_tests_are_not_refused():
+    """Nor does rounding keep the search from ending."""
+    rng, exact = np.random.default_rng(0), impacts(0.95, 0.9, 20)
+    for _ in range(80):
+        fit_free_rocking(exact + rng.normal(0, 1e-3, 20), BLOCK, repair=False)
+
+
+def changes(count, change, noise_known, tests, seed):
+    """Changes of C and their p-values in many tests."""
+    exact = impacts(0.95, 0.9, count, change=change)
+    noise = np.random.default_rng(seed).normal(0, 1e-3, (tests, count))
+    shapes, known = np.tile([0.1, 5.0], (tests, 1)), 1e-3 if noise_known else None
+    fits = several(exact + noise, shapes, time_noise=known)
+    return np.asarray(fits.restitution_change), np.asarray(fits.restitution_change_p_value)
+
+
+@DOUBLE
+@pytest.mark.parametrize(
+    ("count", "noise_known"),
+    [(9, False)] + [pytest.param(n, k, marks=SLOW) for n in (12, 16, 20) for k in (False, True)],
+)
+def test_constancy_of_restitution(count, noise_known):
+    """Found as often as Student's test finds it, and not more often where there is no change."""
+    tests = 400 if count == 9 else 2000
+    fit = fit_free_rocking(impacts(0.95, 0.9, count), BLOCK, time_noise=1e-3)
+    error, freedom = float(fit.restitution_change_error), count - 4
+    null, power = stats.t(freedom), stats.nct(freedom, 3.0)
+    if noise_known:
+        null, power = stats.norm(), stats.norm(3.0)
+    change, p_value = changes(count, 0.0, noise_known, tests, 1)
+    alarms = [np.mean(p_value < 0.05), np.mean((p_value < 0.1) & (change > 0))]
+    assert change.std() == pytest.approx(error, rel=4 / (2 * tests) ** 0.5)
+    change, p_value = changes(count, 3 * error, noise_known, tests, 2)
+    noticed = [np.mean(p_value < 0.05), np.mean((p_value < 0.1) & (change > 0))]
+    expected = [power.sf(null.ppf(1 - level)) for level in (0.025, 0.05)]
+    print("change", count, noise_known, "alarms", alarms, "noticed", noticed, "theory", expected)
+    assert change.mean() == pytest.approx(3 * error, rel=0.1)
+    np.testing.assert_allclose(alarms, 0.05, atol=3 * (0.05 * 0.95 / tests) ** 0.5)
+    np.testing.assert_allclose(noticed, expected, atol=3 * (0.15 * 0.85 / tests) ** 0.5)
+
+
+@DOUBLE
+def test_a_change_is_said():
+    times = impacts(0.95, 0.9, 14, change=0.05) + np.random.default_rng(4).normal(0, 1e-3, 14)
+    fit = fit_free_rocking(times, BLOCK)
+    ratios = launches(0.95, 0.9, 14, 0.05)
+    true = np.ptp(ratios[1:] / ratios[:-1])
+    assert float(fit.restitution_change) == pytest.approx(true, rel=0.1)
+    (said,) = [text for text in fit.remarks if "one constant C does not explain" in text]
+    assert f"changes by {-float(fit.restitution_change):.3g} " in said
+    assert said in str(fit)
+
+
+@DOUBLE
+@pytest.mark.parametrize("model", MODELS)
+def test_another_block(model):
+    """30 % off in width: said, and mended by a free p."""
+    times = impacts(0.9, 0.85, 14, model) + np.random.default_rng(6).normal(0, 1e-3, 14)
+    for wrong in (jr.Block(0.13, 5.0), jr.Block(0.07, 5.0)):
+        fit = fit_free_rocking(times, wrong, model=model)
+        assert fit.frequency_p_value < 1e-3
+        assert any("the durations are not those of this block" in text for text in fit.remarks)
+        free = fit_free_rocking(times, wrong, model=model, frequency_known=False)
+        error = float(free.standard_errors["frequency_parameter"])
+        assert abs(float(free.frequency_parameter) - P) < 4 * error < 0.1
+        assert free.block.half_width == pytest.approx(0.1, rel=0.05)
+        assert np.isnan(free.frequency_p_value)
+        assert free.repairs == free.remarks == ()
+    assert fit_free_rocking(times, BLOCK, model=model).frequency_p_value > 0.01
+
+
+TIMES = impacts(0.9, 0.9, 10)
+PEAKS = peaks_of("linearized", ANGLE, launches(0.9, 0.9, 10))
+
+
+@pytest.mark.parametrize(
+    ("times", "block", "options", "message"),
+    [
+        (None, BLOCK, {}, "impact_times or peak_rotations must be given, got neither"),
+        (TIMES[:3], BLOCK, {}, "impact_times must be at least 4 to fit 3 numbers, got 3"),
+        (TIMES[:4], None, {}, "impact_times must be at least 5 to fit 4 numbers, got 4"),
+        (
+            TIMES[:4],
+            BLOCK,
+            {"frequency_known": False},
+            "impact_times must be at least 5 to fit 4 numbers, got 4",
+        ),
+        (
+            None,
+            BLOCK,
+            {"peak_rotations": PEAKS[:2]},
+            "peak_rotations must be at least 3 to fit 2 numbers, got 2",
+        ),
+        (
+            TIMES[[0, 2, 1, 3, 4]],
+            BLOCK,
+            {},
+            "impact_times must increase from each to the next, got",
+        ),
+        (TIMES[[0, 1, 1, 2, 3]], BLOCK, {}, "impact_times must increase"),
+        ([0, 1, NAN, 2, 3], BLOCK, {}, "impact_times must be finite, got nan"),
+        ([[0, 1], [2, 3]], BLOCK, {}, "impact_times must be one-dimensional, got an array of"),
+        (5.0, BLOCK, {}, "impact_times must be one-dimensional"),
+        (None, BLOCK, {"peak_rotations": [[0.1]]}, "peak_rotations must be one-dimensional"),
+        (
+            TIMES,
+            BLOCK,
+            {"peak_rotations": PEAKS[:-1]},
+            "peak_rotations must be one less than impact_times, 9, got 8",
+        ),
+        (None, BLOCK, {"peak_rotations": [0.1, 0, 0.05]}, "finite and not 0, or NaN .* got 0"),
+        (None, BLOCK, {"peak_rotations": [0.1, INF, 0.05]}, "finite and not 0, .* got inf"),
+        (None, None, {"peak_rotations": PEAKS}, "block must be given with peak_rotations alone"),
+        (TIMES, None, {"model": "nonlinear"}, "block must be given for the nonlinear model"),
+        (TIMES, jr.Block(np.array([0.1, 0.2]), 5.0), {}, "block must be one block, got several"),
+        (TIMES, BLOCK, {"time_noise": 0.0}, "time_noise must be finite and greater than 0, got 0"),
+        (TIMES, BLOCK, {"rotation_noise": -1.0}, "rotation_noise must be .* got -1"),
+        (1000 * TIMES, BLOCK, {}, "impact_times must be of a block that rocks freely"),
+        (-TIMES[::-1], BLOCK, {}, "impact_times must be of a"),
+    ],
+)
+def test_bad_measurements(times, block, options, message):
+    assert refuses(message, fit_free_rocking, times, block, **options)
+
+
+@DOUBLE
+def test_motions_that_are_no_free_rocking():
+    growing = np.append(0, np.cumsum(2 / P * np.arctanh(0.3 * 1.1 ** np.arange(9))))
+    assert refuses("^impact_times must be of a", fit_free_rocking, growing, BLOCK)
+    for seed in range(10):
+        times = np.cumsum(np.random.default_rng(seed).exponential(0.4, 12))
+        assert refuses("^impact_times must be of a", fit_free_rocking, times, BLOCK), seed
+
+
+@DOUBLE
+def test_traced_measurements_that_are_wrong():
+    """NaN there, nothing beside."""
+    exact = [impacts(0.9, c, 9) for c in np.linspace(0.7, 0.95, 400)]
+    times, shapes = np.stack(exact), np.tile([0.1, 5.0], (400, 1))
+    times += np.random.default_rng(1).normal(0, 1e-3, times.shape)
+    good, times[1, 4] = several(times, shapes), NAN
+    bad = several(times, shapes)
+    np.testing.assert_array_equal(bad.converged, np.arange(400) != 1)
+    for name in (*good.names[:3], "restitution_change_p_value", "time_noise"):
+        before, after = np.asarray(getattr(good, name)), np.asarray(getattr(bad, name))
+        assert np.isnan(after[1]), name
+        np.testing.assert_array_equal(np.delete(after, 1), np.delete(before, 1))
+    assert "restitution" in str(good)
+
+
+def test_either_precision(eps):
+    """Times to a microsecond, as well as a float32 holds them."""
+    tolerance = max(1e-3 if eps > 1e-10 else 1e-5, eps)
+    times = impacts(0.9, 0.9, 12) - 1
+    for options in ({}, {"frequency_known": False}):
+        fit = fit_free_rocking(jnp.asarray(np.round(times, 6)), BLOCK, **options)
+        assert fit.restitution.dtype == jnp.result_type(float)
+        assert float(fit.restitution) == pytest.approx(0.9, rel=tolerance)
+        assert float(fit.frequency_parameter) == pytest.approx(P, rel=tolerance)
+        assert float(fit.launch_ratio) == pytest.approx(0.9, rel=tolerance)
+
+
+# A block on a table that moves like one sine, and what is measured of it.
+TABLE, SINE, SAMPLES = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8), 201
+TIME = np.linspace(0, 4, SAMPLES)
+
+
+def rotations(restitution=0.85, block=TABLE, motion=SINE, time=TIME, **begin):
+    response = jr.respond(block, restitution, motion, float(time[-1]), **begin)
+    return np.asarray(response.history(jnp.asarray(time))[0])
+
+
+def noisy(rotation, size=0.005, seed=0):
+    noise = size * np.abs(rotation).max()
+    return rotation + np.random.default_rng(seed).normal(0, noise, rotation.shape), noise
+
+
+@DOUBLE
+def test_driven_restitution():
+    exact = rotations()
+    fit = fit_driven_rocking(TIME, exact, TABLE, SINE)
+    assert float(fit.restitution) == pytest.approx(0.85, abs=1e-7)
+    assert fit.same_order
+    assert fit.converged
+    assert fit.remarks == ()
+    np.testing.assert_allclose(fit.rotation, exact, atol=1e-7)
+    measured, noise = noisy(exact)
+    measured[50:60] = NAN
+    fit = fit_driven_rocking(TIME, measured, TABLE, SINE)
+    error = float(fit.standard_errors["restitution"])
+    assert abs(float(fit.restitution) - 0.85) < 4 * error < 4e-3
+    assert float(fit.rotation_noise) == pytest.approx(noise, rel=0.2)
+    np.testing.assert_array_equal(np.isnan(fit.residuals), np.isnan(measured))
+    assert float(fit.used_until) == float(fit.last_time) == 4.0
+
+
+@DOUBLE
+def test_driven_errors_by_differences():
+    measured, noise = noisy(rotations())
+    fit = fit_driven_rocking(TIME, measured, TABLE, SINE, rotation_noise=noise)
+    at = float(fit.restitution)
+    slope = (rotations(at + 1e-5) - rotations(at - 1e-5)) / 2e-5
+    expected = noise / np.linalg.norm(slope)
+    assert float(fit.standard_errors["restitution"]) == pytest.approx(expected, rel=0.01)
+
+
+@DOUBLE
+@SLOW
+def test_driven_errors_by_repetition():
+    exact, off, stated = rotations(), [], []
+    for seed in range(40):
+        fit = fit_driven_rocking(TIME, noisy(exact, seed=seed)[0], TABLE, SINE, 0.8)
+        off.append(float(fit.restitution) - 0.85)
+        stated.append(float(fit.standard_errors["restitution"]))
+    print(
+        "scatter over stated", np.std(off) / np.mean(stated), "mean", np.mean(off) / np.mean(stated)
+    )
+    assert abs(np.mean(off)) < 3 * np.mean(stated) / 40**0.5
+    assert np.std(off) / np.mean(stated) == pytest.approx(1, abs=0.35)
+
+
+@DOUBLE
+@SLOW
+@pytest.mark.parametrize(
+    "parameters", [("restitution", "slenderness"), ("restitution", "slenderness", "inertia_ratio")]
+)
+def test_driven_parameters(parameters):
+    """From a block that is 2 % off."""
+    measured, _ = noisy(rotations())
+    guess = jr.Block(0.2, 5.1, inertia_ratio=1.36 if len(parameters) == 3 else 4 / 3)
+    fit = fit_driven_rocking(TIME, measured, guess, SINE, parameters=parameters)
+    true = {"restitution": 0.85, "slenderness": 5.0, "inertia_ratio": 4 / 3}
+    for name in parameters:
+        error = float(fit.standard_errors[name])
+        assert abs(float(fit.values[name]) - true[name]) < 4 * error < 0.04 * true[name], name
+    assert float(fit.block.slenderness) == float(fit.values["slenderness"])
+    assert fit.covariance.shape == (len(parameters),) * 2
+    assert fit.converged
+    assert fit.same_order
+
+
+@DOUBLE
+@SLOW
+def test_driven_by_a_record():
+    record, block, time = jr.example_record(), jr.Block(0.3, 5.0), np.linspace(0, 40, 2001)
+    measured, noise = noisy(rotations(0.9, block, record, time))
+    fit = fit_driven_rocking(time, measured, block, record)
+    error = float(fit.standard_errors["restitution"])
+    print("record", fit.restitution, error, fit.used_until, fit.remarks)
+    assert abs(float(fit.restitution) - 0.9) < 4 * error < 4e-3
+    assert float(fit.rotation_noise) == pytest.approx(noise, rel=0.1)
+    assert bool(fit.converged)
+
+
+@DOUBLE
+@pytest.mark.parametrize("wrong", ["block", pytest.param("motion", marks=SLOW)])
+def test_driven_by_something_else(wrong):
+    """It cannot pass for a fit."""
+    measured, _ = noisy(rotations())
+    block = jr.Block(0.2, 5.5) if wrong == "block" else TABLE
+    motion = jr.Sine(amplitude=3.2, duration=0.7) if wrong == "motion" else SINE
+    fit = fit_driven_rocking(TIME, measured, block, motion)
+    assert not bool(fit.converged)
+    assert "the search has not converged" in fit.remarks
+
+
+@DOUBLE
+@SLOW
+def test_a_table_that_stands_still():
+    """Free rocking from a tilt; the two fits agree."""
+    still = jr.Record(np.zeros(11), 0.4)
+    measured, _ = noisy(rotations(0.9, TABLE, still, rotation=0.15))
+    fit = fit_driven_rocking(TIME, measured, TABLE, still, initial_rotation=0.15)
+    error = float(fit.standard_errors["restitution"])
+    assert abs(float(fit.restitution) - 0.9) < 4 * error < 0.01
+    p, angle = body(0.2, 5.0)
+    launch = 0.9 * np.sqrt((np.cos(angle - 0.15) - np.cos(angle)) / (1 - np.cos(angle)))
+    times = impacts(launch, 0.9, 8, "nonlinear", p, angle)
+    free = fit_free_rocking(times, TABLE, model="nonlinear")
+    assert abs(float(free.restitution) - float(fit.restitution)) < 4 * error
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"parameters": "restitution"}, "parameters must be one or more names, got 'rest"),
+        ({"parameters": ()}, "parameters must be one or more names"),
+        ({"parameters": ("width",)}, "must be different ones of restitution, .* got 'width'"),
+        ({"parameters": ("restitution",) * 2}, "must be different ones of .* got 'restitution'"),
+        ({"time": TIME[:-1]}, "one-dimensional, of one length of at least 2, got shapes"),
+        ({"time": TIME - 1}, "time must increase from each to the next, from 0 on"),
+        ({"time": TIME * 0}, "time must increase"),
+        ({"time": TIME * NAN}, "time must be finite, got nan"),
+        ({"rotation": TIME * NAN}, "rotation must be known at 2 times at least, got 0"),
+        ({"rotation": TIME + INF}, "rotation must be finite, got inf"),
+        ({"rotation": TIME * 0}, "rotation must be of a block that rocks, got 0 everywhere"),
+        ({"rotation": TIME * 0 + 0.1}, "rotation must be of a block that rocks, got one without"),
+        ({"restitution": 1.5}, "restitution must be .* got 1.5"),
+        ({"initial_rotation": NAN}, "initial_rotation must be finite, got nan"),
+        ({"initial_velocity": INF}, "initial_velocity must be finite, got inf"),
+        ({"rotation_noise": 0.0}, "rotation_noise must be finite and greater than 0, got 0"),
+    ],
+)
+@DOUBLE
+def test_bad_driven_tests(changed, message):
+    rotation = 0.05 * np.exp(-TIME) * np.sin(4 * TIME)
+    given = {"time": TIME, "rotation": rotation, "block": TABLE, "motion": SINE} | changed
+    assert refuses(message, fit_driven_rocking, **given)
+
+
+def test_arguments_of_another_kind():
+    wrong = (
+        lambda: fit_free_rocking(TIMES, [0.1, 5.0]),
+        lambda: fit_free_rocking(TIMES, BLOCK, time_noise=jnp.full(2, 1e-3)),
+        lambda: fit_free_rocking(TIMES, BLOCK, model="cubic"),
+        lambda: fit_driven_rocking(TIME, TIME, 3.0, SINE),
+        lambda: fit_driven_rocking(TIME, TIME, TABLE, [0.0, 1.0]),
+    )
+    for call in wrong:
+        with pytest.raises((ValueError, jaxtyping.TypeCheckError)):
+            call()
+
+
+def test_driven_fits_are_made_outside_of_jit():
+    fit = jax.jit(lambda c: fit_driven_rocking(TIME, TIME, TABLE, SINE, c).restitution)
+    assert refuses("arguments must be concrete here", fit, 0.9)
