@@ -32,6 +32,7 @@ from .least_squares import (
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
 _SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
+_ROUNDING = 1e-10  # of the times, below which no misfit is looked at
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
 
 
@@ -71,7 +72,7 @@ class FreeRockingFit(eqx.Module):
     degrees_of_freedom : Array
         Measurements less fitted numbers.
     converged : Array of bool
-        Whether the search has.
+        Whether the search has; where not, the numbers are NaN.
     block : Block or None
         The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
     repairs : tuple of str
@@ -298,7 +299,9 @@ def _numbered(
         return np.sum(np.asarray(fits.residuals)[: len(rows)] ** 2, axis=1)
 
     times = np.asarray(measured.times)[:count]
-    return repaired(times, int(free.sum()), squares_of, noises.known[0])
+    rounding = max(64 * float(np.finfo(times.dtype).eps), _ROUNDING)
+    rounding *= np.abs(times).max() / float(noises.times)
+    return repaired(times, int(free.sum()), squares_of, noises.known[0], rounding)
 
 
 def _result(
@@ -324,6 +327,8 @@ def _result(
         ("first_impact", not fits["first_impact"]),
     ):
         values[name] = none if unknown else values[name]
+    converged = found.fit.converged[0]
+    values = {name: numpy.where(converged, value, none) for name, value in values.items()}
     errors = dict(zip(NUMBERS, numpy.sqrt(numpy.diagonal(about.covariance)), strict=True))
     by_impact = slice(max(0, (times if times > 1 else peaks + 1) - 2))
     if block is None and peaks:
@@ -351,10 +356,17 @@ def _result(
         "restitution_change_p_value": about.restitution_change_p_value,
         "frequency_p_value": about.frequency_p_value,
         "degrees_of_freedom": about.freedom,
-        "converged": found.fit.converged[0],
+        "converged": converged,
         "standard_errors": errors,
     }
-    arrays = jax.tree.map(jnp.asarray, arrays)
+    whole = {"impact_times", "impact_numbers", "used", "degrees_of_freedom", "converged"}
+
+    def masked(name: str, value: Any) -> Any:
+        if name in whole:
+            return jnp.asarray(value)
+        return jax.tree.map(lambda leaf: jnp.asarray(numpy.where(converged, leaf, np.nan)), value)
+
+    arrays = {name: masked(name, value) for name, value in arrays.items()}
     return FreeRockingFit(**arrays, block=block, repairs=repairs)
 
 

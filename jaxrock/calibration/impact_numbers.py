@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, f
 
 MAX_REPAIRS = 4
 _LEVEL = 1e-3  # probability of a repair where nothing is wrong
@@ -43,16 +42,19 @@ def repaired(
     unknowns: int,
     squares_of: Callable[[Sequence[Numbering]], np.ndarray],
     noise_known: bool,
+    rounding: float,
 ) -> Numbering:
     """The numbering of impacts that explains the times.
 
-    `squares_of` gives sums of squares, in units of the noise where that is known.
+    `squares_of` gives sums of squares, in units of the noise where that is known; `rounding` is
+    how far off a time may be, in these units, because of the arithmetic.
     """
     path = [Numbering(np.arange(times.size), np.ones(times.size, bool))]
-    squares = [float(squares_of(path)[0])]
+    floor = times.size * rounding**2
+    squares = [float(squares_of(path)[0]) + floor]
     while len(path) <= MAX_REPAIRS and path[-1].used.sum() - unknowns >= 3:
         trials = _trials(path[-1], times)
-        values = np.nan_to_num(squares_of(trials), nan=np.inf)
+        values = np.nan_to_num(squares_of(trials), nan=np.inf) + floor
         best = int(np.argmin(values))
         if not values[best] < squares[-1]:
             break
@@ -73,10 +75,11 @@ def repaired(
 
 def _chance(before: float, after: float, freedom: int, repairs: int, noise_known: bool) -> float:
     """How often chance alone would make repairs lower the sum of squares that much."""
+    from scipy.stats import chi2, f  # which load slowly
+
     if noise_known:
         return float(chi2.sf(before - after, repairs))
-    floor = max(after, 1e-300)
-    return float(f.sf((before - after) / repairs / (floor / freedom), repairs, freedom))
+    return float(f.sf((before - after) / repairs / (after / freedom), repairs, freedom))
 
 
 def _trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:

@@ -22,6 +22,7 @@ TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
 _FREQUENCIES = 33  # that are tried where p is not known
 _SHORTEST, _LONGEST = 0.02, 6.0  # half of the longest half-cycle times p that is tried
 _MAX_STEPS = 100
+_ARRIVED = 0.01  # standard errors from the least squares
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
 
 
@@ -123,12 +124,33 @@ def _fitted(measured: Measured, known: Known, noises: Noises, model: RockingMode
         held = jnp.where(known.free, numbers, jax.lax.stop_gradient(numbers))
         return residuals(held, amplitudes, measured, noises, known.shape, model)
 
-    eps = float(jnp.finfo(start.dtype).eps)
-    solver = optimistix.LevenbergMarquardt(rtol=eps**0.5, atol=eps**0.5)
+    tolerance = float(jnp.finfo(start.dtype).eps) ** 0.375
+    solver = optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
     found = optimistix.least_squares(at, solver, start, max_steps=_MAX_STEPS, throw=False)
-    jacobian = jax.jacfwd(at)(found.value, None)
-    converged = (found.result == optimistix.RESULTS.successful) & jnp.all(jnp.isfinite(jacobian))
-    return Fitted(found.value, at(found.value, None), jacobian, amplitudes, converged)
+    left, jacobian = at(found.value, None), jax.jacfwd(at)(found.value, None)
+    converged = _is_least(left, jacobian, measured, known, noises)
+    return Fitted(found.value, left, jacobian, amplitudes, converged)
+
+
+def _is_least(
+    left: Reals, jacobian: Reals, measured: Measured, known: Known, noises: Noises
+) -> Booleans:
+    """Whether a further Gauss-Newton step is far below the standard errors, or rounding.
+
+    The search itself goes on to its last step where rounding hides that it has arrived.
+    """
+    scale = jnp.sqrt(jnp.sum(jacobian**2, axis=0))
+    held = jnp.diag(jnp.where(known.free, 0, jnp.ones_like(scale)))
+    scaled = jacobian / jnp.where(scale > 0, scale, 1)[None]
+    directions = jnp.linalg.qr(jnp.concatenate([scaled, held]))[0][: left.size]
+    counts = jnp.sum(measured.time_counts) + jnp.sum(measured.peak_counts)
+    freedom = jnp.maximum(counts - jnp.sum(jnp.asarray(known.free)), 1).astype(left.dtype)
+    extent = jnp.max(jnp.abs(measured.times)) / noises.times
+    if measured.peaks.size:
+        extent = jnp.maximum(extent, jnp.max(measured.peaks) / noises.rotations)
+    rounding = 8 * float(jnp.finfo(left.dtype).eps) * extent * jnp.sqrt(counts.astype(left.dtype))
+    least = _ARRIVED * jnp.sqrt(jnp.sum(left**2) / freedom) + rounding
+    return jnp.sqrt(jnp.sum((left @ directions) ** 2)) <= least
 
 
 def _amplitudes(numbers: Reals, measured: Measured) -> Reals:
