@@ -235,7 +235,13 @@ ANSWERS = {
 
 @pytest.mark.float64
 @pytest.mark.parametrize("model", MODELS, ids=repr)
-@pytest.mark.parametrize("name", ANSWERS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.thorough if name == "boundary" else ())
+        for name in ANSWERS
+    ],
+)
 def test_inertia_acts_as_width(name, model):
     """A body of kappa moves like a rectangle that is wider by kappa over 4 / 3.
 

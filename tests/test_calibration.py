@@ -186,7 +186,7 @@ def several(times, shapes, frequency_known=True, time_noise=None):
 def test_bias_and_errors_of_many_tests(frequency_known):
     """Of nine impacts each, all tests at once; the first three as one by one."""
     rng = np.random.default_rng(5)
-    cases = [drawn(rng, "linearized", 9) for _ in range(400)]
+    cases = [drawn(rng, "linearized", 9) for _ in range(200)]
     times, shapes = (np.array([case[k] for case in cases]) for k in (2, 1))
     fits = several(times, shapes, frequency_known)
     true = np.array([case[0][2] for case in cases])
@@ -308,7 +308,7 @@ def test_nothing_to_repair(model):
 def test_ordinary_tests_are_not_refused():
     """Nor does rounding keep the search from ending."""
     rng, exact = np.random.default_rng(0), impacts(0.95, 0.9, 20)
-    for _ in range(80):
+    for _ in range(40):
         fit_free_rocking(exact + rng.normal(0, 1e-3, 20), BLOCK, repair=False)
 
 
@@ -502,6 +502,7 @@ def test_driven_restitution():
 
 
 @DOUBLE
+@SLOW
 def test_driven_errors_by_differences():
     measured, noise = noisy(rotations())
     fit = fit_driven_rocking(TIME, measured, TABLE, SINE, rotation_noise=noise)
@@ -560,7 +561,8 @@ def test_driven_by_a_record():
 
 
 @DOUBLE
-@pytest.mark.parametrize("wrong", ["block", pytest.param("motion", marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize("wrong", ["block", "motion"])
 def test_driven_by_something_else(wrong):
     """It cannot pass for a fit."""
     measured, _ = noisy(rotations())

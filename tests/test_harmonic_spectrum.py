@@ -45,7 +45,9 @@ def test_labels(tmp_path):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()])
+@pytest.mark.parametrize(
+    "model", [pytest.param(jr.Linearized(), marks=pytest.mark.thorough), jr.Nonlinear()]
+)
 def test_points_are_orbits_of_every_size(model):
     ratios, strengths = np.array([1.5, 3.0, 6.0]), np.array([0.4, 1.2, 3.0, 9.0])
     found = harmonic_spectrum(
@@ -136,6 +138,7 @@ class Shaken:
 
 
 @pytest.mark.float64
+@pytest.mark.thorough
 def test_what_happens_elsewhere():
     """Near orbits that are not stable, and from rest: of points that are not chaotic."""
     ratios, strengths, cycles = np.array([1.0, 2.0, 3.0, 5.0]), np.array([0.5, 2.6, 4.5, 9.0]), 12

@@ -123,6 +123,7 @@ def test_frequency_that_falls():
             assert (response.peak_rotation > 1.5) == (slower == ratio)
 
 
+@pytest.mark.thorough
 def test_constant_frequencies_below_uplift():
     ratio, _, launch = orbits(C, 0.3, BEGIN)
     w, phase = np.arange(2, 49) / 4, np.arange(32) * 2 * np.pi / 32

@@ -233,6 +233,7 @@ def test_rate_converges_with_the_samples():
 
 
 @DOUBLE
+@pytest.mark.thorough
 def test_a_rate_is_proportional_to_the_hazard():
     """Also to the rates of a curve, since it is straight in logarithms; and under `jit`."""
     levels, rates = np.array([0.9, 2.0, 6.0]), np.array([1e-2, 1e-3, 1e-4])

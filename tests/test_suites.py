@@ -205,6 +205,7 @@ def test_boundaries_are_those_of_the_records(along, values):
 
 
 @pytest.mark.float64
+@pytest.mark.thorough
 def test_derivatives_of_the_boundaries_of_a_suite():
     def slopes(motion):
         def edges(restitution):

@@ -29,7 +29,7 @@ from ..validation import (
 from .shaking_test import RESTITUTIONS, ShakingTest, Stage, fitted_in_parts, rough_noise, sides_of
 
 _PARAMETERS = "restitution", "slenderness", "half_width", "inertia_ratio"
-_LEAST_ROOM = 256  # for impacts in a list, or twice as much as any motion tried needs
+_LEAST_ROOM = 512  # for impacts in a list, or twice as much as any motion tried needs
 
 
 class DrivenFit(eqx.Module):
@@ -148,6 +148,12 @@ def fit_driven_rocking(
         If an argument is out of range, traced, or not of the shape it has to be; if the measured
         block hardly moves, or the one computed overturns or does not move for all C tried.
 
+    Notes
+    -----
+    Standard errors are those about the motion found. The longer a test, the smaller they are and
+    the more motions there are beside it: a C that is off by many of the last standard errors, but
+    not of those that the first impacts give, may explain the test as well.
+
     Examples
     --------
     >>> import jaxrock as jr, numpy as np
@@ -223,7 +229,9 @@ def _checked(
     begin = {"rotation": initial[0], "velocity": initial[1], "model": model}
     trials = (*RESTITUTIONS[::8], float(start)) if "restitution" in parameters else (float(start),)
     impacts = max(int(respond(block, c, motion, times[-1], **begin).impacts) for c in trials)
-    room = max(_LEAST_ROOM, 1 << (2 * impacts).bit_length())
+    room = _LEAST_ROOM
+    while room < 2 * impacts:
+        room *= 4  # so that few are compiled
     scene = size, block, start, motion.bucketed(), initial
     return ShakingTest(times, measured, counts, *scene, tuple(parameters), model, room)
 

@@ -28,11 +28,11 @@ from .least_squares import (
     Noises,
     Places,
     fitted,
+    rounding_of,
 )
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
 _SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
-_ROUNDING = 1e-10  # of the times, below which no misfit is looked at
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
 
 
@@ -250,8 +250,10 @@ def _search(
     for _ in range(_ROUNDS if both else 0):
         fit = _together([measured], [known], noises, model, lanes)
         noises = reestimated(measured, known, fit, noises)
-    kinds = [known, _freed(known, CHANGE), _freed(known, FREQUENCY)]
-    fits = _together([measured] * 3, kinds, noises, model, lanes)
+    kinds = [known, _freed(known, CHANGE)]
+    if not known.free[FREQUENCY]:
+        kinds.append(_freed(known, FREQUENCY))
+    fits = _together([measured] * len(kinds), kinds, noises, model, lanes)
     given = noises.known[0 if timed else 1] or (timed and peaked)
     about = summary(measured, known, fits, noises, model, given)
     return _Found(about, fits, noises, known)
@@ -299,8 +301,7 @@ def _numbered(
         return np.sum(np.asarray(fits.residuals)[: len(rows)] ** 2, axis=1)
 
     times = np.asarray(measured.times)[:count]
-    rounding = max(64 * float(np.finfo(times.dtype).eps), _ROUNDING)
-    rounding *= np.abs(times).max() / float(noises.times)
+    rounding = rounding_of(times.dtype) * np.abs(times).max() / float(noises.times)
     return repaired(times, int(free.sum()), squares_of, noises.known[0], rounding)
 
 
@@ -331,7 +332,9 @@ def _result(
     values = {name: numpy.where(converged, value, none) for name, value in values.items()}
     errors = dict(zip(NUMBERS, numpy.sqrt(numpy.diagonal(about.covariance)), strict=True))
     by_impact = slice(max(0, (times if times > 1 else peaks + 1) - 2))
-    if block is None and peaks:
+    if numpy is np and not converged:
+        block = None
+    elif block is None and peaks:
         block = Block.from_parameters(values["frequency_parameter"], values["critical_angle"])
     elif block is not None and fits["frequency_parameter"]:
         p, angle = values["frequency_parameter"], values["critical_angle"]

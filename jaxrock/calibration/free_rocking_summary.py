@@ -73,7 +73,8 @@ def summary(
     noise_known: bool,
 ) -> Summary:
     """Of fits with a constant C, with one that changes, and with a free p."""
-    constant, changing, tuned = (jax.tree.map(lambda x, k=k: x[k], fits) for k in range(3))
+    third = min(2, fits.converged.size - 1)  # not looked at where p is free anyway
+    constant, changing, tuned = (jax.tree.map(lambda x, k=k: x[k], fits) for k in (0, 1, third))
     free, numbers = jnp.asarray(known.free), constant.numbers
     counts = jnp.sum(measured.time_counts) + jnp.sum(measured.peak_counts)
     freedom = (counts - jnp.sum(free)).astype(numbers.dtype)

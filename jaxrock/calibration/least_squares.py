@@ -21,7 +21,7 @@ NUMBERS = "first_impact", "launch_ratio", "restitution", "frequency_parameter", 
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
 _FREQUENCIES = 33  # that are tried where p is not known
 _SHORTEST, _LONGEST = 0.02, 6.0  # half of the longest half-cycle times p that is tried
-_MAX_STEPS = 100
+_MAX_STEPS = 60
 _ARRIVED = 0.01  # standard errors from the least squares
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
 
@@ -132,6 +132,11 @@ def _fitted(measured: Measured, known: Known, noises: Noises, model: RockingMode
     return Fitted(found.value, left, jacobian, amplitudes, converged)
 
 
+def rounding_of(dtype: Any) -> float:
+    """Part of a measurement below which no misfit is looked at."""
+    return max(8 * float(jnp.finfo(dtype).eps), 1e-10)
+
+
 def _is_least(
     left: Reals, jacobian: Reals, measured: Measured, known: Known, noises: Noises
 ) -> Booleans:
@@ -148,8 +153,11 @@ def _is_least(
     extent = jnp.max(jnp.abs(measured.times)) / noises.times
     if measured.peaks.size:
         extent = jnp.maximum(extent, jnp.max(measured.peaks) / noises.rotations)
-    rounding = 8 * float(jnp.finfo(left.dtype).eps) * extent * jnp.sqrt(counts.astype(left.dtype))
-    least = _ARRIVED * jnp.sqrt(jnp.sum(left**2) / freedom) + rounding
+    rounding = rounding_of(left.dtype) * extent * jnp.sqrt(counts.astype(left.dtype))
+    # Measurements may be better than a noise that is known.
+    sigma = jnp.sqrt(jnp.sum(left**2) / freedom)
+    sigma = jnp.maximum(sigma, 1) if any(noises.known) else sigma
+    least = _ARRIVED * sigma + rounding
     return jnp.sqrt(jnp.sum((left @ directions) ** 2)) <= least
 
 
