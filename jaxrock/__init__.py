@@ -58,6 +58,7 @@ from .ground_motion import (
     Rectangular,
     Ricker,
     Sine,
+    Still,
     Suite,
     example_record,
     example_suite,
@@ -110,7 +111,7 @@ if TYPE_CHECKING:
 __all__ = ["accuracy", "calibration", "dynamics", "ground_motion", "overturning", "plot"]
 __all__ += ["reports", "resonance", "risk", "sensitivity", "signals", "spectra"]
 __all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
-__all__ += ["Cosine", "HalfSine", "Harmonic", "Rectangular", "Ricker", "Sine"]
+__all__ += ["Cosine", "HalfSine", "Harmonic", "Rectangular", "Ricker", "Sine", "Still"]
 __all__ += ["Record", "example_record", "read_record"]
 __all__ += ["Suite", "example_suite", "read_suite"]
 __all__ += ["amplification", "overturning_half_cycle", "overturning_margin", "rotation_ratio"]

@@ -7,7 +7,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from .host import shown
+from .host import Printed, derivatives, shown
 from .numerics import angle
 from .validation import (
     AT_LEAST_ONE,
@@ -27,7 +27,7 @@ from .validation import (
 RECTANGLE_INERTIA_RATIO = 4 / 3
 
 
-class Block(Checked):
+class Block(Printed, Checked):
     """A rigid body standing on two edges on a rigid base (Fig. 1), by default a rectangle.
 
     Any body that is symmetric about its middle: a column, a vase, a display case, a statue on
@@ -52,9 +52,9 @@ class Block(Checked):
     0.1974 rad
     """
 
-    half_width: Reals = quantity(POSITIVE)
+    half_width: Reals = quantity(POSITIVE, "m")
     slenderness: Reals = quantity(POSITIVE)
-    gravity: Reals = quantity(POSITIVE)
+    gravity: Reals = quantity(POSITIVE, "m/s2")
     inertia_ratio: Reals = quantity(AT_LEAST_ONE)
 
     def __init__(
@@ -71,7 +71,7 @@ class Block(Checked):
 
     def __str__(self) -> str:
         rectangle = is_rectangle(self)
-        return (
+        return derivatives(self) or (
             f"half-width {shown(self.half_width, 'm')}, slenderness {shown(self.slenderness)},"
             f" gravity {shown(self.gravity, 'm/s2')}"
             + ("" if rectangle else f", inertia ratio {shown(self.inertia_ratio)}")

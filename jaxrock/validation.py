@@ -109,9 +109,9 @@ def check(name: str, value: Any, domain: Domain | None) -> None:
         raise ValueError(f"{name} must be {domain.allowed}, got {first}")
 
 
-def quantity(domain: Domain) -> Any:
+def quantity(domain: Domain, unit: str = "") -> Any:
     """A field of a `Checked` module whose value has to be in `domain`."""
-    return eqx.field(metadata={"domain": domain})
+    return eqx.field(metadata={"domain": domain, "unit": unit})
 
 
 class Checked(eqx.Module):
@@ -134,12 +134,21 @@ class Checked(eqx.Module):
         ValueError
             If a concrete value is outside of its domain.
         """
-        for each in self._quantities():
-            check(*each)
+        for name, value, domain in self._fields():
+            check(name, value, domain)
 
-    def _quantities(self) -> list[tuple[str, Any, Domain | None]]:
+    def _fields(self) -> list[tuple[str, Any, Domain | None]]:
         fields = self.__dataclass_fields__.items()
         return [(name, getattr(self, name), f.metadata.get("domain")) for name, f in fields]
+
+    def quantities(self) -> Iterator[tuple[str, Any, Domain, str]]:
+        """Name, value, domain and unit of every `quantity`, also of `Checked` fields."""
+        for name, value, domain in self._fields():
+            if isinstance(value, Checked):
+                yield from value.quantities()
+            elif domain is not None:
+                unit = self.__dataclass_fields__[name].metadata.get("unit", "")
+                yield name, value, domain, unit
 
 
 # The guarded values of the function being traced. Functions that it calls need not guard them
@@ -163,7 +172,7 @@ def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
     """The value, a number or a module, with stand-ins outside of domains; where it is valid."""
     if isinstance(value, Checked):
         oks = []
-        for name, part, its_domain in value._quantities():
+        for name, part, its_domain in value._fields():
             part, ok = within(part, its_domain)
             if ok is not True:
                 value = eqx.tree_at(lambda m, name=name: getattr(m, name), value, part)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from ..block import Block
 from ..dynamics import BatchResponse, respond_batch
 from ..ground_motion import Motion, Record, Suite
-from ..host import listed
+from ..host import Printed, listed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
 
@@ -20,7 +20,7 @@ _SAFETY = 1.25  # an answer is off by what a better one differs by, and by the e
 _ROUNDING = 64  # what rounding of the input amounts to, in eps
 
 
-class EstimatedResponse(eqx.Module):
+class EstimatedResponse(Printed, eqx.Module):
     """Responses and how good they are; see `respond_within`.
 
     Attributes

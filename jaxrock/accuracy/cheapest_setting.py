@@ -12,15 +12,15 @@ from jaxtyping import Array, Bool, Int
 
 from ..dynamics import DrivenScene
 from ..ground_motion import Harmonic, Pulse, Record
-from ..host import listed
+from ..host import Printed, listed
 from ..resonance import Scene
 from ..validation import POSITIVE, Number, Reals, check
 from .batch_to_tolerance import TOLERANCES, respond_within
 from .model_errors import Answers, ModelError, model_error
 
 
-@dataclass(frozen=True)
-class Setting:
+@dataclass(frozen=True, repr=False)
+class Setting(Printed):
     """What an answer is computed with."""
 
     level: str  # linearized, nonlinear, pulsed, batch or adaptive
@@ -38,7 +38,7 @@ CLOSED = tuple(Setting(level, bits) for level in ("linearized", "nonlinear") for
 _PULSED_SLIP = 1e-8
 
 
-class Choice(eqx.Module):
+class Choice(Printed, eqx.Module):
     """The cheapest setting that keeps a tolerance; see `choose`.
 
     Attributes

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..ground_motion import HalfSine, Pulse, Rectangular
-from ..host import shown
+from ..host import Printed, shown
 from ..resonance import (
     Linearized,
     Nonlinear,
@@ -49,7 +49,7 @@ _PULSES = {None: (0.0, 0.0, 0.0), Rectangular: (0.5, 1 / 6, 0.0), HalfSine: (0.5
 _ROUNDINGS = 3.5
 
 
-class Answers(eqx.Module):
+class Answers(Printed, eqx.Module):
     """The three answers about which errors are stated.
 
     Attributes
@@ -66,7 +66,7 @@ class Answers(eqx.Module):
         return ", ".join(f"{name.replace('_', ' ')} {shown(v)}" for name, v in vars(self).items())
 
 
-class ModelError(eqx.Module):
+class ModelError(Printed, eqx.Module):
     """What simplifying a scene costs, relative; see `model_error`.
 
     Attributes

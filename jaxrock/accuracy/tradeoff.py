@@ -22,7 +22,7 @@ import numpy as np
 from ..block import Block
 from ..dynamics import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
-from ..host import labelled, with_progress
+from ..host import Printed, labelled, with_progress
 from ..resonance import (
     Nonlinear,
     RockingModel,
@@ -75,8 +75,8 @@ class _Dials:
         return ", ".join(parts)
 
 
-@dataclass(frozen=True)
-class Tradeoff:
+@dataclass(frozen=True, repr=False)
+class Tradeoff(Printed):
     """What `measure_tradeoff` measures.
 
     Attributes

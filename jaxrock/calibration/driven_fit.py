@@ -12,6 +12,7 @@ import numpy as np
 from ..block import Block
 from ..dynamics import respond
 from ..ground_motion import Motion
+from ..host import Printed
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -32,7 +33,7 @@ _PARAMETERS = "restitution", "slenderness", "half_width", "inertia_ratio"
 _LEAST_ROOM = 512  # for impacts in a list, or twice as much as any motion tried needs
 
 
-class DrivenFit(eqx.Module):
+class DrivenFit(Printed, eqx.Module):
     """What a test on a shaking table says about a block; see `fit_driven_rocking`.
 
     Attributes

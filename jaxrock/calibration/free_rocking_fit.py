@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..host import listed
+from ..host import Printed, listed
 from ..resonance import Linearized, ModelLike, RockingModel, as_model
 from ..validation import Booleans, Number, Numbers, Reals
 from .free_rocking_input import known_of, measurements, noises_of, padded, with_numbers
@@ -36,7 +36,7 @@ _SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remar
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
 
 
-class FreeRockingFit(eqx.Module):
+class FreeRockingFit(Printed, eqx.Module):
     """What a test of free rocking says about a block; see `fit_free_rocking`.
 
     Attributes

@@ -108,6 +108,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
 _NUMBERS = (
     *("peak_rotation", "peak_time", "overturning_time", "margin"),
     *("final_rotation", "final_velocity", "friction_demand", "normal_force"),
+    "contact_loss_time",
 )
 
 

@@ -1,6 +1,6 @@
 """Friction demand and normal force at the base, and their extremes within a step."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,20 @@ _NODES = np.arange(9) / 8
 # Coefficients of the third, fourth and fifth power of a quintic: what the first three powers miss
 # at the end of a step in the rotation, in its slope, and in half its second derivative.
 _QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))
+
+
+class Forces(NamedTuple):
+    """Between the base and the ground, over the weight."""
+
+    demand: Reals  # of friction, the largest
+    normal: Reals  # the smallest
+    loss: Reals  # time when nothing presses any longer, inf before
+
+    def and_also(self, demand: Reals, normal: Reals, loss: Reals) -> "Forces":
+        """The extremes of these and others."""
+        return Forces(
+            larger(self.demand, demand), smaller(self.normal, normal), smaller(self.loss, loss)
+        )
 
 
 def larger(first: Reals, second: Reals) -> Reals:
@@ -38,27 +52,28 @@ def friction(horizontal: Reals, normal: Reals) -> Reals:
 
 
 def with_step(
-    extremes: tuple[Reals, Reals],
+    extremes: Forces,
     segment: Segment,
     times: Reals,
     states: Reals,
     accelerations: Reals,
     counts: Booleans,
-) -> tuple[Reals, Reals]:
-    """Friction demand and normal force so far, and in a step if that counts."""
+) -> Forces:
+    """The extremes so far, and in a step if that counts."""
     # Most steps come nowhere near the extremes so far, which values at nodes show: between nodes
     # the forces exceed those values by much less than half their spread.
     step = jax.lax.stop_gradient((segment, times, states, accelerations))
     horizontal, normal = _at_shares(*step, jnp.asarray(_NODES, times.dtype))
-    demand, least = jax.lax.stop_gradient(extremes)
+    demand, least, _ = jax.lax.stop_gradient(extremes)
     finite = demand < jnp.inf
     slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
     steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
     lighter = 1.5 * normal.min() - 0.5 * normal.max() <= least
 
-    def changed() -> tuple[Reals, Reals]:
+    def changed() -> Forces:
         demand, normal = _extremes_of_step(segment, times, states)
-        return larger(extremes[0], demand), smaller(extremes[1], normal)
+        loss = jnp.where(normal > 0, jnp.inf, segment.origin + _time_of_loss(*step))
+        return extremes.and_also(demand, normal, loss)
 
     return jax.lax.cond(counts & (steeper | lighter), changed, lambda: extremes)
 
@@ -86,6 +101,18 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
     counts = (long | (nodes == 0) | (nodes == 1))[None]
     demand = jnp.where(counts, friction(horizontal, normal), 0).max()
     return demand, jnp.where(counts, normal, jnp.inf).min()
+
+
+def _time_of_loss(segment: Segment, times: Reals, states: Reals, accelerations: Reals) -> Reals:
+    """When the normal force vanishes within a step, or is smallest; without derivative."""
+    share, width = jnp.zeros_like(times[0]), jnp.ones_like(times[0])
+    for _ in range(5):
+        shares = share + width * jnp.asarray(_NODES, times.dtype)
+        normal = _at_shares(segment, times, states, accelerations, shares)[1]
+        gone = normal <= 0
+        first = jnp.where(gone.any(), jnp.argmax(gone), jnp.argmin(normal))
+        share, width = shares[jnp.maximum(first - 1, 0)], width / (_NODES.size - 1)
+    return times[0] + (share + width) * (times[1] - times[0])
 
 
 @jax.jit

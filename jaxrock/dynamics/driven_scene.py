@@ -6,11 +6,11 @@ import equinox as eqx
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import shown
+from ..host import Printed, derivatives, shown
 from ..validation import FINITE, POSITIVE, UNIT_INTERVAL, Checked, Reals, as_real, quantity
 
 
-class DrivenScene(Checked):
+class DrivenScene(Printed, Checked):
     """A block, its coefficient of restitution and a ground motion.
 
     Parameters
@@ -29,15 +29,18 @@ class DrivenScene(Checked):
     motion: Motion
 
     def __str__(self) -> str:
-        return f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
+        return (
+            derivatives(self)
+            or f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
+        )
 
 
 class Driven(DrivenScene):
     """A scene, for how long the block is followed, and its initial state."""
 
-    duration: Reals = quantity(POSITIVE)
-    rotation: Reals = quantity(FINITE)
-    velocity: Reals = quantity(FINITE)
+    duration: Reals = quantity(POSITIVE, "s")
+    rotation: Reals = quantity(FINITE, "rad")
+    velocity: Reals = quantity(FINITE, "rad/s")
 
     def bucketed(self) -> "Driven":
         """The same under a motion in one of few shapes, so that few programs are compiled."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Complex
 
 from ..block import Block
-from ..host import listed
+from ..host import Printed, listed
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -34,7 +34,7 @@ _INSTANTS = 128  # intervals of the half period in which its highest point is so
 _NEWTONS = 5
 
 
-class HarmonicOrbit(eqx.Module):
+class HarmonicOrbit(Printed, eqx.Module):
     """Symmetric steady rocking on a harmonic floor, an impact each half period; NaN for none.
 
     Attributes

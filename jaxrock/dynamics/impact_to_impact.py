@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from ..numerics import through_jacobian
 from ..resonance import RockingModel
 from ..validation import Booleans, Reals, guarding, within
-from .contact_forces import larger, smaller
+from .contact_forces import Forces, smaller
 from .driven_scene import Driven
 from .equation import Equation
 from .motion_to_event import FALLING, REST, RISING, TOPPLED, Problem, State, fly
@@ -79,7 +79,8 @@ def run(
     zero, none = jnp.zeros((), dtype), jnp.zeros((), int)
     fields: dict[str, Any] = dict.fromkeys(State._fields, zero)
     fields |= dict.fromkeys(("phase", "events", "impacts"), none)
-    forces = (zero, jnp.full_like(zero, jnp.inf)) if forced else None
+    infinite = jnp.full_like(zero, jnp.inf)
+    forces = Forces(zero, infinite, infinite) if forced else None
     fields |= {"last_impact": jnp.zeros(2, dtype), "forces": forces, "failed": ~valid}
     # The last row of each list is for what has no place.
     max_events = _EVENTS_PER_IMPACT * max_impacts
@@ -104,7 +105,7 @@ def _response(
     good = valid & ~broken
     events, impacts = (rows[:-1] for rows in lists)
     overturned = good & ((state.phase == TOPPLED) | (state.margin < 0))
-    demand, normal = state.forces or (jnp.nan, jnp.nan)
+    demand, normal, loss = state.forces or (jnp.nan, jnp.nan, jnp.nan)
     known = {
         "final_rotation": state.side * state.rotation + 0.0,  # no negative zero
         "final_velocity": state.side * state.velocity + 0.0,
@@ -113,6 +114,7 @@ def _response(
         "margin": state.margin,
         "friction_demand": demand,
         "normal_force": normal,
+        "contact_loss_time": jnp.where(loss < jnp.inf, loss, jnp.nan),
     }
     return Response(
         overturned=overturned,
@@ -185,8 +187,8 @@ def _wait(problem: Problem, state: State, stop: Reals) -> State:
     until = jnp.where(lifted, time, stop)
     if state.forces is not None:
         demand, normal = problem.uplifts.forces(state.time, until, acts)
-        forces = larger(state.forces[0], demand), smaller(state.forces[1], normal)
-        state = state._replace(forces=forces)
+        loss = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
+        state = state._replace(forces=state.forces.and_also(demand, normal, loss))
     return state._replace(
         time=until,
         side=jnp.where(lifted, side, state.side),

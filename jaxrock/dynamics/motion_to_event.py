@@ -16,7 +16,7 @@ from jaxtyping import Array, Int
 
 from ..impact import velocity_after_impact
 from ..validation import Booleans, Reals
-from .contact_forces import with_step
+from .contact_forces import Forces, with_step
 from .driven_scene import Driven
 from .equation import Equation
 from .overturning_criterion import TOPPLED_ROTATION
@@ -51,7 +51,7 @@ class State(NamedTuple):
     peak_time: Reals
     crossing: Reals
     margin: Reals
-    forces: tuple[Reals, Reals] | None  # largest friction demand, smallest normal force
+    forces: Forces | None
     failed: Booleans
 
     @property
@@ -110,7 +110,7 @@ class Flight(NamedTuple):
     repetitions: Ints  # of the last step; 0 before it is known
     event: Ints  # that ends the segment
     done: Booleans
-    forces: tuple[Reals, Reals] | None
+    forces: Forces | None
     steps: Ints
     solver_state: Any
 
@@ -124,7 +124,7 @@ def flown(
     moves: Booleans,
     lifted: Booleans,
     ends: Ends | None = None,
-    forces: tuple[Reals, Reals] | None = None,
+    forces: Forces | None = None,
 ) -> Flight:
     """From the state at its beginning to the end of a segment, or for its whole length."""
     zero, none = jnp.zeros_like(length), jnp.zeros((), int)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Pulse
-from ..host import listed, with_clock
+from ..host import Printed, listed, with_clock
 from ..impact import velocity_after_impact
 from ..numerics import (
     ABOVE,
@@ -45,7 +45,7 @@ from .impact_to_impact import Followed, run
 from .response import Status
 
 _LONGEST = 200.0  # time to wait for an impact, times p
-_LANDS, _RESTS, _OVERTURNS, _FAILS = range(4)
+LANDS, RESTS, _OVERTURNS, _FAILS = range(4)
 _MAX_FROM_REST = 300  # evaluations
 _POINTS = 64  # of a scan
 _DYING = 1e-6  # beside the first landing
@@ -53,7 +53,7 @@ _DYING = 1e-6  # beside the first landing
 PulsedScene = tuple[Block, Reals, Pulse]
 
 
-class PulsedPhase(eqx.Module):
+class PulsedPhase(Printed, eqx.Module):
     """The stabilized phase under pulses of finite duration; NaN where there is none.
 
     Attributes
@@ -227,7 +227,7 @@ def tolerance_of(like: Reals, rtol: float) -> float:
     return max(rtol, 20 * float(jnp.finfo(like.dtype).eps))
 
 
-def _landing(
+def landing_after(
     scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The next landing velocity; outcome, time of the impact and peak rotation."""
@@ -236,7 +236,7 @@ def _landing(
     time, arriving = followed.struck
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
     over = jnp.where(response.status <= Status.LIST_FULL, _OVERTURNS, _FAILS)
-    outcome = jnp.where(landed, _LANDS, jnp.where(response.at_rest, _RESTS, over))
+    outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
     return landing, (outcome, jnp.where(landed, time, 0), followed.peak)
 
 
@@ -245,8 +245,8 @@ def _landing(
 def _next_velocity(
     scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
 ) -> Reals:
-    landing, (outcome, *_) = _landing(scene, velocity, model, rtol)
-    return jnp.where(outcome <= _RESTS, landing, jnp.nan)
+    landing, (outcome, *_) = landing_after(scene, velocity, model, rtol)
+    return jnp.where(outcome <= RESTS, landing, jnp.nan)
 
 
 def _residual(
@@ -255,7 +255,7 @@ def _residual(
     """What a half-cycle adds, 0 at a fixed point; rate, time and peak there; and the outcome."""
 
     def landing(velocity: Reals) -> tuple[Reals, Any]:
-        return _landing(scene, velocity, model, rtol)
+        return landing_after(scene, velocity, model, rtol)
 
     one = jnp.ones_like(velocity)
     value, rate, (outcome, time, peak) = jax.jvp(landing, (velocity,), (one,), has_aux=True)
@@ -289,9 +289,9 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
     def step(state: tuple[_Search, Any]) -> tuple[_Search, Any]:
         search, velocity = state[0], state[0].scan.trial
         gap, values, outcome = _residual(scene, velocity, model=model, rtol=rtol)
-        lands, size = outcome == _LANDS, tolerance * velocity
+        lands, size = outcome == LANDS, tolerance * velocity
         kind = jnp.where(lands & (gap >= 0), ABOVE, BELOW)
-        new = Sample(velocity, gap, values[0] - 1, jnp.where(outcome > _RESTS, NOWHERE, kind))
+        new = Sample(velocity, gap, values[0] - 1, jnp.where(outcome > RESTS, NOWHERE, kind))
         # Within a few tolerances, a gap that no longer shrinks is the error of the map.
         stuck = (jnp.abs(gap) <= 8 * size) & (jnp.abs(gap) >= 0.5 * jnp.abs(search.scan.last.value))
         reached = lands & (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
@@ -323,7 +323,7 @@ def _from_rest(
     scan, old = search.scan, search.scan.last
     width, shrinks = new.place - old.place, 0.5 * jnp.abs(old.value)
     linear = (
-        (outcome == _LANDS)
+        (outcome == LANDS)
         & (jnp.abs(new.value - (old.value + width * old.slope)) <= shrinks)
         & (jnp.abs((new.slope - old.slope) * width) <= shrinks)
         & (old.place > 0)

@@ -9,12 +9,21 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..ground_motion import Pulse, pulse_class
-from ..host import listed, with_clock
-from ..numerics import ABOVE, BELOW, Root, Sample, Scan, chosen, through_residual
+from ..host import Printed, listed, with_clock
+from ..numerics import ABOVE, BELOW, Ints, Root, Sample, Scan, chosen, through_residual
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import Booleans, Number, Reals
+from ..validation import COUNT, Booleans, Number, Reals, check
 from .equation import Equation, uplift_acceleration
-from .repeated_pulses import PulsedPhase, PulsedScene, checked, half_cycle, phase_of, tolerance_of
+from .repeated_pulses import (
+    RESTS,
+    PulsedPhase,
+    PulsedScene,
+    checked,
+    half_cycle,
+    landing_after,
+    phase_of,
+    tolerance_of,
+)
 
 _STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
 _STEPS = 300  # at most
@@ -22,15 +31,15 @@ _BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is comput
 _NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
 
 
-class PulsedThreshold(eqx.Module):
-    """Where the stabilized phase under pulses of finite duration ends; NaN where it does not.
+class PulsedThreshold(Printed, eqx.Module):
+    """Pulses of finite duration that just overturn, each right after an impact; NaN for none.
 
     Attributes
     ----------
     amplitude, intensity : Array
         Of the pulses [m/s2], [m/s].
     rate : Array
-        Slope of the half-cycle map there.
+        Slope of the half-cycle map there; NaN for a finite number of half-cycles.
     lifts : Array of bool
         Whether they lift the block from rest. If not, only a block in motion is kept in motion.
     from_rest : Array of bool
@@ -57,13 +66,16 @@ def critical_pulsed_amplitude(
     shape: type[Pulse],
     duration: Number,
     *,
+    half_cycles: float = math.inf,
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-10,
 ) -> PulsedThreshold:
-    """Amplitude at which the fixed point of `pulsed_next_velocity` disappears.
+    """Amplitude of the pulses that just overturn a block within so many half-cycles.
 
-    There a block that lands with the critical velocity just fails to overturn under the next
-    pulse. For short pulses the intensity is that of `critical_intensity`.
+    The first pulse meets the block at rest, each other one follows an impact. Without end, they
+    overturn it from where the fixed point of `pulsed_next_velocity` disappears: there a block that
+    lands with the critical velocity just fails to overturn under the next pulse. For short pulses
+    the intensity is that of `critical_intensity`.
 
     Parameters
     ----------
@@ -73,14 +85,18 @@ def critical_pulsed_amplitude(
         `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
     duration : float
         Duration of the pulses [s], greater than 0.
+    half_cycles : int or inf
+        Number of pulses, from 1 on; by default they go on without end.
 
     Returns
     -------
     PulsedThreshold
-        NaN where the fixed point is unstable there. Under long pulses its rate exceeds 1, and it
-        disappears before, by meeting another one; with a rate below -1, half-cycles alternate
-        before. NaN also where no amplitude brings the block to the threshold: one that loses
-        most of its velocity at impacts is caught by a long pulse, or overturns at once.
+        For a finite number the lowest amplitude that overturns, up from uplift in steps of a
+        fifth. Without end NaN where the fixed point is unstable there. Under long pulses its rate
+        exceeds 1, and it disappears before, by meeting another one; with a rate below -1,
+        half-cycles alternate before. NaN also where no amplitude brings the block to the
+        threshold: one that loses most of its velocity at impacts is caught by a long pulse, or
+        overturns at once.
 
     Raises
     ------
@@ -89,8 +105,13 @@ def critical_pulsed_amplitude(
     """
     pulse = pulse_class(shape)(1.0, duration)
     scene, _ = checked(block, restitution, pulse, 0.0, rtol)
+    if isinstance(half_cycles, jax.Array):
+        raise ValueError("half_cycles must be a number, got an array")
+    check("half_cycles", half_cycles, COUNT)
     model = as_model(model)
-    threshold, weaker, expected = _threshold(scene, model, rtol)
+    if half_cycles < math.inf:
+        return _threshold(scene, model, rtol, jnp.asarray(int(half_cycles)))[0]
+    threshold, weaker, expected = _threshold(scene, model, rtol, None)
     # Without derivatives, which a yes or no has not; and apart, since this program is likely
     # to be compiled already.
     weaker, expected = jax.lax.stop_gradient(((*scene[:2], weaker), expected))
@@ -100,35 +121,61 @@ def critical_pulsed_amplitude(
 
 
 def _margin(
-    scene: PulsedScene, logarithm: Reals, direction: Any, model: RockingModel, rtol: float
-) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
-    """The margin at the end of the pulse, its slope; the velocity then, and whether it landed.
+    scene: PulsedScene,
+    logarithm: Reals,
+    direction: Any,
+    count: Ints | None,
+    model: RockingModel,
+    rtol: float,
+) -> tuple[Reals, Reals, tuple[Reals, Booleans, Any]]:
+    """The margin at the end of the pulse, its slope; the velocity then; how it went.
 
-    Of a block that landed with the critical velocity. The direction is one of the logarithm of
-    the amplitude and of that velocity.
+    That is whether the block landed under the pulse, and whether it overturned under one before.
+
+    Of a block that landed with the critical velocity or, with a count, of the last of so many
+    pulses from rest. The direction is one of the logarithm of the amplitude and of that velocity.
     """
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
 
-    def margin(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
-        stronger = pulse.scaled(jnp.exp(logarithm))
-        followed = half_cycle((block, restitution, stronger), velocity, 0.0, model, rtol)
+    def margin(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans, Any]]:
+        stronger = block, restitution, pulse.scaled(jnp.exp(logarithm))
+        early: Any = False
+        if count is not None:
+            velocity, early = _before_last(stronger, velocity, count, model, rtol)
+        followed = half_cycle(stronger, velocity, 0.0, model, rtol)
         response = followed.response
         side = jnp.where(response.final_rotation < 0, -1, 1)
         outward = side * response.final_velocity
         returning = equation.returning_velocity(side * response.final_rotation)
         left = (returning - outward) / equation.critical_velocity
-        return left, (outward, response.impacts > 0)
+        return left, (outward, response.impacts > 0, early)
 
-    return jax.jvp(margin, (logarithm, equation.critical_velocity), direction, has_aux=True)
+    start = equation.critical_velocity if count is None else jnp.zeros_like(logarithm)
+    return jax.jvp(margin, (logarithm, start), direction, has_aux=True)
+
+
+def _before_last(
+    scene: PulsedScene, velocity: Reals, count: Ints, model: RockingModel, rtol: float
+) -> tuple[Reals, Booleans]:
+    """With which velocity the block lands before the last pulse, or before one that overturns."""
+
+    def step(state: tuple[Ints, Reals, Booleans]) -> tuple[Ints, Reals, Booleans]:
+        left, velocity, _ = state
+        landing, (outcome, *_) = landing_after(scene, velocity, model, rtol)
+        over = outcome > RESTS
+        return left - 1, jnp.where(over, velocity, landing), over
+
+    begin = count - 1, velocity, jnp.zeros((), bool)
+    return jax.lax.while_loop(lambda state: (state[0] > 0) & ~state[2], step, begin)[1:]
 
 
 def _residual(
-    scene: PulsedScene, logarithm: Reals, *, model: RockingModel, rtol: float
+    scene: PulsedScene, logarithm: Reals, *, count: Ints | None, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """What is 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (velocity, _) = _margin(scene, logarithm, along_velocity, model, rtol)
+    margin, slope, (velocity, *_) = _margin(scene, logarithm, along_velocity, count, model, rtol)
     # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
     # to come back, and at the threshold its velocity v is D.
     return margin, (-velocity * slope,)
@@ -142,12 +189,13 @@ class _Search(NamedTuple):
     rate: Reals  # of the half-cycle map there, which takes one evaluation more
 
 
-def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
-    """Up from next to nothing until the block overturns, and back to the threshold."""
+def _search(scene: PulsedScene, *, count: Ints | None, model: RockingModel, rtol: float) -> Root:
+    """Up from next to nothing (uplift, with a count) until it overturns, and to the threshold."""
     block, _, pulse = scene
     tolerance = tolerance_of(pulse.amplitude, rtol)
     eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
-    first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
+    below = 0.4 * math.log(eps) if count is None else 0.0
+    first = jnp.log(uplift_acceleration(block, model)) + below
     no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
 
     def points(index: Any) -> Reals:
@@ -157,10 +205,12 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
         scan, one = search.scan, zero + 1
         # Once the threshold is found, along the velocity, for the rate of the map.
         along = jnp.where(search.found, zero, one), jnp.where(search.found, one, zero)
-        margin, slope, (velocity, lands) = _margin(scene, -scan.trial, along, model, rtol)
-        overturns = ~lands & ~(margin >= 0)
+        margin, slope, (velocity, lands, early) = _margin(
+            scene, -scan.trial, along, count, model, rtol
+        )
+        overturns = ~lands & ~(margin >= 0) | early
         kind = jnp.where(overturns, ABOVE, BELOW)
-        new = Sample(scan.trial, -margin, jnp.where(lands, 0, slope), kind)
+        new = Sample(scan.trial, -margin, jnp.where(lands | early, 0, slope), kind)
         # Newton's steps that no longer shrink are the error of the integration.
         size, last = jnp.abs(new.newton), jnp.abs(scan.last.newton)
         close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
@@ -187,14 +237,15 @@ _root = through_residual(_search, _residual)
 
 @eqx.filter_jit
 def _threshold(
-    scene: PulsedScene, model: RockingModel, rtol: float
+    scene: PulsedScene, model: RockingModel, rtol: float, count: Ints | None
 ) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
     """The threshold, pulses a little weaker; how fast the block should land then, and how near."""
     block, _, pulse = scene
-    root = _root(scene, model=model, rtol=rtol)
+    root = _root(scene, count=count, model=model, rtol=rtol)
     (rate,), (gain,) = root.values, root.flags
+    rate = rate if count is None else jnp.full_like(rate, jnp.nan)
     amplitude = jnp.exp(root.root)
-    stable = root.exists & (jnp.abs(rate) <= 1)
+    stable = root.exists & ((count is not None) | (jnp.abs(rate) <= 1))
     # As factors, so that what does not exist has no slope either.
     if_stable, if_exists = (jnp.where(flag, 1.0, jnp.nan) for flag in (stable, root.exists))
     threshold = PulsedThreshold(

@@ -14,7 +14,7 @@ from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
-from ..host import listed, mapped, processors
+from ..host import Printed, listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
 from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
@@ -33,7 +33,7 @@ _ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10)
 _SHARE = 0.05  # of the tolerance that a step may take
 
 
-class BatchResponse(eqx.Module):
+class BatchResponse(Printed, eqx.Module):
     """What many blocks did; see `respond_batch`. All have the shape of the batch.
 
     Attributes

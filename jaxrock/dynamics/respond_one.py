@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..ground_motion import Motion, Record
+from ..ground_motion import Motion, Record, Still
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, as_array, as_real, of_one_precision
 from .driven_scene import Driven
@@ -44,7 +44,7 @@ def respond(
     restitution : float
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
-        A pulse, a `Harmonic` or a `Record`.
+        A pulse, a `Harmonic`, a `Record`, or `Still` for free rocking.
     duration : float, optional
         How long to follow the block [s], greater than 0; by default to the end of the motion.
     rotation, velocity : float, optional
@@ -97,6 +97,8 @@ def respond(
     for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
+    if duration is None and isinstance(motion, Still):
+        raise ValueError("duration must be given for still ground, which has no end")
     duration = motion.end if duration is None else duration
     arguments = {"restitution": restitution, "duration": duration}
     arguments |= {"rotation": rotation, "velocity": velocity}

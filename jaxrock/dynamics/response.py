@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from ..host import listed
+from ..host import Printed, listed
 from ..resonance import RockingModel
 from ..validation import Booleans, Numbers, Reals, as_array, as_real
 from .driven_scene import Driven
@@ -40,7 +40,7 @@ class Events(eqx.Module):
     velocity: Reals
 
 
-class Response(eqx.Module):
+class Response(Printed, eqx.Module):
     """What a block did under a ground motion; see `respond`.
 
     Attributes
@@ -66,8 +66,11 @@ class Response(eqx.Module):
         Largest ratio of horizontal to normal force at the base, and smallest normal force over
         weight [-], from the accelerations of the centre of mass until a block that overturns
         reaches pi / 2; the impulses of impacts do not count. Where the normal force is 0 or
-        less, the block would leave the ground: the friction demand is inf, and the model no
+        less, the block leaves the ground: the friction demand is inf, and the model no
         longer applies. 0 and inf for a block that lies on its side from the beginning.
+    contact_loss_time : Array
+        When the block leaves the ground [s], to 1e-4 of an integration step, without derivative;
+        NaN if it does not.
     status : Array of int
         A `Status`; other than 0 or 1, the results are NaN.
     events, scene, model
@@ -87,6 +90,7 @@ class Response(eqx.Module):
     at_rest: Booleans
     friction_demand: Reals
     normal_force: Reals
+    contact_loss_time: Reals
     status: Int[Array, "..."]
     events: Events
     scene: Driven
@@ -142,11 +146,14 @@ class Response(eqx.Module):
         fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
         end = "lies on its side" if fallen else "at rest" if self.at_rest else "in motion"
         lines = [
-            f"{'overturns' if self.overturned else 'stands'}, margin {self.margin:.4g}",
+            f"{'overturns' if self.overturned else 'stands'}, margin {self.margin:.4g}"
+            f" ({'' if self.margin < 0 else '1 at rest, '}below 0 it overturns)",
             f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
             f" alpha_c at {self.peak_time:.4g} s",
             f"{self.impacts} impacts, {end} at the end",
-            f"friction demand {self.friction_demand:.4g}, smallest normal force"
+            f"the block leaves the ground at {self.contact_loss_time:.4g} s; the model ends there"
+            if self.normal_force <= 0
+            else f"friction demand {self.friction_demand:.4g}, smallest normal force"
             f" {self.normal_force:.4g} of the weight",
         ]
         if self.overturned and jnp.isfinite(self.overturning_time):

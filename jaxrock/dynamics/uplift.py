@@ -32,7 +32,7 @@ class Uplifts(eqx.Module):
         push, lift = (a / equation.gravity for a in motion.value(knots))
         lifted = jnp.stack([equation.uplift_excess(side * push, lift) > 0 for side in _SIDES])
         # Little beside the block's own time and that in which the input changes.
-        intervals = jnp.sum(knots < motion.end).astype(knots.dtype)
+        intervals = jnp.maximum(jnp.sum(knots < motion.end), 1).astype(knots.dtype)
         changes = (motion.end - motion.start) / intervals
         lasting = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
         forces = friction(push, 1 + lift), 1 + lift

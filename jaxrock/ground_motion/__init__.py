@@ -14,6 +14,7 @@ from .record import Record
 from .record import padded as padded
 from .record import room_for as room_for
 from .record_files import example_record, from_obspy, read_record
+from .still import Still
 from .suite import Suite
 from .suite_files import example_suite, read_suite
 
@@ -27,6 +28,7 @@ __all__ = [
     "Rectangular",
     "Ricker",
     "Sine",
+    "Still",
     "Suite",
     "example_record",
     "example_suite",

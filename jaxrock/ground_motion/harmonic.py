@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..host import shown
+from ..host import derivatives, shown
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -57,9 +57,9 @@ class Harmonic(Motion):
     """
 
     cycles: int = eqx.field(static=True)
-    amplitude: Reals = quantity(FINITE)
-    frequency: Reals = quantity(POSITIVE)
-    start: Reals = quantity(NON_NEGATIVE)
+    amplitude: Reals = quantity(FINITE, "m/s2")
+    frequency: Reals = quantity(POSITIVE, "rad/s")
+    start: Reals = quantity(NON_NEGATIVE, "s")
 
     name = "harmonic motion"
 
@@ -72,7 +72,7 @@ class Harmonic(Motion):
         self.cycles = _counted(cycles)
 
     def __str__(self) -> str:
-        return (
+        return derivatives(self) or (
             f"{self.name} of {shown(self.amplitude, 'm/s2')}, frequency"
             f" {shown(self.frequency, 'rad/s')}, for {self.cycles}"
             f" period{'s' * (self.cycles > 1)} from {shown(self.start, 's')} on"

@@ -16,11 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..host import Printed
 from ..validation import NON_NEGATIVE, Booleans, Checked, Number, Numbers, Reals, as_real, check
 
 
-class Motion(Checked):
-    """A ground motion: a `Pulse` of some shape, a `Harmonic` or a `Record`.
+class Motion(Printed, Checked):
+    """A ground motion: a `Pulse` of some shape, a `Harmonic`, a `Record` or `Still` ground.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..host import shown
+from ..host import derivatives, shown
 from ..validation import FINITE, NON_NEGATIVE, POSITIVE, Number, Reals, as_real, check, quantity
 from .motion import Motion
 
@@ -49,9 +49,9 @@ class Pulse(Motion):
     0.955 m/s, 1.763 m/s2 after 0.1 s
     """
 
-    amplitude: Reals = quantity(FINITE)
-    duration: Reals = quantity(POSITIVE)
-    start: Reals = quantity(NON_NEGATIVE)
+    amplitude: Reals = quantity(FINITE, "m/s2")
+    duration: Reals = quantity(POSITIVE, "s")
+    start: Reals = quantity(NON_NEGATIVE, "s")
 
     extremes: ClassVar[tuple[float, ...]]
     area: ClassVar[float]
@@ -65,7 +65,7 @@ class Pulse(Motion):
         self.start = as_real("start", start)
 
     def __str__(self) -> str:
-        return (
+        return derivatives(self) or (
             f"{self.name} of {shown(self.amplitude, 'm/s2')}, duration"
             f" {shown(self.duration, 's')}, from {shown(self.start, 's')} on"
         )

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..host import shown
+from ..host import derivatives, shown
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -59,10 +59,10 @@ class Record(Motion):
     """
 
     vertical: Reals | None
-    acceleration: Reals = quantity(FINITE)
-    time_step: Reals = quantity(POSITIVE)
+    acceleration: Reals = quantity(FINITE, "m/s2")
+    time_step: Reals = quantity(POSITIVE, "s")
     scale: Reals = quantity(FINITE)
-    start: Reals = quantity(NON_NEGATIVE)
+    start: Reals = quantity(NON_NEGATIVE, "s")
 
     name = "record"
 
@@ -92,7 +92,7 @@ class Record(Motion):
                 raise ValueError(f"{must}, {got} {self.vertical.shape}")
 
     def __str__(self) -> str:
-        return (
+        return derivatives(self) or (
             f"record of {self.samples} samples, step {shown(self.time_step, 's')}, from"
             f" {shown(self.start, 's')} on: {shown(self.acceleration, 'm/s2')}, scale"
             f" {shown(self.scale)}{'' if self.vertical is None else ', with vertical'}"

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import with_progress
+from ..host import Printed, with_progress
 from ..validation import FINITE, POSITIVE, Number, Numbers, Reals, as_real, check
 from .intensity import intensity_measure
 from .record import Padded, Record, room_for
@@ -18,7 +18,7 @@ from .record import Padded, Record, room_for
 _T = TypeVar("_T")
 
 
-class Suite(eqx.Module):
+class Suite(Printed, eqx.Module):
     """Several recorded ground motions, each with its own number of samples and time step.
 
     What takes one `Record` and many blocks takes a suite as well, and answers with a leading axis

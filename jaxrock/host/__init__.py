@@ -7,6 +7,8 @@ from .datasets import with_names as with_names
 from .files import check_free as check_free
 from .files import read_regular as read_regular
 from .files import written_whole as written_whole
+from .printing import Printed as Printed
+from .printing import derivatives as derivatives
 from .printing import listed as listed
 from .printing import shown as shown
 from .printing import table as table

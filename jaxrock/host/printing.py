@@ -7,6 +7,8 @@ import jax
 import jax.core
 import numpy as np
 
+from ..validation import Checked, Domain
+
 
 def shown(value: Any, unit: str = "") -> str:
     """A number with its unit; the range of an array, the type of a traced value."""
@@ -28,6 +30,36 @@ def shown(value: Any, unit: str = "") -> str:
     ends = dict.fromkeys(f"{end:.6g}" for end in (present.min(), present.max()))
     missing = values.size - present.size
     return " to ".join(ends) + unit + (f", NaN in {missing} of {values.size}" if missing else "")
+
+
+class Printed:
+    """What a class is whose `repr` says what `print` says."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def derivatives(module: Checked) -> str:
+    """The numbers of a module as derivatives, if that is what they are; else nothing.
+
+    Known by a number that the quantity itself cannot be, such as a negative width.
+    """
+    quantities = list(module.quantities())
+    if not any(_is_outside(value, domain) for _, value, domain, _ in quantities):
+        return ""
+    return "\n".join(
+        f"d/d {name.replace('half_', 'half-').replace('_', ' ')}"
+        f" {shown(value, f'1/({unit})' if '/' in unit else f'1/{unit}' if unit else '')}"
+        for name, value, _, unit in quantities
+        if value is not None
+    )
+
+
+def _is_outside(value: Any, domain: Domain | None) -> bool:
+    if value is None or domain is None or isinstance(value, jax.core.Tracer):
+        return False
+    values = np.asarray(value)
+    return bool((~np.isnan(values) & ~np.asarray(domain.contains(values))).any())
 
 
 def table(first: str, names: Sequence[str], **columns: Any) -> str:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Int
 from ..block import Block
 from ..dynamics import TOPPLED_ROTATION, BatchResponse, DrivenScene
 from ..ground_motion import Motion, Suite
-from ..host import listed, with_clock, with_progress
+from ..host import Printed, listed, with_clock, with_progress
 from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
@@ -26,7 +26,7 @@ from .boundary_slopes import moved
 from .quantities import Search, checked, is_traced, respond_at, split
 
 
-class Boundaries(eqx.Module):
+class Boundaries(Printed, eqx.Module):
     """Every boundary between standing and overturning in a range.
 
     The last axis of shape (..., boundaries) is in the order of the range; entries beyond the

@@ -13,7 +13,7 @@ import numpy as np
 from ..block import Block
 from ..dynamics import uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
-from ..host import shown
+from ..host import Printed, shown
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, Numbers, as_real
 from .boundaries import Boundaries, overturning_boundaries, searched
@@ -22,8 +22,8 @@ from .quantities import Search
 _HALVINGS = 6  # from first intervals of 64 times the resolution
 
 
-@dataclass(frozen=True)
-class SurvivalWindows:
+@dataclass(frozen=True, repr=False)
+class SurvivalWindows(Printed):
     """Where a block stands and where it overturns, over the strength of a motion.
 
     Attributes

@@ -6,7 +6,7 @@ comes when the oscillator passes zero, every half of its damped period.
 
 import jax.numpy as jnp
 
-from ..host import shown
+from ..host import Printed, shown
 from ..numerics import decaying_share_of_one, minus_log, one_minus_square, quotient_or_infinite
 from ..validation import (
     BELOW_ONE,
@@ -24,7 +24,7 @@ from ..validation import (
 )
 
 
-class Oscillator(Checked):
+class Oscillator(Printed, Checked):
     """A linear elastic oscillator with viscous damping (Eq. 15).
 
     Parameters

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..host import shown
+from ..host import Printed, derivatives, shown
 from ..impact import velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from ..validation import (
@@ -28,7 +28,7 @@ from ..validation import (
 from .free_rocking import Linearized, ModelLike, RockingModel, as_model
 
 
-class Scene(Checked):
+class Scene(Printed, Checked):
     """A block, its coefficient of restitution, and the pulses that drive it; they broadcast.
 
     Parameters
@@ -45,7 +45,7 @@ class Scene(Checked):
 
     block: Block
     restitution: Reals = quantity(UNIT_INTERVAL)
-    intensity: Reals = quantity(NON_NEGATIVE)
+    intensity: Reals = quantity(NON_NEGATIVE, "m/s")
 
     def __init__(self, block: Block, restitution: Number, intensity: Number):
         self.block = block
@@ -53,7 +53,7 @@ class Scene(Checked):
         self.intensity = as_real("intensity", intensity)
 
     def __str__(self) -> str:
-        return (
+        return derivatives(self) or (
             f"{self.block}\nrestitution {shown(self.restitution)},"
             f" pulses of {shown(self.intensity, 'm/s')}"
         )

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import listed
+from ..host import Printed, listed
 from ..impact import velocity_after_impact
 from ..validation import (
     FINITE,
@@ -128,7 +128,7 @@ def _largest_subcritical(x: Reals) -> float:
     return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6
 
 
-class TrainResponse(eqx.Module):
+class TrainResponse(Printed, eqx.Module):
     """Response of a block to a train of pulses.
 
     Attributes

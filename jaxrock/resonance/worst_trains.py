@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import with_clock
+from ..host import Printed, with_clock
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
@@ -37,8 +37,8 @@ from .train_through_impacts import MAX_IMPACTS
 _MAX_IMPACTS_APART = 20  # between two pulses, if they have to be apart
 
 
-@dataclass(frozen=True)
-class WorstTrain:
+@dataclass(frozen=True, repr=False)
+class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
     Attributes

@@ -9,11 +9,11 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..host import is_number, numbered_lines
+from ..host import Printed, is_number, numbered_lines
 from ..validation import POSITIVE, Checked, Number, Numbers, Reals, as_real, quantity
 
 
-class Hazard(Checked):
+class Hazard(Printed, Checked):
     """A hazard curve: the yearly rate at which levels of an intensity measure are exceeded.
 
     Straight between its points in logarithms of both, and without a value beyond them.

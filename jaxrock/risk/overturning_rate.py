@@ -12,7 +12,7 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Suite
-from ..host import shown
+from ..host import Printed, shown
 from ..overturning import Boundaries, Search, searched
 from ..resonance import ModelLike, Nonlinear
 from ..validation import POSITIVE, Booleans, Number, Numbers, Reals, as_real, check
@@ -23,7 +23,7 @@ _SPACING = 0.01  # relative, between levels
 _UNSEEN = 3  # of events of which none was seen in a sample, as many may be expected at 95 %
 
 
-class OverturningRate(eqx.Module):
+class OverturningRate(Printed, eqx.Module):
     """How often a year a block overturns; see `overturning_rate`.
 
     Attributes

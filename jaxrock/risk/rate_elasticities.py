@@ -12,14 +12,14 @@ from jaxtyping import Array, Float
 from ..block import Block
 from ..dynamics import respond_batch
 from ..ground_motion import Suite
-from ..host import table
+from ..host import Printed, table
 from ..resonance import ModelLike, Nonlinear
 from ..validation import Number, Numbers, as_real
 from .hazard import Hazard
 from .overturning_rate import OverturningRate, levels_of, overturning_rate
 
 
-class RateElasticities(eqx.Module):
+class RateElasticities(Printed, eqx.Module):
     """Changes of the yearly rate in per cent for one per cent; see `rate_elasticities`.
 
     Attributes

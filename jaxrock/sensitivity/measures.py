@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from ..host import table
+from ..host import Printed, table
 from ..validation import COUNT, check
 from .parameters import Answer, Ranges, parametric
 
 
-@dataclass(frozen=True)
-class Sensitivities:
+@dataclass(frozen=True, repr=False)
+class Sensitivities(Printed):
     """Derivatives of an answer y with respect to all its parameters x; see `sensitivities`.
 
     Attributes
@@ -74,8 +74,8 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     return Sensitivities(function.names, x, float(y), gradient, elasticity, hessian)
 
 
-@dataclass(frozen=True)
-class TornadoBars:
+@dataclass(frozen=True, repr=False)
+class TornadoBars(Printed):
     """How far each parameter moves an answer within its range; see `tornado`.
 
     Attributes
@@ -141,8 +141,8 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     return TornadoBars(names, *ends[order].T, *answers[order].T, value=float(values[0]))
 
 
-@dataclass(frozen=True)
-class DerivativeBasedMeasures:
+@dataclass(frozen=True, repr=False)
+class DerivativeBasedMeasures(Printed):
     """Derivative-based measures over ranges; see `derivative_based_measures`.
 
     Attributes

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.stats import norm
 
-from ..host import listed
+from ..host import Printed, listed
 from .parameters import Answer, ParametricAnswer, Spread, under_scatter
 
 _ALLOWED = 0.1  # errors of mean and standard deviation, over the standard deviation
 
 
-@dataclass(frozen=True)
-class MomentEstimate:
+@dataclass(frozen=True, repr=False)
+class MomentEstimate(Printed):
     """Mean and standard deviation of an answer; see `propagate`.
 
     Attributes
