@@ -134,21 +134,21 @@ class Checked(eqx.Module):
         ValueError
             If a concrete value is outside of its domain.
         """
-        for name, value, domain in self._fields():
+        for name, value, domain in self._parts():
             check(name, value, domain)
 
-    def _fields(self) -> list[tuple[str, Any, Domain | None]]:
+    def _parts(self) -> list[tuple[str, Any, Domain | None]]:
         fields = self.__dataclass_fields__.items()
         return [(name, getattr(self, name), f.metadata.get("domain")) for name, f in fields]
 
-    def quantities(self) -> Iterator[tuple[str, Any, Domain, str]]:
-        """Name, value, domain and unit of every `quantity`, also of `Checked` fields."""
-        for name, value, domain in self._fields():
-            if isinstance(value, Checked):
-                yield from value.quantities()
-            elif domain is not None:
-                unit = self.__dataclass_fields__[name].metadata.get("unit", "")
-                yield name, value, domain, unit
+
+def quantities(module: Checked) -> Iterator[tuple[str, Any, Domain, str]]:
+    """Name, value, domain and unit of every `quantity` of a module, also of its modules."""
+    for name, value, domain in module._parts():
+        if isinstance(value, Checked):
+            yield from quantities(value)
+        elif domain is not None:
+            yield name, value, domain, module.__dataclass_fields__[name].metadata.get("unit", "")
 
 
 # The guarded values of the function being traced. Functions that it calls need not guard them
@@ -172,7 +172,7 @@ def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
     """The value, a number or a module, with stand-ins outside of domains; where it is valid."""
     if isinstance(value, Checked):
         oks = []
-        for name, part, its_domain in value._fields():
+        for name, part, its_domain in value._parts():
             part, ok = within(part, its_domain)
             if ok is not True:
                 value = eqx.tree_at(lambda m, name=name: getattr(m, name), value, part)

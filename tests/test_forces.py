@@ -55,7 +55,7 @@ class Trajectory:
         self.rocker, self.rtol = rocker, rtol
         self.grid = 2 if len(pieces) > 5 else 2001  # a record is linear in between
         self.radius = rocker.radius
-        self.demand, self.normal = 0.0, math.inf
+        self.demand, self.normal, self.loss = 0.0, math.inf, math.inf
         self.alpha = self.velocity = 0.0
         self.side, self.resting, self.over = 1, True, False
         last = pieces[-1].end
@@ -84,13 +84,19 @@ class Trajectory:
         self.demand = max(self.demand, demand)
         return math.atan2(abs(horizontal), normal)
 
-    def over_the_segment(self, times, forces_at):
+    def over_the_segment(self, begin, times, forces_at):
         """Extremes on a grid, and between its points by a search."""
         forces = [forces_at(t) for t in times]
         if times[-1] < 1e-6:  # one of the last bounces
             for force in forces:
                 self.note(force)
             return
+        gone = [k for k, force in enumerate(forces) if force[1] <= 0]
+        if gone and self.loss == math.inf:
+            k = gone[0]
+            self.loss = begin + (
+                brentq(lambda t: forces_at(t)[1], times[k - 1], times[k]) if k else times[0]
+            )
         for which in (lambda f: -self.note(f), lambda f: f[1]):
             values = np.array([which(f) for f in forces])
             best = int(np.argmin(values))
@@ -121,6 +127,8 @@ class Trajectory:
         for t in [*times[times <= until], until]:
             horizontal, vertical = np.divide(piece.ground(t), self.rocker.gravity)
             self.note((-horizontal, 1 + vertical))
+            if vertical <= -1 and self.loss == math.inf:
+                self.loss = t
         return until
 
     def follow(self, piece):
@@ -131,6 +139,7 @@ class Trajectory:
                 continue
             path, times, landed = self.segment(t, piece)
             self.over_the_segment(
+                t,
                 times,
                 lambda tau, t=t, path=path: self.forces(path(tau), piece.ground(t + tau)),
             )
@@ -230,6 +239,8 @@ def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
         assert (abs(float(r.final_rotation)) >= math.pi / 2) == expected.over
         assert expected.over or abs(float(r.final_rotation) - expected.alpha) < 1e-7
         worst, overturned = max(worst, off), overturned + expected.over
+        lost = float(np.nan_to_num(r.contact_loss_time, nan=np.inf))
+        assert lost == pytest.approx(expected.loss, abs=1e-6)
         left += expected.normal <= 0
     return worst, overturned, left
 

@@ -87,6 +87,27 @@ def test_results_that_are_never_traced(answer, text):
     assert text in str(answer)
 
 
+def test_repr_says_what_print_says():
+    assert repr(BLOCK) == str(BLOCK) == "half-width 0.1 m, slenderness 5, gravity 9.81 m/s2"
+    assert f"{[BLOCK]}" == f"[{BLOCK}]"
+    assert repr(jr.Sine(3.0, 0.5)) == "one-sine pulse of 3 m/s2, duration 0.5 s, from 0 s on"
+
+
+def test_derivatives_print_as_derivatives():
+    scene = jr.Scene(jr.Block(0.4, 5.0), 0.8, 0.1)
+    lines = str(jax.grad(jr.rotation_ratio)(scene)).splitlines()
+    assert lines[0] == "d/d half-width -0.329681 1/m"
+    assert lines[2] == "d/d gravity -0.0134427 1/(m/s2)"
+    assert lines[-1] == "d/d intensity 2.63745 1/(m/s)"
+    assert "d/d" not in str(scene)
+
+
+def test_a_block_that_leaves_the_ground_says_when():
+    response = jr.respond(jr.Block(0.2, 5.0), 0.9, jr.HalfSine(60.0, 0.3, start=0.3), 5.0)
+    assert "the block leaves the ground at 0.4351 s; the model ends there" in str(response)
+    assert "inf" not in str(response)
+
+
 @pytest.mark.thorough
 def test_many_at_once():
     restitution = jnp.array([0.7, 0.9])

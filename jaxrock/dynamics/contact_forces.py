@@ -105,13 +105,17 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
 
 def _time_of_loss(segment: Segment, times: Reals, states: Reals, accelerations: Reals) -> Reals:
     """When the normal force vanishes within a step, or is smallest; without derivative."""
-    share, width = jnp.zeros_like(times[0]), jnp.ones_like(times[0])
-    for _ in range(5):
+
+    def narrower(_: Any, bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
+        share, width = bracket
         shares = share + width * jnp.asarray(_NODES, times.dtype)
         normal = _at_shares(segment, times, states, accelerations, shares)[1]
         gone = normal <= 0
         first = jnp.where(gone.any(), jnp.argmax(gone), jnp.argmin(normal))
-        share, width = shares[jnp.maximum(first - 1, 0)], width / (_NODES.size - 1)
+        return shares[jnp.maximum(first - 1, 0)], width / (_NODES.size - 1)
+
+    whole = jnp.zeros_like(times[0]), jnp.ones_like(times[0])
+    share, width = jax.lax.fori_loop(0, 5, narrower, whole)
     return times[0] + (share + width) * (times[1] - times[0])
 
 

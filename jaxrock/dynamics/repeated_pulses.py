@@ -44,7 +44,7 @@ from .driven_scene import Driven
 from .impact_to_impact import Followed, run
 from .response import Status
 
-_LONGEST = 200.0  # time to wait for an impact, times p
+LONGEST = 200.0  # time to wait for an impact, times p
 LANDS, RESTS, _OVERTURNS, _FAILS = range(4)
 _MAX_FROM_REST = 300  # evaluations
 _POINTS = 64  # of a scan
@@ -205,7 +205,7 @@ def checked(
 
 
 def half_cycle(
-    scene: PulsedScene, velocity: Reals, wait: float, model: RockingModel, rtol: float
+    scene: PulsedScene, velocity: Reals, wait: Any, model: RockingModel, rtol: float
 ) -> Followed:
     """From just before an impact to the next one, up to `wait` / p after the end of the pulse."""
     block, restitution, pulse = scene
@@ -214,7 +214,7 @@ def half_cycle(
         block=block,
         restitution=restitution,
         motion=pulse,
-        duration=pulse.end + wait / block.frequency_parameter if wait else pulse.end,
+        duration=pulse.end + wait / block.frequency_parameter,
         rotation=jnp.zeros_like(velocity),
         velocity=velocity_after_impact(restitution, velocity),
     )
@@ -227,11 +227,15 @@ def tolerance_of(like: Reals, rtol: float) -> float:
     return max(rtol, 20 * float(jnp.finfo(like.dtype).eps))
 
 
-def landing_after(
+def _landing(
     scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The next landing velocity; outcome, time of the impact and peak rotation."""
-    followed = half_cycle(scene, velocity, _LONGEST, model, rtol)
+    return landing_of(half_cycle(scene, velocity, LONGEST, model, rtol))
+
+
+def landing_of(followed: Followed) -> tuple[Reals, tuple[Any, Reals, Reals]]:
+    """The landing velocity at the end of a half-cycle; outcome, time of the impact and peak."""
     response, landed = followed.response, followed.response.impacts > 0
     time, arriving = followed.struck
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
@@ -245,7 +249,7 @@ def landing_after(
 def _next_velocity(
     scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
 ) -> Reals:
-    landing, (outcome, *_) = landing_after(scene, velocity, model, rtol)
+    landing, (outcome, *_) = _landing(scene, velocity, model, rtol)
     return jnp.where(outcome <= RESTS, landing, jnp.nan)
 
 
@@ -255,7 +259,7 @@ def _residual(
     """What a half-cycle adds, 0 at a fixed point; rate, time and peak there; and the outcome."""
 
     def landing(velocity: Reals) -> tuple[Reals, Any]:
-        return landing_after(scene, velocity, model, rtol)
+        return _landing(scene, velocity, model, rtol)
 
     one = jnp.ones_like(velocity)
     value, rate, (outcome, time, peak) = jax.jvp(landing, (velocity,), (one,), has_aux=True)

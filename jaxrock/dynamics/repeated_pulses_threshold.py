@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 
 from ..block import Block
@@ -12,21 +13,24 @@ from ..ground_motion import Pulse, pulse_class
 from ..host import Printed, listed, with_clock
 from ..numerics import ABOVE, BELOW, Ints, Root, Sample, Scan, chosen, through_residual
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import COUNT, Booleans, Number, Reals, check
+from ..validation import Booleans, Number, Reals
 from .equation import Equation, uplift_acceleration
 from .repeated_pulses import (
+    LONGEST,
     RESTS,
     PulsedPhase,
     PulsedScene,
     checked,
     half_cycle,
-    landing_after,
+    landing_of,
     phase_of,
     tolerance_of,
 )
+from .response import Response
 
 _STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
 _STEPS = 300  # at most
+_MOST = 10**6  # half-cycles, if they are counted
 _BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is computed
 _NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
 
@@ -66,7 +70,7 @@ def critical_pulsed_amplitude(
     shape: type[Pulse],
     duration: Number,
     *,
-    half_cycles: float = math.inf,
+    half_cycles: int | float = math.inf,
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-10,
 ) -> PulsedThreshold:
@@ -105,11 +109,11 @@ def critical_pulsed_amplitude(
     """
     pulse = pulse_class(shape)(1.0, duration)
     scene, _ = checked(block, restitution, pulse, 0.0, rtol)
-    if isinstance(half_cycles, jax.Array):
-        raise ValueError("half_cycles must be a number, got an array")
-    check("half_cycles", half_cycles, COUNT)
     model = as_model(model)
-    if half_cycles < math.inf:
+    if half_cycles != math.inf:
+        if half_cycles not in range(1, _MOST + 1):
+            got = "" if isinstance(half_cycles, jax.core.Tracer) else f", got {half_cycles!r:.60}"
+            raise ValueError(f"half_cycles must be a whole number from 1 to {_MOST}, or inf{got}")
         return _threshold(scene, model, rtol, jnp.asarray(int(half_cycles)))[0]
     threshold, weaker, expected = _threshold(scene, model, rtol, None)
     # Without derivatives, which a yes or no has not; and apart, since this program is likely
@@ -140,11 +144,10 @@ def _margin(
 
     def margin(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans, Any]]:
         stronger = block, restitution, pulse.scaled(jnp.exp(logarithm))
-        early: Any = False
-        if count is not None:
-            velocity, early = _before_last(stronger, velocity, count, model, rtol)
-        followed = half_cycle(stronger, velocity, 0.0, model, rtol)
-        response = followed.response
+        if count is None:
+            response, early = half_cycle(stronger, velocity, 0.0, model, rtol).response, False
+        else:
+            response, early = _last_of(count, stronger, velocity, model, rtol)
         side = jnp.where(response.final_rotation < 0, -1, 1)
         outward = side * response.final_velocity
         returning = equation.returning_velocity(side * response.final_rotation)
@@ -155,19 +158,26 @@ def _margin(
     return jax.jvp(margin, (logarithm, start), direction, has_aux=True)
 
 
-def _before_last(
-    scene: PulsedScene, velocity: Reals, count: Ints, model: RockingModel, rtol: float
-) -> tuple[Reals, Booleans]:
-    """With which velocity the block lands before the last pulse, or before one that overturns."""
+def _last_of(
+    count: Ints, scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
+) -> tuple[Response, Booleans]:
+    """The response to the last pulse, or to the one before that overturns; whether it is that."""
 
-    def step(state: tuple[Ints, Reals, Booleans]) -> tuple[Ints, Reals, Booleans]:
-        left, velocity, _ = state
-        landing, (outcome, *_) = landing_after(scene, velocity, model, rtol)
-        over = outcome > RESTS
-        return left - 1, jnp.where(over, velocity, landing), over
+    def step(state: Any) -> Any:
+        left, velocity, early, _ = state
+        last = left == 0
+        # The last pulse until it ends, the others until the block lands.
+        followed = half_cycle(scene, velocity, jnp.where(last, 0.0, LONGEST), model, rtol)
+        landing, (outcome, *_) = landing_of(followed)
+        over = ~last & (outcome > RESTS)
+        left = jnp.where(over, 0, left - 1)
+        return left, jnp.where(last | over, velocity, landing), early | over, followed.response
 
-    begin = count - 1, velocity, jnp.zeros((), bool)
-    return jax.lax.while_loop(lambda state: (state[0] > 0) & ~state[2], step, begin)[1:]
+    response = jax.eval_shape(lambda: half_cycle(scene, velocity, velocity, model, rtol).response)
+    response = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), response)
+    begin = count - 1, velocity, jnp.zeros((), bool), response
+    _, _, early, response = jax.lax.while_loop(lambda state: state[0] >= 0, step, begin)
+    return response, early
 
 
 def _residual(

@@ -18,7 +18,7 @@ class Still(Motion):
     >>> block = jr.Block(half_width=0.1, slenderness=5.0)
     >>> test = jr.respond(block, 0.9, jr.Still(), duration=2.0, rotation=0.1)
     >>> print(test.impact_times[:3])
-    [0.27331954 0.68881889 1.02650957]
+    [0.35111985 0.90644083 1.36898   ]
     """
 
     start: Reals = quantity(NON_NEGATIVE)

@@ -7,7 +7,7 @@ import jax
 import jax.core
 import numpy as np
 
-from ..validation import Checked, Domain
+from ..validation import Checked, Domain, quantities
 
 
 def shown(value: Any, unit: str = "") -> str:
@@ -44,13 +44,13 @@ def derivatives(module: Checked) -> str:
 
     Known by a number that the quantity itself cannot be, such as a negative width.
     """
-    quantities = list(module.quantities())
-    if not any(_is_outside(value, domain) for _, value, domain, _ in quantities):
+    numbers = list(quantities(module))
+    if not any(_is_outside(value, domain) for _, value, domain, _ in numbers):
         return ""
     return "\n".join(
         f"d/d {name.replace('half_', 'half-').replace('_', ' ')}"
         f" {shown(value, f'1/({unit})' if '/' in unit else f'1/{unit}' if unit else '')}"
-        for name, value, _, unit in quantities
+        for name, value, _, unit in numbers
         if value is not None
     )
 
