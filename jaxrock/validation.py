@@ -22,12 +22,15 @@ import jax.core
 import jax.dtypes
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Real
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Real
+from typing_extensions import TypeAliasType
 
-Number = Real[ArrayLike, "..."]
-Numbers = Number | Sequence[Any]
-Reals = Float[Array, "..."]
-Booleans = Bool[Array, "..."]
+# Signatures in `help` show these by name instead of all that they stand for.
+Number = TypeAliasType("Number", Real[ArrayLike, "..."])
+Numbers = TypeAliasType("Numbers", Number | Sequence[Any])
+Reals = TypeAliasType("Reals", Float[Array, "..."])
+Integers = TypeAliasType("Integers", Int[Array, "..."])
+Booleans = TypeAliasType("Booleans", Bool[Array, "..."])
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

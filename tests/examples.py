@@ -1,6 +1,6 @@
 """Run the example of every command as a newcomer would: ``python tests/examples.py FOLDER``.
 
-In a new folder, each in a process of its own, with the study of the README for `jaxrock run`.
+In a new folder, each in a process of its own, `jaxrock run` with the study of `docs/commands.md`.
 Ends with 1 if one of them fails, warns or says anything on standard error.
 """
 
@@ -15,14 +15,14 @@ from jaxrock.cli import COMMANDS, Run
 
 # Times of the impacts of a block 0.2 m wide and 1 m high whose restitution is 0.9, to 1 ms.
 IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503)
-README = Path(__file__).parent.parent / "README.md"
+PAGE = Path(__file__).parent.parent / "docs" / "commands.md"
 
 
 def main():
     """Run them all."""
     folder = Path(sys.argv[1])
     folder.mkdir()
-    study = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[1]
+    study = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
     (folder / "study.toml").write_text(study, encoding="utf-8")
     (folder / "times.csv").write_text("\n".join(map(str, IMPACTS)), encoding="utf-8")
     failed = []

@@ -1,4 +1,4 @@
-"""What is measured where: ``python tests/measured.py`` writes the table into the README.
+"""What is measured where: ``python tests/measured.py`` writes the table into the documentation.
 
 Each row is measured afresh, in about three minutes; what it says is tested in the file that
 stands in the row, on more cases and against its bound. Times are medians on the machine that
@@ -27,7 +27,7 @@ from stepping import Rocker, follow, pulse
 
 import jaxrock as jr
 
-README = Path(__file__).parent.parent / "README.md"
+PAGE = Path(__file__).parent.parent / "docs" / "speed_and_accuracy.md"
 BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 SEED, SAMPLES = 7, 20
 STILL = jr.Rectangular(0.0, 1.0)
@@ -230,11 +230,11 @@ def main():
     for row in ROWS:
         figures.append((row, row.measure()))
         print(f"{row.what}: {figures[-1][1]}", flush=True)
-    text = README.read_text(encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     if text.count(BEGIN) != 1 or text.count(END) != 1:
-        sys.exit(f"{README} must have the two marks of the table once each")
+        sys.exit(f"{PAGE} must have the two marks of the table once each")
     before, rest = text.split(BEGIN)
-    README.write_text(before + BEGIN + table(figures) + END + rest.split(END)[1], encoding="utf-8")
+    PAGE.write_text(before + BEGIN + table(figures) + END + rest.split(END)[1], encoding="utf-8")
 
 
 if __name__ == "__main__":

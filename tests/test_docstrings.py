@@ -93,3 +93,13 @@ def test_docstring_says_what_there_is(name, thing, docstring):
     assert said["Raises"] or not raises, f"{name} raises errors, but has no section Raises"
     missing = taken - (said["Parameters"] or set()) - (said["Attributes"] or set())
     assert not missing, f"{name} does not describe {sorted(missing)}"
+
+
+FUNCTIONS = [name for name in jr.__all__ if inspect.isroutine(getattr(jr, name))]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_signature_shows_names_and_not_what_they_stand_for(name):
+    shown = str(inspect.signature(getattr(jr, name)))
+    assert not re.search(r"jaxtyping|Array, '", shown), shown
+    assert "Union[" not in shown.replace("Union[ModelLike, Literal['auto']]", ""), shown

@@ -5,14 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from ..block import Block
 from ..dynamics import BatchResponse, respond_batch
 from ..ground_motion import Motion, Record, Suite
 from ..host import Printed, listed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Number, as_real, check
+from ..validation import POSITIVE, Booleans, Number, Reals, as_real, check
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
@@ -41,10 +40,10 @@ class EstimatedResponse(Printed, eqx.Module):
     """
 
     response: BatchResponse
-    rtol: Float[Array, "..."]
-    error: Float[Array, "..."]
-    cheapest: Float[Array, "..."]
-    within_tolerance: Bool[Array, "..."]
+    rtol: Reals
+    error: Reals
+    cheapest: Reals
+    within_tolerance: Booleans
 
     def __str__(self) -> str:
         return f"{self.response}\n{listed(self, rtol='', error='', within_tolerance='')}"

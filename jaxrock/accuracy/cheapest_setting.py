@@ -8,13 +8,12 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
 
 from ..dynamics import DrivenScene
 from ..ground_motion import Harmonic, Pulse, Record
 from ..host import Printed, listed
 from ..resonance import Scene
-from ..validation import POSITIVE, Number, Reals, check
+from ..validation import POSITIVE, Booleans, Integers, Number, Reals, check
 from .batch_to_tolerance import TOLERANCES, respond_within
 from .model_errors import Answers, ModelError, model_error
 
@@ -57,9 +56,9 @@ class Choice(Printed, eqx.Module):
         Of a single scene, what each simplification costs.
     """
 
-    index: Int[Array, "..."]
+    index: Integers
     error: Reals
-    within_tolerance: Bool[Array, "..."]
+    within_tolerance: Booleans
     tolerance: float = eqx.field(static=True)
     settings: tuple[Setting, ...] = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)

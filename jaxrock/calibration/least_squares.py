@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from typing_extensions import TypeAliasType
 
 from ..block import Block
 from ..resonance import RockingModel
@@ -27,9 +28,9 @@ _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
 
 
 # Measurements are in NumPy where they are concrete, which compiles nothing.
-Values = Float[Array | np.ndarray, "..."]
-Flags = Bool[Array | np.ndarray, "..."]
-Places = Int[Array | np.ndarray, "..."]
+Values = TypeAliasType("Values", Float[Array | np.ndarray, "..."])
+Flags = TypeAliasType("Flags", Bool[Array | np.ndarray, "..."])
+Places = TypeAliasType("Places", Int[Array | np.ndarray, "..."])
 
 
 class Measured(eqx.Module):

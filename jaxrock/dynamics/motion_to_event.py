@@ -12,18 +12,15 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from ..impact import velocity_after_impact
-from ..validation import Booleans, Reals
+from ..validation import Booleans, Integers, Reals
 from .contact_forces import Forces, with_step
 from .driven_scene import Driven
 from .equation import Equation
 from .overturning_criterion import TOPPLED_ROTATION
 from .solver_steps import Segment, Step, Stepper, close_to, first_step, limited
 from .uplift import Uplifts
-
-Ints = Int[Array, "..."]
 
 REST, RISING, FALLING, TOPPLED = range(4)
 # How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it passes
@@ -43,9 +40,9 @@ class State(NamedTuple):
     side: Reals
     rotation: Reals
     velocity: Reals
-    phase: Ints
-    events: Ints
-    impacts: Ints
+    phase: Integers
+    events: Integers
+    impacts: Integers
     last_impact: Reals  # its time, and the velocity just before it
     peak: Reals
     peak_time: Reals
@@ -107,11 +104,11 @@ class Flight(NamedTuple):
     y: Reals
     until: Reals  # end of the next step
     wanted: Reals  # length of a step, before it was limited
-    repetitions: Ints  # of the last step; 0 before it is known
-    event: Ints  # that ends the segment
+    repetitions: Integers  # of the last step; 0 before it is known
+    event: Integers  # that ends the segment
     done: Booleans
     forces: Forces | None
-    steps: Ints
+    steps: Integers
     solver_state: Any
 
 
@@ -202,7 +199,7 @@ def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
     return jax.lax.while_loop(wide, halve, (flight.elapsed, flight.until))[1]
 
 
-def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Ints) -> Reals:
+def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Integers) -> Reals:
     """The end of a segment by Halley's method, from a time and the state there."""
     rate = segment.field(time, y)
     _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from ..block import Block
 from ..ground_motion import Pulse, pulse_class
 from ..host import Printed, listed, with_clock
-from ..numerics import ABOVE, BELOW, Ints, Root, Sample, Scan, chosen, through_residual
+from ..numerics import ABOVE, BELOW, Root, Sample, Scan, chosen, through_residual
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import Booleans, Number, Reals
+from ..validation import Booleans, Integers, Number, Reals
 from .equation import Equation, uplift_acceleration
 from .repeated_pulses import (
     LONGEST,
@@ -128,7 +128,7 @@ def _margin(
     scene: PulsedScene,
     logarithm: Reals,
     direction: Any,
-    count: Ints | None,
+    count: Integers | None,
     model: RockingModel,
     rtol: float,
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans, Any]]:
@@ -159,7 +159,7 @@ def _margin(
 
 
 def _last_of(
-    count: Ints, scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
+    count: Integers, scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Response, Booleans]:
     """The response to the last pulse, or to the one before that overturns; whether it is that."""
 
@@ -181,7 +181,12 @@ def _last_of(
 
 
 def _residual(
-    scene: PulsedScene, logarithm: Reals, *, count: Ints | None, model: RockingModel, rtol: float
+    scene: PulsedScene,
+    logarithm: Reals,
+    *,
+    count: Integers | None,
+    model: RockingModel,
+    rtol: float,
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """What is 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
@@ -199,7 +204,9 @@ class _Search(NamedTuple):
     rate: Reals  # of the half-cycle map there, which takes one evaluation more
 
 
-def _search(scene: PulsedScene, *, count: Ints | None, model: RockingModel, rtol: float) -> Root:
+def _search(
+    scene: PulsedScene, *, count: Integers | None, model: RockingModel, rtol: float
+) -> Root:
     """Up from next to nothing (uplift, with a count) until it overturns, and to the threshold."""
     block, _, pulse = scene
     tolerance = tolerance_of(pulse.amplitude, rtol)
@@ -247,7 +254,7 @@ _root = through_residual(_search, _residual)
 
 @eqx.filter_jit
 def _threshold(
-    scene: PulsedScene, model: RockingModel, rtol: float, count: Ints | None
+    scene: PulsedScene, model: RockingModel, rtol: float, count: Integers | None
 ) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
     """The threshold, pulses a little weaker; how fast the block should land then, and how near."""
     block, _, pulse = scene

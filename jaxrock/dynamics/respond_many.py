@@ -10,13 +10,12 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
 
 from ..block import Block
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..host import Printed, listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, as_real, check
+from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Integers, Number, Reals, as_real, check
 from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
 from .batch_queue import work_off
 from .batch_step import Case, Lanes, take_step
@@ -62,8 +61,8 @@ class BatchResponse(Printed, eqx.Module):
     final_velocity: Reals
     overturned: Booleans
     margin: Reals
-    impacts: Int[Array, "..."]
-    mode: Int[Array, "..."]
+    impacts: Integers
+    mode: Integers
     complete: Booleans
 
     def __str__(self) -> str:

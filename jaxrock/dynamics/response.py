@@ -7,11 +7,10 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
 
 from ..host import Printed, listed
 from ..resonance import RockingModel
-from ..validation import Booleans, Numbers, Reals, as_array, as_real
+from ..validation import Booleans, Integers, Numbers, Reals, as_array, as_real
 from .driven_scene import Driven
 from .equation import Equation
 from .motion_to_event import flown
@@ -84,14 +83,14 @@ class Response(Printed, eqx.Module):
     overturned: Booleans
     overturning_time: Reals
     margin: Reals
-    impacts: Int[Array, "..."]
+    impacts: Integers
     impact_times: Reals
     impact_velocities: Reals
     at_rest: Booleans
     friction_demand: Reals
     normal_force: Reals
     contact_loss_time: Reals
-    status: Int[Array, "..."]
+    status: Integers
     events: Events
     scene: Driven
     model: RockingModel

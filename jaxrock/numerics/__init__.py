@@ -16,7 +16,6 @@ from .elliptic import jacobi as jacobi
 from .falling_roots import ABOVE as ABOVE
 from .falling_roots import BELOW as BELOW
 from .falling_roots import NOWHERE as NOWHERE
-from .falling_roots import Ints as Ints
 from .falling_roots import Sample as Sample
 from .falling_roots import Scan as Scan
 from .falling_roots import chosen as chosen

@@ -8,7 +8,6 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
 
 from ..block import Block
 from ..dynamics import TOPPLED_ROTATION, BatchResponse, DrivenScene
@@ -16,12 +15,7 @@ from ..ground_motion import Motion, Suite
 from ..host import Printed, listed, with_clock, with_progress
 from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import (
-    Booleans,
-    Number,
-    Numbers,
-    Reals,
-)
+from ..validation import Booleans, Integers, Number, Numbers, Reals
 from .boundary_slopes import moved
 from .quantities import Search, checked, is_traced, respond_at, split
 
@@ -54,9 +48,9 @@ class Boundaries(Printed, eqx.Module):
 
     value: Reals
     overturns_beyond: Booleans
-    impacts: Int[Array, "..."]
+    impacts: Integers
     toppled: Booleans
-    count: Int[Array, "..."]
+    count: Integers
     overturns_first: Booleans
     complete: Booleans
 

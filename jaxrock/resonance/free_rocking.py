@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from typing_extensions import TypeAliasType
 
 from ..block import Block, diagonal_ratio
 from ..numerics import (
@@ -233,7 +234,7 @@ class Nonlinear(RockingModel):
         return fall / scale * integral / block.frequency_parameter
 
 
-ModelLike = RockingModel | Literal["linearized", "nonlinear"]
+ModelLike = TypeAliasType("ModelLike", RockingModel | Literal["linearized", "nonlinear"])
 
 
 def as_model(model: Any) -> RockingModel:

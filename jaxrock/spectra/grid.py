@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from typing_extensions import TypeAliasType
 
 from ..host import labelled, with_progress, written_whole
 from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, check
@@ -15,7 +16,7 @@ from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, 
 if TYPE_CHECKING:
     import xarray
 
-Values = Number | Sequence[float | int]
+Values = TypeAliasType("Values", Number | Sequence[float | int])
 Chunk = tuple[slice, ...]
 
 _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain

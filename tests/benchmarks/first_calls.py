@@ -1,10 +1,12 @@
-"""How long the first call of everything takes, and the next one; how long it takes to start.
+"""How long the first call of everything takes, the next one, and the first with a cache.
 
 Run as ``python tests/benchmarks/first_calls.py [words] [--repeats N] [--write]``: with words only
 what has one of them in its name. Each entry is the median of processes of its own, which take
-turns and find nothing compiled; commands find what the one before them left. Beside it stand
-what was last written into ``first_calls.json`` with ``--write``, and the bar; what is over the bar
-is marked. Float64.
+turns and find nothing compiled. The third figure is the first call of a process that finds what
+another one compiled, in the folder of ``JAX_COMPILATION_CACHE_DIR``; commands always keep what they
+compile, so their second figure is of that kind. Beside it stand what was last written into
+``first_calls.json`` and the table in ``docs/speed_and_accuracy.md`` with ``--write``, and the bar;
+what is over the bar is marked. Float64.
 """
 
 import argparse
@@ -21,6 +23,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 FILE = Path(__file__).with_suffix(".json")
+PAGE = FILE.parents[2] / "docs" / "speed_and_accuracy.md"
+BEGIN, END = "<!-- first calls: begin -->\n", "<!-- first calls: end -->\n"
 PYTHON = "{}.{}".format(*sys.version_info)
 NONE = (math.inf, math.inf)
 
@@ -129,6 +133,41 @@ def slopes():
     return lambda: jr.value_and_slopes(jr.rotation_ratio)(widths)
 
 
+def spectrum():
+    import jax.numpy as jnp
+
+    import jaxrock as jr
+
+    slenderness = jnp.linspace(3, 10, 141)
+    return lambda: jr.resonance_spectrum(slenderness, [0.4, 0.8, 1.2], [0.6, 0.8], 0.15)
+
+
+def statue(rate=False):
+    import jax.numpy as jnp
+
+    import jaxrock as jr
+
+    block, suite = jr.Block.from_size(width=0.6, height=2.4), jr.example_suite()
+    if rate:
+        hazard = jr.Hazard(levels=[0.1, 0.3, 1.0, 3.0], rates=[2e-2, 2e-3, 1e-4, 4e-6])
+        return lambda: jr.overturning_rate(block, 0.8, suite[:4], hazard).rate
+    return lambda: jr.fragility(block, 0.8, suite, jnp.geomspace(0.1, 3.0, 25))
+
+
+def fit():
+    import jaxrock as jr
+
+    times = [0.788, 1.483, 1.999, 2.411, 2.755, 3.040, 3.288, 3.502]
+    slim = jr.Block(half_width=0.1, slenderness=5.0)
+    return lambda: jr.fit_free_rocking(times, slim, model=jr.Nonlinear()).restitution
+
+
+def floor():
+    import jaxrock as jr
+
+    return lambda: jr.harmonic_orbit(jr.Block(0.2, 5.0), 0.9, amplitude=1.5, frequency=12.0)
+
+
 class Case(NamedTuple):
     """What makes a call, and the bars for the first one (by Python) and the next one [s]."""
 
@@ -169,6 +208,11 @@ CASES = {
         following=same(0.05),
     ),
     "value_and_slopes": Case(slopes),
+    "resonance_spectrum": Case(spectrum),
+    "fragility, 20 records": Case(statue),
+    "overturning_rate, 4 records": Case(lambda: statue(True)),
+    "fit_free_rocking": Case(fit),
+    "harmonic_orbit": Case(floor),
 }
 
 # The bar for importing jaxrock is what it may add to importing JAX.
@@ -254,21 +298,25 @@ def of_command(arguments):
 
 
 def taken(name):
-    """First and next call, in seconds; only the first for what has no other."""
+    """First, next, and first call with a cache, in seconds; fewer for what has no others."""
     if name in CASES:
-        return json.loads(run([__file__, "--measure", name])[0])
+        calls = json.loads(run([__file__, "--measure", name])[0])
+        with tempfile.TemporaryDirectory() as folder:
+            for _ in range(2):
+                found = run([__file__, "--measure", name], JAX_COMPILATION_CACHE_DIR=folder)[0]
+        return [*calls, json.loads(found)[0]]
     if name in COMMANDS:
         return of_command(COMMANDS[name])
     return [run(["-c", IMPORTS[name]])[1]]
 
 
 def bars(name, import_jax):
-    """The bars for the first and for the next call."""
+    """The bars for the first and for the next call; there is none for a call with a cache."""
     if name in IMPORTS:
         return [import_jax + ADDED if name == "import jaxrock" else math.inf]
     case = CASES.get(name, COMMAND_BARS)
     version = sys.version_info < (3, 13)
-    return [case.first[version], case.following[version]]
+    return [case.first[version], case.following[version], math.inf]
 
 
 def line(name, found, before, bar):
@@ -280,6 +328,28 @@ def line(name, found, before, bar):
         over = "!" if value > bar[k] else " "
         cells.append(f"{value:9.3f}{over}{was:>8} {most:>6}")
     print(f"{name:32}" + " |".join(cells), flush=True)
+
+
+def seconds(value):
+    """As many digits as count."""
+    return f"{value:.1f}" if value > 0.95 else f"{value:.2g}" if value > 0.0095 else f"{value:.1g}"
+
+
+def table(written):
+    """The table in Markdown: each column for the newest and for the oldest Python."""
+    new, old = written["3.13"], written["3.11"]
+    rows = ["| seconds | first | with a cache | next |", "|---|---|---|---|"]
+    for name in CASES:
+        first, following, cached = (
+            " / ".join(seconds(python[name][k]) for python in (new, old)) for k in range(3)
+        )
+        function, _, what = name.partition(", ")
+        shown = " of ".join(f"`{word}`" for word in function.split(" of "))
+        rows.append(f"| {shown}{', ' * bool(what)}{what} | {first} | {cached} | {following} |")
+    for name in COMMANDS:
+        pair = (" / ".join(seconds(python[name][k]) for python in (new, old)) for k in range(2))
+        rows.append(f"| `{name.partition(',')[0]}` | {' | '.join(pair)} | |")
+    return "\n".join([*rows, ""])
 
 
 def main():
@@ -306,6 +376,7 @@ def main():
     committed = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
     before = committed.setdefault(PYTHON, {})
     cells = f"{'first':>9} {'was':>8} {'bar':>6}", f"{'next':>9} {'was':>8} {'bar':>6}"
+    cells = *cells, f"{'cached':>9} {'was':>8} {'bar':>6}"
     print(f"{'seconds, Python ' + PYTHON:32}" + " |".join(cells))
     import_jax = medians.get("import jax", [math.inf])[0]
     for name, found in medians.items():
@@ -320,6 +391,10 @@ def main():
         before.update({name: [float(f"{t:.3g}") for t in found] for name, found in medians.items()})
         before.update(lines)
         FILE.write_text(json.dumps(committed, indent=1) + "\n", encoding="utf-8")
+        text = PAGE.read_text(encoding="utf-8")
+        begin, rest = text.split(BEGIN)
+        end = rest.split(END)[1]
+        PAGE.write_text(begin + BEGIN + table(committed) + END + end, encoding="utf-8")
 
 
 if __name__ == "__main__":

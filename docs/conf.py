@@ -1,0 +1,81 @@
+"""How the site is built; the folder of sources is the root of the repository, for the notebooks.
+
+``sphinx-build -W --keep-going -b html -c docs . site``
+"""
+
+import importlib
+import inspect
+import os
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+
+import jaxrock
+from jaxrock.cli import COMMANDS, Run
+
+project, author, language = "jaxrock", "The jaxrock developers", "en"
+copyright = author
+release = version = version_of("jaxrock")
+
+root_doc = "docs/index"
+include_patterns = ["docs/*.md", "docs/reference/*.md", "notebooks/*.ipynb", "CHANGELOG.md"]
+exclude_patterns = ["docs/releasing.md"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+
+nb_execution_mode = "off"  # shown with the outputs stored in them, which the tests compute anew
+myst_heading_anchors = 3
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_default_options = {"members": True, "inherited-members": "Module,object,int"}
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+default_role = "py:obj"  # links names in docstrings where there is something to link to
+python_maximum_signature_line_length = 88
+
+html_theme = "furo"
+html_title = f"jaxrock {release}"
+
+
+class CommandHelp(Directive):
+    """What ``jaxrock COMMAND`` is for, as its docstring says it."""
+
+    required_arguments = 1
+    has_content: ClassVar[bool] = False
+
+    def run(self):
+        """A block of text."""
+        text = inspect.cleandoc({**COMMANDS, "run": Run}[self.arguments[0]].__doc__)
+        block = nodes.literal_block(text, text)
+        block["language"] = "text"
+        return [block]
+
+
+def skip(app, what, name, obj, *_):
+    """Whether a name of a package is left out, since it is described at the top."""
+    room = app.env.docname.rpartition("/")[2]
+    if room == "top":
+        return None
+    at_top = name in jaxrock.__all__ and getattr(jaxrock, name) is obj
+    return True if at_top and hasattr(importlib.import_module(f"jaxrock.{room}"), name) else None
+
+
+def enter_by_the_front_door(app, exception):
+    """Lead from the folder itself to the first page."""
+    if exception is None and app.builder.name == "html":
+        to = '<meta http-equiv="refresh" content="0; url=docs/index.html">'
+        Path(app.outdir, "index.html").write_text(to + os.linesep, encoding="utf-8")
+
+
+def setup(app):
+    """What Sphinx calls."""
+    app.add_directive("command-help", CommandHelp)
+    app.connect("autodoc-skip-member", skip)
+    app.connect("build-finished", enter_by_the_front_door)

@@ -1,0 +1,170 @@
+"""The README and the pages in `docs`: their code runs and gives the numbers beside it."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from benchmarks import first_calls
+
+import jaxrock as jr
+from jaxrock.cli import COMMANDS, Run
+from jaxrock.reports import paper
+
+ROOT = Path(__file__).parent.parent
+TEXTS = {
+    path.stem: path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+}
+
+
+def code(page):
+    """All blocks of Python of a page, one after the other."""
+    return "".join(re.findall(r"```python\n(.*?)```", TEXTS[page], re.DOTALL))
+
+
+def compared(code, namespace):
+    """Run it; how many answers begin as the comment beside them says."""
+    count = 0
+    for statement in ast.parse(code).body:
+        source = ast.get_source_segment(code, statement)
+        if not isinstance(statement, ast.Expr):
+            exec(source, namespace)
+            continue
+        value = np.ravel(eval(source, namespace))
+        comment = code.splitlines()[statement.end_lineno - 1].partition("#")[2]
+        for said in re.findall(r"\b(?:True|False|nan)|-?\b0?\d+\.\d+(?:e[-+]\d+)?", comment):
+            found, value = value[0], value[1:]
+            if said in ("True", "False"):
+                assert bool(found) == (said == "True"), source
+            else:
+                assert float(found) == pytest.approx(float(said), rel=6e-3, nan_ok=True), source
+                digits = len(said.partition("e")[0].partition(".")[2])
+                kind = "e" if "e" in said else "f"
+                assert f"{found:.{digits}{kind}}" == said, source
+            count += 1
+            if not value.size:
+                break
+    return count
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    ("page", "count"),
+    [
+        ("README", 9),
+        ("getting_started", 9),
+        ("records", 0),
+        ("paper", 4),
+        pytest.param("sharp_edges", 13, marks=pytest.mark.thorough),
+    ],
+)
+def test_code_gives_what_it_says(page, count):
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        assert compared(code(page), {}) == count
+
+
+def run(page, capsys, before="", after=""):
+    """What the code of a page makes, and what it prints."""
+    namespace = {}
+    assert before in code(page)
+    exec(code(page).replace(before, after), namespace)
+    return namespace, capsys.readouterr().out
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_driven_motion(capsys):
+    namespace, _ = run("driven_motion", capsys, "1_000_000", "20_000")
+    assert namespace["response"].impacts > 1000
+    assert namespace["slope"].intensity.shape == namespace["ratio"].shape == (20_000,)
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_calibration(capsys):
+    fit = run("calibration", capsys)[0]["fit"]
+    error = fit.standard_errors["restitution"]
+    assert f"# {fit.restitution:.3f}, {error:.4f}; fit.remarks" in code("calibration")
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_suites(capsys):
+    namespace, printed = run("suites", capsys, "jr.example_suite()", "jr.example_suite()[:6]")
+    assert namespace["curves"].sizes["level"] == 25
+    assert "restitution" in printed
+
+
+@pytest.mark.thorough
+@pytest.mark.float64
+def test_as_much_model_as_required(capsys):
+    namespace, printed = run("concepts", capsys)
+    error, within, text = namespace["error"], namespace["within"], code("concepts")
+    assert f"# {error.linearization.rotation_ratio:.4f}: what linearizing costs" in text
+    estimate = f"{error.duration.period:.4f}, {error.duration_bound.period:.4f}"
+    assert f"# {estimate}: what 10 ms" in text
+    assert f"# {within.within_tolerance.mean():.2f}: the rest" in text
+    assert f"# {printed.splitlines()[0]}, and why" in text
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_inverse_design(capsys):
+    printed = run("sensitivities", capsys)[1]
+    edges = re.findall(r"\w+ beyond [\d.]+\d", code("sensitivities"))
+    assert len(edges) == 3
+    for edge in edges:
+        assert edge in printed
+
+
+def test_all_code_is_run_by_a_test():
+    tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
+    tested |= {"suites", "driven_motion", "concepts", "sensitivities"}
+    assert {page for page in TEXTS if code(page)} == tested
+
+
+def test_the_study_passes_its_check(tmp_path):
+    study = re.search(r"```toml\n(.*?)```", TEXTS["commands"], re.DOTALL)[1]
+    path = tmp_path / "study.toml"
+    path.write_text(study, encoding="utf-8")
+    jobs = Run(study=path).jobs.values()
+    assert [job.width for job in jobs] == [0.4, 0.4]
+    assert [type(job.motion) for job in jobs] == [jr.Record, jr.HalfSine]
+
+
+@pytest.mark.parametrize("page", ["README", "commands"])
+def test_every_command_has_its_row(page):
+    assert set(re.findall(r"^\| `jaxrock ([\w-]+)", TEXTS[page], re.M)) == {*COMMANDS, "run"}
+
+
+@pytest.mark.float64
+def test_every_row_that_is_measured_is_on_the_page():
+    import measured
+
+    table = TEXTS["speed_and_accuracy"].partition(measured.BEGIN)[2].partition(measured.END)[0]
+    for row in measured.ROWS:
+        assert f"| {row.what} | " in table
+        assert (ROOT / row.where).exists()
+    assert table.count("\n| ") == len(measured.ROWS) + 1
+
+
+def test_first_calls_are_those_that_were_measured():
+    measured = json.loads(first_calls.FILE.read_text(encoding="utf-8"))
+    assert first_calls.table(measured) in TEXTS["speed_and_accuracy"]
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_faults_of_the_paper_are_those_of_the_report():
+    for fault in paper.regenerate().faults:
+        assert f"| {fault.where} | {fault.statement} | {fault.figure} |" in TEXTS["paper"]
+
+
+def test_the_readme_is_short_and_leads_to_files_that_are_there():
+    assert len(TEXTS["README"].splitlines()) <= 150
+    for link in re.findall(r"\]\((?!http)([^)#]+)", TEXTS["README"]):
+        assert (ROOT / link).exists(), link
