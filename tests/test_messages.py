@@ -1,0 +1,176 @@
+"""Wrong calls, as people make them: one sentence each, with argument, value and what is allowed."""
+
+import jaxtyping
+import numpy as np
+import pytest
+
+import jaxrock as jr
+
+
+@pytest.fixture(autouse=True)
+def as_users_have_it():
+    """Without the types that the tests check, which would answer before the package does."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+BLOCK, PULSE = jr.Block(0.4, 5.0), jr.Sine(3.0, 0.5)
+SCENE, RECORD = jr.Scene(BLOCK, 0.7, 0.1), jr.Record([0.0, 1.0, 0.0], 0.01)
+SUITE, TWO = jr.Suite([RECORD, RECORD]), jr.Block(np.array([0.1, 0.2]), 5.0)
+THREE = np.array([0.7, 0.8, 0.9])
+MODELS = 'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear"'
+REAL = "must be a real number or an array of them"
+MANY = "; one Block of arrays stands for many"
+
+LIBRARY = {
+    # models
+    "a class of models": (
+        lambda: jr.rotation_ratio(SCENE, jr.Linearized),
+        f"{MODELS}, got the class Linearized",
+    ),
+    "a misspelled model": (
+        lambda: jr.critical_intensity(BLOCK, 0.7, model="linearised"),
+        f"{MODELS}, got 'linearised'",
+    ),
+    "a model of no equation": (
+        lambda: jr.respond(BLOCK, 0.7, PULSE, model="cubic"),
+        f"{MODELS}, got 'cubic'",
+    ),
+    "a class of models for a batch": (
+        lambda: jr.respond_batch(BLOCK, 0.7, PULSE, model=jr.Nonlinear),
+        f"{MODELS}, got the class Nonlinear",
+    ),
+    # shapes
+    "shapes of a block": (
+        lambda: jr.Block([0.1, 0.2], [3.0, 4.0, 5.0]),
+        "shapes must broadcast against each other, got half_width of (2,), slenderness of (3,)",
+    ),
+    "shapes of a scene": (
+        lambda: jr.Scene(TWO, THREE, 0.1),
+        "shapes must broadcast against each other, got half_width of (2,), restitution of (3,)",
+    ),
+    "shapes of a pulse": (
+        lambda: jr.Sine([1.0, 2.0, 3.0], [0.5, 1.0]),
+        "shapes must broadcast against each other, got amplitude of (3,), duration of (2,)",
+    ),
+    "shapes of arguments": (
+        lambda: jr.critical_intensity(TWO, THREE),
+        "shapes must broadcast against each other, got half_width of (2,), restitution of (3,)",
+    ),
+    "shapes of a batch": (
+        lambda: jr.respond_batch(TWO, 0.7, jr.Sine(THREE, 0.5)),
+        "shapes must broadcast against each other, got half_width of (2,), amplitude of (3,)",
+    ),
+    "shapes of records": (
+        lambda: jr.respond_batch(TWO, 0.7, jr.Record(np.zeros((3, 9)), 0.01)),
+        "shapes must broadcast against each other, got half_width of (2,), acceleration of (3,)",
+    ),
+    # one thing for another
+    "a block for a scene": (
+        lambda: jr.rotation_ratio(BLOCK),
+        "scene must be a Scene, got a Block",
+    ),
+    "a block to assess": (lambda: jr.assess(BLOCK), "scene must be a Scene, got a Block"),
+    "a block to choose for": (
+        lambda: jr.choose(BLOCK, 1e-3),
+        "scene must be a Scene or a DrivenScene, got a Block",
+    ),
+    "a block with an error": (lambda: jr.model_error(BLOCK), "scene must be a Scene, got a Block"),
+    "a scene for a block": (
+        lambda: jr.critical_intensity(SCENE, 0.7),
+        "block must be a Block, got a Scene",
+    ),
+    "a scene to respond": (
+        lambda: jr.respond_batch(SCENE, 0.7, PULSE),
+        "blocks must be a Block, got a Scene",
+    ),
+    "a number for a block": (
+        lambda: jr.Scene(0.4, 0.7, 0.1),
+        "block must be a Block, got 0.4",
+    ),
+    "a list of blocks": (
+        lambda: jr.respond_batch([BLOCK, BLOCK], 0.7, PULSE),
+        f"blocks must be a Block, got a list of 2 Blocks{MANY}",
+    ),
+    "a list of blocks in a scene": (
+        lambda: jr.Scene([BLOCK, BLOCK], 0.7, 0.1),
+        f"block must be a Block, got a list of 2 Blocks{MANY}",
+    ),
+    "a list of blocks in closed form": (
+        lambda: jr.critical_intensity([BLOCK, BLOCK], 0.7),
+        f"block must be a Block, got a list of 2 Blocks{MANY}",
+    ),
+    "a suite for one block": (
+        lambda: jr.respond(BLOCK, 0.7, SUITE),
+        "motion must be a Motion, got a Suite; respond_batch takes several",
+    ),
+    "a list of records": (
+        lambda: jr.respond_batch(BLOCK, 0.7, [RECORD, RECORD]),
+        "motion must be a Pulse or a Harmonic or a Record or a Suite, got a list of 2 Records",
+    ),
+    "samples for a motion": (
+        lambda: jr.respond(BLOCK, 0.7, np.zeros(1000)),
+        "motion must be a Motion, got array([",
+    ),
+    "a class of pulses for a motion": (
+        lambda: jr.respond(BLOCK, 0.7, jr.Sine),
+        "motion must be a Motion, got the class Sine; respond_batch takes several",
+    ),
+    "a pulse for a class of them": (
+        lambda: jr.critical_amplitude(BLOCK, 0.7, PULSE, 0.5),
+        "shape must be a class of pulses, for example Sine, got Sine(",
+    ),
+    "a record for a suite": (
+        lambda: jr.fragility(BLOCK, 0.7, RECORD, [0.1, 0.2]),
+        "suite must be a Suite, got a Record",
+    ),
+    "no function": (
+        lambda: jr.sensitivities(SCENE, {"half_width": 0.4}),
+        "answer must be a Callable, got a Scene",
+    ),
+    # numbers
+    "a string for a number": (lambda: jr.Block("0.4", 5.0), f"half_width {REAL}, got '0.4'"),
+    "a string for a tolerance": (
+        lambda: jr.respond(BLOCK, 0.7, PULSE, rtol="1e-5"),
+        f"rtol {REAL}, got '1e-5'",
+    ),
+    "a string for an axis": (
+        lambda: jr.resonance_spectrum("5", 0.8, 0.7, 0.1),
+        f"slenderness {REAL}, got '5'",
+    ),
+    "strings for numbers": (
+        lambda: jr.sensitivities(lambda at: at["b"], {"b": "0.4"}),
+        f"b {REAL}, got '0.4'",
+    ),
+    "half a number of impacts": (
+        lambda: jr.respond(BLOCK, 0.7, PULSE, max_impacts=2.5),
+        "max_impacts must be a whole number from 0 on, got 2.5",
+    ),
+    "ragged samples": (
+        lambda: jr.Record([list(range(500)), list(range(400))], 0.01),
+        f"acceleration {REAL}, got rows of different lengths, 400 to 500",
+    ),
+    "words for samples": (
+        lambda: jr.Record(["much"] * 500, 0.01),
+        f"acceleration {REAL}, got ['much', 'much', ",
+    ),
+    "no such quantity": (
+        lambda: jr.overturning_boundaries(BLOCK, 0.7, PULSE, "width", [1.0, 2.0]),
+        "along must be one of amplitude, duration, factor, half_width, slenderness,"
+        " inertia_ratio, restitution, got 'width'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_a_wrong_call_of_the_library(name):
+    call, sentence = LIBRARY[name]
+    with pytest.raises(ValueError, match=r"^[^\n]{1,200}$") as raised:
+        call()
+    assert str(raised.value).startswith(sentence)
+
+
+def test_width_and_height_cannot_be_swapped():
+    with pytest.raises(TypeError, match="positional"):
+        jr.Block.from_size(4.0, 0.8)
