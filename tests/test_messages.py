@@ -1,10 +1,13 @@
 """Wrong calls, as people make them: one sentence each, with argument, value and what is allowed."""
 
+import re
+
 import jaxtyping
 import numpy as np
 import pytest
 
 import jaxrock as jr
+from jaxrock.cli import main
 
 
 @pytest.fixture(autouse=True)
@@ -174,3 +177,69 @@ def test_a_wrong_call_of_the_library(name):
 def test_width_and_height_cannot_be_swapped():
     with pytest.raises(TypeError, match="positional"):
         jr.Block.from_size(4.0, 0.8)
+
+
+WORDS = {
+    "no command": ("", "command must be one of assess, spectrum, respond, "),
+    "no such command": ("asess", "command must be one of assess, spectrum, respond, "),
+    "a misspelled option": (
+        "assess --widht 0.8",
+        "--widht is no option of assess, perhaps --width is meant",
+    ),
+    "no such option": ("assess --colour=red", "--colour is no option of assess, --help lists them"),
+    "a word for a number": ("assess --width broad", "--width must be a number, got 'broad'"),
+    "the same with =": ("assess --width=broad", "--width must be a number, got 'broad'"),
+    "a fraction for a count": (
+        "tradeoff --repeats 1.5",
+        "--repeats must be a whole number, got '1.5'",
+    ),
+    "a word among numbers": ("critical --half-cycles 1 two", "--half-cycles must be a number, got"),
+    "no number": ("assess --height --json", "--height must be a number, got nothing"),
+    "no choice": (
+        "critical --model cubic",
+        "--model must be one of linearized, nonlinear, got 'cubic'",
+    ),
+    "a name that another option has": (
+        "critical --pulse sine --pulse-duration 0.5 --along width",
+        "--along must be one of amplitude, duration, factor, half_width, slenderness,"
+        " inertia_ratio, restitution, got 'width'",
+    ),
+    "a number too many": ("assess --width 0.8 0.9", "'0.9' belongs to no option of assess"),
+    "a flag with a word": ("assess --json yes", "'yes' belongs to no option of assess"),
+    "a file too few": ("fit", "FILE must be given to fit: The file with the times"),
+    "the unit of the example": (
+        "respond --record example --unit g",
+        'record "example" has its unit and time step: leave out --unit',
+    ),
+    "the step of the examples": (
+        "fragility --unit g --time-step 0.01",
+        'records "example" have their unit and time step: leave out --unit and --time-step',
+    ),
+    "a column of the example": (
+        "respond --record example --column up",
+        "column of the record \"example\" must be north or east, got 'up'",
+    ),
+}
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("name", WORDS)
+def test_a_wrong_call_of_the_command_line(capsys, name):
+    words, sentence = WORDS[name]
+    with pytest.raises(SystemExit) as stop:
+        main(words.split())
+    out, err = capsys.readouterr()
+    assert (stop.value.code, out) == (2, "")
+    assert re.fullmatch(r"jaxrock: error: [^\n]{1,200}\n", err)
+    assert err.startswith(f"jaxrock: error: {sentence}")
+
+
+@pytest.mark.float64
+def test_help_is_grouped_and_hides_what_is_none(capsys):
+    main(["critical", "--help"])
+    said = capsys.readouterr().out
+    titles = re.findall(r"^([a-z ]+):$", said, re.M)
+    assert titles == ["options of critical", "block", "ground motion", "output"]
+    assert "None" not in said
+    assert "--width NUMBER" in said.partition("\nblock:")[2].partition("\nground motion:")[0]
+    assert max(map(len, said.splitlines())) <= 100
