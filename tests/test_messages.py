@@ -179,6 +179,41 @@ def test_width_and_height_cannot_be_swapped():
         jr.Block.from_size(4.0, 0.8)
 
 
+FILES = {
+    "semicolons": ("r.csv", "t;a\n0;1\n", "line 1: columns must be separated by commas, got semi"),
+    "decimal commas": ("r.csv", "t;a\n0,1;1,2\n", "line 1: columns must be separated by commas"),
+    "columns without names": ("r.csv", "0,1\n1,2\n", "line 1: names of the columns were expected"),
+    "a column without a step": (
+        "r.csv",
+        "0.1\n0.2\n",
+        "time_step must be given, since no column of times is among 'column 1'",
+    ),
+    "another suffix": ("r.txt", "0.1\n0.2\n", ".AT2 and .csv files are read, not '.txt'; columns"),
+    "a word": ("r.csv", "# dt = 0.1 s\n0.1\nmuch\n", "line 3: column 'column 1' must be a number"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_cannot_be_read(tmp_path, name):
+    file, text, sentence = FILES[name]
+    path = tmp_path / file
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as raised:
+        jr.read_record(path, unit="g")
+    assert str(raised.value).startswith(repr(str(path)))
+    assert sentence in str(raised.value)
+
+
+def test_one_column_needs_no_name(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("# recorded somewhere\n0.5\n-1\n2\n")
+    record = jr.read_record(path, unit="m/s2", time_step=0.01)
+    assert record.acceleration.tolist() == [0.5, -1, 2]
+    assert jr.read_suite([path], unit="m/s2", time_step=0.01)[0].samples == 3
+    path.write_text("# dt = 0.02 s, in m/s2\n0.5\n-1\n")
+    assert jr.read_record(path).time_step == 0.02
+
+
 WORDS = {
     "no command": ("", "command must be one of assess, spectrum, respond, "),
     "no such command": ("asess", "command must be one of assess, spectrum, respond, "),
