@@ -78,12 +78,13 @@ class Block(Printed, Checked):
         )
 
     @classmethod
-    def from_size(cls, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
+    def from_size(cls, *, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
         """The rectangular block of a given full width 2b [m] and height 2a [m].
 
         Parameters
         ----------
         width, height, gravity : array_like
+            By their names only, since width and height are easily swapped.
 
         Returns
         -------

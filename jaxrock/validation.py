@@ -9,6 +9,7 @@ of these are affected.
 
 import contextlib
 import contextvars
+import dataclasses
 import functools
 import inspect
 import operator
@@ -78,7 +79,52 @@ def as_real(name: str, value: Any) -> Array:
         if jnp.issubdtype(array.dtype, jnp.integer):
             with jax.numpy_dtype_promotion("standard"):
                 return array * 1.0  # weakly typed: it takes the precision of other arguments
-    raise ValueError(f"{name} must be a real number or an array of them, got {value!r}")
+    raise ValueError(f"{name} must be a real number or an array of them, got {described(value)}")
+
+
+def described(value: Any) -> str:
+    """A value in a few words, for what an error got."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, eqx.Module):
+        return f"a {type(value).__name__}"
+    if isinstance(value, list | tuple) and value:
+        rows = [row for row in value if isinstance(row, list | tuple) or np.ndim(row)]
+        lengths = sorted({len(row) for row in rows})
+        if lengths[1:]:
+            return f"rows of different lengths, {lengths[0]} to {lengths[-1]}"
+        if isinstance(value[0], eqx.Module):
+            return f"a list of {len(value)} {type(value[0]).__name__}s"
+    words = " ".join(repr(value).split())
+    return words if len(words) <= 60 else f"{words[:57]}..."
+
+
+def check_kind(name: str, value: Any, *kinds: Any, hint: str = "") -> None:
+    """Raise `ValueError` if a value is of none of these classes; the hint says what to do."""
+    if not isinstance(value, kinds):
+        first, names = kinds[0].__name__, " or a ".join(kind.__name__ for kind in kinds)
+        if isinstance(value, list | tuple) and any(isinstance(each, kinds) for each in value):
+            hint = hint or f"; one {first} of arrays stands for many"
+        raise ValueError(f"{name} must be a {names}, got {described(value)}{hint}")
+
+
+def check_shapes(**arguments: Any) -> None:
+    """Raise `ValueError` if numbers and those in modules, traced or not, do not broadcast."""
+    shapes = [pair for name, value in arguments.items() for pair in _shapes(name, value)]
+    if len(some := {shape for _, shape in shapes if shape}) > 1:
+        try:
+            np.broadcast_shapes(*some)
+        except ValueError:
+            got = ", ".join(f"{name} of {shape}" for name, shape in shapes if shape)
+            raise ValueError(f"shapes must broadcast against each other, got {got}") from None
+
+
+def _shapes(name: str, value: Any, own_axes: int = 0) -> list[tuple[str, tuple[int, ...]]]:
+    if not isinstance(value, Checked):
+        shape = getattr(value, "shape", ())
+        return [(name, shape[: len(shape) - own_axes])]
+    fields = _fields(type(value))
+    return [pair for name, _, own, _ in fields for pair in _shapes(name, vars(value)[name], own)]
 
 
 def of_one_precision(tree: _T) -> _T:
@@ -99,7 +145,7 @@ def of_one_precision(tree: _T) -> _T:
 def check(name: str, value: Any, domain: Domain | None) -> None:
     """Raise `ValueError` if a value, or a field of a module, is concrete and not in its domain."""
     if isinstance(value, Checked):
-        value.check()
+        Checked.check(value)
     if domain is None or isinstance(value, jax.core.Tracer):
         return
     values = np.asarray(value)
@@ -112,9 +158,9 @@ def check(name: str, value: Any, domain: Domain | None) -> None:
         raise ValueError(f"{name} must be {domain.allowed}, got {first}")
 
 
-def quantity(domain: Domain, unit: str = "") -> Any:
-    """A field of a `Checked` module whose value has to be in `domain`."""
-    return eqx.field(metadata={"domain": domain, "unit": unit})
+def quantity(domain: Domain | None, unit: str = "", own_axes: int = 0) -> Any:
+    """A field of a `Checked` module: its domain, unit, and how many axes are none of a batch."""
+    return eqx.field(metadata={"domain": domain, "unit": unit, "own_axes": own_axes})
 
 
 class Checked(eqx.Module):
@@ -135,23 +181,38 @@ class Checked(eqx.Module):
         Raises
         ------
         ValueError
-            If a concrete value is outside of its domain.
+            If a concrete value is outside of its domain, or if shapes do not broadcast.
         """
-        for name, value, domain in self._parts():
-            check(name, value, domain)
+        parts = vars(self)  # much faster than attributes of an Equinox module
+        for name, domain, _, kind in _fields(type(self)):
+            if kind is not None:
+                check_kind(name, parts[name], kind)
+            check(name, parts[name], domain)
+        check_shapes(itself=self)
 
-    def _parts(self) -> list[tuple[str, Any, Domain | None]]:
-        fields = self.__dataclass_fields__.items()
-        return [(name, getattr(self, name), f.metadata.get("domain")) for name, f in fields]
+
+def _is_checked(kind: Any) -> bool:
+    return inspect.isclass(kind) and issubclass(kind, Checked)
+
+
+@functools.cache
+def _fields(module: type[Checked]) -> list[tuple[str, Any, int, Any]]:
+    """Of each field the name, the domain, its own axes and, if it is such a module, its class."""
+    return [
+        (field.name, field.metadata.get("domain"), field.metadata.get("own_axes", 0), kind)
+        for field in dataclasses.fields(module)
+        for kind in [field.type if _is_checked(field.type) else None]
+    ]
 
 
 def quantities(module: Checked) -> Iterator[tuple[str, Any, Domain, str]]:
     """Name, value, domain and unit of every `quantity` of a module, also of its modules."""
-    for name, value, domain in module._parts():
+    for field in dataclasses.fields(module):
+        value = getattr(module, field.name)
         if isinstance(value, Checked):
             yield from quantities(value)
-        elif domain is not None:
-            yield name, value, domain, module.__dataclass_fields__[name].metadata.get("unit", "")
+        elif field.metadata.get("domain") is not None:
+            yield field.name, value, field.metadata["domain"], field.metadata.get("unit", "")
 
 
 # The guarded values of the function being traced. Functions that it calls need not guard them
@@ -175,8 +236,8 @@ def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
     """The value, a number or a module, with stand-ins outside of domains; where it is valid."""
     if isinstance(value, Checked):
         oks = []
-        for name, part, its_domain in value._parts():
-            part, ok = within(part, its_domain)
+        for name, its_domain, _, _ in _fields(type(value)):
+            part, ok = within(vars(value)[name], its_domain)
             if ok is not True:
                 value = eqx.tree_at(lambda m, name=name: getattr(m, name), value, part)
             oks.append(ok)
@@ -211,6 +272,8 @@ def elementwise(
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
         signature = inspect.signature(function)
+        given = signature.parameters.items()
+        kinds = {name: of.annotation for name, of in given if _is_checked(of.annotation)}
 
         def masked(arguments: dict[str, Any]) -> Any:
             pairs = {name: within(value, guards.get(name)) for name, value in arguments.items()}
@@ -232,12 +295,15 @@ def elementwise(
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             arguments = bound.arguments
+            for name, kind in kinds.items():
+                check_kind(name, arguments[name], kind)
             for name, domain in domains.items():
                 of_name = functools.partial(as_real, name)
                 convert = of_name if isinstance(domain, Domain) else domain
                 arguments[name] = convert(arguments[name])
             for name, value in arguments.items():
                 check(name, value, guards.get(name))
+            check_shapes(**arguments)
             return (outermost if _guarded.get() is None else masked)(arguments)
 
         guarded.__doc__ = _documented(inspect.cleandoc(function.__doc__ or ""), signature, guards)

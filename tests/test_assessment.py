@@ -7,7 +7,7 @@ import pytest
 import jaxrock as jr
 from jaxrock.reports import assessment
 
-BLOCK = jr.Block.from_size(0.8, 4.0)
+BLOCK = jr.Block.from_size(width=0.8, height=4.0)
 
 
 def test_every_answer_is_that_of_its_function():

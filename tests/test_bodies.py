@@ -60,7 +60,7 @@ def test_a_rectangle_given_by_its_mass_and_inertia(eps):
     block = jr.Block.from_body(width / 2, height / 2, mass, inertia)
     assert block.inertia_ratio == pytest.approx(4 / 3, rel=4 * eps)
     assert block.frequency_parameter == pytest.approx(
-        float(jr.Block.from_size(width, height).frequency_parameter), rel=4 * eps
+        float(jr.Block.from_size(width=width, height=height).frequency_parameter), rel=4 * eps
     )
 
 

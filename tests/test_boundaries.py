@@ -33,7 +33,7 @@ def test_rectangular_pulses_against_housner():
 )
 def test_makris_and_roussos(width, height, shape, duration, expected):
     """Recomputed from their equations; they print 0.5545 and 0.4514 g."""
-    block = jr.Block.from_size(width, height)
+    block = jr.Block.from_size(width=width, height=height)
     c = jr.housner_restitution(block)
     found = jr.critical_amplitude(block, c, shape, duration, model="linearized")
     assert float(found.value[0]) / 9.81 == pytest.approx(expected, abs=1e-6)

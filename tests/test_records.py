@@ -242,7 +242,12 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
         ("a.csv", CSV + "1.5,x,8", A, ", line 5: column 'a' must be a number, got 'x'"),
         ("a.csv", CSV + "1.5,inf,8", A, ", line 5: column 'a' must be finite, got 'inf'"),
         ("a.csv", CSV + "nan,7,8", A, ", line 5: column 'time' must be finite, got 'nan'"),
-        ("a.csv", "t;a\n0;1\n1;2", B, ", line 2: column 't;a' must be a number, got '0;1'"),
+        (
+            "a.csv",
+            "t;a\n0;1\n1;2",
+            B,
+            ", line 1: columns must be separated by commas, got semicolons",
+        ),
         (
             "a.csv",
             "a\n" + 999 * "x",

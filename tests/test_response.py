@@ -438,7 +438,7 @@ def test_the_shortest_pulses():
         ({"duration": 0.0}, "duration must be finite and greater than 0, got 0"),
         ({"rtol": 1e-17}, "rtol must be less than 1 and at least"),
         ({"atol": -1.0}, "atol must be at least 0"),
-        ({"max_impacts": -1}, "max_impacts must be at least 0"),
+        ({"max_impacts": -1}, "max_impacts must be a whole number"),
         ({"restitution": np.array([0.5, 0.6])}, "restitution must be scalar here"),
         ({"block": jr.Block(np.array([0.3, 0.4]), 4.0)}, "block must be scalar here"),
     ],

@@ -23,7 +23,7 @@ def test_a_grid_is_its_scenes_one_by_one():
     for at in ({"slenderness": 2, "width": 1, "restitution": 0}, {"slenderness": 7, "width": 0}):
         point = spectrum.isel({"restitution": 1} | at)
         scene = jr.Scene(
-            jr.Block.from_size(float(point.width), float(point.width * point.slenderness)),
+            jr.Block(float(point.width) / 2, float(point.slenderness)),
             float(point.restitution),
             0.15,
         )

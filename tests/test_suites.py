@@ -93,7 +93,7 @@ STILL = SUITE.scaled(np.array([1.0, 0.0, 1.0]))
     ("call", "message"),
     [
         (lambda: jr.Suite([]), "records must be at least one record, got none"),
-        (lambda: jr.Suite(ONE), "records must be a list of records, got Record"),
+        (lambda: jr.Suite(ONE), "records must be a list of records, got a Record"),
         (lambda: jr.Suite([ONE, 3.0]), "records must be records, got a float as number 2"),
         (lambda: jr.Suite([ONE, MANY]), "records must be single ones, number 2 is an array of"),
         (lambda: jr.Suite([STEPS]), "records must have one time step and start, not number 1"),
@@ -230,7 +230,8 @@ def test_derivative_of_a_boundary_long_before_the_end_of_a_record():
     edge, step = 1.5034582935571408, 1e-6
 
     def edges(restitution):
-        block, factors = jr.Block.from_size(0.6, 2.4), np.linspace(edge - 1e-5, edge + 1e-5, 5)
+        block = jr.Block.from_size(width=0.6, height=2.4)
+        factors = np.linspace(edge - 1e-5, edge + 1e-5, 5)
         found = jr.overturning_boundaries(block, restitution, record, "factor", factors)
         return found.value[..., 0]
 

@@ -11,7 +11,7 @@ from ..dynamics import BatchResponse, respond_batch
 from ..ground_motion import Motion, Record, Suite
 from ..host import Printed, listed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Booleans, Number, Reals, as_real, check
+from ..validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_kind
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
@@ -90,6 +90,7 @@ def respond_within(
                 blocks, restitution, record, tolerance, duration, model=model
             )
         )
+    check_kind("blocks", blocks, Block)
     restitution = as_real("restitution", restitution)
     if duration is not None:
         duration = as_real("duration", duration)

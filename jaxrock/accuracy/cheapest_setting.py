@@ -13,7 +13,7 @@ from ..dynamics import DrivenScene
 from ..ground_motion import Harmonic, Pulse, Record
 from ..host import Printed, listed
 from ..resonance import Scene
-from ..validation import POSITIVE, Booleans, Integers, Number, Reals, check
+from ..validation import POSITIVE, Booleans, Integers, Number, Reals, as_real, check, check_kind
 from .batch_to_tolerance import TOLERANCES, respond_within
 from .model_errors import Answers, ModelError, model_error
 
@@ -136,14 +136,13 @@ def choose(
     >>> print(jr.choose(wall, 0.01).setting)
     linearized in float32
     """
+    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     tolerance = float(tolerance)
-    check("tolerance", tolerance, POSITIVE)
     if isinstance(scene, DrivenScene):
         if shape is not None:
             raise ValueError("shape goes with a Scene; the motion of a DrivenScene has its own")
         return _choose_rtol(scene, tolerance)
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene or a DrivenScene, got {scene!r:.60}")
+    check_kind("scene", scene, Scene, DrivenScene)
     wide = jnp.result_type(float) == jnp.float64
     # Costs are computed in 64 bits where they are on offer, whatever the scene has.
     exact: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene

@@ -31,6 +31,9 @@ from ..validation import (
     Number,
     Reals,
     as_real,
+    check_kind,
+    check_shapes,
+    described,
     elementwise,
     of_one_precision,
 )
@@ -175,9 +178,11 @@ def model_error(
     >>> print(f"{100 * error.linearization.rotation_ratio:.2f} %")
     -0.61 %
     """
+    check_kind("scene", scene, Scene)
     if shape not in tuple(_PULSES):
-        raise ValueError(f"shape must be Rectangular or HalfSine, got {shape!r}")
+        raise ValueError(f"shape must be Rectangular or HalfSine, got {described(shape)}")
     duration = as_real("duration", duration)
+    check_shapes(scene=scene, duration=duration)
     if shape is None and not isinstance(duration, jax.core.Tracer) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
     # Broadcast here, so that what is compiled depends on the shape of the result alone.

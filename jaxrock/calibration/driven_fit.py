@@ -25,6 +25,7 @@ from ..validation import (
     Reals,
     as_real,
     check,
+    check_kind,
     of_one_precision,
 )
 from .shaking_test import RESTITUTIONS, ShakingTest, Stage, fitted_in_parts, rough_noise, sides_of
@@ -184,9 +185,8 @@ def _checked(
     model: RockingModel,
 ) -> ShakingTest:
     """The test, all of it concrete and allowed."""
-    for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
-        if not isinstance(value, kind):
-            raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
+    check_kind("block", block, Block)
+    check_kind("motion", motion, Motion)
     if isinstance(parameters, str) or not parameters:
         raise ValueError(f"parameters must be one or more names, got {parameters!r}")
     for name in parameters:

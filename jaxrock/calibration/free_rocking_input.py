@@ -10,7 +10,7 @@ import numpy as np
 
 from ..block import Block
 from ..resonance import Linearized, RockingModel
-from ..validation import FINITE, POSITIVE, Number, as_real, check
+from ..validation import FINITE, POSITIVE, Number, as_real, check, check_kind
 from .impact_numbers import MAX_REPAIRS, Numbering
 from .least_squares import ANGLE, FREQUENCY, Known, Measured, Noises
 
@@ -88,8 +88,8 @@ def known_of(
         raise ValueError("block must be given for the nonlinear model, which depends on its shape")
     if block is None and not timed:
         raise ValueError("block must be given with peak_rotations alone, got None")
-    if block is not None and not isinstance(block, Block):
-        raise ValueError(f"block must be a Block, got {block!r:.60}")
+    if block is not None:
+        check_kind("block", block, Block)
     shape = Block(0.2, _ANY_SHAPE) if block is None else block
     if jnp.ndim(shape.critical_angle):
         raise ValueError("block must be one block, got several; jax.vmap takes many")

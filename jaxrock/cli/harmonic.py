@@ -22,12 +22,12 @@ class Harmonic(Writing):
 
     slenderness: float = 5.0  # Height over width [-].
     restitution: float | None = None
-    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if None."""
+    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution."""
     frequency_ratio: Grid = ("1:12:45",)  # Frequency of the floor over p [-].
     amplitude_ratio: Grid | None = None
-    """Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if None."""
+    """Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if not given."""
     model: ModelName = "nonlinear"  # Equation of motion.
     cycles: int = 100  # Periods for which blocks are followed.
     out: Path = Path("harmonic")

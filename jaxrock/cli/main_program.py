@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import tyro
 
 from ..host import signals, with_clock
-from .commands import COMMANDS
+from .arguments import command_of
 from .compilation_cache import cached
 from .options import Command, read
-from .study import Run
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -50,13 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _run(arguments: Sequence[str] | None) -> int:
     with _standard_output():
-        command: Command = tyro.extras.subcommand_cli_from_dict(
-            {**COMMANDS, "run": Run},
-            prog="jaxrock",
-            description="Rocking of rigid blocks: will it rock, how far, and what overturns it.",
-            args=arguments,
-            config=(tyro.conf.FlagCreatePairsOff,),
-        )
+        command = command_of(sys.argv[1:] if arguments is None else arguments)
     keeps = arguments is None and not command.no_cache
     with _surroundings(), cached() if keeps else contextlib.nullcontext():
         _leave_lost_folder(command)

@@ -28,7 +28,7 @@ class Fit(Writing):
     """
 
     file: Annotated[Path, tyro.conf.Positional]  # The file with the times of the impacts.
-    width: float | None = None  # Full width 2b of the base [m]; if None, the block is unknown.
+    width: float | None = None  # Full width 2b of the base [m]; if not given, the block is unknown.
     height: float | None = None
     """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
     slenderness: float | None = None  # Height over width [-].
@@ -38,9 +38,9 @@ class Fit(Writing):
     frequency_unknown: bool = False  # Fit p although the block is given, of which the shape stays.
     model: ModelName = "linearized"  # Equation of motion; nonlinear for a block that is given.
     time_noise: float | None = None
-    """Standard deviation of a measured time [s]; estimated from the residuals if None."""
+    """Standard deviation of a measured time [s]; by default from the residuals."""
     rotation_noise: float | None = None
-    """Standard deviation of a measured rotation [rad]; estimated from the residuals if None."""
+    """Standard deviation of a measured rotation [rad]; by default from the residuals."""
     no_repair: bool = False  # Do not look for impacts that are missing, or times that are wrong.
     out: Path = Path("fit")
 

@@ -59,7 +59,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
 
-    duration: float | None = None  # Time to follow the block [s]; 10 s beyond the input if None.
+    duration: float | None = None  # Time to follow the block [s]; by default 10 s beyond the input.
     model: ModelName = "nonlinear"  # Equation of motion.
     animate: bool = False  # Write response.gif as well.
     out: Path = Path("response")

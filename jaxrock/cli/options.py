@@ -148,7 +148,7 @@ class BlockOptions(Command):
     """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
     slenderness: float | None = None  # Height over width [-]. 5 if neither is given.
     restitution: float | None = None
-    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if None."""
+    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
     gravity: float = 9.81  # Acceleration of gravity [m/s2].
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
@@ -213,15 +213,26 @@ def read(record: str | None, **options: Any) -> Record | str:
             raise ValueError("record must be given")
         if record != "example":
             return read_record(record, **options)
-        column, vertical = options.pop("column"), options.pop("vertical")
-        if any(value is not None for value in options.values()) or vertical not in (None, "up"):
-            raise ValueError(
-                'the record "example" has its unit and time step; its column may be "north"'
-                ' or "east", and vertical "up"'
-            )
-        return example_record(column or "north", vertical=vertical is not None)
+        leave_out('record "example" has its', options)
+        column, vertical = options["column"] or "north", options["vertical"]
+        for name, value, allowed in (
+            ("column", column, ("north", "east")),
+            ("vertical", vertical, (None, "up")),
+        ):
+            if value not in allowed:
+                may = " or ".join(filter(None, allowed))
+                raise ValueError(f'{name} of the record "example" must be {may}, got {value!r}')
+        return example_record(column, vertical=vertical is not None)
     except ValueError as error:
         return str(error)
+
+
+def leave_out(example: str, options: Mapping[str, Any]) -> None:
+    """Raise `ValueError` for what records that come with jaxrock state themselves."""
+    given = [f"--{name}" for name in ("unit", "time_step") if options[name] is not None]
+    if given:
+        names = " and ".join(given).replace("_", "-")
+        raise ValueError(f"{example} unit and time step: leave out {names}")
 
 
 class MotionOptions(RecordOptions):

@@ -89,7 +89,7 @@ def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
             allowed = ", ".join(COMMANDS)
             faults.append(f"job {number}: command must be one of {allowed}, got {got}")
             continue
-        name, types = f"job {number} ({kind})", _types(COMMANDS[kind])
+        name, types = f"job {number} ({kind})", types_of(COMMANDS[kind])
         unused = {key: value for key, value in unused.items() if _option(key) not in types}
         try:
             job = _job(COMMANDS[kind], table, common, folder)
@@ -103,7 +103,7 @@ def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
 
 def _job(command: type[Command], table: Table, common: Table, folder: Path) -> Command:
     """A command with the options of a job; a `ValueError` names all faults of these."""
-    types = _types(command)
+    types = types_of(command)
     given = [("common: ", key, common[key]) for key in common if _option(key) in types]
     given += [("", key, value) for key, value in table.items()]
     options, keys, faults = Table(), dict[tuple[str, str], str](), list[str]()
@@ -115,7 +115,7 @@ def _job(command: type[Command], table: Table, common: Table, folder: Path) -> C
             faults.append(f"{where}{key} and {keys[where, option]} are the same")
         else:
             try:
-                options[option] = _as(types[option], value)
+                options[option] = as_type(types[option], value)
             except ValueError as error:
                 faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
     if faults:
@@ -125,7 +125,7 @@ def _job(command: type[Command], table: Table, common: Table, folder: Path) -> C
 
 
 @functools.cache
-def _types(command: type[Command]) -> dict[str, Any]:
+def types_of(command: type[Command]) -> dict[str, Any]:
     """The types of the options that a job may have, by name."""
     hints = get_type_hints(command)
     names = [field.name for field in fields(command)]
@@ -147,25 +147,30 @@ _WRITTEN: dict[Any, tuple[str, tuple[type, ...], type]] = {
 }
 
 
-def _as(kind: Any, value: Any) -> Any:
-    """A value of a study as the type of an option; a `ValueError` says what is allowed."""
+def as_type(kind: Any, value: Any, from_word: bool = False) -> Any:
+    """A value of a study as the type of an option; a `ValueError` says what is allowed.
+
+    From a word of a command line it is converted, whatever type it would have in TOML.
+    """
     parts = get_args(kind)
     if type(None) in parts:  # an option that may be left out: TOML has no None
-        return _as(parts[0], value)
+        return as_type(parts[0], value)
     if get_origin(kind) is tuple:
         values = value if isinstance(value, list) else [value]
-        return tuple(_as(parts[0], each) for each in values)
+        return tuple(as_type(parts[0], each) for each in values)
     if get_origin(kind) is Literal:
         if value in parts:
             return value
         raise ValueError(f"one of {', '.join(parts)}")
     allowed, types, convert = _WRITTEN[kind]
-    if type(value) not in types:
+    if type(value) not in types and not from_word:
         raise ValueError(allowed)
     try:
         return convert(value)
     except OverflowError:
         raise ValueError("a number that is not too large") from None
+    except ValueError:
+        raise ValueError(allowed) from None
 
 
 def _collisions(jobs: Jobs) -> Iterator[str]:

@@ -9,7 +9,7 @@ from ..ground_motion import MEASURES, Suite, example_suite, read_suite
 from ..host import table
 from ..risk import fragility, rate_elasticities, read_hazard, threshold_names
 from ..validation import POSITIVE, as_real, check
-from .options import Answer, BlockOptions, Grid, ModelName, Steps, Writing, picture
+from .options import Answer, BlockOptions, Grid, ModelName, Steps, Writing, leave_out, picture
 
 
 class Fragility(BlockOptions, Writing):
@@ -112,8 +112,7 @@ class Fragility(BlockOptions, Writing):
                 "vertical": self.with_vertical,
             }
             return read_suite(self.records, **options)
-        if self.unit is not None or self.time_step is not None:
-            raise ValueError('records "example" have their unit and time step: leave them out')
+        leave_out('records "example" have their', vars(self))
         return example_suite(vertical=self.with_vertical)
 
     def _usual_levels(self) -> np.ndarray:

@@ -38,6 +38,7 @@ from ..validation import (
     Reals,
     as_real,
     check,
+    check_kind,
     of_one_precision,
 )
 from .driven_scene import Driven
@@ -188,8 +189,8 @@ def checked(
     block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
 ) -> tuple[PulsedScene, Reals]:
     """The scene and the velocity in one precision; a `ValueError` if they are not allowed."""
-    if not isinstance(pulse, Pulse):
-        raise ValueError(f"pulse must be a Pulse, got a {type(pulse).__name__}")
+    check_kind("block", block, Block)
+    check_kind("pulse", pulse, Pulse)
     if not 0 < rtol <= 1e-3:
         raise ValueError(f"rtol must be greater than 0 and at most 0.001, got {rtol:g}")
     restitution, velocity = as_real("restitution", restitution), as_real("velocity", velocity)

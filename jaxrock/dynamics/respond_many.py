@@ -15,10 +15,21 @@ from ..block import Block
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..host import Printed, listed, mapped, processors
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Integers, Number, Reals, as_real, check
+from ..validation import (
+    POSITIVE,
+    Booleans,
+    Integers,
+    Number,
+    Reals,
+    as_real,
+    check,
+    check_kind,
+    check_shapes,
+)
 from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
 from .batch_queue import work_off
 from .batch_step import Case, Lanes, take_step
+from .driven_scene import DrivenScene
 from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
 from .taylor import materialized
 
@@ -219,19 +230,15 @@ def respond_batch(
                 blocks, restitution, record, duration, model=model, rtol=rtol
             )
         )
-    restitution = as_real("restitution", restitution)
-    check("restitution", restitution, UNIT_INTERVAL)
+    check_kind("blocks", blocks, Block)
+    check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
+    restitution = DrivenScene(blocks, restitution, motion).restitution
     if duration is not None:
         duration = as_real("duration", duration)
         check("duration", duration, POSITIVE)
-    if not isinstance(motion, Pulse | Harmonic | Record):
-        raise ValueError(
-            f"motion must be a pulse, a Harmonic, a Record or a Suite, got {type(motion).__name__}"
-        )
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
-    blocks.check()
-    motion.check()
+    check_shapes(blocks=blocks, restitution=restitution, motion=motion, duration=duration)
     model = as_model(model)
     leaves = jax.tree.leaves((blocks, restitution, motion, duration))
     with jax.numpy_dtype_promotion("standard"):

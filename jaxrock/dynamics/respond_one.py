@@ -12,7 +12,7 @@ import numpy as np
 from ..block import Block
 from ..ground_motion import Motion, Record, Still
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, as_array, as_real, of_one_precision
+from ..validation import Number, as_array, as_real, check_kind, described, of_one_precision
 from .driven_scene import Driven
 from .impact_to_impact import follow
 from .response import Response, Status
@@ -94,9 +94,8 @@ def respond(
     >>> print(bool(response.overturned), int(response.status))
     False 0
     """
-    for name, value, kind in (("block", block, Block), ("motion", motion, Motion)):
-        if not isinstance(value, kind):
-            raise ValueError(f"{name} must be a {kind.__name__}, got {value!r:.60}")
+    check_kind("block", block, Block)
+    check_kind("motion", motion, Motion, hint="; respond_batch takes several")
     if duration is None and isinstance(motion, Still):
         raise ValueError("duration must be given for still ground, which has no end")
     duration = motion.end if duration is None else duration
@@ -109,6 +108,8 @@ def respond(
         for leaf in jax.tree.leaves(tree):
             if jnp.ndim(leaf) != any(leaf is rows for rows in samples):
                 raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        as_real(name, 0 if value is None else value)  # refuses strings
     dtype = driven.restitution.dtype
     least = 20 * float(jnp.finfo(dtype).eps)
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
@@ -122,8 +123,9 @@ def respond(
         raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
     if solver not in _SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
-    if max_impacts < 0:
-        raise ValueError(f"max_impacts must be at least 0, got {max_impacts}")
+    if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
+        got = described(max_impacts)
+        raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
     settings = {"rtol": np.asarray(rtol, dtype), "atol": np.asarray(atol, dtype)}
     settings |= {"model": as_model(model), "method": solver}
     with contextlib.ExitStack() as stack:

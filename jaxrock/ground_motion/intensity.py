@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..validation import Reals
+from ..validation import Reals, check_kind
 from .record import Record
 
 # What `intensity_measure` knows: in words, the unit, and whether it is relative to a block.
@@ -51,6 +51,7 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     """
     if measure not in MEASURES:
         raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")
+    check_kind("record", record, Record)
     padded = record.bucketed()
     if measure.startswith("pga"):
         value = _peak_acceleration(padded.acceleration)

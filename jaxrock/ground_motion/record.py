@@ -58,8 +58,8 @@ class Record(Motion):
     1.00 m/s2, ends at 0.3 s
     """
 
-    vertical: Reals | None
-    acceleration: Reals = quantity(FINITE, "m/s2")
+    vertical: Reals | None = quantity(None, "m/s2", own_axes=1)
+    acceleration: Reals = quantity(FINITE, "m/s2", own_axes=1)
     time_step: Reals = quantity(POSITIVE, "s")
     scale: Reals = quantity(FINITE)
     start: Reals = quantity(NON_NEGATIVE, "s")

@@ -36,6 +36,7 @@ def read_record(
     An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` file has
     columns separated by commas below a line with their names, and perhaps lines that begin with #
     above it; a column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like.
+    One column alone needs no name.
 
     What a file states about its unit and its time step (in its header, in comments such as
     ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``) is used. It
@@ -89,7 +90,8 @@ def read_record(
         upward = None if vertical is None else str(vertical)
         return _record(*read_csv(path, units, steps, column, upward))
     if path.suffix.lower() != ".at2":
-        raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
+        read = f".AT2 and .csv files are read, not {path.suffix!r}"
+        raise ValueError(f"{str(path)!r}: {read}; columns with commas, or one, are a .csv file")
     if column is not None:
         raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
     components = [read_at2(path, units, steps)]

@@ -1,7 +1,7 @@
 """The two formats of records: .AT2 files, as the PEER databases have them, and .csv files.
 
 An ``.AT2`` file has a header of about four lines, then the values of one component. A ``.csv``
-file may begin with comments; then come one line of names and the columns below it.
+file may begin with comments; then come one line of names and the columns below it, or one column.
 """
 
 import contextlib
@@ -201,7 +201,7 @@ def read_csv(
     """One or two columns, where the caller states `units` and `steps`."""
     text = _Text(path)
     top, names = _column_names(text)
-    comments = list(enumerate(text.lines[: top - 1], 1))
+    comments = [(n, line) for n, line in enumerate(text.lines[:top], 1) if line.lstrip()[:1] == "#"]
     said = _stated(units_in_text, comments, "a comment")
     no_unit = f"unit must be given for a .csv file: {UNITS}"
     text.refuse(not units and not said and not any(map(units_in_name, names)), no_unit)
@@ -249,11 +249,15 @@ def columns_of(path: Path) -> list[str]:
 
 
 def _column_names(text: _Text) -> tuple[int, list[str]]:
-    """The number of the line with the names of the columns, and these."""
+    """The number of the line above the numbers, and the names of the columns."""
     for number, line in enumerate(text.lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
+            wrong = f"columns must be separated by commas, got semicolons in {_short(line)}"
+            text.refuse(";" in line and "," not in line, wrong, number)
             names = [name.strip() for name in _fields(line)]
             numbers = [re.fullmatch(rf"{NUMBER}|[-+]?(nan|inf(inity)?)", n, re.I) for n in names]
+            if len(names) == 1 and numbers[0]:  # one column needs no name
+                return number - 1, ["column 1"]
             wrong = f"names of the columns were expected, got {_short(line)}"
             text.refuse(all(numbers), wrong, number)
             return number, names

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..block import Block
 from ..host import Printed, with_progress
-from ..validation import FINITE, POSITIVE, Number, Numbers, Reals, as_real, check
+from ..validation import FINITE, POSITIVE, Number, Numbers, Reals, as_real, check, described
 from .intensity import intensity_measure
 from .record import Padded, Record, room_for
 
@@ -52,7 +52,7 @@ class Suite(Printed, eqx.Module):
 
     def __init__(self, records: Sequence[Record], names: Sequence[str] | None = None):
         if isinstance(records, Record) or not isinstance(records, Sequence):
-            raise ValueError(f"records must be a list of records, got {type(records).__name__}")
+            raise ValueError(f"records must be a list of records, got {described(records)}")
         if not records:
             raise ValueError("records must be at least one record, got none")
         self.records = tuple(records)

@@ -15,7 +15,7 @@ from ..dynamics import uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import Printed, shown
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, Numbers, as_real
+from ..validation import Number, Numbers, as_real, check_kind
 from .boundaries import Boundaries, overturning_boundaries, searched
 from .quantities import Search
 
@@ -97,8 +97,7 @@ def critical_amplitude(
     """
     pulse = pulse_class(shape)(1.0, duration)
     levels = _levels("ratios", ratios, resolution)
-    if not isinstance(block, Block):
-        raise ValueError(f"block must be a Block, got {block!r:.60}")
+    check_kind("block", block, Block)
     uplift = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(model))))
     library: Any = jnp if isinstance(uplift, jax.core.Tracer) else np
     amplitudes = library.asarray(uplift)[..., None] * levels.astype(uplift.dtype)

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from ..block import Block
 from ..dynamics import BatchResponse, DrivenScene, respond_batch
-from ..ground_motion import Harmonic, Motion, Pulse, Record
+from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..validation import (
     AT_LEAST_ONE,
     FINITE,
@@ -23,6 +23,7 @@ from ..validation import (
     Numbers,
     as_real,
     check,
+    check_kind,
     of_one_precision,
 )
 
@@ -58,10 +59,7 @@ def checked(
     block: Block, restitution: Number, motion: Motion, along: str, values: Numbers
 ) -> tuple[DrivenScene, Array]:
     """The scene and the values of a search; a `ValueError` if they are not allowed."""
-    if not isinstance(motion, Pulse | Harmonic | Record):
-        raise ValueError(
-            f"motion must be a pulse, a Harmonic, a Record or a Suite, got {type(motion).__name__}"
-        )
+    check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(motion, has)]
     if along not in allowed:
         raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")

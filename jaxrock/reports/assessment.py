@@ -14,6 +14,7 @@ from ..block import RECTANGLE_INERTIA_RATIO
 from ..host import mapped
 from ..impact import housner_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
+from ..validation import check_kind
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
 _PARAMETERS = ("restitution", "slenderness", "half_width", "intensity")
@@ -75,6 +76,7 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     ValueError
         If `scene` holds arrays.
     """
+    check_kind("scene", scene, Scene)
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")

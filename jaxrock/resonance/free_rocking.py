@@ -28,7 +28,7 @@ from ..numerics import (
     one_minus_square,
     quotient,
 )
-from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
+from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, described, elementwise
 
 
 class RockingModel(eqx.Module):
@@ -245,7 +245,8 @@ def as_model(model: Any) -> RockingModel:
         if model == kind.name:
             return kind()
     raise ValueError(
-        f'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear", got {model!r:.60}'
+        'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear",'
+        f" got {described(model)}"
     )
 
 

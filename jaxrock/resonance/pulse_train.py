@@ -21,6 +21,7 @@ from ..validation import (
     Reals,
     as_real,
     check,
+    check_kind,
     of_one_precision,
 )
 from .free_rocking import Linearized, ModelLike, RockingModel, as_model
@@ -196,6 +197,7 @@ def respond_to_train(
     check("restitution", c, UNIT_INTERVAL)
     check("times", t, NON_NEGATIVE)
     check("intensities", pulses, FINITE)
+    check_kind("block", block, Block)
     block.check()
     if t.ndim != 1 or t.shape != pulses.shape or not t.size:
         raise ValueError(

@@ -17,6 +17,7 @@ from ..validation import (
     Number,
     as_real,
     check,
+    check_kind,
     of_one_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
@@ -160,6 +161,7 @@ def worst_train(
     """
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
+    check_kind("block", block, Block)
     block.check()
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:

@@ -11,7 +11,7 @@ from ..block import Block
 from ..ground_motion import MEASURES, Suite
 from ..host import labelled, with_names
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import POSITIVE, Number, Numbers, as_real, check
+from ..validation import POSITIVE, Number, Numbers, as_real, check, check_kind
 from .lognormal import fit_lognormal
 
 if TYPE_CHECKING:
@@ -91,8 +91,8 @@ def fragility(
     >>> print(curves.exceedance.sel(threshold="overturning").values)
     [0. 1.]
     """
-    if not isinstance(suite, Suite):
-        raise ValueError(f"suite must be a Suite, got a {type(suite).__name__}")
+    check_kind("block", block, Block)
+    check_kind("suite", suite, Suite)
     restitution = as_real("restitution", restitution)
     if any(leaf.shape for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be single ones, got arrays of them")

@@ -15,7 +15,7 @@ from ..ground_motion import Suite
 from ..host import Printed, shown
 from ..overturning import Boundaries, Search, searched
 from ..resonance import ModelLike, Nonlinear
-from ..validation import POSITIVE, Booleans, Number, Numbers, Reals, as_real, check
+from ..validation import POSITIVE, Booleans, Number, Numbers, Reals, as_real, check, check_kind
 from .hazard import Hazard
 
 _MEASURES = ("pga", "pgv")
@@ -132,12 +132,11 @@ def overturning_rate(
     >>> print(f"{found.rate:.5f} 1/yr")
     0.00552 1/yr
     """
-    if not isinstance(suite, Suite):
-        raise ValueError(f"suite must be a Suite, got a {type(suite).__name__}")
+    check_kind("block", block, Block)
+    check_kind("suite", suite, Suite)
     if measure not in _MEASURES:
         raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
-    if not callable(hazard):
-        raise ValueError(f"hazard must be a Hazard or a function, got {hazard!r}")
+    check_kind("hazard", hazard, Hazard, Callable)
     restitution = as_real("restitution", restitution)
     shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
     if any(shapes) or any(np.shape(record.scale) for record in suite):

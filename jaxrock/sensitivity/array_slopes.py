@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..validation import check_kind
+
 _CHUNK = 2**14  # points, whose intermediate results fit into the cache of a processor
 
 
@@ -44,6 +46,7 @@ def value_and_slopes(
     >>> print(f"{value[1]:.3f}, {slope.restitution[1]:.2f} and {slope.block.half_width[1]:.2f}")
     0.233, 1.79 and -0.67
     """
+    check_kind("function", function, Callable)
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
 
     @functools.wraps(function)

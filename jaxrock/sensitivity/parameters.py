@@ -12,7 +12,7 @@ import numpy as np
 from jax.tree_util import keystr
 from jaxtyping import Array
 
-from ..validation import COUNT, NON_NEGATIVE, check
+from ..validation import COUNT, NON_NEGATIVE, as_real, check, check_kind
 
 Answer = Callable[[Any], Any]
 Ranges = Mapping[str, tuple[float, float]]
@@ -74,10 +74,12 @@ def parametric(
     answer: Answer, at: Any, argument: str = "", varied: Iterable[str] | None = None
 ) -> ParametricAnswer:
     """The answer as a function of the parameters that an `argument` names, or of all."""
+    check_kind("answer", answer, Callable)
     leaves = jax.tree.leaves_with_path(at)
     if not leaves:
         raise ValueError("at must contain at least one number")
     for path, leaf in leaves:
+        as_real(keystr(path, simple=True, separator="."), leaf)  # refuses strings
         if jnp.ndim(leaf):
             raise ValueError(f"at must consist of single numbers, got an array in {keystr(path)}")
     last = [keystr(path[-1:], simple=True) or "value" for path, _ in leaves]

@@ -11,7 +11,7 @@ import numpy as np
 from typing_extensions import TypeAliasType
 
 from ..host import labelled, with_progress, written_whole
-from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, check
+from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
 
 if TYPE_CHECKING:
     import xarray
@@ -36,10 +36,8 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 
 def axis(name: str, value: Values) -> np.ndarray:
     """The values along an axis: one or more, different, and all in its domain."""
-    try:
-        values = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number or numbers, got {value!r}") from None
+    as_real(name, value)  # in the precision of JAX; the axis keeps its own
+    values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:
         raise ValueError(
             f"{name} must be a number or a one-dimensional array of at least one,"
