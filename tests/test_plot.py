@@ -168,7 +168,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
-        plot_response: (lambda ax: plot_response(response, ax), 1),
+        plot_response: (lambda ax: plot_response(response, ax), 2),
         plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 2),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 0),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
@@ -312,28 +312,35 @@ def test_rocking_spectrum(rocking):
 
 def test_rotation_over_time(response):
     ax = plot_response(response)
-    curve, ticks, *levels = ax.get_lines()
+    curve, *levels, _ = ax.get_lines()
     peak = float(response.peak_rotation / response.scene.block.critical_angle)
     assert np.abs(curve.get_ydata()).max() == pytest.approx(peak, rel=1e-4)
-    shown = np.asarray(ticks.get_xdata())
-    assert np.isfinite(shown).sum() == response.impacts > 3
+    feet, tips = np.transpose([line[:, 1] for line in ax.collections[0].get_segments()])
+    assert tips.size == response.impacts > 3
+    speeds = np.abs(np.asarray(response.impact_velocities))
+    np.testing.assert_allclose((tips - feet) / (tips - feet).max(), speeds / speeds.max())
     assert sorted(line.get_ydata()[0] for line in levels) == [-1, 1]
     assert ax.get_ylim()[1] > peak
     assert (ax.get_xlabel(), ax.get_ylabel()) == (
         "time [s]",
         r"rotation ratio $\alpha/\alpha_c$ [-]",
     )
-    assert legend_of(ax) == ["impacts"]  # the critical angle lies outside
+    # The critical angle lies outside.
+    assert legend_of(ax) == ["impacts (height: velocity)", "lifts the block"]
+    _, push, *lifting = ax.child_axes[0].get_lines()
+    assert abs(push.get_ydata()).max() == pytest.approx(3.5, rel=1e-4)
+    np.testing.assert_allclose([line.get_ydata()[0] for line in lifting], [9.81 / 4, -9.81 / 4])
 
 
 def test_overturning_over_time():
     response = jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(5.5, 0.9), 4.0)
     ax = plot_response(response)
-    assert legend_of(ax) == ["impacts", "critical angle", "overturning"]
-    when = ax.get_lines()[-1].get_xdata()[0]
+    assert legend_of(ax)[1:] == ["critical angle", "overturning", "lifts the block"]
+    when = ax.get_lines()[-2].get_xdata()[0]
     assert when == float(response.overturning_time)
     curve = ax.get_lines()[0]
     assert abs(np.interp(when, *curve.get_data())) == pytest.approx(1, abs=0.01)
+    assert when < ax.get_xlim()[1] < 1.5 * when  # not all four seconds
     # The fall, much faster, does not set the limits of the phase portrait.
     assert 1.5 < plot_phase(response).get_ylim()[1] < 2
 

@@ -53,8 +53,8 @@ class Assess(BlockOptions):
 class Respond(MotionOptions, BlockOptions, Writing):
     """Response of one block to a pulse or a record, through every impact.
 
-    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
-    (rotation over time and phase portrait).
+    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png (ground
+    and rotation while the block moves, and phase portrait).
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
@@ -96,7 +96,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
         impacts = np.stack([response.impact_times, response.impact_velocities], axis=1)
         header = "time_s,velocity_before_rad_per_s"
         np.savetxt(folder / "impacts.csv", impacts, delimiter=",", header=header, comments="")
-        sizes: Any = {"figsize": (11, 4), "width_ratios": (1.6, 1)}
+        sizes: Any = {"figsize": (12, 4.8), "width_ratios": (1.7, 1)}
         _, (left, right) = plt.subplots(ncols=2, layout="constrained", **sizes)
         plot_response(response, left)
         picture(plot_phase(response, right), folder / "response.png")

@@ -11,10 +11,23 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
 
 from ..block import Block, is_rectangle
-from ..dynamics import Equation, Response
-from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from ..dynamics import Equation, Response, uplift_acceleration
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    LINE,
+    NEUTRAL,
+    RATIO,
+    add_level,
+    axes_or_new,
+    draws,
+    labelled,
+    strip_above,
+)
 
 _STAND_IN = "a rectangle stands in for the outline"
+_LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
 _RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
 
@@ -74,31 +87,55 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
 
 @draws(_RESPONSE)
 def plot_response(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw rotation over critical angle against time, with a tick at every impact."""
-    ax = axes_or_new(ax)
-    times = np.linspace(0, float(response.scene.duration), 4000)
-    ratio = np.array(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    """Draw the acceleration of the ground and, under it, rotation over critical angle.
+
+    From shortly before the block moves until it rests or has fallen. Every impact is a line at
+    the foot, as high as the velocity before it is large. The acceleration, with the level that
+    lifts the block, is on axes of its own, the child of those returned.
+    """
+    ax = axes_or_new(ax, figsize=(7.2, 4.8))
+    scene = response.scene
+    first, last = _moving_span(response)
+    times = np.linspace(first, last, 4000)
+    ratio = np.array(response.history(times)[0]) / float(scene.block.critical_angle)
     ax.plot(times, ratio, color=INK, linewidth=0.9)
-    limit = min(1.4, 1.2 * float(np.max(np.abs(ratio))) or 1.4)
+    limit = min(_LIMIT, 1.2 * float(np.max(np.abs(ratio))) or _LIMIT)
     impacts = np.asarray(response.impact_times)
-    ax.plot(impacts, np.zeros_like(impacts), "|", color=ACCENT, markersize=6, label="impacts")
+    speeds = np.abs(np.asarray(response.impact_velocities))
+    tips = limit * (0.25 * speeds / max(speeds.max(initial=0), 1e-300) - 1)
+    name = "impacts (height: velocity)" if impacts.size else ""
+    ax.vlines(impacts, -limit, tips, color=ACCENT, linewidth=0.8, label=name)
     # Without an entry in the legend where the lines lie outside of the limits.
     add_level(ax, 1.0, "critical angle" if limit > 1 else None)
     if bool(response.overturned) and np.isfinite(response.overturning_time):
         ax.axvline(float(response.overturning_time), color=LINE, linestyle=":", label="overturning")
-    ax.set(xlim=(0, times[-1]), ylim=(-limit, limit))
-    ax.legend(**ABOVE, ncols=3)
+    ax.set_xlim(first, last)
+    above = strip_above(ax, -limit, limit)
+    push = np.asarray(scene.motion.horizontal(times))
+    weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
+    lifting = float(uplift_acceleration(scene.block, response.model)) * weight
+    above.plot(times, push, color=NEUTRAL, linewidth=0.7)
+    look: dict[str, Any] = {"color": LINE, "linestyle": "-.", "linewidth": 0.8}
+    above.plot(times, lifting, times, -lifting, **look)
+    ax.plot([], [], label="lifts the block", **look)
+    reach = 1.2 * float(max(abs(push).max(), abs(lifting).max()))
+    above.set_ylim(-reach, reach)
+    labelled(above, "", "ground [m/s²]")
+    ax.legend(**ABOVE, ncols=4)
     return labelled(ax, "time [s]", RATIO)
 
 
 @draws(_RESPONSE)
 def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw the phase portrait, with the separatrix of free motion."""
+    """Draw the phase portrait, with the separatrix of free motion: beyond it a block overturns.
+
+    The rotations that occur fill the width, up to 1.5 critical angles.
+    """
     ax = axes_or_new(ax)
     block = response.scene.block
     angle = float(block.critical_angle)
     unit = float(block.frequency_parameter) * angle  # of the velocity
-    times = np.linspace(0, float(response.scene.duration), 8000)
+    times = np.linspace(*_moving_span(response), 8000)
     rotation, velocity = (np.array(values) for values in response.history(times))
     # Impacts change the velocity at once: no line from before to after.
     broken = np.diff(np.searchsorted(np.asarray(response.impact_times), times)) > 0
@@ -112,9 +149,24 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     shown = np.abs(velocity[np.abs(rotation) <= 1.5 * angle]) / unit
     # The fall, much faster than what came before it, does not set the limits.
     limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
-    ax.set(xlim=(-1.5, 1.5), ylim=(-limit, limit))
+    reach = min(1.5, 1.2 * float(np.max(np.abs(rotation))) / angle or 1.5)
+    ax.set(xlim=(-reach, reach), ylim=(-limit, limit))
     ax.legend(**ABOVE, ncols=2)
     return labelled(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
+
+
+def _moving_span(response: Response) -> tuple[float, float]:
+    """From shortly before a block moves to shortly after it rests or falls; else all of it."""
+    end = float(response.scene.duration)
+    times = np.linspace(0, end, 4000)
+    ratio = np.abs(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    # Of a fall only as much as is drawn.
+    moving = np.flatnonzero((ratio > 0) & ((ratio < _LIMIT) | (not bool(response.overturned))))
+    if not moving.size:
+        return 0.0, end
+    first, last = times[moving[[0, -1]]]
+    margin = 0.05 * (last - first) + times[1]
+    return max(0.0, float(first - margin)), min(end, float(last + margin))
 
 
 def animate(
