@@ -169,7 +169,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
         plot_response: (lambda ax: plot_response(response, ax), 2),
-        plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 2),
+        plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 3),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 0),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
@@ -230,7 +230,7 @@ def test_docstrings_say_what_all_have_in_common():
 def test_curves_end_where_the_block_overturns(spectrum):
     data = spectrum.rotation_ratio.sel(restitution=0.8)
     ax = plot_curves(data, hue="width")
-    small, end, large = ax.get_lines()  # a cross where a curve ends
+    small, large, end, _ = ax.get_lines()  # a cross where a curve ends
     np.testing.assert_array_equal(small.get_ydata(), data.sel(width=0.4))
     np.testing.assert_array_equal(large.get_ydata(), data.sel(width=1.2))
     assert end.get_xdata().tolist() == [4.75]  # overturns from a slenderness of 4.8
@@ -240,12 +240,28 @@ def test_curves_end_where_the_block_overturns(spectrum):
     assert ax.get_xlabel() == r"slenderness $\lambda$ [-]"
     assert ax.get_ylabel() == r"rotation ratio $\alpha^*_{max}/\alpha_c$ [-]"
     assert ax.get_legend().get_title().get_text() == "width $2b$ [m]"
-    assert legend_of(ax) == ["0.4", "1.2"]
+    assert legend_of(ax) == ["0.4", "1.2", "overturns beyond"]
+
+
+def test_rotation_ratios_are_drawn_up_to_the_threshold(spectrum):
+    left, right = plot_spectrum(spectrum).axes
+    curve, _, cross, _ = right.get_lines()
+    threshold = float(jr.critical_slenderness(jr.Block(0.2, 1.0), 0.8, 0.15))
+    for line in (curve, cross):
+        x, y = np.asarray(line.get_data())[:, -1]
+        assert (x, y) == (pytest.approx(threshold), 1)
+    # Between the last point of the grid and the threshold, too, the curve is right.
+    x, y = np.asarray(curve.get_data())[:, -15]
+    between = jr.rotation_ratio(jr.Scene(jr.Block(0.2, x), 0.8, 0.15))
+    assert y == pytest.approx(float(between), abs=0.005)
+    assert legend_of(right)[-1] == "overturning threshold"
+    assert f"{threshold:.3g}" in [text.get_text() for text in right.texts]
+    assert left.get_legend() is None
 
 
 def test_curves_begin_where_the_block_stands(spectrum):
     data = spectrum.rotation_ratio.sel(restitution=0.8, slenderness=[10.0, 5.0])
-    curve, start, *_ = plot_curves(data, hue="slenderness", along="width").get_lines()
+    curve, _, start, *_ = plot_curves(data, hue="slenderness", along="width").get_lines()
     assert curve.get_xdata().tolist() == [0.4, 1.2]
     assert start.get_xdata().tolist() == [1.2]
 
@@ -298,6 +314,13 @@ def test_rocking_spectrum(rocking):
     expected = np.where(chosen.overturned == 0, chosen.rotation_ratio, np.nan)
     drawn = next(line for line in ax.get_lines() if line.get_label() == "6")
     np.testing.assert_array_equal(drawn.get_ydata(), expected)
+    # A bar halfway to the blocks that stand, at the same height for a slenderness.
+    bars = [bar.get_segments() for bar in ax.collections]
+    falls = rocking.sel(restitution=0.9).overturned.sum("period").values
+    assert [[tuple(bar[:, 0]) for bar in each] for each in bars] == [[(2, 1.5 + n)] for n in falls]
+    assert legend_of(ax)[-1] == "overturns"
+    none = rocking.assign(overturned=0 * rocking.overturned + 1).sel(restitution=0.9)
+    assert legend_of(plot_rocking_curves(none))[-1] == "overturns"
     assert ax.get_xlabel() == r"period $2\pi/p$ of the block [s]"
     assert ax.get_ylabel() == r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]"
     figure = plot_rocking_spectrum(rocking)
