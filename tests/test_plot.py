@@ -170,7 +170,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
         plot_response: (lambda ax: plot_response(response, ax), 2),
         plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 3),
-        plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 0),
+        plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 10),
@@ -578,13 +578,18 @@ def test_sensitivity_map():
         r"slenderness $\lambda$ [-]",
         "half-width $b$ [m]",
     )
-    assert [other.get_ylabel() for other in ax.figure.axes[1:]] == ["elasticity [-]"]
+    # Above, not beside it, where it would belong to the next map.
+    assert [other.get_xlabel() for other in ax.figure.axes[1:]] == ["elasticity [-]"]
+    assert legend_of(ax) == ["no value: overturns"]
+    # Numbers and lines can be read on the darkest colours.
+    dark = min(np.dot(mesh.cmap(end)[:3], (0.299, 0.587, 0.114)) for end in (0.0, 1.0))
+    assert dark > 0.3
     with pytest.raises(ValueError, match="two dimensions"):
         plot_sensitivity_map(SLOPES[0])
     row = SLOPES[:1].rename("slope of the peak").drop_attrs()  # no contours in one dimension
     figure = plot_sensitivity_map(row, limit=2.0).figure
     assert figure.axes[0].collections[0].get_clim() == (-2, 2)
-    assert figure.axes[1].get_ylabel() == "slope of the peak"
+    assert figure.axes[1].get_xlabel() == "slope of the peak"
     nothing = plot_sensitivity_map(SLOPES * np.nan)
     assert len(nothing.collections) == 1
 

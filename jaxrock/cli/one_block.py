@@ -331,12 +331,16 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         def question(c: Any, slenderness: Any) -> Any:
             return self._question(at | {"restitution": c, "slenderness": slenderness})
 
-        c, slenderness = np.linspace(0.3, 0.95, 66), np.linspace(3, 10, 71)
-        value, slope = value_and_slopes(question)(c[:, None], slenderness[None])
-        elasticity = np.where(np.isfinite(value), slope * c[:, None] / value, np.nan)
+        c, slenderness = np.linspace(0.3, 0.95, 521), np.linspace(3, 10, 561)
+        value, slope = value_and_slopes(question, beyond="nan")(c[:, None], slenderness[None])
+        elasticity = np.asarray(slope * c[:, None] / value)
         axes = [("restitution", c), ("slenderness", slenderness)]
         named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}
-        picture(plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named)), path)
+        ax = plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named))
+        pulse = "" if self.answer == "critical-intensity" else f"$I$ = {at['intensity']:g} m/s, "
+        title = f"{2 * at['half_width']:g} m wide, {pulse}{self._model}"
+        ax.set_title(title, fontsize="medium")
+        picture(ax, path)
 
 
 _OF_SCENE = {
