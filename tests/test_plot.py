@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray
+from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from PIL import Image
 
@@ -133,7 +134,7 @@ def looks_of(ax):
         if hasattr(handle, "get_linestyle") and hasattr(handle, "get_marker"):
             dashes = handle._unscaled_dash_pattern[1]
             dashes = tuple(dashes) if dashes else handle.get_linestyle()
-            looks.append((dashes, handle.get_marker()))
+            looks.append((dashes, handle.get_marker(), handle.get_fillstyle()))
         else:
             grey = np.dot(np.ravel(handle.get_facecolor())[:3], (0.299, 0.587, 0.114))
             looks.append((round(float(grey), 1), handle.get_hatch()))
@@ -509,19 +510,31 @@ def test_train(model):
     np.testing.assert_allclose(marks[marks[:, 0].argsort()], np.transpose([times, intensities]))
 
 
-def test_animation(response, tmp_path):
+def test_animation(response, tmp_path, monkeypatch):
     animate(response, tmp_path / "block.gif", frames_per_second=5)
     with Image.open(tmp_path / "block.gif") as film:
         assert film.n_frames == 20
         first = np.asarray(film.convert("L"), int)
         film.seek(5)
         assert np.abs(np.asarray(film.convert("L"), int) - first).max() > 50
-    animate(response, tmp_path / "part.gif", frames_per_second=5, span=(1.0, 2.0))
+        assert film.info["duration"] == 200
+    monkeypatch.setattr(plot.block, "_FRAMES", 5)
+    titles = []
+    monkeypatch.setattr(Axes, "set_title", lambda _, title: titles.append(title))
+    animate(response, tmp_path / "part.gif", frames_per_second=10, span=(1.0, 2.0))
+    assert titles[-1].endswith("°, 2.0 times as fast")
     with Image.open(tmp_path / "part.gif") as film:
         assert film.n_frames == 5
     with pytest.raises(ValueError, match="span must be increasing and within 0 and 4 s"):
         animate(response, tmp_path / "never.gif", span=(1.0, 5.0))
     assert not (tmp_path / "never.gif").exists()
+
+
+def test_the_ground_of_a_film_moves_against_its_acceleration():
+    # The mean over two seconds of t^2 is 1/3 more than its middle.
+    steady = jr.Record(np.ones(1000), 0.01)
+    shift = plot.block._ground_shift(steady, np.linspace(3, 7, 5))
+    np.testing.assert_allclose(shift, 1 / 6, rtol=0.02)
 
 
 @pytest.mark.float64
@@ -633,10 +646,10 @@ def test_convergence():
     np.testing.assert_allclose(first, [1.5, 0.5, 0.25])
     np.testing.assert_allclose(second, [1.0, 0.25, 1e-16], atol=1e-15)
     assert ax.get_yscale() == "log"
-    assert ax.get_title() == "smallest largest: 2 starts"
+    assert ax.get_title() == "2 searches: the largest pulse as small as possible"
     none = train([0.0], [0.4], [0], [0.0])
     none = dataclasses.replace(none, objectives=np.full_like(none.objectives, np.nan))
-    assert plot_convergence(none).get_title() == "smallest largest: 2 starts"
+    assert plot_convergence(none).get_title() == ax.get_title()
 
 
 @pytest.mark.float64

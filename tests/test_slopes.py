@@ -54,7 +54,7 @@ def test_slopes_beyond_the_threshold_are_zero_or_masked():
     np.testing.assert_array_equal(same, value)
     for ours, theirs in zip(jax.tree.leaves(masked), jax.tree.leaves(slope), strict=True):
         np.testing.assert_array_equal(ours, theirs.at[1].set(jnp.nan))
-    with pytest.raises(ValueError, match="beyond must be .* got 'none'"):
+    with pytest.raises(ValueError, match=r"beyond must be .* got 'none'"):
         jr.value_and_slopes(jr.rotation_ratio, beyond="none")
 
 

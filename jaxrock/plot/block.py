@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
 
 from ..block import Block, is_rectangle
-from ..dynamics import Equation, Response, uplift_acceleration
+from ..dynamics import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
+from ..ground_motion import Motion
 from .axes import (
     ABOVE,
     ACCENT,
@@ -28,6 +29,7 @@ from .axes import (
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
+_FRAMES = 400  # of a film, at most
 _RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
 
@@ -155,13 +157,12 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     return labelled(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
 
 
-def _moving_span(response: Response) -> tuple[float, float]:
-    """From shortly before a block moves to shortly after it rests or falls; else all of it."""
+def _moving_span(response: Response, limit: float = _LIMIT) -> tuple[float, float]:
+    """From shortly before a block moves until it rests, or falls beyond a limit; else all of it."""
     end = float(response.scene.duration)
     times = np.linspace(0, end, 4000)
     ratio = np.abs(response.history(times)[0]) / float(response.scene.block.critical_angle)
-    # Of a fall only as much as is drawn.
-    moving = np.flatnonzero((ratio > 0) & ((ratio < _LIMIT) | (not bool(response.overturned))))
+    moving = np.flatnonzero((ratio > 0) & ((ratio < limit) | (not bool(response.overturned))))
     if not moving.size:
         return 0.0, end
     first, last = times[moving[[0, -1]]]
@@ -175,16 +176,21 @@ def animate(
     frames_per_second: int = 20,
     span: tuple[float, float] | None = None,
 ) -> None:
-    """Write a GIF of the block on the ground, in real time.
+    """Write a GIF of the block on the moving ground, with its rotation traced under it.
+
+    In real time or, where that makes more than 400 frames, as many times faster as the title
+    says. The ground is seen from a camera that follows it slowly, as the mean of its displacement
+    over two seconds does: records have drift.
 
     Parameters
     ----------
     response, path : Response, path
         From `jaxrock.respond`; the file to write.
     frames_per_second : int
-        At most; fewer, but at least 1, where that makes more than 300 frames.
+        Pictures that are shown in a second.
     span : tuple of float, optional
-        First and last time [s]; the whole response by default.
+        First and last time [s]; by default from shortly before the block moves until it rests
+        or lies on its side.
 
     Raises
     ------
@@ -192,29 +198,58 @@ def animate(
         If the span is not within the time that the response was followed for.
     """
     block, end = response.scene.block, float(response.scene.duration)
-    first, last = (0.0, end) if span is None else span
+    angle = float(block.critical_angle)
+    first, last = _moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
     if not 0 <= first < last <= end:
         raise ValueError(f"span must be increasing and within 0 and {end:g} s, got {span}")
-    rate = int(np.clip(300 / (last - first), 1, frames_per_second))
-    times = np.linspace(first, last, max(2, round((last - first) * rate)))
+    count = int(np.clip(round((last - first) * frames_per_second), 2, _FRAMES))
+    times = np.linspace(first, last, count)
     rotations = np.asarray(response.history(times)[0]).tolist()
-    figure, ax = plt.subplots(figsize=(5, 3.6), layout="constrained")
-    corners = _corners(block)
-    half, height = corners[2]
-    diagonal = np.hypot(2 * half, height)
-    # Room for the block to fall to either side.
-    shape = _block_on(ax, block, 1.05 * max(half + height, diagonal), 1.1 * diagonal)
+    shifts = _ground_shift(response.scene.motion, times)
+    drawn = np.stack([_rotated(_corners(block), block, rotation) for rotation in rotations])
+    drawn[..., 0] += shifts[:, None]
+    reach, top = np.abs(drawn).max((0, 1))
+    sizes: dict[str, Any] = {"figsize": (5, 5), "height_ratios": (3, 1), "layout": "constrained"}
+    figure, (ax, below) = plt.subplots(2, **sizes)
+    # As large as the height of the panel allows.
+    shape = _block_on(ax, block, max(1.1 * reach, 0.8 * top), 1.08 * top)
+    stones = np.linspace(-8, 8, 65) * top
+    (ground,) = ax.plot(stones, 0 * stones - 0.06 * top, "|", color=NEUTRAL, markersize=8)
+    ratios = np.array(rotations) / angle
+    below.plot(times, ratios, color="0.8", linewidth=1)
+    (trace,) = below.plot([], [], color=INK, linewidth=1)
+    (now,) = below.plot([], [], "o", color=ACCENT, markersize=5)
+    limit = min(_LIMIT, 1.2 * float(np.abs(ratios).max()) or _LIMIT)
+    below.set(xlim=(first, last), ylim=(-limit, limit))
+    labelled(below, "time [s]", r"$\alpha/\alpha_c$ [-]")
+    faster = (last - first) * frames_per_second / count
+    speed = f", {faster:.1f} times as fast" if faster > 1.05 else ""
 
     def draw(frame: int) -> tuple[Polygon]:
-        shape.set_xy(_rotated(corners, block, rotations[frame]))
-        ax.set_title(f"{times[frame]:.2f} s, {np.degrees(rotations[frame]):+.1f}°")
+        shape.set_xy(drawn[frame])
+        ground.set_xdata(stones + shifts[frame])
+        trace.set_data(times[: frame + 1], ratios[: frame + 1])
+        now.set_data(times[frame : frame + 1], ratios[frame : frame + 1])
+        ax.set_title(f"{times[frame]:.2f} s, {np.degrees(rotations[frame]):+.1f}°{speed}")
         return (shape,)
 
     draw(0)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # else every frame is laid out anew
-    FuncAnimation(figure, draw, frames=times.size).save(path, writer=PillowWriter(fps=rate))
+    film = FuncAnimation(figure, draw, frames=count)
+    film.save(path, writer=PillowWriter(fps=frames_per_second))
     plt.close(figure)
+
+
+def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
+    """How far right the ground is of its mean over two seconds [m], at increasing times."""
+    step, around = 0.005, 200
+    fine = np.arange(0, times[-1] + 1 + step, step)
+    # Accelerations count to the left.
+    velocity = -np.cumsum(np.asarray(motion.horizontal(fine))) * step
+    place = np.cumsum(velocity) * step
+    mean = np.convolve(np.pad(place, around, "edge"), np.full(2 * around + 1, 1 / (2 * around + 1)))
+    return np.interp(times, fine, place - mean[2 * around : 2 * around + fine.size])
 
 
 def _corners(block: Block) -> np.ndarray:

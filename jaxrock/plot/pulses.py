@@ -32,6 +32,11 @@ from .axes import (
 
 _POINTS = 60  # of a half-cycle
 _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
+_GOALS = {
+    "smallest largest": "the largest pulse as small as possible",
+    "smallest total": "the sum of the pulses as small as possible",
+    "most rotation": "as much rotation as possible",
+}
 
 # Motion on one side: launch velocity over the critical one, the time since the launch from which
 # and until which it lasts [s] (None: the impact or, where there is none, overturning), the side.
@@ -126,7 +131,7 @@ def plot_convergence(train: WorstTrain, ax: Axes | None = None) -> Axes:
     best = better(reached) if reached.size else np.nan
     distances = np.maximum(np.abs(train.history / best - 1), 1e-16)
     ax.semilogy(distances.T, color=INK, alpha=0.5, linewidth=0.9)
-    ax.set_title(f"{train.goal}: {len(distances)} starts", fontsize="medium")
+    ax.set_title(f"{len(distances)} searches: {_GOALS[train.goal]}", fontsize="medium")
     return labelled(ax, "step of the descent [-]", "distance from the best, relative [-]")
 
 

@@ -56,7 +56,7 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     default = rows.where(rows.default == 1, drop=True)
     if default.setting.size:
         ring = {"fillstyle": "none", "markersize": 13, "label": "default"}
-        ax.plot(default.seconds, default.error, "k8", **ring)
+        ax.plot(default.seconds, default.error, "ko", **ring)
     ax.set(xscale="log", yscale="log")
     ax.margins(0.12, 0.08)
     ax.legend(**ABOVE, ncols=4, fontsize="small")
