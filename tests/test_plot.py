@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray
+from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from PIL import Image
 
@@ -133,7 +134,7 @@ def looks_of(ax):
         if hasattr(handle, "get_linestyle") and hasattr(handle, "get_marker"):
             dashes = handle._unscaled_dash_pattern[1]
             dashes = tuple(dashes) if dashes else handle.get_linestyle()
-            looks.append((dashes, handle.get_marker()))
+            looks.append((dashes, handle.get_marker(), handle.get_fillstyle()))
         else:
             grey = np.dot(np.ravel(handle.get_facecolor())[:3], (0.299, 0.587, 0.114))
             looks.append((round(float(grey), 1), handle.get_hatch()))
@@ -168,18 +169,18 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
-        plot_response: (lambda ax: plot_response(response, ax), 1),
-        plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 2),
-        plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 0),
+        plot_response: (lambda ax: plot_response(response, ax), 2),
+        plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 3),
+        plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
-        plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 10),
+        plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 3),
         plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
     }
 
 
 def tradeoff_table():
-    """Nine families of settings: more than there are markers."""
+    """Batches of nine sizes."""
     rows = [
         {
             **{"label": "", "level": "batch", "bits": 64, "batch": 10**k, "solver": "-"},
@@ -230,7 +231,7 @@ def test_docstrings_say_what_all_have_in_common():
 def test_curves_end_where_the_block_overturns(spectrum):
     data = spectrum.rotation_ratio.sel(restitution=0.8)
     ax = plot_curves(data, hue="width")
-    small, end, large = ax.get_lines()  # a cross where a curve ends
+    small, large, end, _ = ax.get_lines()  # a cross where a curve ends
     np.testing.assert_array_equal(small.get_ydata(), data.sel(width=0.4))
     np.testing.assert_array_equal(large.get_ydata(), data.sel(width=1.2))
     assert end.get_xdata().tolist() == [4.75]  # overturns from a slenderness of 4.8
@@ -240,12 +241,28 @@ def test_curves_end_where_the_block_overturns(spectrum):
     assert ax.get_xlabel() == r"slenderness $\lambda$ [-]"
     assert ax.get_ylabel() == r"rotation ratio $\alpha^*_{max}/\alpha_c$ [-]"
     assert ax.get_legend().get_title().get_text() == "width $2b$ [m]"
-    assert legend_of(ax) == ["0.4", "1.2"]
+    assert legend_of(ax) == ["0.4", "1.2", "overturns beyond"]
+
+
+def test_rotation_ratios_are_drawn_up_to_the_threshold(spectrum):
+    left, right = plot_spectrum(spectrum).axes
+    curve, _, cross, _ = right.get_lines()
+    threshold = float(jr.critical_slenderness(jr.Block(0.2, 1.0), 0.8, 0.15))
+    for line in (curve, cross):
+        x, y = np.asarray(line.get_data())[:, -1]
+        assert (x, y) == (pytest.approx(threshold), 1)
+    # Between the last point of the grid and the threshold, too, the curve is right.
+    x, y = np.asarray(curve.get_data())[:, -15]
+    between = jr.rotation_ratio(jr.Scene(jr.Block(0.2, x), 0.8, 0.15))
+    assert y == pytest.approx(float(between), abs=0.005)
+    assert legend_of(right)[-1] == "overturning threshold"
+    assert f"{threshold:.3g}" in [text.get_text() for text in right.texts]
+    assert left.get_legend() is None
 
 
 def test_curves_begin_where_the_block_stands(spectrum):
     data = spectrum.rotation_ratio.sel(restitution=0.8, slenderness=[10.0, 5.0])
-    curve, start, *_ = plot_curves(data, hue="slenderness", along="width").get_lines()
+    curve, _, start, *_ = plot_curves(data, hue="slenderness", along="width").get_lines()
     assert curve.get_xdata().tolist() == [0.4, 1.2]
     assert start.get_xdata().tolist() == [1.2]
 
@@ -274,8 +291,7 @@ def test_a_panel_each_restitution(spectrum):
         "$C$ = 0.8, $I$ = 0.15 m/s",
     ]
     assert [ax.get_legend() is None for ax in figure.axes] == [True, False]
-    top = np.nanmax(spectrum.rotation_ratio)
-    assert all(top < ax.get_ylim()[1] < 1.2 * top for ax in figure.axes)
+    assert all(1 < ax.get_ylim()[1] < 1.2 for ax in figure.axes)
 
 
 def test_of_many_values_some_are_drawn():
@@ -298,6 +314,13 @@ def test_rocking_spectrum(rocking):
     expected = np.where(chosen.overturned == 0, chosen.rotation_ratio, np.nan)
     drawn = next(line for line in ax.get_lines() if line.get_label() == "6")
     np.testing.assert_array_equal(drawn.get_ydata(), expected)
+    # A bar halfway to the blocks that stand, at the same height for a slenderness.
+    bars = [bar.get_segments() for bar in ax.collections]
+    falls = rocking.sel(restitution=0.9).overturned.sum("period").values
+    assert [[tuple(bar[:, 0]) for bar in each] for each in bars] == [[(2, 1.5 + n)] for n in falls]
+    assert legend_of(ax)[-1] == "overturns"
+    none = rocking.assign(overturned=0 * rocking.overturned + 1).sel(restitution=0.9)
+    assert legend_of(plot_rocking_curves(none))[-1] == "overturns"
     assert ax.get_xlabel() == r"period $2\pi/p$ of the block [s]"
     assert ax.get_ylabel() == r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]"
     figure = plot_rocking_spectrum(rocking)
@@ -312,28 +335,35 @@ def test_rocking_spectrum(rocking):
 
 def test_rotation_over_time(response):
     ax = plot_response(response)
-    curve, ticks, *levels = ax.get_lines()
+    curve, *levels, _ = ax.get_lines()
     peak = float(response.peak_rotation / response.scene.block.critical_angle)
     assert np.abs(curve.get_ydata()).max() == pytest.approx(peak, rel=1e-4)
-    shown = np.asarray(ticks.get_xdata())
-    assert np.isfinite(shown).sum() == response.impacts > 3
+    feet, tips = np.transpose([line[:, 1] for line in ax.collections[0].get_segments()])
+    assert tips.size == response.impacts > 3
+    speeds = np.abs(np.asarray(response.impact_velocities))
+    np.testing.assert_allclose((tips - feet) / (tips - feet).max(), speeds / speeds.max())
     assert sorted(line.get_ydata()[0] for line in levels) == [-1, 1]
     assert ax.get_ylim()[1] > peak
     assert (ax.get_xlabel(), ax.get_ylabel()) == (
         "time [s]",
         r"rotation ratio $\alpha/\alpha_c$ [-]",
     )
-    assert legend_of(ax) == ["impacts"]  # the critical angle lies outside
+    # The critical angle lies outside.
+    assert legend_of(ax) == ["impacts (height: velocity)", "lifts the block"]
+    _, push, *lifting = ax.child_axes[0].get_lines()
+    assert abs(push.get_ydata()).max() == pytest.approx(3.5, rel=1e-4)
+    np.testing.assert_allclose([line.get_ydata()[0] for line in lifting], [9.81 / 4, -9.81 / 4])
 
 
 def test_overturning_over_time():
     response = jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(5.5, 0.9), 4.0)
     ax = plot_response(response)
-    assert legend_of(ax) == ["impacts", "critical angle", "overturning"]
-    when = ax.get_lines()[-1].get_xdata()[0]
+    assert legend_of(ax)[1:] == ["critical angle", "overturning", "lifts the block"]
+    when = ax.get_lines()[-2].get_xdata()[0]
     assert when == float(response.overturning_time)
     curve = ax.get_lines()[0]
     assert abs(np.interp(when, *curve.get_data())) == pytest.approx(1, abs=0.01)
+    assert when < ax.get_xlim()[1] < 1.5 * when  # not all four seconds
     # The fall, much faster, does not set the limits of the phase portrait.
     assert 1.5 < plot_phase(response).get_ylim()[1] < 2
 
@@ -480,19 +510,31 @@ def test_train(model):
     np.testing.assert_allclose(marks[marks[:, 0].argsort()], np.transpose([times, intensities]))
 
 
-def test_animation(response, tmp_path):
+def test_animation(response, tmp_path, monkeypatch):
     animate(response, tmp_path / "block.gif", frames_per_second=5)
     with Image.open(tmp_path / "block.gif") as film:
         assert film.n_frames == 20
         first = np.asarray(film.convert("L"), int)
         film.seek(5)
         assert np.abs(np.asarray(film.convert("L"), int) - first).max() > 50
-    animate(response, tmp_path / "part.gif", frames_per_second=5, span=(1.0, 2.0))
+        assert film.info["duration"] == 200
+    monkeypatch.setattr(plot.block, "_FRAMES", 5)
+    titles = []
+    monkeypatch.setattr(Axes, "set_title", lambda _, title: titles.append(title))
+    animate(response, tmp_path / "part.gif", frames_per_second=10, span=(1.0, 2.0))
+    assert titles[-1].endswith("°, 2.0 times as fast")
     with Image.open(tmp_path / "part.gif") as film:
         assert film.n_frames == 5
     with pytest.raises(ValueError, match="span must be increasing and within 0 and 4 s"):
         animate(response, tmp_path / "never.gif", span=(1.0, 5.0))
     assert not (tmp_path / "never.gif").exists()
+
+
+def test_the_ground_of_a_film_moves_against_its_acceleration():
+    # The mean over two seconds of t^2 is 1/3 more than its middle.
+    steady = jr.Record(np.ones(1000), 0.01)
+    shift = plot.block._ground_shift(steady, np.linspace(3, 7, 5))
+    np.testing.assert_allclose(shift, 1 / 6, rtol=0.02)
 
 
 @pytest.mark.float64
@@ -548,13 +590,18 @@ def test_sensitivity_map():
         r"slenderness $\lambda$ [-]",
         "half-width $b$ [m]",
     )
-    assert [other.get_ylabel() for other in ax.figure.axes[1:]] == ["elasticity [-]"]
+    # Above, not beside it, where it would belong to the next map.
+    assert [other.get_xlabel() for other in ax.figure.axes[1:]] == ["elasticity [-]"]
+    assert legend_of(ax) == ["no value: overturns"]
+    # Numbers and lines can be read on the darkest colours.
+    dark = min(np.dot(mesh.cmap(end)[:3], (0.299, 0.587, 0.114)) for end in (0.0, 1.0))
+    assert dark > 0.3
     with pytest.raises(ValueError, match="two dimensions"):
         plot_sensitivity_map(SLOPES[0])
     row = SLOPES[:1].rename("slope of the peak").drop_attrs()  # no contours in one dimension
     figure = plot_sensitivity_map(row, limit=2.0).figure
     assert figure.axes[0].collections[0].get_clim() == (-2, 2)
-    assert figure.axes[1].get_ylabel() == "slope of the peak"
+    assert figure.axes[1].get_xlabel() == "slope of the peak"
     nothing = plot_sensitivity_map(SLOPES * np.nan)
     assert len(nothing.collections) == 1
 
@@ -599,16 +646,18 @@ def test_convergence():
     np.testing.assert_allclose(first, [1.5, 0.5, 0.25])
     np.testing.assert_allclose(second, [1.0, 0.25, 1e-16], atol=1e-15)
     assert ax.get_yscale() == "log"
-    assert ax.get_title() == "smallest largest: 2 starts"
+    assert ax.get_title() == "2 searches: the largest pulse as small as possible"
     none = train([0.0], [0.4], [0], [0.0])
     none = dataclasses.replace(none, objectives=np.full_like(none.objectives, np.nan))
-    assert plot_convergence(none).get_title() == "smallest largest: 2 starts"
+    assert plot_convergence(none).get_title() == ax.get_title()
 
 
 @pytest.mark.float64
 def test_tradeoff():
     ax = plot_tradeoff(tradeoff_table())
-    assert legend_of(ax)[0] == "batch"
-    assert legend_of(ax)[-1] == "default"
+    assert legend_of(ax) == ["batch", "filled: on the front", "default"]
+    # Written on the lines.
+    texts = [text.get_text() for text in ax.texts]
+    assert texts[::8] == ["100,000,000 at once", "one at a time"]
     ring = ax.get_lines()[-1]
     assert (ring.get_xdata().item(), ring.get_ydata().item()) == (1e-7, 1e-2)

@@ -45,6 +45,19 @@ def test_arguments_that_broadcast(monkeypatch, eps):
     np.testing.assert_allclose((to_c[4, 1], to_slenderness[4, 1]), single, rtol=1000 * eps)
 
 
+def test_slopes_beyond_the_threshold_are_zero_or_masked():
+    scene = jr.Scene(jr.Block(0.4, 5.0), 0.7, jnp.asarray([0.15, 0.45]))
+    value, slope = jr.value_and_slopes(jr.rotation_ratio)(scene)
+    assert jnp.isnan(value).tolist() == [False, True]
+    assert slope.intensity[1] == 0
+    same, masked = jr.value_and_slopes(jr.rotation_ratio, beyond="nan")(scene)
+    np.testing.assert_array_equal(same, value)
+    for ours, theirs in zip(jax.tree.leaves(masked), jax.tree.leaves(slope), strict=True):
+        np.testing.assert_array_equal(ours, theirs.at[1].set(jnp.nan))
+    with pytest.raises(ValueError, match=r"beyond must be .* got 'none'"):
+        jr.value_and_slopes(jr.rotation_ratio, beyond="none")
+
+
 @pytest.mark.float64
 def test_slopes_of_slopes(monkeypatch):
     monkeypatch.setattr(slopes, "_CHUNK", 4)

@@ -58,8 +58,9 @@ def test_plot(tmp_path):
     assert ax.get_xscale() == ax.get_yscale() == "log"
     assert "[s]" in ax.get_xlabel()
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert "batch (1,000 at once)" in labels
-    assert "adaptive, Euler" not in labels
+    assert labels[:3] == ["nonlinear", "batch", "adaptive"]
+    texts = {text.get_text() for text in ax.texts}
+    assert texts == {"one at a time", "1,000 at once", "Tsit5", "Dopri8"}
     table().dataset.to_netcdf(tmp_path / "tradeoff.nc")
     with xarray.open_dataset(tmp_path / "tradeoff.nc") as again:
         assert again.error.attrs["units"] == "1"

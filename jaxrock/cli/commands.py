@@ -90,7 +90,7 @@ class RockingSpectrum(RecordOptions, Writing):
     """
 
     record: str | None = "example"
-    period: Grid = ("1:8:71",)  # 2 pi / p of the blocks [s].
+    period: Grid = ("1:4:241", "4.05:8:80")  # 2 pi / p of the blocks [s].
     slenderness: Grid = (4.0, 6.0, 8.0)  # Height over width [-].
     restitution: Grid = (0.9,)  # Velocity after an impact over velocity before it [-].
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO

@@ -53,8 +53,8 @@ class Assess(BlockOptions):
 class Respond(MotionOptions, BlockOptions, Writing):
     """Response of one block to a pulse or a record, through every impact.
 
-    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
-    (rotation over time and phase portrait).
+    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png (ground
+    and rotation while the block moves, and phase portrait).
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
@@ -96,7 +96,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
         impacts = np.stack([response.impact_times, response.impact_velocities], axis=1)
         header = "time_s,velocity_before_rad_per_s"
         np.savetxt(folder / "impacts.csv", impacts, delimiter=",", header=header, comments="")
-        sizes: Any = {"figsize": (11, 4), "width_ratios": (1.6, 1)}
+        sizes: Any = {"figsize": (12, 4.8), "width_ratios": (1.7, 1)}
         _, (left, right) = plt.subplots(ncols=2, layout="constrained", **sizes)
         plot_response(response, left)
         picture(plot_phase(response, right), folder / "response.png")
@@ -332,12 +332,16 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         def question(c: Any, slenderness: Any) -> Any:
             return self._question(at | {"restitution": c, "slenderness": slenderness})
 
-        c, slenderness = np.linspace(0.3, 0.95, 66), np.linspace(3, 10, 71)
-        value, slope = value_and_slopes(question)(c[:, None], slenderness[None])
-        elasticity = np.where(np.isfinite(value), slope * c[:, None] / value, np.nan)
+        c, slenderness = np.linspace(0.3, 0.95, 521), np.linspace(3, 10, 561)
+        value, slope = value_and_slopes(question, beyond="nan")(c[:, None], slenderness[None])
+        elasticity = np.asarray(slope * c[:, None] / value)
         axes = [("restitution", c), ("slenderness", slenderness)]
         named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}
-        picture(plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named)), path)
+        ax = plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named))
+        pulse = "" if self.answer == "critical-intensity" else f"$I$ = {at['intensity']:g} m/s, "
+        title = f"{2 * at['half_width']:g} m wide, {pulse}{self._model}"
+        ax.set_title(title, fontsize="medium")
+        picture(ax, path)
 
 
 _OF_SCENE = {

@@ -11,10 +11,25 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
 
 from ..block import Block, is_rectangle
-from ..dynamics import Equation, Response
-from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from ..dynamics import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
+from ..ground_motion import Motion
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    LINE,
+    NEUTRAL,
+    RATIO,
+    add_level,
+    axes_or_new,
+    draws,
+    labelled,
+    strip_above,
+)
 
 _STAND_IN = "a rectangle stands in for the outline"
+_LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
+_FRAMES = 400  # of a film, at most
 _RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
 
@@ -74,31 +89,55 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
 
 @draws(_RESPONSE)
 def plot_response(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw rotation over critical angle against time, with a tick at every impact."""
-    ax = axes_or_new(ax)
-    times = np.linspace(0, float(response.scene.duration), 4000)
-    ratio = np.array(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    """Draw the acceleration of the ground and, under it, rotation over critical angle.
+
+    From shortly before the block moves until it rests or has fallen. Every impact is a line at
+    the foot, as high as the velocity before it is large. The acceleration, with the level that
+    lifts the block, is on axes of its own, the child of those returned.
+    """
+    ax = axes_or_new(ax, figsize=(7.2, 4.8))
+    scene = response.scene
+    first, last = _moving_span(response)
+    times = np.linspace(first, last, 4000)
+    ratio = np.array(response.history(times)[0]) / float(scene.block.critical_angle)
     ax.plot(times, ratio, color=INK, linewidth=0.9)
-    limit = min(1.4, 1.2 * float(np.max(np.abs(ratio))) or 1.4)
+    limit = min(_LIMIT, 1.2 * float(np.max(np.abs(ratio))) or _LIMIT)
     impacts = np.asarray(response.impact_times)
-    ax.plot(impacts, np.zeros_like(impacts), "|", color=ACCENT, markersize=6, label="impacts")
+    speeds = np.abs(np.asarray(response.impact_velocities))
+    tips = limit * (0.25 * speeds / max(speeds.max(initial=0), 1e-300) - 1)
+    name = "impacts (height: velocity)" if impacts.size else ""
+    ax.vlines(impacts, -limit, tips, color=ACCENT, linewidth=0.8, label=name)
     # Without an entry in the legend where the lines lie outside of the limits.
     add_level(ax, 1.0, "critical angle" if limit > 1 else None)
     if bool(response.overturned) and np.isfinite(response.overturning_time):
         ax.axvline(float(response.overturning_time), color=LINE, linestyle=":", label="overturning")
-    ax.set(xlim=(0, times[-1]), ylim=(-limit, limit))
-    ax.legend(**ABOVE, ncols=3)
+    ax.set_xlim(first, last)
+    above = strip_above(ax, -limit, limit)
+    push = np.asarray(scene.motion.horizontal(times))
+    weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
+    lifting = float(uplift_acceleration(scene.block, response.model)) * weight
+    above.plot(times, push, color=NEUTRAL, linewidth=0.7)
+    look: dict[str, Any] = {"color": LINE, "linestyle": "-.", "linewidth": 0.8}
+    above.plot(times, lifting, times, -lifting, **look)
+    ax.plot([], [], label="lifts the block", **look)
+    reach = 1.2 * float(max(abs(push).max(), abs(lifting).max()))
+    above.set_ylim(-reach, reach)
+    labelled(above, "", "ground [m/s²]")
+    ax.legend(**ABOVE, ncols=4)
     return labelled(ax, "time [s]", RATIO)
 
 
 @draws(_RESPONSE)
 def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw the phase portrait, with the separatrix of free motion."""
+    """Draw the phase portrait, with the separatrix of free motion: beyond it a block overturns.
+
+    The rotations that occur fill the width, up to 1.5 critical angles.
+    """
     ax = axes_or_new(ax)
     block = response.scene.block
     angle = float(block.critical_angle)
     unit = float(block.frequency_parameter) * angle  # of the velocity
-    times = np.linspace(0, float(response.scene.duration), 8000)
+    times = np.linspace(*_moving_span(response), 8000)
     rotation, velocity = (np.array(values) for values in response.history(times))
     # Impacts change the velocity at once: no line from before to after.
     broken = np.diff(np.searchsorted(np.asarray(response.impact_times), times)) > 0
@@ -112,9 +151,23 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     shown = np.abs(velocity[np.abs(rotation) <= 1.5 * angle]) / unit
     # The fall, much faster than what came before it, does not set the limits.
     limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
-    ax.set(xlim=(-1.5, 1.5), ylim=(-limit, limit))
+    reach = min(1.5, 1.2 * float(np.max(np.abs(rotation))) / angle or 1.5)
+    ax.set(xlim=(-reach, reach), ylim=(-limit, limit))
     ax.legend(**ABOVE, ncols=2)
     return labelled(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
+
+
+def _moving_span(response: Response, limit: float = _LIMIT) -> tuple[float, float]:
+    """From shortly before a block moves until it rests, or falls beyond a limit; else all of it."""
+    end = float(response.scene.duration)
+    times = np.linspace(0, end, 4000)
+    ratio = np.abs(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    moving = np.flatnonzero((ratio > 0) & ((ratio < limit) | (not bool(response.overturned))))
+    if not moving.size:
+        return 0.0, end
+    first, last = times[moving[[0, -1]]]
+    margin = 0.05 * (last - first) + times[1]
+    return max(0.0, float(first - margin)), min(end, float(last + margin))
 
 
 def animate(
@@ -123,16 +176,21 @@ def animate(
     frames_per_second: int = 20,
     span: tuple[float, float] | None = None,
 ) -> None:
-    """Write a GIF of the block on the ground, in real time.
+    """Write a GIF of the block on the moving ground, with its rotation traced under it.
+
+    In real time or, where that makes more than 400 frames, as many times faster as the title
+    says. The ground is seen from a camera that follows it slowly, as the mean of its displacement
+    over two seconds does: records have drift.
 
     Parameters
     ----------
     response, path : Response, path
         From `jaxrock.respond`; the file to write.
     frames_per_second : int
-        At most; fewer, but at least 1, where that makes more than 300 frames.
+        Pictures that are shown in a second.
     span : tuple of float, optional
-        First and last time [s]; the whole response by default.
+        First and last time [s]; by default from shortly before the block moves until it rests
+        or lies on its side.
 
     Raises
     ------
@@ -140,29 +198,58 @@ def animate(
         If the span is not within the time that the response was followed for.
     """
     block, end = response.scene.block, float(response.scene.duration)
-    first, last = (0.0, end) if span is None else span
+    angle = float(block.critical_angle)
+    first, last = _moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
     if not 0 <= first < last <= end:
         raise ValueError(f"span must be increasing and within 0 and {end:g} s, got {span}")
-    rate = int(np.clip(300 / (last - first), 1, frames_per_second))
-    times = np.linspace(first, last, max(2, round((last - first) * rate)))
+    count = int(np.clip(round((last - first) * frames_per_second), 2, _FRAMES))
+    times = np.linspace(first, last, count)
     rotations = np.asarray(response.history(times)[0]).tolist()
-    figure, ax = plt.subplots(figsize=(5, 3.6), layout="constrained")
-    corners = _corners(block)
-    half, height = corners[2]
-    diagonal = np.hypot(2 * half, height)
-    # Room for the block to fall to either side.
-    shape = _block_on(ax, block, 1.05 * max(half + height, diagonal), 1.1 * diagonal)
+    shifts = _ground_shift(response.scene.motion, times)
+    drawn = np.stack([_rotated(_corners(block), block, rotation) for rotation in rotations])
+    drawn[..., 0] += shifts[:, None]
+    reach, top = np.abs(drawn).max((0, 1))
+    sizes: dict[str, Any] = {"figsize": (5, 5), "height_ratios": (3, 1), "layout": "constrained"}
+    figure, (ax, below) = plt.subplots(2, **sizes)
+    # As large as the height of the panel allows.
+    shape = _block_on(ax, block, max(1.1 * reach, 0.8 * top), 1.08 * top)
+    stones = np.linspace(-8, 8, 65) * top
+    (ground,) = ax.plot(stones, 0 * stones - 0.06 * top, "|", color=NEUTRAL, markersize=8)
+    ratios = np.array(rotations) / angle
+    below.plot(times, ratios, color="0.8", linewidth=1)
+    (trace,) = below.plot([], [], color=INK, linewidth=1)
+    (now,) = below.plot([], [], "o", color=ACCENT, markersize=5)
+    limit = min(_LIMIT, 1.2 * float(np.abs(ratios).max()) or _LIMIT)
+    below.set(xlim=(first, last), ylim=(-limit, limit))
+    labelled(below, "time [s]", r"$\alpha/\alpha_c$ [-]")
+    faster = (last - first) * frames_per_second / count
+    speed = f", {faster:.1f} times as fast" if faster > 1.05 else ""
 
     def draw(frame: int) -> tuple[Polygon]:
-        shape.set_xy(_rotated(corners, block, rotations[frame]))
-        ax.set_title(f"{times[frame]:.2f} s, {np.degrees(rotations[frame]):+.1f}°")
+        shape.set_xy(drawn[frame])
+        ground.set_xdata(stones + shifts[frame])
+        trace.set_data(times[: frame + 1], ratios[: frame + 1])
+        now.set_data(times[frame : frame + 1], ratios[frame : frame + 1])
+        ax.set_title(f"{times[frame]:.2f} s, {np.degrees(rotations[frame]):+.1f}°{speed}")
         return (shape,)
 
     draw(0)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # else every frame is laid out anew
-    FuncAnimation(figure, draw, frames=times.size).save(path, writer=PillowWriter(fps=rate))
+    film = FuncAnimation(figure, draw, frames=count)
+    film.save(path, writer=PillowWriter(fps=frames_per_second))
     plt.close(figure)
+
+
+def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
+    """How far right the ground is of its mean over two seconds [m], at increasing times."""
+    step, around = 0.005, 200
+    fine = np.arange(0, times[-1] + 1 + step, step)
+    # Accelerations count to the left.
+    velocity = -np.cumsum(np.asarray(motion.horizontal(fine))) * step
+    place = np.cumsum(velocity) * step
+    mean = np.convolve(np.pad(place, around, "edge"), np.full(2 * around + 1, 1 / (2 * around + 1)))
+    return np.interp(times, fine, place - mean[2 * around : 2 * around + fine.size])
 
 
 def _corners(block: Block) -> np.ndarray:

@@ -10,17 +10,33 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from .. import resonance
 from ..block import Block
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, ModelLike, Rocker, RockingModel, Scene, WorstTrain
-from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from .axes import (
+    ACCENT,
+    BESIDE,
+    INK,
+    LINE,
+    NEUTRAL,
+    RATIO,
+    add_level,
+    axes_or_new,
+    draws,
+    labelled,
+    strip_above,
+)
 
-_STRIP = 0.28  # of the height, for the pulses
 _POINTS = 60  # of a half-cycle
 _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
+_GOALS = {
+    "smallest largest": "the largest pulse as small as possible",
+    "smallest total": "the sum of the pulses as small as possible",
+    "most rotation": "as much rotation as possible",
+}
 
 # Motion on one side: launch velocity over the critical one, the time since the launch from which
 # and until which it lasts [s] (None: the impact or, where there is none, overturning), the side.
@@ -115,7 +131,7 @@ def plot_convergence(train: WorstTrain, ax: Axes | None = None) -> Axes:
     best = better(reached) if reached.size else np.nan
     distances = np.maximum(np.abs(train.history / best - 1), 1e-16)
     ax.semilogy(distances.T, color=INK, alpha=0.5, linewidth=0.9)
-    ax.set_title(f"{train.goal}: {len(distances)} starts", fontsize="medium")
+    ax.set_title(f"{len(distances)} searches: {_GOALS[train.goal]}", fontsize="medium")
     return labelled(ax, "step of the descent [-]", "distance from the best, relative [-]")
 
 
@@ -212,13 +228,8 @@ def _draw_under_pulses(
     if 1.1 * level < 2 * limit:  # else the motion would hardly be visible
         limit = max(limit, 1.1 * level)
         add_level(ax, level, name)
-    low = -1.3 * limit  # room for the legend
-    top = low + (limit - low) / (1 - _STRIP)
-    ax.set(xlim=(-0.02 * time[-1], 1.02 * time[-1]), ylim=(low, top))
-    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-limit, limit)
-    ax.set_yticks([tick for tick in ticks if abs(tick) < limit])
-    above = ax.inset_axes((0, 1 - _STRIP, 1, _STRIP), sharex=ax)
-    above.axhline(0, color=LINE, linewidth=0.6)
+    ax.set(xlim=(-0.02 * time[-1], 1.02 * time[-1]))
+    above = strip_above(ax, -1.3 * limit, limit)  # with room for the legend
     above.vlines(times, 0, pulses, color=ACCENT, linewidth=1.5)
     for chosen, marker in ((pulses > 0, "^"), (pulses <= 0, "v")):
         above.plot(times[chosen], pulses[chosen], marker, color=ACCENT, markersize=5)
@@ -226,9 +237,8 @@ def _draw_under_pulses(
     highest = float(abs(pulses).max())
     above.set(ylim=(-1.5 * highest, 1.5 * highest), yticks=[-highest, 0, highest])
     above.yaxis.set_major_formatter("{x:.3g}")
-    above.tick_params(labelbottom=False)
     labelled(above, "", "$I$ [m/s]")
-    labelled(ax, "time [s]", RATIO).yaxis.label.set_y((1 - _STRIP) / 2)
+    labelled(ax, "time [s]", RATIO)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(frameon=False, loc="lower left")
     return ax

@@ -1,12 +1,21 @@
 """What an answer depends on: tornado, maps of slopes, scatter."""
 
+from typing import Any
+
+import matplotlib
+import matplotlib.patheffects
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..sensitivity import MomentEstimate, TornadoBars
 from .axes import ABOVE, ACCENT, INK, LIGHT, LINE, axes_or_new, draws, label_of, labelled
+
+# Without the darkest colours, on which neither lines nor numbers could be read.
+_SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
 
 
 @draws("bars, label : TornadoBars, str\n    From `jaxrock.tornado`; name and unit of the answer.")
@@ -40,7 +49,7 @@ def plot_sensitivity_map(
     """Draw a slope or an elasticity over two numbers, its sign by colour.
 
     White and the thick line are zero; contours below it are dashed. Hatched where there is
-    no value.
+    no value, as beyond the overturning threshold: on a fine grid that ends in a smooth line.
 
     Parameters
     ----------
@@ -63,17 +72,24 @@ def plot_sensitivity_map(
     finite = values[np.isfinite(values)]
     limit = limit or (float(np.quantile(abs(finite), 0.95)) if finite.size else 0.0) or 1.0
     grid = (horizontal.values, vertical.values, values)
-    ax.patch.set(hatch="////", edgecolor="0.8", facecolor="w")
-    mesh = ax.pcolormesh(*grid, cmap="PuOr", vmin=-limit, vmax=limit, shading="nearest")
+    hatched: dict[str, Any] = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
+    ax.patch.set(**hatched)
+    mesh = ax.pcolormesh(*grid, cmap=_SIGNED, vmin=-limit, vmax=limit, shading="nearest")
     levels = MaxNLocator(9, symmetric=True).tick_values(-limit, limit)
     levels = [level for level in levels if (finite < level).any() and (finite > level).any()]
     if levels and min(values.shape) > 1:
         widths = [2.0 if level == 0 else 0.7 for level in levels]
         lines = ax.contour(*grid, levels=levels, colors=LINE, linewidths=widths)
-        ax.clabel(lines, fontsize="x-small")
+        outline = matplotlib.patheffects.withStroke(linewidth=2, foreground="w")
+        for text in ax.clabel(lines, fontsize="small"):
+            text.set_path_effects([outline])
+    if finite.size < values.size:
+        missing = Patch(label="no value: overturns", **hatched)
+        ax.legend(handles=[missing], loc="upper right", framealpha=1)
     titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
     extend = "both" if (abs(finite) > limit).any() else "neither"
-    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=label_of(titled))
+    # Above the map: beside it the label would read as that of the next panel's axis.
+    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=label_of(titled), location="top")
     ax.set(xlabel=label_of(horizontal), ylabel=label_of(vertical))
     return ax
 

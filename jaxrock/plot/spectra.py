@@ -11,12 +11,18 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .axes import BESIDE, CURVES, POINTS, axes_or_new, draws, label_of, labelled
+from ..block import Block
+from ..resonance import critical_slenderness
+from .axes import BESIDE, CURVES, LINE, NEUTRAL, POINTS, axes_or_new, draws, label_of, labelled
 
 
 @draws()
 def plot_curves(
-    variable: xarray.DataArray, hue: str, along: str = "slenderness", ax: Axes | None = None
+    variable: xarray.DataArray,
+    hue: str,
+    along: str = "slenderness",
+    ax: Axes | None = None,
+    thresholds: xarray.DataArray | None = None,
 ) -> Axes:
     """Draw one panel of a spectrum; a cross marks where a curve ends: the block overturns.
 
@@ -27,17 +33,47 @@ def plot_curves(
         ``spectrum.rotation_ratio.sel(restitution=0.6)``.
     hue, along : str
         Dimensions that tell the curves apart, and of the horizontal axis.
+    thresholds : xarray.DataArray, optional
+        For each `hue` the value from which on the block overturns, of a rotation ratio: the
+        curve is drawn up to there, where the ratio is 1, and the value is written beside it.
 
     Raises
     ------
     ValueError
         If `variable` has other dimensions.
     """
+    ax, curves = _curves(variable, hue, along, ax)
+    name = "overturns beyond" if thresholds is None else "overturning threshold"
+    for level, colour, (curve, x, y) in curves:
+        last = _last(y)
+        if not last.any():
+            continue
+        ends = x[last], y[last]
+        limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
+        if limit > x[last][-1]:
+            # What is missing to 1 goes with the root of what is missing to the threshold.
+            rest, k = np.linspace(0, 1, 30)[::-1], int(np.flatnonzero(last)[-1])
+            missing = limit - (limit - x[k]) * rest**2, 1 - (1 - y[k]) * rest
+            curve.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
+            ends = [limit], [1.0]
+            text = {"ha": "center", "va": "bottom", "fontsize": "small", "color": colour}
+            ax.annotate(f"{limit:#.3g}", (limit, 1), (0, 4), textcoords="offset points", **text)
+            ax.update_datalim([(limit, 1.05)], updatex=False)
+        ax.plot(*ends, linestyle="", marker="x", color=colour)
+        ax.plot([], [], linestyle="", marker="x", color=LINE, label=name)
+        name = ""
+    return _finished(ax, variable, hue)
+
+
+def _curves(
+    variable: xarray.DataArray, hue: str, along: str, ax: Axes | None
+) -> tuple[Axes, list[Any]]:
+    """A panel of curves, and of each its level, its colour and line, x and y."""
     if set(variable.dims) != {along, hue}:
         raise ValueError(
             f"variable must have the dimensions {along} and {hue}, got {variable.dims}"
         )
-    ax = axes_or_new(ax)
+    ax, curves = axes_or_new(ax), []
     variable = variable.sortby(along)
     x, levels = variable[along].values, variable[hue].values
     # From dark to light, stopping short of what is too pale to read.
@@ -45,24 +81,33 @@ def plot_curves(
     looks = itertools.cycle(CURVES if x.size > 1 else POINTS)
     for level, colour, look in zip(levels, colours, looks, strict=False):
         y = variable.sel({hue: level}).values
-        ax.plot(x, y, color=colour, label=f"{level:g}", **look)
-        standing = np.isfinite(y)
-        last = standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
-        if last.any():
-            ax.plot(x[last], y[last], linestyle="", marker="x", color=colour)
+        (curve,) = ax.plot(x, y, color=colour, label=f"{level:g}", **look)
+        curves.append((level, colour, (curve, x, y)))
     if x.size > 1:
         ax.set_xlim(x[0], x[-1])
+    return labelled(ax, label_of(variable[along]), label_of(variable)), curves
+
+
+def _finished(ax: Axes, variable: xarray.DataArray, hue: str) -> Axes:
+    """With a legend, and from 0 on unless there are negative values."""
     if not (variable < 0).any():
         ax.set_ylim(bottom=0, auto=True)
     ax.legend(**BESIDE, title=label_of(variable[hue]))
-    return labelled(ax, label_of(variable[along]), label_of(variable))
+    return ax
+
+
+def _last(y: np.ndarray) -> np.ndarray:
+    """Where there is a value, and none on one side of it."""
+    standing = np.isfinite(y)
+    return standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
 
 
 def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
     """Draw a variable over slenderness: a column for each restitution, a row for each intensity.
 
     A curve for each width. Of a dimension with more values than can be told apart (4 panels
-    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel.
+    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel. Rotation
+    ratios are drawn up to the overturning threshold, which is known in closed form.
 
     Parameters
     ----------
@@ -73,9 +118,17 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     -------
     matplotlib.figure.Figure
     """
+    about = spectrum.attrs
+    model = "linearized" if about["model"] == "linearized" else "nonlinear"
 
     def draw(curves: xarray.DataArray, panel: Axes) -> None:
-        plot_curves(curves, hue="width", ax=panel)
+        thresholds = None
+        if variable == "rotation_ratio" and "intensity" in curves.coords:
+            block = Block(curves.width.values / 2, 1.0, about["gravity"], about["inertia_ratio"])
+            numbers = float(curves.restitution), float(curves.intensity)
+            limits = critical_slenderness(block, *numbers, model=model)
+            thresholds = xarray.DataArray(np.asarray(limits), {"width": curves.width})
+        plot_curves(curves, hue="width", ax=panel, thresholds=thresholds)
         pulses = f", $I$ = {curves.intensity:g} m/s" if "intensity" in curves.coords else ""
         panel.set_title(f"$C$ = {curves.restitution:g}{pulses}")
 
@@ -86,7 +139,7 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
 def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw peak rotation over the period 2 pi / p, a curve for each slenderness.
 
-    A curve ends where the block overturns.
+    Where the block overturns there is a bar at the top instead, in the order of the legend.
 
     Parameters
     ----------
@@ -100,7 +153,21 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
         If there are several restitutions.
     """
     standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
-    ax = plot_curves(standing, hue="slenderness", along="period", ax=ax)
+    ax, curves = _curves(standing, hue="slenderness", along="period", ax=ax)
+    at_top: dict[str, Any] = {"linewidth": 4, "transform": ax.get_xaxis_transform()}
+    for k, (_, colour, (_, x, y)) in enumerate(curves):
+        alone = _last(y) & ~np.isfinite(np.append(y[1:], np.nan))
+        alone &= ~np.isfinite(np.append(np.nan, y[:-1]))
+        ax.plot(x[alone], y[alone], ".", color=colour)
+        sides = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
+        change = np.diff(np.pad(np.isfinite(y), 1, constant_values=True).astype(int))
+        bars = sides[change < 0], sides[change > 0]
+        ax.hlines(np.full(bars[0].size, 0.97 - 0.035 * k), *bars, color=colour, **at_top)
+    if not np.isfinite(standing).all():
+        ax.plot([], [], color=NEUTRAL, linewidth=4, label="overturns")
+        top = float(np.nan_to_num(standing.max(), nan=1.0)) / (0.93 - 0.035 * len(curves))
+        ax.update_datalim([(np.nan, top)], updatex=False)
+    _finished(ax, standing, "slenderness")
     ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]")
     given = "restitution" in spectrum.coords
     ax.set_title(f"$C$ = {spectrum.restitution.item():g}" if given else "Housner's $C$")
@@ -139,7 +206,11 @@ def _panels(
     figure, panels = plt.subplots(rows, columns, sharex=True, sharey=True, **settings)
     for (row, column), panel in np.ndenumerate(panels):
         draw(data.isel(intensity=row, restitution=column, missing_dims="ignore"), panel)
-        if panel is not panels[0, -1]:
-            panel.get_legend().remove()
         panel.label_outer()
+    # One legend, of the panel with the most entries.
+    legends = [panel.get_legend() for panel in panels.flat]
+    entries = max((p.get_legend_handles_labels() for p in panels.flat), key=lambda e: len(e[1]))
+    for legend in legends:
+        legend.remove()
+    panels[0, -1].legend(*entries, **BESIDE, title=legends[0].get_title().get_text())
     return figure

@@ -16,7 +16,10 @@ _CHUNK = 2**14  # points, whose intermediate results fit into the cache of a pro
 
 
 def value_and_slopes(
-    function: Callable[..., Array], argnums: int | Sequence[int] = 0
+    function: Callable[..., Array],
+    argnums: int | Sequence[int] = 0,
+    *,
+    beyond: str = "zero",
 ) -> Callable[..., tuple[Array, Any]]:
     """`jax.value_and_grad` for an elementwise function of arrays.
 
@@ -29,6 +32,9 @@ def value_and_slopes(
         Any function of this package that returns one array, or a hashable one made of such.
     argnums : int or sequence of int
         Arguments to differentiate by: numbers, arrays, or a `Scene` or `Block` of them.
+    beyond : "zero" or "nan"
+        What slopes are where the value is NaN, as beyond the overturning threshold: zeros leave
+        sums over many points intact, NaN is not mistaken for "no influence".
 
     Returns
     -------
@@ -36,6 +42,11 @@ def value_and_slopes(
         Takes what `function` takes. Returns its values, and the partial derivatives in the
         form of the argument (a tuple of them if `argnums` is a sequence), each in the shape
         of the values, also where the argument is broadcast.
+
+    Raises
+    ------
+    ValueError
+        If `beyond` is neither "zero" nor "nan".
 
     Examples
     --------
@@ -47,11 +58,16 @@ def value_and_slopes(
     0.233, 1.79 and -0.67
     """
     check_kind("function", function, Callable)
+    if beyond not in ("zero", "nan"):
+        raise ValueError(f'beyond must be "zero" or "nan", got {beyond!r}')
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
 
     @functools.wraps(function)
     def differentiated(*arguments: Any, **named: Any) -> tuple[Array, Any]:
-        return _value_and_slopes(function, argnums, arguments, named)
+        value, slopes = _value_and_slopes(function, argnums, arguments, named)
+        if beyond == "nan":
+            slopes = jax.tree.map(lambda leaf: jnp.where(jnp.isnan(value), jnp.nan, leaf), slopes)
+        return value, slopes
 
     return differentiated
 
