@@ -105,8 +105,9 @@ class RockingSpectrum(RecordOptions, Writing):
         from ..plot import plot_rocking_spectrum
 
         dataset = rocking_spectrum(motion, *grid, inertia_ratio=self.inertia_ratio)
+        dataset = dataset.assign_attrs(self.about)
         dataset.to_netcdf(folder / "rocking_spectrum.nc")
-        dataset.to_dataframe().to_csv(folder / "rocking_spectrum.csv")
+        write_table(dataset, folder / "rocking_spectrum.csv")
         picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
         share = float(dataset.overturned.mean())
         return Answer(
@@ -124,7 +125,6 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
     Example: jaxrock tradeoff --record example
     """
 
-    restitution: float | None = 0.7
     intensity: float | None = None  # Change of ground velocity in each instantaneous pulse [m/s].
     repeats: int = 15  # How many times each setting is timed.
     out: Path = Path("tradeoff")
@@ -143,12 +143,12 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
         from ..plot import plot_tradeoff
 
         tradeoff = measure_tradeoff(scene, repeats=self.repeats)
-        table = tradeoff.dataset.to_dataframe()
-        tradeoff.dataset.to_netcdf(folder / "tradeoff.nc")
-        table.to_csv(folder / "tradeoff.csv", index=False)
+        dataset = tradeoff.dataset.assign_attrs(self.about)
+        dataset.to_netcdf(folder / "tradeoff.nc")
+        write_table(dataset, folder / "tradeoff.csv")
         picture(plot_tradeoff(tradeoff.dataset), folder / "tradeoff.png")
         data = {"sentence": tradeoff.sentence(), "notes": tradeoff.notes()}
-        return Answer(str(tradeoff), {"rows": table.to_dict("records"), **data})
+        return Answer(str(tradeoff), {"rows": dataset.to_dataframe().to_dict("records"), **data})
 
 
 class Paper(Writing):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..spectra import axis, harmonic_spectrum
+from ..spectra import axis, harmonic_spectrum, write_table
 from ..validation import AT_LEAST_ONE, COUNT, POSITIVE, UNIT_INTERVAL, as_real, check
 from .options import Answer, Grid, ModelName, Steps, Writing, picture
 
@@ -49,7 +49,7 @@ class Harmonic(Writing):
         options = {name: getattr(self, name) for name in alike}
         found = harmonic_spectrum(frequencies, amplitudes, **options)
         found.to_netcdf(folder / "harmonic.nc")
-        found.to_dataframe().to_csv(folder / "harmonic.csv")
+        write_table(found, folder / "harmonic.csv")
         picture(plot_harmonic(found), folder / "harmonic.png")
         sizes = {str(name): size for name, size in found.sizes.items()}
         shares = {

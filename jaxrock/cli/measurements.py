@@ -1,6 +1,5 @@
 """The command about measurements."""
 
-import csv
 import math
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +9,7 @@ import tyro
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..calibration import FreeRockingFit, fit_free_rocking, read_impact_times
+from ..host import write_csv
 from ..validation import POSITIVE, check
 from .options import Answer, ModelName, Steps, Writing, picture
 
@@ -66,11 +66,9 @@ class Fit(Writing):
             repair=not self.no_repair,
         )
         columns = _columns(fit, peaks)
-        table = list(zip(*columns.values(), strict=True))
-        with open(folder / "fit.csv", "w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows([columns, *table])
+        write_csv(folder / "fit.csv", columns, _UNITS, self.about)
         picture(plot_free_rocking_fit(fit), folder / "fit.png")
-        rows = [dict(zip(columns, row, strict=True)) for row in table]
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         return Answer(str(fit), {"model": self.model, **_data(fit), "rows": rows})
 
     def _block(self) -> Block | None:
@@ -89,20 +87,27 @@ class Fit(Writing):
         return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
 
 
+_UNITS = {
+    **dict.fromkeys(("time", "residual"), "s"),
+    **dict.fromkeys(("velocity_ratio", "restitution", "restitution_error"), "-"),
+    **dict.fromkeys(("peak_rotation", "rotation_residual"), "rad"),
+}
+
+
 def _columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[Any]]:
     """A value for each time; NaN where there is none, as of C of the first and the last impact."""
     columns = {
         "impact": fit.impact_numbers,
-        "time_s": fit.impact_times,
+        "time": fit.impact_times,
         "used": fit.used,
-        "residual_s": fit.time_residuals,
+        "residual": fit.time_residuals,
         "velocity_ratio": np.pad(fit.velocity_ratios, 1, constant_values=math.nan),
         "restitution": np.pad(fit.restitutions, 1, constant_values=math.nan),
         "restitution_error": np.pad(fit.restitution_errors, 1, constant_values=math.nan),
     }
     if peaks is not None:
-        columns["peak_rotation_rad"] = np.append(peaks, math.nan)
-        columns["rotation_residual_rad"] = np.append(fit.rotation_residuals, math.nan)
+        columns["peak_rotation"] = np.append(peaks, math.nan)
+        columns["rotation_residual"] = np.append(fit.rotation_residuals, math.nan)
     return {name: np.asarray(column).tolist() for name, column in columns.items()}
 
 

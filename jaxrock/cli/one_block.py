@@ -1,6 +1,5 @@
 """Commands about one block: assessed, followed, what overturns it, what answers depend on."""
 
-import csv
 import itertools
 import math
 from collections.abc import Mapping
@@ -15,10 +14,11 @@ from .. import resonance
 from ..block import Block
 from ..dynamics import Status, respond
 from ..ground_motion import PULSES, Motion
-from ..host import labelled
+from ..host import labelled, write_csv
 from ..overturning import checked, critical_amplitude, overturning_boundaries
 from ..reports import assessment
 from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
+from ..spectra import write_table
 from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
 from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Steps, Writing, picture
 
@@ -90,12 +90,16 @@ class Respond(MotionOptions, BlockOptions, Writing):
             "rotation_ratio": ("time", rotation / block.critical_angle, ratio),
         }
         time = {"time": ("time", times, {"long_name": "time", "units": "s"})}
-        history = labelled("Response of a rocking block", variables, time, data)
+        about = {**self.about, **data}
+        history = labelled("Response of a rocking block", variables, time, about)
         history.to_netcdf(folder / "response.nc")
-        history.to_dataframe().to_csv(folder / "response.csv")
-        impacts = np.stack([response.impact_times, response.impact_velocities], axis=1)
-        header = "time_s,velocity_before_rad_per_s"
-        np.savetxt(folder / "impacts.csv", impacts, delimiter=",", header=header, comments="")
+        write_table(history, folder / "response.csv")
+        impacts = {
+            "time": np.asarray(response.impact_times).tolist(),
+            "velocity_before": np.asarray(response.impact_velocities).tolist(),
+        }
+        units = {"time": "s", "velocity_before": "rad/s"}
+        write_csv(folder / "impacts.csv", impacts, units, self.about)
         sizes: Any = {"figsize": (12, 4.8), "width_ratios": (1.7, 1)}
         _, (left, right) = plt.subplots(ncols=2, layout="constrained", **sizes)
         plot_response(response, left)
@@ -110,6 +114,14 @@ _NUMBERS = (
     *("final_rotation", "final_velocity", "friction_demand", "normal_force"),
     "contact_loss_time",
 )
+
+
+_UNITS = {
+    **{"amplitude": "m/s2", "duration": "s", "half_width": "m", "factor": "-"},
+    **{"critical_intensity": "m/s", "critical_width": "m"},
+    **dict.fromkeys(("slenderness", "inertia_ratio", "restitution"), "-"),
+    **dict.fromkeys(("critical_slenderness", "critical_restitution"), "-"),
+}
 
 
 class Critical(MotionOptions, BlockOptions, Writing):
@@ -150,8 +162,7 @@ class Critical(MotionOptions, BlockOptions, Writing):
         columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
         table = list(zip(*columns.values(), strict=True))
         if folder is not None:
-            with open(folder / "critical.csv", "w", newline="", encoding="utf-8") as file:
-                csv.writer(file, lineterminator="\n").writerows([columns, *table])
+            write_csv(folder / "critical.csv", columns, _UNITS, self.about)
         return Answer(text, {"rows": [dict(zip(columns, row, strict=True)) for row in table]})
 
     def _search(self) -> tuple[Any, str, np.ndarray | None]:
@@ -202,14 +213,20 @@ class Critical(MotionOptions, BlockOptions, Writing):
         columns["model"] = [model for _, model in cases]
         for solve, first in given.items():
             columns[solve.__name__] = [float(solve(*first, *case)) for case in cases]
-        line = "{:<11g}  {:<11}  {:<15.6g}  {:<9.5g}  {:<11.5g}  {:.6g}"
+        line = "{:<11}  {:<11}  {:<15}  {:<9}  {:<11}  {}"
         lines = [
             f"restitution {c:.6g}; width, slenderness and restitution are those"
             f" that {pulse:g} m/s just overturn",
             "half-cycles  model        intensity [m/s]  width [m]  slenderness  restitution",
-            *(line.format(*row) for row in zip(*columns.values(), strict=True)),
+            *(line.format(*map(_in_words, row)) for row in zip(*columns.values(), strict=True)),
         ]
         return columns, "\n".join(lines)
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return "none" if math.isnan(value) else "unlimited" if math.isinf(value) else f"{value:.5g}"
 
 
 class Sensitivity(MotionOptions, BlockOptions, Writing):
@@ -220,14 +237,13 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     sensitivity.csv and tornado.png, and without a pulse or record map.png: the elasticity to
     the restitution over slenderness and restitution.
 
-    Example: jaxrock sensitivity --answer rotation-ratio --relative-change 0.1
+    Example: jaxrock sensitivity --answer rotation-ratio --restitution 0.7
     """
 
     answer: Literal[
         "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
-    ] = "rotation-ratio"
+    ] = "critical-intensity"
     """The quantity to examine."""
-    restitution: float | None = 0.7
     intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
     model: ModelName | None = None
     """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
@@ -307,7 +323,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             table[name] = pandas.Series(getattr(bars, name), bars.names)
         table["share_of_variance"] = pandas.Series(scatter.shares)
         table = table.reset_index()
-        table.to_csv(folder / "sensitivity.csv", index=False, na_rep="nan")
+        write_csv(folder / "sensitivity.csv", table.to_dict("list"), {}, self.about)
         label = self.answer.replace("-", " ")
         picture(plot_tornado(bars, label=label), folder / "tornado.png")
         if not self.shaken:

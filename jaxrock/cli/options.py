@@ -3,8 +3,10 @@
 import abc
 import contextlib
 import functools
+import re
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal, dataclass_transform
 
@@ -89,6 +91,10 @@ class Command(abc.ABC):
             raise ValueError(f"{name} must be at least one number, got none")
         return [number for value in values for number in _span(name, value)]
 
+    def _given(self) -> dict[str, Any]:
+        """The options, with what follows from them in their place."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     def paths(self) -> dict[str, Any]:
         """The options that are paths: those of that type, and names of record files."""
         return {
@@ -117,6 +123,17 @@ class Writing(Command):
     force: bool = False  # Overwrite existing files.
 
     @property
+    def about(self) -> dict[str, Any]:
+        """What its files were computed from: version, command and options."""
+        name = re.sub("(?<!^)(?=[A-Z])", "-", type(self).__name__).lower()
+        said = {
+            name: value if isinstance(value, int | float | str) else _words(value)
+            for name, value in self._given().items()
+            if value is not None and name not in _OF_WRITING
+        }
+        return {"source": f"jaxrock {version('jaxrock')}", "command": name, **said}
+
+    @property
     def names(self) -> Sequence[str]:
         """The names of its files."""
         return self._begun[0]
@@ -138,6 +155,13 @@ class Writing(Command):
             answer = self._ended(folder)
         text, data = "\n".join([answer.text, *files]), {**answer.data, "files": files}
         return replace(answer, text=text, data=data)
+
+
+_OF_WRITING = ("as_json", "no_cache", "out", "force", "animate", "repeats")
+
+
+def _words(value: Any) -> str:
+    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 class BlockOptions(Command):
@@ -165,6 +189,10 @@ class BlockOptions(Command):
             check("height", self.height, POSITIVE)
             slenderness = self.height / self.width
         return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
+
+    def _given(self) -> dict[str, Any]:
+        slenderness = float(self.block.slenderness)
+        return super()._given() | {"slenderness": slenderness, "restitution": self.coefficient}
 
     @functools.cached_property
     def coefficient(self) -> float:

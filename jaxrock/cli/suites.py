@@ -8,6 +8,7 @@ import numpy as np
 from ..ground_motion import MEASURES, Suite, example_suite, read_suite
 from ..host import table
 from ..risk import fragility, rate_elasticities, read_hazard, threshold_names
+from ..spectra import write_table
 from ..validation import POSITIVE, as_real, check
 from .options import Answer, BlockOptions, Grid, ModelName, Steps, Writing, leave_out, picture
 
@@ -61,9 +62,10 @@ class Fragility(BlockOptions, Writing):
 
         options = {"tolerance": self.tolerance, "model": self.model}
         curves = fragility(block, c, suite, levels, self.measure, thresholds, **options)
+        curves = curves.assign_attrs(self.about)
         curves.to_netcdf(folder / "fragility.nc")
         over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
-        curves[over_level].to_dataframe().to_csv(folder / "fragility.csv")
+        write_table(curves[over_level], folder / "fragility.csv")
         picture(plot_fragility(curves), folder / "fragility.png")
         chaotic = 1 - float(curves.within_tolerance.mean())
         medians = {

@@ -14,7 +14,10 @@ from .printing import shown as shown
 from .printing import table as table
 from .progress import with_clock as with_clock
 from .progress import with_progress as with_progress
+from .tables import heading as heading
 from .tables import is_number as is_number
 from .tables import numbered_lines as numbered_lines
+from .tables import write_about as write_about
+from .tables import write_csv as write_csv
 from .threads import mapped as mapped
 from .threads import processors as processors

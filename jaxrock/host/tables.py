@@ -1,6 +1,12 @@
-"""Reading small tables from text files."""
+"""Tables as text files: read line by line, and written in one style."""
 
+import csv
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
 
 from .files import read_regular
 
@@ -35,3 +41,33 @@ def is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def heading(name: str, unit: str = "") -> str:
+    """The head of a column: its name, and its unit in brackets, as CF or as one writes it."""
+    above, below = re.sub(r"\S+-\d", "", unit).split(), re.findall(r"(\S+)-(\d)", unit)
+    for word, power in below:
+        above = [f"{''.join(above) or '1'}/{word}{power if power != '1' else ''}"]
+    plain = "-" if unit == "1" else " ".join(above)
+    return f"{name} [{plain}]" if plain else name
+
+
+def write_about(file: TextIO, about: Mapping[str, Any]) -> None:
+    """What a table was computed from, in lines that begin with #."""
+    for name, value in about.items():
+        words = value if isinstance(value, str) else " ".join(map(str, np.ravel(value).tolist()))
+        file.write(f"# {name}: {' '.join(words.split())}\n")
+
+
+def write_csv(
+    path: Path,
+    columns: Mapping[str, Sequence[Any]],
+    units: Mapping[str, str],
+    about: Mapping[str, Any],
+) -> None:
+    """A table with a head, below what it was computed from."""
+    heads = [heading(name, units.get(name, "")) for name in columns]
+    rows: Iterable[Any] = zip(*columns.values(), strict=True)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        write_about(file, about)
+        csv.writer(file, lineterminator="\n").writerows([heads, *rows])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from typing_extensions import TypeAliasType
 
-from ..host import labelled, with_progress, written_whole
+from ..host import heading, labelled, with_progress, write_about, written_whole
 from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
 
 if TYPE_CHECKING:
@@ -132,14 +132,15 @@ def chunks_of(sizes: Sequence[int], largest: int) -> list[Chunk]:
 
 
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
-    """Write a spectrum as CSV: a column each dimension and variable, a row each grid point.
+    """Write a dataset as CSV: a column each dimension and variable, a row each grid point.
 
-    Part by part, so that the table need not fit into memory. An existing file is replaced.
+    Lines that begin with # say what it was computed from, the heads name the units. Part by part,
+    so that the table need not fit into memory. An existing file is replaced.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `resonance_spectrum`.
+        From `resonance_spectrum` or any other function of this package.
     path : str or path
 
     Raises
@@ -152,8 +153,11 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
         written_whole("path", path.parent, [path.name], overwrite=True) as scratch,
         open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
     ):
+        write_about(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
         for index, part in enumerate(with_progress(parts_of(dataset), "table")):
-            dataset.isel(part).to_dataframe().to_csv(file, header=index == 0)
+            frame = dataset.isel(part).to_dataframe().reset_index()
+            heads = [heading(str(n), dataset[n].attrs.get("units", "")) for n in frame.columns]
+            frame.to_csv(file, header=heads if index == 0 else False, index=False, na_rep="nan")
 
 
 def overturned_share(dataset: "xarray.Dataset") -> float:
@@ -165,5 +169,5 @@ def overturned_share(dataset: "xarray.Dataset") -> float:
 
 def parts_of(dataset: "xarray.Dataset", largest: int = 2**18) -> list[dict[Any, slice]]:
     """Parts of at most `largest` points, in the order of the rows."""
-    margin = dataset.overturning_margin
-    return [dict(zip(margin.dims, at, strict=True)) for at in chunks_of(margin.shape, largest)]
+    names, sizes = tuple(dataset.sizes), tuple(dataset.sizes.values())
+    return [dict(zip(names, at, strict=True)) for at in chunks_of(sizes, largest)]
