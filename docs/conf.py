@@ -3,9 +3,11 @@
 ``sphinx-build -W --keep-going -b html -c docs . site``
 """
 
+import contextlib
 import importlib
-import inspect
+import io
 import os
+import re
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import ClassVar
@@ -14,12 +16,13 @@ from docutils import nodes
 from docutils.parsers.rst import Directive
 
 import jaxrock
-from jaxrock.cli import COMMANDS, Run
+from jaxrock.cli import main
 
 project, author, language = "jaxrock", "The jaxrock developers", "en"
 copyright = author
 release = version = version_of("jaxrock")
 
+os.environ["COLUMNS"] = "90"  # of what commands print
 root_doc = "docs/index"
 include_patterns = ["docs/*.md", "docs/reference/*.md", "notebooks/*.ipynb", "CHANGELOG.md"]
 exclude_patterns = ["docs/releasing.md"]
@@ -36,6 +39,7 @@ autodoc_preserve_defaults = True
 autodoc_default_options = {"members": True, "inherited-members": "Module,object,int"}
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+napoleon_use_param = False  # parameters that share a description are one entry
 napoleon_use_rtype = False
 default_role = "py:obj"  # links names in docstrings where there is something to link to
 python_maximum_signature_line_length = 88
@@ -45,14 +49,19 @@ html_title = f"jaxrock {release}"
 
 
 class CommandHelp(Directive):
-    """What ``jaxrock COMMAND`` is for, as its docstring says it."""
+    """What ``jaxrock COMMAND --help`` prints."""
 
     required_arguments = 1
     has_content: ClassVar[bool] = False
 
     def run(self):
         """A block of text."""
-        text = inspect.cleandoc({**COMMANDS, "run": Run}[self.arguments[0]].__doc__)
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+            main([self.arguments[0], "--help"])
+        text = re.sub(r"\x1b\[[\d;]*m", "", printed.getvalue()).strip()
+        if "usage" not in text:
+            raise self.error(f"{self.arguments[0]} has no help")
         block = nodes.literal_block(text, text)
         block["language"] = "text"
         return [block]

@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import tomllib
 from pathlib import Path
 
 import jax
@@ -168,3 +169,14 @@ def test_the_readme_is_short_and_leads_to_files_that_are_there():
     assert len(TEXTS["README"].splitlines()) <= 150
     for link in re.findall(r"\]\((?!http)([^)#]+)", TEXTS["README"]):
         assert (ROOT / link).exists(), link
+
+
+def test_the_recipe_asks_for_what_the_package_asks_for():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    recipe = (ROOT / "packaging" / "recipe.yaml").read_text(encoding="utf-8")
+    run = recipe.partition("  run:\n")[2].partition("\ntests:")[0]
+    asked = set(re.findall(r"- (\S+) >=(\d\S*)", run.replace("-base ", " ").lower()))
+    assert asked == {tuple(each.lower().split(">=")) for each in project["dependencies"]}
+    for path in (ROOT / "CITATION.cff", ROOT / "packaging" / "recipe.yaml"):
+        stated = re.search(r"^ *version: \"?([\d.]+)", path.read_text(encoding="utf-8"), re.M)[1]
+        assert stated == project["version"], path
