@@ -252,7 +252,7 @@ WORDS = {
     ),
     "a column of the example": (
         "respond --record example --column up",
-        "column of the record \"example\" must be north or east, got 'up'",
+        'column of the record "example" must be north or east, and vertical up if given',
     ),
 }
 
