@@ -102,10 +102,11 @@ def described(value: Any) -> str:
 def check_kind(name: str, value: Any, *kinds: Any, hint: str = "") -> None:
     """Raise `ValueError` if a value is of none of these classes; the hint says what to do."""
     if not isinstance(value, kinds):
-        first, names = kinds[0].__name__, " or a ".join(kind.__name__ for kind in kinds)
+        names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
+        must = " or ".join([", ".join(names[:-1]), names[-1]][len(names) == 1 :])
         if isinstance(value, list | tuple) and any(isinstance(each, kinds) for each in value):
-            hint = hint or f"; one {first} of arrays stands for many"
-        raise ValueError(f"{name} must be a {names}, got {described(value)}{hint}")
+            hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
+        raise ValueError(f"{name} must be {must}, got {described(value)}{hint}")
 
 
 def check_shapes(**arguments: Any) -> None:

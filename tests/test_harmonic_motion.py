@@ -337,7 +337,7 @@ class Other(Harmonic.__base__):
 def test_other_motions_are_refused():
     other = Other(jnp.zeros(()))
     assert isinstance(other, Motion)
-    words = "motion must be a pulse, a Harmonic, a Record or a Suite, got Other"
+    words = "motion must be a Pulse, a Harmonic, a Record or a Suite, got a Other"
     with pytest.raises(ValueError, match=words):
         jr.respond_batch(BLOCK, 0.9, other, 1.0)
     with pytest.raises(ValueError, match=words):

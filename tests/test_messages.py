@@ -110,7 +110,7 @@ LIBRARY = {
     ),
     "a list of records": (
         lambda: jr.respond_batch(BLOCK, 0.7, [RECORD, RECORD]),
-        "motion must be a Pulse or a Harmonic or a Record or a Suite, got a list of 2 Records",
+        "motion must be a Pulse, a Harmonic, a Record or a Suite, got a list of 2 Records",
     ),
     "samples for a motion": (
         lambda: jr.respond(BLOCK, 0.7, np.zeros(1000)),
@@ -130,7 +130,7 @@ LIBRARY = {
     ),
     "no function": (
         lambda: jr.sensitivities(SCENE, {"half_width": 0.4}),
-        "answer must be a Callable, got a Scene",
+        "answer must be a function, got a Scene",
     ),
     # numbers
     "a string for a number": (lambda: jr.Block("0.4", 5.0), f"half_width {REAL}, got '0.4'"),
@@ -252,7 +252,7 @@ WORDS = {
     ),
     "a column of the example": (
         "respond --record example --column up",
-        "column of the record \"example\" must be north or east, got 'up'",
+        'column of the record "example" must be north or east, and vertical up if given',
     ),
 }
 

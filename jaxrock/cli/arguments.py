@@ -34,6 +34,7 @@ class _Option(NamedTuple):
     kind: Any  # type of each word
     many: bool  # whether it takes any number of them
     group: str
+    label: str  # in help, with what stands for its words
     help: str
 
     def faults(self, word: str | None) -> Iterator[str]:
@@ -105,7 +106,8 @@ def _options_of(command: type[Command]) -> tuple[list[_Option], dict[str, _Optio
         many, text, default = get_origin(kind) is tuple, helps[field.name], field.default
         kind = get_args(kind)[0] if many else kind
         if default is dataclasses.MISSING:
-            alone.append(_Option(field.name.upper(), kind, many, "alone", text))
+            name = field.name.upper()
+            alone.append(_Option(name, kind, many, "alone", name, text))
             continue
         if default is not None and kind is not bool:
             values = default if isinstance(default, tuple) else [default]
@@ -113,7 +115,10 @@ def _options_of(command: type[Command]) -> tuple[list[_Option], dict[str, _Optio
             text += f" (default: {' '.join(words)})"
         name = "--" + field.name.removeprefix("as_").replace("_", "-")
         group = _GROUP_OF.get(field.name, "output" if hasattr(Command, field.name) else "")
-        options[name] = _Option(name, kind, many, group, text)
+        choices = get_origin(kind) is Literal
+        place = f"{{{','.join(get_args(kind))}}}" if choices else _PLACES[kind]
+        label = f"{name} {place}{' ...' * many}".strip()
+        options[name] = _Option(name, kind, many, group, label, text)
     return alone, options
 
 
@@ -142,13 +147,7 @@ def _help(name: str) -> str:
     usage = " ".join(["usage: jaxrock", name, *(each.name for each in alone), "[OPTIONS]"])
     parts = [usage, str(inspect.getdoc(_COMMANDS[name]))]
     for group in ("alone", "", *_GROUPS):
-        pairs = {}
-        for option in (*alone, *options.values()):
-            if option.group == group:
-                choices = get_args(option.kind) if get_origin(option.kind) is Literal else ()
-                place = f"{{{','.join(choices)}}}" if choices else _PLACES[option.kind]
-                place = place if group != "alone" else ""
-                pairs[f"{option.name} {place}{' ...' * option.many}".strip()] = option.help
+        pairs = {o.label: o.help for o in (*alone, *options.values()) if o.group == group}
         title = "" if group == "alone" else f"{group or f'options of {name}'}:\n"
         parts += [title + _columns(pairs)] if pairs else []
     return "\n\n".join(parts)

@@ -243,13 +243,10 @@ def read(record: str | None, **options: Any) -> Record | str:
             return read_record(record, **options)
         leave_out('record "example" has its', options)
         column, vertical = options["column"] or "north", options["vertical"]
-        for name, value, allowed in (
-            ("column", column, ("north", "east")),
-            ("vertical", vertical, (None, "up")),
-        ):
-            if value not in allowed:
-                may = " or ".join(filter(None, allowed))
-                raise ValueError(f'{name} of the record "example" must be {may}, got {value!r}')
+        if column not in ("north", "east") or vertical not in (None, "up"):
+            got = f"got {column!r}" + (f" and {vertical!r}" if vertical else "")
+            must = "must be north or east, and vertical up if given"
+            raise ValueError(f'column of the record "example" {must}, {got}')
         return example_record(column, vertical=vertical is not None)
     except ValueError as error:
         return str(error)
