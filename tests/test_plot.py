@@ -567,7 +567,7 @@ def test_tornado(bars):
     ax = plot_tornado(bars, label="rotation ratio [-]")
     assert ax.get_xlabel() == "rotation ratio [-]"
     names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == [name.replace("_", " ") for name in bars.names]
+    assert names == ["pulse intensity $I$ [m/s]", r"slenderness $\lambda$ [-]"]
     ends = [bar.get_x() + bar.get_width() for bar in ax.patches]
     answers = np.append(bars.at_low, bars.at_high)
     np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=bars.value), rtol=1e-6)

@@ -308,7 +308,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         table = table.reset_index()
         table.to_csv(folder / "sensitivity.csv", index=False, na_rep="nan")
         label = self.answer.replace("-", " ")
-        picture(plot_tornado(bars, label=label), folder / "tornado.png")
+        unit = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}.get(self.answer, "-")
+        picture(plot_tornado(bars, label=f"{label} [{unit}]"), folder / "tornado.png")
         if not self.shaken:
             self._draw_map(at, folder / "map.png", label)
         text = (

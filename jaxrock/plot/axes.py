@@ -33,6 +33,9 @@ _DIMENSIONS = {
     "inertia_ratio": (r"inertia ratio $\kappa$", "1"),
     "restitution": ("restitution $C$", "1"),
     "intensity": ("pulse intensity $I$", "m s-1"),
+    "amplitude": ("amplitude", "m s-2"),
+    "pulse_duration": ("pulse duration", "s"),
+    "scale": ("factor on the record", "1"),
 }
 _VARIABLES = {
     "rotation_ratio": (r"rotation ratio $\alpha^*_{max}/\alpha_c$", "1"),
@@ -102,6 +105,14 @@ def label_of(variable: xarray.DataArray) -> str:
     """Name, symbol and unit, for an axis or a legend."""
     name, attributes = str(variable.name), variable.attrs
     symbols = _DIMENSIONS if variable.name in variable.dims else _VARIABLES
-    label, unit = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
-    unit = attributes.get("units", unit)
+    named = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
+    return _with_unit(named[0], attributes.get("units", named[1]))
+
+
+def label_of_number(name: str) -> str:
+    """Name, symbol and unit of a number that an answer depends on, by its name in the code."""
+    return _with_unit(*_DIMENSIONS.get(name, (name.replace("_", " "), None)))
+
+
+def _with_unit(label: str, unit: str | None) -> str:
     return label if unit is None else f"{label} [{_UNITS.get(unit, unit)}]"

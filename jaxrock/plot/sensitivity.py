@@ -12,7 +12,18 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..sensitivity import MomentEstimate, TornadoBars
-from .axes import ABOVE, ACCENT, INK, LIGHT, LINE, axes_or_new, draws, label_of, labelled
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    LIGHT,
+    LINE,
+    axes_or_new,
+    draws,
+    label_of,
+    label_of_number,
+    labelled,
+)
 
 # Without the darkest colours, on which neither lines nor numbers could be read.
 _SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
@@ -36,7 +47,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
         drawn = ax.barh(rows, width, left=bars.value, **look)
         ax.bar_label(drawn, texts, padding=3, fontsize="small")
     ax.axvline(bars.value, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [name.replace("_", " ") for name in bars.names])
+    ax.set_yticks(rows, [label_of_number(name) for name in bars.names])
     ax.margins(x=0.15)
     ax.legend(**ABOVE, ncols=2)
     return labelled(ax, label, "", grid="x")
