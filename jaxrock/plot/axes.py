@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 import matplotlib.pyplot as plt
 import xarray
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -86,19 +85,6 @@ def add_level(ax: Axes, level: float, name: str | None) -> None:
     """A level to both sides of 0, with one entry in the legend, or none."""
     for sign, label in ((1, name), (-1, None)):
         ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
-
-
-def strip_above(ax: Axes, low: float, high: float) -> Axes:
-    """New axes over the top of `ax`, which shows `low` to `high`, ticks up to it, below them."""
-    share = 0.28  # of the height
-    ax.set_ylim(low, low + (high - low) / (1 - share))
-    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
-    ax.set_yticks([tick for tick in ticks if abs(tick) < high])
-    ax.yaxis.label.set_y((1 - share) / 2)
-    above = ax.inset_axes((0, 1 - share, 1, share), sharex=ax)
-    above.axhline(0, color=LINE, linewidth=0.6)
-    above.tick_params(labelbottom=False)
-    return above
 
 
 def label_of(variable: xarray.DataArray) -> str:

@@ -13,19 +13,8 @@ from matplotlib.patches import Arc, Polygon
 from ..block import Block, is_rectangle
 from ..dynamics import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
 from ..ground_motion import Motion
-from .axes import (
-    ABOVE,
-    ACCENT,
-    INK,
-    LINE,
-    NEUTRAL,
-    RATIO,
-    add_level,
-    axes_or_new,
-    draws,
-    labelled,
-    strip_above,
-)
+from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from .pulses import strip_above
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn

@@ -156,9 +156,7 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
     ax, curves = _curves(standing, hue="slenderness", along="period", ax=ax)
     at_top: dict[str, Any] = {"linewidth": 4, "transform": ax.get_xaxis_transform()}
     for k, (_, colour, (_, x, y)) in enumerate(curves):
-        alone = _last(y) & ~np.isfinite(np.append(y[1:], np.nan))
-        alone &= ~np.isfinite(np.append(np.nan, y[:-1]))
-        ax.plot(x[alone], y[alone], ".", color=colour)
+        ax.plot(x, y, ".", color=colour, markersize=3)  # also what is alone
         sides = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
         change = np.diff(np.pad(np.isfinite(y), 1, constant_values=True).astype(int))
         bars = sides[change < 0], sides[change > 0]
