@@ -333,7 +333,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             return self._question(at | {"restitution": c, "slenderness": slenderness})
 
         c, slenderness = np.linspace(0.3, 0.95, 521), np.linspace(3, 10, 561)
-        value, slope = value_and_slopes(question, beyond="nan")(c[:, None], slenderness[None])
+        value, slope = value_and_slopes(question, mask_beyond=True)(c[:, None], slenderness[None])
         elasticity = np.asarray(slope * c[:, None] / value)
         axes = [("restitution", c), ("slenderness", slenderness)]
         named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}

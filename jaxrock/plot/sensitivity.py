@@ -95,8 +95,8 @@ def plot_sensitivity_map(
         for text in ax.clabel(lines, fontsize="small"):
             text.set_path_effects([outline])
     if finite.size < values.size:
-        missing = Patch(label="no value: overturns", **hatched)
-        ax.legend(handles=[missing], loc="upper right", framealpha=1, fontsize="small")
+        patch = Patch(label="no value: overturns", **hatched)
+        ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
     titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
     extend = "both" if (abs(finite) > limit).any() else "neither"
     # Above the map: beside it the label would read as that of the next panel's axis.
