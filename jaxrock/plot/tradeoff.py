@@ -63,7 +63,7 @@ def _write(ax: Axes, ends: dict[tuple[str, ...], np.ndarray]) -> None:
     """What tells the lines of a level apart, at the less accurate end of each."""
     taken: list[tuple[np.ndarray, str]] = []
     for (level, text), end in ends.items():
-        near = [other for at, other in taken if (abs(np.log10(at / end)) < 0.7).all()]
+        near = [other for at, other in taken if (abs(np.log10(at / end)) < [1, 0.7]).all()]
         if text not in near:  # else the same is written there already
             beside: dict[str, Any] = {"xytext": (9, 2), "ha": "left"}
             above: dict[str, Any] = {"xytext": (0, 8 + 11 * len(near)), "ha": "center"}
