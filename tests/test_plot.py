@@ -567,7 +567,7 @@ def test_tornado(bars):
     ax = plot_tornado(bars, label="rotation ratio [-]")
     assert ax.get_xlabel() == "rotation ratio [-]"
     names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == [name.replace("_", " ") for name in bars.names]
+    assert names == ["pulse intensity $I$ [m/s]", r"slenderness $\lambda$ [-]"]
     ends = [bar.get_x() + bar.get_width() for bar in ax.patches]
     answers = np.append(bars.at_low, bars.at_high)
     np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=bars.value), rtol=1e-6)
@@ -646,7 +646,7 @@ def test_convergence():
     np.testing.assert_allclose(first, [1.5, 0.5, 0.25])
     np.testing.assert_allclose(second, [1.0, 0.25, 1e-16], atol=1e-15)
     assert ax.get_yscale() == "log"
-    assert ax.get_title() == "2 searches: the largest pulse as small as possible"
+    assert ax.get_title() == "2 starts of the search"
     none = train([0.0], [0.4], [0], [0.0])
     none = dataclasses.replace(none, objectives=np.full_like(none.objectives, np.nan))
     assert plot_convergence(none).get_title() == ax.get_title()

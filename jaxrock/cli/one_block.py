@@ -325,7 +325,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         table = table.reset_index()
         write_csv(folder / "sensitivity.csv", table.to_dict("list"), {}, self.about)
         label = self.answer.replace("-", " ")
-        picture(plot_tornado(bars, label=label), folder / "tornado.png")
+        unit = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}.get(self.answer, "-")
+        picture(plot_tornado(bars, label=f"{label} [{unit}]"), folder / "tornado.png")
         if not self.shaken:
             self._draw_map(at, folder / "map.png", label)
         text = (
@@ -349,7 +350,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             return self._question(at | {"restitution": c, "slenderness": slenderness})
 
         c, slenderness = np.linspace(0.3, 0.95, 521), np.linspace(3, 10, 561)
-        value, slope = value_and_slopes(question, beyond="nan")(c[:, None], slenderness[None])
+        value, slope = value_and_slopes(question, mask_beyond=True)(c[:, None], slenderness[None])
         elasticity = np.asarray(slope * c[:, None] / value)
         axes = [("restitution", c), ("slenderness", slenderness)]
         named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}

@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 import matplotlib.pyplot as plt
 import xarray
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -33,6 +32,9 @@ _DIMENSIONS = {
     "inertia_ratio": (r"inertia ratio $\kappa$", "1"),
     "restitution": ("restitution $C$", "1"),
     "intensity": ("pulse intensity $I$", "m s-1"),
+    "amplitude": ("amplitude", "m s-2"),
+    "pulse_duration": ("pulse duration", "s"),
+    "scale": ("factor on the record", "1"),
 }
 _VARIABLES = {
     "rotation_ratio": (r"rotation ratio $\alpha^*_{max}/\alpha_c$", "1"),
@@ -85,23 +87,18 @@ def add_level(ax: Axes, level: float, name: str | None) -> None:
         ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
 
 
-def strip_above(ax: Axes, low: float, high: float) -> Axes:
-    """New axes over the top of `ax`, which shows `low` to `high`, ticks up to it, below them."""
-    share = 0.28  # of the height
-    ax.set_ylim(low, low + (high - low) / (1 - share))
-    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
-    ax.set_yticks([tick for tick in ticks if abs(tick) < high])
-    ax.yaxis.label.set_y((1 - share) / 2)
-    above = ax.inset_axes((0, 1 - share, 1, share), sharex=ax)
-    above.axhline(0, color=LINE, linewidth=0.6)
-    above.tick_params(labelbottom=False)
-    return above
-
-
 def label_of(variable: xarray.DataArray) -> str:
     """Name, symbol and unit, for an axis or a legend."""
     name, attributes = str(variable.name), variable.attrs
     symbols = _DIMENSIONS if variable.name in variable.dims else _VARIABLES
-    label, unit = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
-    unit = attributes.get("units", unit)
+    named = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
+    return _with_unit(named[0], attributes.get("units", named[1]))
+
+
+def label_of_number(name: str) -> str:
+    """Name, symbol and unit of a number that an answer depends on, by its name in the code."""
+    return _with_unit(*_DIMENSIONS.get(name, (name.replace("_", " "), None)))
+
+
+def _with_unit(label: str, unit: str | None) -> str:
     return label if unit is None else f"{label} [{_UNITS.get(unit, unit)}]"

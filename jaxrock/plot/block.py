@@ -13,19 +13,8 @@ from matplotlib.patches import Arc, Polygon
 from ..block import Block, is_rectangle
 from ..dynamics import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
 from ..ground_motion import Motion
-from .axes import (
-    ABOVE,
-    ACCENT,
-    INK,
-    LINE,
-    NEUTRAL,
-    RATIO,
-    add_level,
-    axes_or_new,
-    draws,
-    labelled,
-    strip_above,
-)
+from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from .pulses import strip_above
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
@@ -113,15 +102,12 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
         ax.axvline(float(response.overturning_time), color=LINE, linestyle=":", label="overturning")
     ax.set_xlim(first, last)
     above = strip_above(ax, -limit, limit)
-    push = np.asarray(scene.motion.horizontal(times))
     weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
     lifting = float(uplift_acceleration(scene.block, response.model)) * weight
-    above.plot(times, push, color=NEUTRAL, linewidth=0.7)
+    above.plot(times, np.asarray(scene.motion.horizontal(times)), color=NEUTRAL, linewidth=0.7)
     look: dict[str, Any] = {"color": LINE, "linestyle": "-.", "linewidth": 0.8}
     above.plot(times, lifting, times, -lifting, **look)
-    ax.plot([], [], label="lifts the block", **look)
-    reach = 1.2 * float(max(abs(push).max(), abs(lifting).max()))
-    above.set_ylim(-reach, reach)
+    ax.plot([], label="lifts the block", **look)
     labelled(above, "", "ground [m/s²]")
     ax.legend(**ABOVE, ncols=4)
     return labelled(ax, "time [s]", RATIO)
@@ -129,10 +115,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
 
 @draws(_RESPONSE)
 def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw the phase portrait, with the separatrix of free motion: beyond it a block overturns.
-
-    The rotations that occur fill the width, up to 1.5 critical angles.
-    """
+    """Draw the phase portrait, with the separatrix of free motion: beyond it a block overturns."""
     ax = axes_or_new(ax)
     block = response.scene.block
     angle = float(block.critical_angle)
@@ -178,9 +161,8 @@ def animate(
 ) -> None:
     """Write a GIF of the block on the moving ground, with its rotation traced under it.
 
-    In real time or, where that makes more than 400 frames, as many times faster as the title
-    says. The ground is seen from a camera that follows it slowly, as the mean of its displacement
-    over two seconds does: records have drift.
+    Beyond 400 frames it is faster than real time, as the title says. Since records drift, the
+    ground is seen from where it is on the mean of two seconds.
 
     Parameters
     ----------
@@ -236,8 +218,7 @@ def animate(
     draw(0)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # else every frame is laid out anew
-    film = FuncAnimation(figure, draw, frames=count)
-    film.save(path, writer=PillowWriter(fps=frames_per_second))
+    FuncAnimation(figure, draw, frames=count).save(path, PillowWriter(fps=frames_per_second))
     plt.close(figure)
 
 
@@ -246,10 +227,10 @@ def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
     step, around = 0.005, 200
     fine = np.arange(0, times[-1] + 1 + step, step)
     # Accelerations count to the left.
-    velocity = -np.cumsum(np.asarray(motion.horizontal(fine))) * step
-    place = np.cumsum(velocity) * step
-    mean = np.convolve(np.pad(place, around, "edge"), np.full(2 * around + 1, 1 / (2 * around + 1)))
-    return np.interp(times, fine, place - mean[2 * around : 2 * around + fine.size])
+    place = -np.cumsum(np.cumsum(np.asarray(motion.horizontal(fine)))) * step**2
+    window = np.full(2 * around + 1, 1 / (2 * around + 1))
+    mean = np.convolve(np.pad(place, around, "edge"), window, mode="valid")
+    return np.interp(times, fine, place - mean)
 
 
 def _corners(block: Block) -> np.ndarray:

@@ -10,33 +10,16 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from .. import resonance
 from ..block import Block
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, ModelLike, Rocker, RockingModel, Scene, WorstTrain
-from .axes import (
-    ACCENT,
-    BESIDE,
-    INK,
-    LINE,
-    NEUTRAL,
-    RATIO,
-    add_level,
-    axes_or_new,
-    draws,
-    labelled,
-    strip_above,
-)
+from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
 _POINTS = 60  # of a half-cycle
 _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
-_GOALS = {
-    "smallest largest": "the largest pulse as small as possible",
-    "smallest total": "the sum of the pulses as small as possible",
-    "most rotation": "as much rotation as possible",
-}
 
 # Motion on one side: launch velocity over the critical one, the time since the launch from which
 # and until which it lasts [s] (None: the impact or, where there is none, overturning), the side.
@@ -131,7 +114,7 @@ def plot_convergence(train: WorstTrain, ax: Axes | None = None) -> Axes:
     best = better(reached) if reached.size else np.nan
     distances = np.maximum(np.abs(train.history / best - 1), 1e-16)
     ax.semilogy(distances.T, color=INK, alpha=0.5, linewidth=0.9)
-    ax.set_title(f"{len(distances)} searches: {_GOALS[train.goal]}", fontsize="medium")
+    ax.set_title(f"{len(distances)} starts of the search", fontsize="medium")
     return labelled(ax, "step of the descent [-]", "distance from the best, relative [-]")
 
 
@@ -187,6 +170,19 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
     vertical = rf"amplitude ratio $a_p/(g\,{angle})$ [-]"
     return labelled(ax, r"frequency ratio $\omega_p/p$ [-]", vertical)
+
+
+def strip_above(ax: Axes, low: float, high: float) -> Axes:
+    """New axes over the top of `ax`, which shows `low` to `high`, ticks up to it, below them."""
+    share = 0.28  # of the height
+    ax.set_ylim(low, low + (high - low) / (1 - share))
+    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
+    ax.set_yticks([tick for tick in ticks if abs(tick) < high])
+    ax.yaxis.label.set_y((1 - share) / 2)
+    above = ax.inset_axes((0, 1 - share, 1, share), sharex=ax)
+    above.axhline(0, color=LINE, linewidth=0.6)
+    above.tick_params(labelbottom=False)
+    return above
 
 
 @jax.jit

@@ -12,7 +12,18 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..sensitivity import MomentEstimate, TornadoBars
-from .axes import ABOVE, ACCENT, INK, LIGHT, LINE, axes_or_new, draws, label_of, labelled
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    LIGHT,
+    LINE,
+    axes_or_new,
+    draws,
+    label_of,
+    label_of_number,
+    labelled,
+)
 
 # Without the darkest colours, on which neither lines nor numbers could be read.
 _SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
@@ -36,7 +47,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
         drawn = ax.barh(rows, width, left=bars.value, **look)
         ax.bar_label(drawn, texts, padding=3, fontsize="small")
     ax.axvline(bars.value, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [name.replace("_", " ") for name in bars.names])
+    ax.set_yticks(rows, [label_of_number(name) for name in bars.names])
     ax.margins(x=0.15)
     ax.legend(**ABOVE, ncols=2)
     return labelled(ax, label, "", grid="x")
@@ -84,8 +95,8 @@ def plot_sensitivity_map(
         for text in ax.clabel(lines, fontsize="small"):
             text.set_path_effects([outline])
     if finite.size < values.size:
-        missing = Patch(label="no value: overturns", **hatched)
-        ax.legend(handles=[missing], loc="upper right", framealpha=1)
+        patch = Patch(label="no value: overturns", **hatched)
+        ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
     titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
     extend = "both" if (abs(finite) > limit).any() else "neither"
     # Above the map: beside it the label would read as that of the next panel's axis.

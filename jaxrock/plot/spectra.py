@@ -56,11 +56,11 @@ def plot_curves(
             missing = limit - (limit - x[k]) * rest**2, 1 - (1 - y[k]) * rest
             curve.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
             ends = [limit], [1.0]
-            text = {"ha": "center", "va": "bottom", "fontsize": "small", "color": colour}
-            ax.annotate(f"{limit:#.3g}", (limit, 1), (0, 4), textcoords="offset points", **text)
+            text = {"ha": "center", "fontsize": "small", "color": colour}
+            ax.text(limit, 1.03, f"{limit:#.3g}", **text)
             ax.update_datalim([(limit, 1.05)], updatex=False)
         ax.plot(*ends, linestyle="", marker="x", color=colour)
-        ax.plot([], [], linestyle="", marker="x", color=LINE, label=name)
+        ax.plot([], linestyle="", marker="x", color=LINE, label=name)
         name = ""
     return _finished(ax, variable, hue)
 
@@ -156,11 +156,12 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
     ax, curves = _curves(standing, hue="slenderness", along="period", ax=ax)
     at_top: dict[str, Any] = {"linewidth": 4, "transform": ax.get_xaxis_transform()}
     for k, (_, colour, (_, x, y)) in enumerate(curves):
-        alone = _last(y) & ~np.isfinite(np.append(y[1:], np.nan))
-        alone &= ~np.isfinite(np.append(np.nan, y[:-1]))
+        stands = np.isfinite(np.pad(y, 1, constant_values=np.nan))
+        alone = stands[1:-1] & ~stands[:-2] & ~stands[2:]
         ax.plot(x[alone], y[alone], ".", color=colour)
         sides = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
-        change = np.diff(np.pad(np.isfinite(y), 1, constant_values=True).astype(int))
+        stands[[0, -1]] = True
+        change = np.diff(stands.astype(int))
         bars = sides[change < 0], sides[change > 0]
         ax.hlines(np.full(bars[0].size, 0.97 - 0.035 * k), *bars, color=colour, **at_top)
     if not np.isfinite(standing).all():

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
-from matplotlib.patheffects import withStroke
 
 from .axes import ABOVE, ACCENT, INK, LIGHT, NEUTRAL, axes_or_new, draws, labelled
 
@@ -26,10 +25,9 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """
     ax = axes_or_new(ax, figsize=(8, 5.4))
     rows = dataset.where(np.isfinite(dataset.error), drop=True).sortby("error")
-    levels = [level for level in _FAMILIES if level in rows.level]
-    for level in levels:
-        colour, marker = _FAMILIES[level]
-        ax.plot([], [], marker, color=colour, label=level)
+    for level, (colour, marker) in _FAMILIES.items():
+        if level in rows.level:
+            ax.plot([], marker, color=colour, label=level)
     lines: dict[tuple[str, ...], list[int]] = {}
     for k in range(rows.setting.size):
         row = rows.isel(setting=k)
@@ -46,13 +44,11 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         look |= {"markersize": 4, "linestyle": ":"} if precision else {"markersize": 7}
         ax.plot(time, error, linewidth=0.9, fillstyle="none", **look)
         ax.plot(time[front == 1], error[front == 1], **look)[0].set_linestyle("")
-        end = np.array([time[-1], error[-1]])
-        if error[-1] >= ends.get((level, text), end)[1]:
-            ends[level, text] = end
+        ends[level, text] = np.array([time[-1], error[-1]])
     _write(ax, ends)
     if (rows.bits == 32).any():
-        ax.plot([], [], ":", color="k", marker="o", markersize=4, label="float32: small, dotted")
-    ax.plot([], [], "P", color="k", label="filled: on the front")
+        ax.plot([], ":", color="k", marker="o", markersize=4, label="float32: small, dotted")
+    ax.plot([], "P", color="k", label="filled: on the front")
     default = rows.where(rows.default == 1, drop=True)
     if default.setting.size:
         ring = {"fillstyle": "none", "markersize": 13, "label": "default"}
@@ -67,11 +63,10 @@ def _write(ax: Axes, ends: dict[tuple[str, ...], np.ndarray]) -> None:
     """What tells the lines of a level apart, at the less accurate end of each."""
     taken: list[tuple[np.ndarray, str]] = []
     for (level, text), end in ends.items():
-        near = [other for at, other in taken if (abs(np.log10(at / end)) < 0.7).all()]
+        near = [other for at, other in taken if (abs(np.log10(at / end)) < [1, 0.7]).all()]
         if text not in near:  # else the same is written there already
             beside: dict[str, Any] = {"xytext": (9, 2), "ha": "left"}
             above: dict[str, Any] = {"xytext": (0, 8 + 11 * len(near)), "ha": "center"}
             place = beside if level == "adaptive" else above
-            look = {"fontsize": "small", "path_effects": [withStroke(linewidth=2, foreground="w")]}
-            ax.annotate(text, (end[0], end[1]), textcoords="offset points", **place, **look)
+            ax.annotate(text, tuple(end), textcoords="offset points", fontsize="small", **place)
             taken.append((end, text))

@@ -19,7 +19,7 @@ def value_and_slopes(
     function: Callable[..., Array],
     argnums: int | Sequence[int] = 0,
     *,
-    beyond: str = "zero",
+    mask_beyond: bool = False,
 ) -> Callable[..., tuple[Array, Any]]:
     """`jax.value_and_grad` for an elementwise function of arrays.
 
@@ -32,9 +32,9 @@ def value_and_slopes(
         Any function of this package that returns one array, or a hashable one made of such.
     argnums : int or sequence of int
         Arguments to differentiate by: numbers, arrays, or a `Scene` or `Block` of them.
-    beyond : "zero" or "nan"
-        What slopes are where the value is NaN, as beyond the overturning threshold: zeros leave
-        sums over many points intact, NaN is not mistaken for "no influence".
+    mask_beyond : bool
+        Whether slopes are NaN where the value is, as beyond the overturning threshold. By default
+        they are 0 there, which leaves sums intact and must not be read as "no influence".
 
     Returns
     -------
@@ -42,11 +42,6 @@ def value_and_slopes(
         Takes what `function` takes. Returns its values, and the partial derivatives in the
         form of the argument (a tuple of them if `argnums` is a sequence), each in the shape
         of the values, also where the argument is broadcast.
-
-    Raises
-    ------
-    ValueError
-        If `beyond` is neither "zero" nor "nan".
 
     Examples
     --------
@@ -58,14 +53,12 @@ def value_and_slopes(
     0.233, 1.79 and -0.67
     """
     check_kind("function", function, Callable)
-    if beyond not in ("zero", "nan"):
-        raise ValueError(f'beyond must be "zero" or "nan", got {beyond!r}')
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
 
     @functools.wraps(function)
     def differentiated(*arguments: Any, **named: Any) -> tuple[Array, Any]:
         value, slopes = _value_and_slopes(function, argnums, arguments, named)
-        if beyond == "nan":
+        if mask_beyond:
             slopes = jax.tree.map(lambda leaf: jnp.where(jnp.isnan(value), jnp.nan, leaf), slopes)
         return value, slopes
 
