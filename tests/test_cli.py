@@ -31,6 +31,12 @@ def run(capsys, *arguments):
     return code, captured.out, captured.err
 
 
+def without_remarks(path):
+    """The lines at the top that say what a table was computed from, and the table."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [x for x in lines if x.startswith("#")], [x for x in lines if not x.startswith("#")]
+
+
 def test_assess(capsys):
     code, out, _ = run(capsys, "assess", "--width", 0.8, "--height", 4, "--restitution", 0.7)
     assert code == 0
@@ -304,7 +310,9 @@ def test_respond(tmp_path, capsys):
     assert_follows_cf(out / "response.nc")
     names = {"response.csv", "impacts.csv", "response.nc", "response.png", "response.gif"}
     assert {path.name for path in out.iterdir()} == names
-    rows = (out / "impacts.csv").read_text(encoding="utf-8").splitlines()
+    about, rows = without_remarks(out / "impacts.csv")
+    assert "# pulse: sine" in about
+    assert rows[0] == "time [s],velocity_before [rad/s]"
     assert len(rows) == int(expected.impacts) + 1
 
 
@@ -339,7 +347,7 @@ def test_fragility(tmp_path, capsys):
     assert len(list(out.iterdir())) == 3
     with xarray.open_dataset(out / "fragility.nc") as dataset:
         assert list(dataset.record.values) == ["a", "b"]
-    table = (out / "fragility.csv").read_text(encoding="utf-8").splitlines()
+    _, table = without_remarks(out / "fragility.csv")
     assert len(table) == 1 + 3 * 2
 
 
@@ -380,21 +388,30 @@ def test_critical(capsys, tmp_path):
     sine = ("critical", "--width", 0.2, "--pulse", "sine", "--pulse-duration", 0.5)
     code, text, _ = run(capsys, *sine, "--restitution", 0.9, "--out", tmp_path / "found")
     assert code == 0
-    assert "stands beyond 7.706 (overturning after 1 impact)" in text
-    table = (tmp_path / "found" / "critical.csv").read_text().splitlines()
-    assert table[0] == "amplitude,overturns_beyond,impacts,toppled"
+    assert "stands beyond 7.706 m/s2 (0.786 g) (overturning after 1 impact)" in text
+    about, table = without_remarks(tmp_path / "found" / "critical.csv")
+    assert table[0] == "amplitude [m/s2],overturns_beyond,impacts,toppled"
     assert len(table) == 4
+    assert {"# command: critical", "# restitution: 0.9", "# slenderness: 5.0"} <= set(about)
     mild = ("--along", "slenderness", "--values", "1", "1.5", "--amplitude", 0.5)
     code, text, _ = run(capsys, *sine, *mild, "--out", tmp_path / "none")
     assert code == 0
     assert text.startswith("no boundary: it stands always")
-    table = (tmp_path / "none" / "critical.csv").read_text().splitlines()
-    assert table == ["slenderness,overturns_beyond,impacts,toppled"]
+    _, table = without_remarks(tmp_path / "none" / "critical.csv")
+    assert table == ["slenderness [-],overturns_beyond,impacts,toppled"]
+
+
+def test_a_block_of_a_size_that_is_hardly_meant_gets_a_remark(capsys):
+    _, text, _ = run(capsys, "assess", "--width", 800, "--intensity", 1)
+    assert text.endswith("the block is 800 m wide and 4000 m high; lengths are in metres\n")
+    _, text, _ = run(capsys, "assess", "--width", 8, "--intensity", 1)
+    assert "remark" not in text
 
 
 def test_sensitivity(capsys, tmp_path):
     out = tmp_path / "out"
-    code, text, _ = run(capsys, "sensitivity", "--out", out, "--json")
+    question = "--answer", "rotation-ratio", "--restitution", 0.7
+    code, text, _ = run(capsys, "sensitivity", *question, "--out", out, "--json")
     assert code == 0
     found = json.loads(text)
     names = ["map.png", "sensitivity.csv", "tornado.png"]
@@ -451,7 +468,11 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
         (("respond", "--record", "example", "--time-step", 0), "has its unit and time step"),
         (("assess", "--width", 0.8, "--out", "x"), "--out"),
         (("critical", "--record", "example", "--along", "restitution"), "values must be given"),
-        (("sensitivity", "--intensity", 5), "does not exist here: the block overturns"),
+        (
+            ("sensitivity", "--answer", "period", "--intensity", 5),
+            "does not exist here: the block overturns",
+        ),
+        (("sensitivity", "--intensity", 5), "intensity goes with another answer"),
         (("sensitivity", "--relative-change", 0), "relative_change must be finite and greater"),
         (("sensitivity", "--record", "example", "--answer", "period"), "answer must be rotation"),
     ],

@@ -134,15 +134,16 @@ def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
     assert text == f"{fit}\nfit/fit.csv\nfit/fit.png\n"
     assert "frequency parameter" in text
     with open("fit/fit.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+        lines = [line for line in file if not line.startswith("#")]
+    rows = list(csv.DictReader(lines))
     assert [int(row["impact"]) for row in rows] == list(range(14))
     assert {row["used"] for row in rows} == {"True"}
     columns = {name: [float(row[name]) for row in rows] for name in rows[0] if name != "used"}
-    np.testing.assert_array_equal(columns["time_s"], times)
-    np.testing.assert_allclose(columns["residual_s"], fit.time_residuals, atol=1e-12)
-    assert np.isnan([columns["restitution"][k] for k in (0, -1)]).all()
-    np.testing.assert_allclose(columns["restitution"][1:-1], fit.restitutions, rtol=1e-9)
-    np.testing.assert_allclose(columns["velocity_ratio"][1:-1], fit.velocity_ratios, rtol=1e-9)
+    np.testing.assert_array_equal(columns["time [s]"], times)
+    np.testing.assert_allclose(columns["residual [s]"], fit.time_residuals, atol=1e-12)
+    assert np.isnan([columns["restitution [-]"][k] for k in (0, -1)]).all()
+    np.testing.assert_allclose(columns["restitution [-]"][1:-1], fit.restitutions, rtol=1e-9)
+    np.testing.assert_allclose(columns["velocity_ratio [-]"][1:-1], fit.velocity_ratios, rtol=1e-9)
 
 
 def test_of_a_block_as_json(capsys, tmp_path):
@@ -194,9 +195,9 @@ def test_options_reach_the_fit(capsys, tmp_path):
     )
     for name in fit.names:
         assert found[name] == pytest.approx(float(getattr(fit, name)), rel=1e-6, abs=1e-6)
-    of_peaks = [row["rotation_residual_rad"] for row in found["rows"]]
+    of_peaks = [row["rotation_residual"] for row in found["rows"]]
     assert [k for k, value in enumerate(of_peaks) if value is None] == [3, 11]
-    assert [row["peak_rotation_rad"] for row in found["rows"]][3] is None
+    assert [row["peak_rotation"] for row in found["rows"]][3] is None
 
 
 def test_a_moon_and_a_statue(capsys, tmp_path):

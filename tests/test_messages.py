@@ -122,7 +122,7 @@ LIBRARY = {
     ),
     "a pulse for a class of them": (
         lambda: jr.critical_amplitude(BLOCK, 0.7, PULSE, 0.5),
-        "shape must be a class of pulses, for example Sine, got Sine(",
+        "shape must be a class of pulses, for example Sine, got one-sine pulse",
     ),
     "a record for a suite": (
         lambda: jr.fragility(BLOCK, 0.7, RECORD, [0.1, 0.2]),

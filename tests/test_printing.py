@@ -53,7 +53,7 @@ def test_arguments_and_answers_print_themselves(thing, text):
     [
         (
             jr.overturning.SurvivalWindows(2.0, np.array([[3.0, np.inf]])),
-            "stands again from 3 to inf",
+            "stands again from 3 to the end of the range",
         ),
         (
             jr.overturning.SurvivalWindows(np.inf, np.empty((0, 2))),

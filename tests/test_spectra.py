@@ -118,7 +118,9 @@ def test_table(tmp_path):
     spectrum = jr.resonance_spectrum(**GRID)
     jr.write_table(spectrum, tmp_path / "spectrum.csv")
     with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+        lines = file.readlines()
+    assert "# gravity: 9.81\n" in lines
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == spectrum.period.size
     parts = grids.parts_of(spectrum, 7)
     assert max(spectrum.isel(part).period.size for part in parts) <= 7
@@ -126,9 +128,10 @@ def test_table(tmp_path):
     np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
     assert grids.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
     for row in (rows[0], rows[-2]):
-        at = {name: float(row[name]) for name in ("slenderness", "width", "restitution")}
+        heads = {"slenderness": "-", "width": "m", "restitution": "-"}
+        at = {name: float(row[f"{name} [{unit}]"]) for name, unit in heads.items()}
         value = float(spectrum.period.sel(at, method="nearest"))
-        np.testing.assert_allclose(float(row["period"] or "nan"), value, rtol=1e-6)
+        np.testing.assert_allclose(float(row["period [s]"]), value, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -267,6 +267,7 @@ def test_a_job_that_fails_is_named_and_the_others_are_not_lost(tmp_path, capsys)
     text = """
     [[job]]
     command = "sensitivity"
+    answer = "period"
     intensity = 5
     [[job]]
     command = "critical"
@@ -276,7 +277,7 @@ def test_a_job_that_fails_is_named_and_the_others_are_not_lost(tmp_path, capsys)
         main(["run", study(tmp_path, text), "--json"])
     assert end.value.code == 2
     written = capsys.readouterr()
-    words = "answer rotation-ratio does not exist here"
+    words = "answer period does not exist here"
     assert f"job 1 (sensitivity): {words}" in written.err
     first, second = json.loads(written.out)["jobs"]
     assert first["error"].startswith(words)

@@ -197,7 +197,10 @@ def test_boundaries_are_those_of_the_records(along, values):
     for k, record in enumerate(SUITE):
         single = jr.overturning_boundaries(BLOCKS, 0.8, record, along, values)
         listed = single.value.shape[-1]
+        assert found.along == along
         for name, rows in vars(found).items():
+            if name == "along":
+                continue
             if name in missing:
                 np.testing.assert_array_equal(rows[k, :, listed:], missing[name])
                 rows = rows[..., :listed]

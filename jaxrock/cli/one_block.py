@@ -15,7 +15,7 @@ from ..block import Block
 from ..dynamics import Status, respond
 from ..ground_motion import PULSES, Motion
 from ..host import labelled, write_csv
-from ..overturning import checked, critical_amplitude, overturning_boundaries
+from ..overturning import UNITS, checked, critical_amplitude, overturning_boundaries
 from ..reports import assessment
 from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
 from ..spectra import write_table
@@ -24,6 +24,11 @@ from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Steps
 
 Quantity = Literal[
     "amplitude", "duration", "factor", "half_width", "slenderness", "inertia_ratio", "restitution"
+]
+
+
+AnswerName = Literal[
+    "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
 ]
 
 
@@ -117,7 +122,8 @@ _NUMBERS = (
 
 
 _UNITS = {
-    **{"amplitude": "m/s2", "duration": "s", "half_width": "m", "factor": "-"},
+    **UNITS,
+    "factor": "-",
     **{"critical_intensity": "m/s", "critical_width": "m"},
     **dict.fromkeys(("slenderness", "inertia_ratio", "restitution"), "-"),
     **dict.fromkeys(("critical_slenderness", "critical_restitution"), "-"),
@@ -229,6 +235,10 @@ def _in_words(value: Any) -> str:
     return "none" if math.isnan(value) else "unlimited" if math.isinf(value) else f"{value:.5g}"
 
 
+_UNITS_OF_ANSWERS = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}
+_UNITS_OF_NUMBERS = {**UNITS, "intensity": "m/s", "pulse_duration": "s"}
+
+
 class Sensitivity(MotionOptions, BlockOptions, Writing):
     """What an answer depends on: slopes, elasticities, a tornado, the effect of scatter.
 
@@ -240,16 +250,18 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     Example: jaxrock sensitivity --answer rotation-ratio --restitution 0.7
     """
 
-    answer: Literal[
-        "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
-    ] = "critical-intensity"
-    """The quantity to examine."""
+    answer: AnswerName | None = None
+    """What to examine; by default the critical intensity, under a pulse or record the ratio."""
     intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
     model: ModelName | None = None
     """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
     relative_change: float = 0.1  # Share by which the tornado lowers and raises numbers.
     coefficient_of_variation: float = 0.05  # Coefficient of variation of each number.
     out: Path = Path("sensitivity")
+
+    @property
+    def _answer(self) -> AnswerName:
+        return self.answer or ("rotation-ratio" if self.shaken else "critical-intensity")
 
     def _at(self) -> dict[str, float]:
         """The numbers that the answer depends on."""
@@ -262,12 +274,15 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             raise ValueError(f"relative_change must be less than 1, got {self.relative_change:g}")
         check("coefficient_of_variation", self.coefficient_of_variation, POSITIVE)
         if not self.shaken:
+            if self._answer == "critical-intensity":
+                self.refuse("intensity", only_with="another answer than the critical intensity")
+                return at
             return at | {"intensity": self.intensity}
         self.refuse("intensity", only_with="instantaneous pulses")
-        if self.answer not in ("rotation-ratio", "rotation", "margin"):
+        if self._answer not in ("rotation-ratio", "rotation", "margin"):
             raise ValueError(
                 "answer must be rotation-ratio, rotation or margin under a pulse or a record,"
-                f" got {self.answer}"
+                f" got {self._answer}"
             )
         motion: Any = self.motion
         if self.pulse is None:
@@ -286,19 +301,19 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         block = Block(at["half_width"], at["slenderness"], self.gravity, self.inertia_ratio)
         c, model = at["restitution"], self._model
         if not self.shaken:
-            if self.answer == "critical-intensity":
+            if self._answer == "critical-intensity":
                 return resonance.critical_intensity(block, c, math.inf, model)
-            return _OF_SCENE[self.answer](resonance.Scene(block, c, at["intensity"]), model)
+            return _OF_SCENE[self._answer](resonance.Scene(block, c, at["intensity"]), model)
         if self.pulse is None:
             motion: Motion = replace(self, scale=1.0).motion.scaled(at["scale"])
         else:
             motion = PULSES[self.pulse](at["amplitude"], at["pulse_duration"])
-        duration = motion.end + (0.0 if self.answer == "margin" else 10.0)
+        duration = motion.end + (0.0 if self._answer == "margin" else 10.0)
         response = respond(block, c, motion, duration, model=model)
-        if self.answer == "margin":
+        if self._answer == "margin":
             return response.margin
         peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
-        return peak / block.critical_angle if self.answer == "rotation-ratio" else peak
+        return peak / block.critical_angle if self._answer == "rotation-ratio" else peak
 
     def _steps(self) -> Steps:
         at, names = self._at(), ("sensitivity.csv", "tornado.png")
@@ -309,7 +324,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
         slopes = sensitivities(self._question, at)
         if not math.isfinite(slopes.value):
-            raise ValueError(f"answer {self.answer} does not exist here: the block overturns")
+            raise ValueError(f"answer {self._answer} does not exist here: the block overturns")
         low, high = 1 - self.relative_change, 1 + self.relative_change
         ranges = {name: (value * low, value * high) for name, value in at.items()}
         ranges["restitution"] = (at["restitution"] * low, min(at["restitution"] * high, 1.0))
@@ -323,21 +338,22 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             table[name] = pandas.Series(getattr(bars, name), bars.names)
         table["share_of_variance"] = pandas.Series(scatter.shares)
         table = table.reset_index()
+        table.insert(1, "unit", [_UNITS_OF_NUMBERS.get(name, "-") for name in table["quantity"]])
         write_csv(folder / "sensitivity.csv", table.to_dict("list"), {}, self.about)
-        label = self.answer.replace("-", " ")
-        unit = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}.get(self.answer, "-")
+        label = self._answer.replace("-", " ")
+        unit = _UNITS_OF_ANSWERS.get(self._answer, "-")
         picture(plot_tornado(bars, label=f"{label} [{unit}]"), folder / "tornado.png")
         if not self.shaken:
             self._draw_map(at, folder / "map.png", label)
         text = (
-            f"{self.answer} {slopes}\nby the {self._model} model;"
+            f"{self._answer} {slopes}\nby the {self._model} model;"
             f" with a coefficient of variation of {100 * self.coefficient_of_variation:g} % in"
             f" each: {scatter.mean:.6g} +- {scatter.standard_deviation:.3g}"
         )
         if not scatter.valid:
             text += ", NOT to be trusted: samples differ"
         moments = {name: getattr(scatter, name) for name in ("mean", "standard_deviation", "valid")}
-        data = {"answer": self.answer, "model": self._model, "value": slopes.value, **moments}
+        data = {"answer": self._answer, "model": self._model, "value": slopes.value, **moments}
         return Answer(text, data | {"rows": table.to_dict("records")})
 
     def _draw_map(self, at: dict[str, float], path: Path, label: str) -> None:
@@ -355,7 +371,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         axes = [("restitution", c), ("slenderness", slenderness)]
         named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}
         ax = plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named))
-        pulse = "" if self.answer == "critical-intensity" else f"$I$ = {at['intensity']:g} m/s, "
+        pulse = "" if self._answer == "critical-intensity" else f"$I$ = {at['intensity']:g} m/s, "
         title = f"{2 * at['half_width']:g} m wide, {pulse}{self._model}"
         ax.set_title(title, fontsize="medium")
         picture(ax, path)

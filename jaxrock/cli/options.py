@@ -68,7 +68,15 @@ class Command(abc.ABC):
         try:
             return steps.send(folder)
         except StopIteration as end:
-            return end.value
+            answer: Answer = end.value
+        if not (remark := self._remark()):
+            return answer
+        text, data = f"{answer.text}\nremark: {remark}", {**answer.data, "remark": remark}
+        return replace(answer, text=text, data=data)
+
+    def _remark(self) -> str:
+        """What a user should look at again."""
+        return ""
 
     def check(self) -> None:
         """Raise `ValueError` for what is not allowed, before anything expensive is done."""
@@ -127,7 +135,7 @@ class Writing(Command):
         """What its files were computed from: version, command and options."""
         name = re.sub("(?<!^)(?=[A-Z])", "-", type(self).__name__).lower()
         said = {
-            name: value if isinstance(value, int | float | str) else _words(value)
+            name: _words(value)
             for name, value in self._given().items()
             if value is not None and name not in _OF_WRITING
         }
@@ -157,10 +165,16 @@ class Writing(Command):
         return replace(answer, text=text, data=data)
 
 
+_LARGE = 60.0  # metres, beyond what stands free on two edges
 _OF_WRITING = ("as_json", "no_cache", "out", "force", "animate", "repeats")
 
 
-def _words(value: Any) -> str:
+def _words(value: Any) -> str | int | float:
+    """As CF has attributes, which are numbers or text."""
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, int | float):
+        return value
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
@@ -189,6 +203,11 @@ class BlockOptions(Command):
             check("height", self.height, POSITIVE)
             slenderness = self.height / self.width
         return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
+
+    def _remark(self) -> str:
+        sizes = {"wide": 2 * self.block.half_width, "high": 2 * self.block.half_height}
+        large = [f"{size:.4g} m {word}" for word, size in sizes.items() if size > _LARGE]
+        return f"the block is {' and '.join(large)}; lengths are in metres" if large else ""
 
     def _given(self) -> dict[str, Any]:
         slenderness = float(self.block.slenderness)

@@ -56,7 +56,9 @@ def derivatives(module: Checked) -> str:
 
 
 def _is_outside(value: Any, domain: Domain | None) -> bool:
-    if value is None or domain is None or isinstance(value, jax.core.Tracer):
+    if domain is None or not isinstance(value, jax.Array | np.ndarray | float):
+        return False  # also what stands for an array under some transformations
+    if isinstance(value, jax.core.Tracer):
         return False
     values = np.asarray(value)
     return bool((~np.isnan(values) & ~np.asarray(domain.contains(values))).any())

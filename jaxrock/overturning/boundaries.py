@@ -17,7 +17,7 @@ from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Booleans, Integers, Number, Numbers, Reals
 from .boundary_slopes import moved
-from .quantities import Search, checked, is_traced, respond_at, split
+from .quantities import Search, checked, is_traced, respond_at, split, with_unit
 
 
 class Boundaries(Printed, eqx.Module):
@@ -44,6 +44,8 @@ class Boundaries(Printed, eqx.Module):
         Whether the block overturns at the first of the values.
     complete : Array of bool, shape (...)
         Whether all motions were followed to their ends. If not, values are NaN.
+    along : str
+        The quantity.
     """
 
     value: Reals
@@ -53,6 +55,7 @@ class Boundaries(Printed, eqx.Module):
     count: Integers
     overturns_first: Booleans
     complete: Booleans
+    along: str = eqx.field(static=True)
 
     def __str__(self) -> str:
         if jnp.ndim(self.count) or is_traced(self.count):
@@ -65,7 +68,8 @@ class Boundaries(Printed, eqx.Module):
             number = int(self.impacts[k])
             mode = f"after {number} impact{'s' * (number > 1)}" if number else "without an impact"
             beyond = does[bool(self.overturns_beyond[k])]
-            lines.append(f"{beyond} beyond {self.value[k]:.6g} (overturning {mode})")
+            place = with_unit(self.along, float(self.value[k]))
+            lines.append(f"{beyond} beyond {place} (overturning {mode})")
         return "\n".join(lines)
 
 
@@ -170,7 +174,8 @@ def _stacked(separate: list[Boundaries]) -> Boundaries:
             ]
         return jnp.asarray(library.stack(parts))
 
-    return Boundaries(**{name: joined(name) for name in Boundaries.__dataclass_fields__})
+    names = (name for name in Boundaries.__dataclass_fields__ if name != "along")
+    return Boundaries(along=separate[0].along, **{name: joined(name) for name in names})
 
 
 @eqx.filter_custom_jvp
@@ -230,7 +235,7 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
         overturns_first=pairs.negative_first.reshape(shape),
         complete=pairs.complete.reshape(shape) & table(valid, True, pairs.valid).all(axis=-1),
     )
-    return Boundaries(**jax.tree.map(jnp.asarray, answers))
+    return Boundaries(along=search.along, **jax.tree.map(jnp.asarray, answers))
 
 
 @_boundaries.def_jvp

@@ -43,7 +43,9 @@ class SurvivalWindows(Printed):
         if np.isinf(self.first_overturning):
             return "stands everywhere in the range"
         lines = [f"overturns from {shown(self.first_overturning)} on"]
-        lines += [f"stands again from {low:.6g} to {high:.6g}" for low, high in self.windows]
+        for low, high in self.windows:
+            end = "to the end of the range" if np.isinf(high) else f"to {high:.6g}"
+            lines.append(f"stands again from {low:.6g} {end}")
         return "\n".join(lines)
 
 
@@ -91,9 +93,9 @@ def critical_amplitude(
     --------
     >>> import jaxrock as jr
     >>> print(jr.critical_amplitude(jr.Block(0.1, 5.0), 0.9, jr.Sine, 0.5))
-    overturns beyond 2.92824 (overturning after 1 impact)
-    stands beyond 7.706 (overturning after 1 impact)
-    overturns beyond 8.08528 (overturning without an impact)
+    overturns beyond 2.92824 m/s2 (0.298 g) (overturning after 1 impact)
+    stands beyond 7.706 m/s2 (0.786 g) (overturning after 1 impact)
+    overturns beyond 8.08528 m/s2 (0.824 g) (overturning without an impact)
     """
     pulse = pulse_class(shape)(1.0, duration)
     levels = _levels("ratios", ratios, resolution)
@@ -141,7 +143,7 @@ def critical_duration(
     --------
     >>> import jaxrock as jr
     >>> print(jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0)))
-    overturns beyond 0.333271 (overturning without an impact)
+    overturns beyond 0.333271 s (overturning without an impact)
     """
     levels = _levels("durations", durations, resolution)
     pulse = pulse_class(shape)(amplitude, 1.0)

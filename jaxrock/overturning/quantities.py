@@ -55,6 +55,15 @@ _QUANTITIES: dict[str, tuple[Domain, Any, Callable[[Any], Any]]] = {
 }
 
 
+UNITS = {"amplitude": "m/s2", "duration": "s", "frequency": "rad/s", "half_width": "m"}
+
+
+def with_unit(along: str, value: float) -> str:
+    """A value of a quantity as one writes it, an acceleration also in g."""
+    text = f"{value:.6g} {UNITS.get(along, '')}".rstrip()
+    return f"{text} ({value / 9.81:.3g} g)" if along == "amplitude" else text
+
+
 def checked(
     block: Block, restitution: Number, motion: Motion, along: str, values: Numbers
 ) -> tuple[DrivenScene, Array]:
