@@ -129,3 +129,17 @@ def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
     alone, _ = slope(0.4, jnp.asarray([0.3]))
     assert jnp.isnan(peaks).tolist() == [False, True, True]
     np.testing.assert_allclose(several, alone, rtol=1e-6)
+
+
+def test_released_on_still_ground():
+    """Impacts come when the closed form says, a quarter of a rocking cycle and then halves."""
+    block, tilt, c = jr.Block(0.1, 5.0), 0.1, 0.9
+    response = jr.respond(block, c, jr.Still(), 1.5, rotation=tilt, rtol=1e-12, model="linearized")
+    p, critical = block.frequency_parameter, block.critical_angle
+    share = 1 - tilt / critical
+    launch = np.sqrt(1 - share**2) * c ** np.arange(1, 4)  # over p times the critical angle
+    first = float(np.arccosh(1 / share) / p)
+    times = first + np.append(0, np.cumsum(2 / p * np.arctanh(launch[:2])))
+    np.testing.assert_allclose(response.impact_times[:3], times, rtol=1e-11)
+    with pytest.raises(ValueError, match="duration must be given for still ground"):
+        jr.respond(block, c, jr.Still(), rotation=tilt)
