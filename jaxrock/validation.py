@@ -104,6 +104,8 @@ def check_kind(name: str, value: Any, *kinds: Any, hint: str = "") -> None:
     if not isinstance(value, kinds):
         names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
         must = " or ".join([", ".join(names[:-1]), names[-1]][len(names) == 1 :])
+        if inspect.isclass(value) and issubclass(value, kinds):
+            hint = f"; {value.__name__}(...) makes one"
         if isinstance(value, list | tuple) and any(isinstance(each, kinds) for each in value):
             hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
         raise ValueError(f"{name} must be {must}, got {described(value)}{hint}")

@@ -268,7 +268,7 @@ def test_nothing_there():
     found = jr.critical_amplitude(jr.Block(1.0, 2.0), 0.5, jr.Sine, 0.1, (1.0, 2.0))
     assert found.value.shape == (0,)
     assert int(found.count) == 0
-    assert str(found) == "no boundary: it stands always"
+    assert str(found) == "no boundary: it stands at all of the values examined"
 
 
 @pytest.mark.parametrize(

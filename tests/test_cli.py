@@ -396,7 +396,9 @@ def test_critical(capsys, tmp_path):
     mild = ("--along", "slenderness", "--values", "1", "1.5", "--amplitude", 0.5)
     code, text, _ = run(capsys, *sine, *mild, "--out", tmp_path / "none")
     assert code == 0
-    assert text.startswith("no boundary: it stands always")
+    assert text.startswith(
+        "no boundary: it stands at all of the values examined; --values takes others"
+    )
     _, table = without_remarks(tmp_path / "none" / "critical.csv")
     assert table == ["slenderness [-],overturns_beyond,impacts,toppled"]
 

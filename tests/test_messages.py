@@ -118,7 +118,7 @@ LIBRARY = {
     ),
     "a class of pulses for a motion": (
         lambda: jr.respond(BLOCK, 0.7, jr.Sine),
-        "motion must be a Motion, got the class Sine; respond_batch takes several",
+        "motion must be a Motion, got the class Sine; Sine(...) makes one",
     ),
     "a pulse for a class of them": (
         lambda: jr.critical_amplitude(BLOCK, 0.7, PULSE, 0.5),

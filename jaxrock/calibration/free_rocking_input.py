@@ -71,10 +71,10 @@ def _check_peaks(peaks: Any) -> None:
     if peaks is None:
         return
     values = np.asarray(peaks)
-    wrong = (values == 0) | np.isinf(values)
+    wrong = (values == 0) | (abs(values) > np.pi / 2)
     if wrong.any():
         raise ValueError(
-            "peak_rotations must be finite and not 0, or NaN where unknown,"
+            "peak_rotations must be between -pi / 2 and pi / 2 and not 0, or NaN where unknown,"
             f" got {values[wrong][0]:g}"
         )
 

@@ -204,7 +204,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
         columns = {
             name: getattr(found, name) for name in ("overturns_beyond", "impacts", "toppled")
         }
-        return {along: found.value, **columns}, str(found)
+        others = "" if found.count else "; --values takes others"
+        return {along: found.value, **columns}, f"{found}{others}"
 
     def _closed_form(self) -> tuple[dict[str, Any], str]:
         block, c, pulse = self.block, self.coefficient, self.intensity
@@ -324,7 +325,11 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
         slopes = sensitivities(self._question, at)
         if not math.isfinite(slopes.value):
-            raise ValueError(f"answer {self._answer} does not exist here: the block overturns")
+            given = f"restitution {at['restitution']:.4g}"
+            given += "" if self.shaken else f" and {at['intensity']:g} m/s"
+            raise ValueError(
+                f"answer {self._answer} does not exist here: the block overturns at {given}"
+            )
         low, high = 1 - self.relative_change, 1 + self.relative_change
         ranges = {name: (value * low, value * high) for name, value in at.items()}
         ranges["restitution"] = (at["restitution"] * low, min(at["restitution"] * high, 1.0))

@@ -3,11 +3,12 @@
 import functools
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import Printed, derivatives, shown
-from ..validation import FINITE, POSITIVE, UNIT_INTERVAL, Checked, Reals, as_real, quantity
+from ..validation import FINITE, POSITIVE, UNIT_INTERVAL, Checked, Domain, Reals, as_real, quantity
 
 
 class DrivenScene(Printed, Checked):
@@ -35,11 +36,15 @@ class DrivenScene(Printed, Checked):
         )
 
 
+# As far as a block can lie on its side, with what rounds in single precision.
+_ON_THE_SIDE = Domain("between -pi / 2 and pi / 2", lambda x: abs(x) <= jnp.pi / 2 + 1e-6, 0.0)
+
+
 class Driven(DrivenScene):
     """A scene, for how long the block is followed, and its initial state."""
 
     duration: Reals = quantity(POSITIVE, "s")
-    rotation: Reals = quantity(FINITE, "rad")
+    rotation: Reals = quantity(_ON_THE_SIDE, "rad")
     velocity: Reals = quantity(FINITE, "rad/s")
 
     def bucketed(self) -> "Driven":

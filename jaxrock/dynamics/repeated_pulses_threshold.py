@@ -59,8 +59,11 @@ class PulsedThreshold(Printed, eqx.Module):
     from_rest: Booleans
 
     def __str__(self) -> str:
-        units = {"amplitude": "m/s2", "intensity": "m/s"}
-        return listed(self, **dict.fromkeys(self.__dataclass_fields__, "") | units)
+        units = dict.fromkeys(self.__dataclass_fields__, "")
+        units |= {"amplitude": "m/s2", "intensity": "m/s"}
+        if not isinstance(self.rate, jax.core.Tracer) and jnp.isnan(self.rate).all():
+            del units["rate"]
+        return listed(self, **units)
 
 
 @with_clock("critical amplitude of pulses")

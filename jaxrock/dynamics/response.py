@@ -145,7 +145,8 @@ class Response(Printed, eqx.Module):
         fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
         end = "lies on its side" if fallen else "at rest" if self.at_rest else "in motion"
         lines = [
-            f"{'overturns' if self.overturned else 'stands'}, margin {self.margin:.4g}"
+            f"{'overturns' if self.overturned else 'stands'},"
+            f" margin {self.margin:.4g} when the input ends"
             f" ({'' if self.margin < 0 else '1 at rest, '}below 0 it overturns)",
             f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
             f" alpha_c at {self.peak_time:.4g} s",

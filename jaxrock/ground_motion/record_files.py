@@ -89,6 +89,8 @@ def read_record(
     if path.suffix.lower() == ".csv":
         upward = None if vertical is None else str(vertical)
         return _record(*read_csv(path, units, steps, column, upward))
+    if path.is_dir():
+        raise ValueError(f"{str(path)!r} is a folder: one file is read, read_suite takes folders")
     if path.suffix.lower() != ".at2":
         read = f".AT2 and .csv files are read, not {path.suffix!r}"
         raise ValueError(f"{str(path)!r}: {read}; columns with commas, or one, are a .csv file")

@@ -62,7 +62,9 @@ class Boundaries(Printed, eqx.Module):
             return listed(self, count="", value="", overturns_first="", complete="")
         does = {True: "overturns", False: "stands"}
         if not self.count:
-            return f"no boundary: it {does[bool(self.overturns_first)]} always"
+            return (
+                f"no boundary: it {does[bool(self.overturns_first)]} at all of the values examined"
+            )
         lines = []
         for k in range(min(int(self.count), self.value.size)):
             number = int(self.impacts[k])
