@@ -209,7 +209,7 @@ def test_picture():
     cells = [len(area.get_paths()) for area in ax.collections if area.get_label()[0] != "_"]
     assert cells == [int((found.region == number).sum()) for number in (1, 2, 3)]
     entries = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert len(set(entries)) == 5
+    assert len(set(entries)) == 6
     assert "lifts a block at rest" in entries
     assert ax.get_yscale() == "log"
     assert r"\omega/p$ [-]" in ax.get_xlabel()

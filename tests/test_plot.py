@@ -165,7 +165,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
             4,
         ),
         plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
-        plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 5),
+        plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 6),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),

@@ -33,6 +33,7 @@ from .least_squares import (
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
 _SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
+_NEGLIGIBLE = 1e-6  # change of C, however significant
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
 
 
@@ -114,7 +115,8 @@ class FreeRockingFit(Printed, eqx.Module):
     def remarks(self) -> tuple[str, ...]:
         """What to know before the numbers are used, in sentences; of one concrete fit."""
         said = list(self.repairs)
-        if float(self.restitution_change_p_value) < _SIGNIFICANT:
+        change = abs(float(self.restitution_change)) > _NEGLIGIBLE
+        if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
             said.append(
                 f"one constant C does not explain the data: from the largest to the smallest"
                 f" impact it changes by {-float(self.restitution_change):.3g} +-"
@@ -124,8 +126,11 @@ class FreeRockingFit(Printed, eqx.Module):
         if float(self.frequency_p_value) < _OTHER_BLOCK:
             said.append(
                 f"the durations are not those of this block, or C is not constant: another p"
-                f" explains them better (p-value {float(self.frequency_p_value):.2g})"
+                f" explains them better (p-value {float(self.frequency_p_value):.2g});"
+                " frequency_known=False fits it"
             )
+        if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
+            said.append("p cannot be told from these measurements: the block has to be given")
         return tuple(said)
 
     def __str__(self) -> str:
@@ -378,7 +383,8 @@ def _refuse(fit: FreeRockingFit, measured: Measured) -> None:
     restitution, error = float(fit.restitution), float(fit.standard_errors["restitution"])
     name = "impact_times" if fit.used.size > 1 else "peak_rotations"
     if not bool(fit.converged) or not np.isfinite(restitution + error):
-        raise ValueError(f"{name} must be of a block that rocks freely; no such motion was found")
+        must = f"{name} must be of a block that rocks freely; no such motion was found"
+        raise ValueError(f"{must} (are times in seconds, rotations in radians?)")
     if restitution - 2 * error > 1:
         raise ValueError(
             f"{name} must be of a motion that decays, got one in which each launch is"

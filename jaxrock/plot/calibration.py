@@ -86,7 +86,7 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
         np.asarray(values)
         for values in (fit.velocity_ratios, fit.restitutions, fit.restitution_errors)
     )
-    name = "each impact,\nwith standard error"
+    name = "each impact, with standard\nerror by the noise of this fit"
     ax.plot(velocities, each, "o", color=INK, label=name)
     ax.errorbar(velocities, each, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2)
     constant, error = float(fit.restitution), float(fit.standard_errors["restitution"])

@@ -58,6 +58,11 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             ax.plot(fine, LognormalFit(median, dispersion).at(fine), **line)
         mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
         ax.plot([], [], label=name, **line, **mark)
+    about = dataset.attrs
+    if "half_width" in about:
+        width, c = 2 * about["half_width"], about["restitution"]
+        size = f"{width:.3g} m wide, {width * about['slenderness']:.3g} m high"
+        ax.set_title(f"{size}, $C$ = {c:.3g}, {dataset.record.size} records")
     ax.set(xscale="log", ylim=(-0.03, 1.03))
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

@@ -42,17 +42,20 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
             look = {"hatch": hatch, "edgecolor": edge, "linewidth": 0 if hatch else 0.4}
             area = PolyCollection(cells, facecolor=colour, zorder=0, label=label, **look)
             ax.add_collection(area)
+    if (found.region.values == 0).any():
+        white = {"color": "w", "markeredgecolor": "0.6", "markersize": 9}
+        ax.plot([], [], "s", **white, label="no steady rocking")
+    ax.set_yscale("log")  # before curves are labelled, which leaves gaps of the right length
+    ax.set(xlim=(sides[0], sides[-1]), ylim=(levels[0], levels[-1]))
     ratio = found.rotation_ratio.values
     if min(ratio.shape) > 1 and np.isfinite(ratio).any():
         inside = [x for x in _LEVELS if np.nanmin(ratio) < x < np.nanmax(ratio)]
         curves = ax.contour(across, up, ratio, levels=inside, colors=INK, linewidths=0.9)
         ax.clabel(curves, fmt="%g", fontsize="x-small")
         ax.plot([], [], color=INK, linewidth=0.9, label=r"rotation ratio $\alpha_{max}/\alpha_c$")
-    ax.set_yscale("log")
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
-    ax.set(xlim=(sides[0], sides[-1]), ylim=(levels[0], levels[-1]))
     if levels[0] < 1 < levels[-1]:
         ax.axhline(1, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest")
     if ax.get_legend_handles_labels()[0]:

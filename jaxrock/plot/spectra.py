@@ -62,7 +62,15 @@ def plot_curves(
         ax.plot(*ends, linestyle="", marker="x", color=colour)
         ax.plot([], linestyle="", marker="x", color=LINE, label=name)
         name = ""
-    return _finished(ax, variable, hue)
+    fallen = [f"{level:g}" for level, _, (_, _, y) in curves if not np.isfinite(y).any()]
+    if fallen:
+        place = {"transform": ax.transAxes, "ha": "right", "va": "top"}
+        text = f"overturn throughout:\n{', '.join(fallen)}"
+        ax.text(0.98, 0.97, text, fontsize="small", color=LINE, **place)
+    ax = _finished(ax, variable, hue)
+    if thresholds is not None and len(fallen) == len(curves):
+        ax.set_ylim(0, 1.1)
+    return ax
 
 
 def _curves(
@@ -171,7 +179,11 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
     _finished(ax, standing, "slenderness")
     ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]")
     given = "restitution" in spectrum.coords
-    ax.set_title(f"$C$ = {spectrum.restitution.item():g}" if given else "Housner's $C$")
+    title = f"$C$ = {spectrum.restitution.item():g}" if given else "Housner's $C$"
+    record = spectrum.attrs.get("record")
+    ax.set_title(
+        f"{title}, {record} scaled by {spectrum.attrs.get('scale', 1):g}" if record else title
+    )
     return ax
 
 
