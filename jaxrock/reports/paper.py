@@ -170,7 +170,8 @@ def write(report: Report, folder: Path) -> None:
         "figure_2": (f"{size}, $C$ = 0.7, {pulses}", functools.partial(plot_resonance, scene)),
     }
     for name, (variable, hue, title) in figures().items():
-        drawings[name] = f"{title}, {pulses}", functools.partial(plot_curves, variable, hue)
+        draw = functools.partial(plot_curves, variable, hue, thresholds=_thresholds(variable))
+        drawings[name] = f"{title}, {pulses}", draw
     for name, (title, draw) in drawings.items():
         figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
         draw(ax=ax)
@@ -179,6 +180,15 @@ def write(report: Report, folder: Path) -> None:
         plt.close(figure)
     titles = {name: title for name, (title, _) in drawings.items()}
     (folder / "report.md").write_text(_markdown(report, titles), encoding="utf-8")
+
+
+def _thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
+    """The slenderness from which on each block overturns, where rotation ratios are drawn."""
+    if variable.name != "rotation_ratio":
+        return None
+    blocks, c = Block(variable.width.values / 2, 1.0), float(variable.restitution)
+    limits = resonance.critical_slenderness(blocks, c, _INTENSITY)
+    return variable.width.copy(data=np.asarray(limits))
 
 
 def summary(report: Report) -> str:
