@@ -156,6 +156,8 @@ class Response(Printed, eqx.Module):
             else f"friction demand {self.friction_demand:.4g}, smallest normal force"
             f" {self.normal_force:.4g} of the weight",
         ]
+        if self.peak_rotation == 0:
+            lines[1] = "the ground does not lift the block"
         if self.overturned and jnp.isfinite(self.overturning_time):
             lines[0] += f", beyond return from {self.overturning_time:.4g} s"
         return "\n".join(lines)
