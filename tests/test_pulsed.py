@@ -325,6 +325,15 @@ def test_so_many_pulses_that_just_overturn():
 
     change = float(amplitude(0.8 + 1e-4) - amplitude(0.8 - 1e-4)) / 2e-4
     assert float(jax.grad(amplitude)(0.8)) == pytest.approx(change, rel=1e-6)
+
+    def counted(n):
+        return jr.critical_pulsed_amplitude(block, 0.8, jr.HalfSine, 0.1, half_cycles=n).amplitude
+
+    for wrong in (0, 2.5):
+        with pytest.raises(ValueError, match=f"from 1 to 1000000, or inf, got {wrong}"):
+            counted(wrong)
+    with pytest.raises(ValueError, match="got a traced value"):
+        jax.jit(counted)(3.0)
     single = jr.critical_amplitude(block, 0.8, jr.HalfSine, 0.1)
     assert found[0] == pytest.approx(float(single.value[0]), rel=1e-9)
 

@@ -73,7 +73,7 @@ def critical_pulsed_amplitude(
     shape: type[Pulse],
     duration: Number,
     *,
-    half_cycles: int | float = math.inf,
+    half_cycles: Number = math.inf,
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-10,
 ) -> PulsedThreshold:
@@ -113,11 +113,13 @@ def critical_pulsed_amplitude(
     pulse = pulse_class(shape)(1.0, duration)
     scene, _ = checked(block, restitution, pulse, 0.0, rtol)
     model = as_model(model)
+    allowed = f"half_cycles must be a whole number from 1 to {_MOST}, or inf"
+    if isinstance(half_cycles, jax.core.Tracer):
+        raise ValueError(f"{allowed}, got a traced value")
     if half_cycles != math.inf:
         if half_cycles not in range(1, _MOST + 1):
-            got = "" if isinstance(half_cycles, jax.core.Tracer) else f", got {half_cycles!r:.60}"
-            raise ValueError(f"half_cycles must be a whole number from 1 to {_MOST}, or inf{got}")
-        return _threshold(scene, model, rtol, jnp.asarray(int(half_cycles)))[0]
+            raise ValueError(f"{allowed}, got {half_cycles!r:.60}")
+        return _threshold(scene, model, rtol, jnp.asarray(half_cycles, int))[0]
     threshold, weaker, expected = _threshold(scene, model, rtol, None)
     # Without derivatives, which a yes or no has not; and apart, since this program is likely
     # to be compiled already.
