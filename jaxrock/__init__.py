@@ -65,6 +65,7 @@ from .ground_motion import (
     read_record,
     read_suite,
 )
+from .host import optional
 from .impact import housner_restitution
 from .overturning import (
     critical_amplitude,
@@ -106,9 +107,9 @@ from .spectra import (
 )
 
 if TYPE_CHECKING:
-    from . import plot
+    from . import cluster, plot
 
-__all__ = ["accuracy", "calibration", "dynamics", "ground_motion", "overturning", "plot"]
+__all__ = ["accuracy", "calibration", "cluster", "dynamics", "ground_motion", "overturning", "plot"]
 __all__ += ["reports", "resonance", "risk", "sensitivity", "signals", "spectra"]
 __all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
 __all__ += ["Cosine", "HalfSine", "Harmonic", "Rectangular", "Ricker", "Sine", "Still"]
@@ -142,6 +143,8 @@ _RENAMED = {  # since version 0.1
 def __getattr__(name: str) -> Any:
     if name == "plot":  # imports matplotlib
         return importlib.import_module(".plot", __package__)
+    if name == "cluster":  # imports Dask, which not every user has
+        return optional(name)
     new = _RENAMED.get(name, name)  # what version 0.1 had here is in the packages now
     for room in (accuracy, dynamics, ground_motion, overturning, resonance, sensitivity):
         if new in room.__all__:

@@ -4,6 +4,7 @@ from . import signals as signals
 from .datasets import along_records as along_records
 from .datasets import labelled as labelled
 from .datasets import with_names as with_names
+from .extras import optional as optional
 from .files import check_free as check_free
 from .files import read_regular as read_regular
 from .files import written_whole as written_whole
@@ -14,6 +15,7 @@ from .printing import shown as shown
 from .printing import table as table
 from .progress import with_clock as with_clock
 from .progress import with_progress as with_progress
+from .progress import without_progress as without_progress
 from .tables import heading as heading
 from .tables import is_number as is_number
 from .tables import numbered_lines as numbered_lines
@@ -21,3 +23,5 @@ from .tables import write_about as write_about
 from .tables import write_csv as write_csv
 from .threads import mapped as mapped
 from .threads import processors as processors
+from .threads import settings_of_jax as settings_of_jax
+from .threads import under as under

@@ -1,6 +1,7 @@
 """Signs of life of what takes longer than two seconds, on a terminal only."""
 
 import contextlib
+import contextvars
 import sys
 import threading
 from collections.abc import Iterable, Iterator
@@ -9,10 +10,23 @@ from typing import TypeVar
 _Item = TypeVar("_Item")
 _SILENT = 2.0  # seconds
 _showing = threading.Lock()
+_silent = contextvars.ContextVar("_silent", default=False)
+
+
+@contextlib.contextmanager
+def without_progress() -> Iterator[None]:
+    """A scope that shows nothing: of a part of something that has a progress of its own."""
+    token = _silent.set(True)
+    try:
+        yield
+    finally:
+        _silent.reset(token)
 
 
 def with_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
     """Iterate over `items`, with a progress bar if it takes long and stderr is a terminal."""
+    if _silent.get():
+        return items
     from tqdm import tqdm
 
     return tqdm(items, desc=label, delay=_SILENT, disable=None, leave=False)
@@ -24,7 +38,8 @@ def with_clock(label: str) -> Iterator[None]:
 
     Of several nested ones only the outermost does.
     """
-    if not sys.stderr.isatty() or not _showing.acquire(blocking=False):
+    hidden = _silent.get() or not sys.stderr.isatty()
+    if hidden or not _showing.acquire(blocking=False):
         yield
         return
     done = threading.Event()

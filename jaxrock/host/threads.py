@@ -4,7 +4,7 @@ import concurrent.futures
 import contextlib
 import functools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import jax
@@ -23,22 +23,42 @@ def processors() -> int:
 def mapped(function: Callable[[_T], _R], items: Iterable[_T], workers: int) -> list[_R]:
     """The results of a function, computed by threads, in the order of the items.
 
-    A setting made by a context manager, such as ``with jax.enable_x64(True):``, applies to its own
-    thread only. The workers take over the settings of the caller.
+    However many threads call this at once, as those of Dask do, together they keep no more
+    processors busy than there are.
     """
     if workers == 1:
         return list(map(function, items))
-    settings: dict[str, Any] = {name: getattr(jax.config, f"jax_{name}") for name in _settings()}
+    settings = settings_of_jax()
 
     def under_settings(item: _T) -> _R:
-        with contextlib.ExitStack() as stack:
-            for name, value in settings.items():
-                if getattr(jax.config, f"jax_{name}") != value:
-                    stack.enter_context(getattr(jax, name)(value))
+        with under(settings):
             return function(item)
 
-    with concurrent.futures.ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(under_settings, items))
+    return list(_pool(workers).map(under_settings, items))
+
+
+@functools.cache
+def _pool(workers: int) -> concurrent.futures.ThreadPoolExecutor:
+    return concurrent.futures.ThreadPoolExecutor(workers, "jaxrock")
+
+
+def settings_of_jax() -> dict[str, Any]:
+    """The settings of JAX that a context manager can make, for a thread or process to take over.
+
+    A setting made by a context manager, such as ``with jax.enable_x64(True):``, applies to its own
+    thread only.
+    """
+    return {name: getattr(jax.config, f"jax_{name}") for name in _settings()}
+
+
+@contextlib.contextmanager
+def under(settings: Mapping[str, Any]) -> Iterator[None]:
+    """A scope in which JAX has these settings."""
+    with contextlib.ExitStack() as stack:
+        for name, value in settings.items():
+            if getattr(jax.config, f"jax_{name}") != value:
+                stack.enter_context(getattr(jax, name)(value))
+        yield
 
 
 @functools.cache

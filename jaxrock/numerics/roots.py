@@ -179,9 +179,12 @@ class _Iterate(NamedTuple):
 
 
 def located(
-    margin: Callable[[Any, Any], Any], pairs: Brackets, traced: bool
+    margin: Callable[[Any, Any], Any], pairs: Brackets, traced: bool, alone: bool = False
 ) -> tuple[Any, Any, Any]:
     """The values on both sides of each sign change, to rounding.
+
+    Concrete ones are sought in the way that is fastest for so many, unless each is to be found as
+    if it were `alone`.
 
     Returns the value where the margin is not negative, that where it is, and the margin at the
     first: NaN where the search failed.
@@ -206,7 +209,7 @@ def located(
             selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
             # Few values take as long as a batch of them, so that all of it is used.
             parts = _LANES // wide.size // 4 * 4
-            if parts:
+            if parts and not alone:
                 better = _multisection(margin, selected, pairs.case[wide], parts)
             else:
                 better = _chandrupatla(margin, selected, pairs.case[wide], np)

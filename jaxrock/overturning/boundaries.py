@@ -204,7 +204,7 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
         pairs = brackets_traced(margin_and_mode, values, search.halvings, search.max_boundaries)
     else:
         pairs = brackets(margin_and_mode, values, search.halvings)
-    stands, falls, margin = located(lambda *at: followed(*at).margin, pairs, traced)
+    stands, falls, margin = located(lambda *at: followed(*at).margin, pairs, traced, search.alone)
     eps = float(jnp.finfo(values.dtype).eps)
     # The number of impacts is taken a little further into overturning, or right behind the
     # boundary where the window of overturning is narrower than that.

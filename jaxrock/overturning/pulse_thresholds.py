@@ -97,14 +97,41 @@ def critical_amplitude(
     stands beyond 7.706 m/s2 (0.786 g) (overturning after 1 impact)
     overturns beyond 8.08528 m/s2 (0.824 g) (overturning without an impact)
     """
+    search = Search("amplitude", model, max_boundaries, _HALVINGS)
+    return _amplitudes(ratios, block, restitution, shape, duration, resolution, search)
+
+
+def _amplitudes(
+    ratios: Sequence[float],
+    block: Block,
+    restitution: Number,
+    shape: type[Pulse],
+    duration: Number,
+    resolution: float,
+    search: Search,
+) -> Boundaries:
+    """`critical_amplitude`, by a search of any kind."""
     pulse = pulse_class(shape)(1.0, duration)
     levels = _levels("ratios", ratios, resolution)
     check_kind("block", block, Block)
-    uplift = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(model))))
+    uplift = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(search.model))))
     library: Any = jnp if isinstance(uplift, jax.core.Tracer) else np
     amplitudes = library.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
-    search = Search("amplitude", model, max_boundaries, _HALVINGS)
     return searched(block, restitution, pulse, amplitudes, search)
+
+
+def each_critical_amplitude(
+    block: Block,
+    restitution: Number,
+    shape: type[Pulse],
+    duration: Number,
+    ratios: Sequence[float],
+    resolution: float,
+    model: ModelLike,
+) -> Boundaries:
+    """`critical_amplitude`, of each duration the same bits whatever the others are."""
+    search = Search("amplitude", model, 1, _HALVINGS, alone=True)
+    return _amplitudes(ratios, block, restitution, shape, duration, resolution, search)
 
 
 def critical_duration(

@@ -36,6 +36,7 @@ class Search(NamedTuple):
     max_boundaries: int
     halvings: int = 0  # of intervals in which the mode changes, or the margin comes near 0
     drop_unknown: bool = False  # derivatives that cannot be had are 0 then, and not NaN
+    alone: bool = False  # the same bits whatever else is sought at the same time
 
 
 def _strength(scene: Any) -> Any:

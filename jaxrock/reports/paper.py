@@ -243,7 +243,7 @@ def _scene(slenderness: Any, width: Any, restitution: Any) -> Scene:
 
 def _spectrum() -> "xarray.Dataset":
     """The stabilized phase over all that the paper draws and makes claims about."""
-    return resonance_spectrum(_SLENDERNESS, _WIDTHS, _RESTITUTION, _INTENSITY, chunk=2**20)
+    return resonance_spectrum(_SLENDERNESS, _WIDTHS, _RESTITUTION, _INTENSITY)
 
 
 def _of_tables() -> dict[str, Any]:

@@ -1,26 +1,30 @@
-"""Spectra of driven motion: rocking spectra of records, overturning spectra of pulses."""
+"""Responses over grids: rocking spectra of records, overturning spectra of pulses."""
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 
 from ..accuracy import respond_within
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..dynamics import respond_batch, uplift_acceleration
-from ..ground_motion import Motion, Pulse, Suite, pulse_class
-from ..host import along_records, labelled
+from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, pulse_class
 from ..impact import housner_restitution
-from ..overturning import critical_amplitude
-from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
-from .grid import Values, axis, filled, label
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check, check_kind
+from .axes import Values, axis
+from .grid import Grid, along, flat, of_few_shapes
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..cluster import Chunks
+
 _CHUNK = 2**14  # blocks of a spectrum that are followed at once
+_USUAL = 2**14  # and in a chunk of a lazy dataset
 
 # Type, long name and unit.
 _VARIABLES: dict[str, tuple[Any, str, str]] = {
@@ -35,11 +39,6 @@ _ESTIMATES: dict[str, tuple[Any, str, str]] = {
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
     "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
 }
-_BOUNDARIES = {  # long names
-    "overturns_beyond": "1 where the block overturns beyond the boundary",
-    "impacts": "impacts before it overturns, -1 for none",
-    "overturns_first": "1 where it overturns at the lowest amplitude",
-}
 
 
 def rocking_spectrum(
@@ -51,8 +50,10 @@ def rocking_spectrum(
     critical_angle: Values | None = None,
     gravity: float = 9.81,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    factor: Values | None = None,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
+    chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
     """Response of blocks of many sizes and shapes to one ground motion, or to several.
 
@@ -69,17 +70,21 @@ def rocking_spectrum(
         C [-]; by default Housner's of each block, without a dimension of its own.
     gravity, inertia_ratio : float
         g [m/s2] and kappa [-] of all blocks; see `Block`.
+    factor : array_like, optional
+        Factors on the ground motion [-], which add a dimension.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
         Compute each block to this relative error of the peak rotation; see `respond_within`. The
         dataset then has the variables rtol, error and within_tolerance, 0 where the response is
         so chaotic that no tolerance is good enough.
+    chunks : mapping of str to int or "auto", optional
+        For a lazy dataset; see `resonance_spectrum`.
 
     Returns
     -------
     xarray.Dataset
-        With dimensions (record,) period, slenderness (and restitution) the variables
+        With dimensions (record,) period, slenderness (, restitution and factor) the variables
         rotation_ratio, peak_rotation, overturned, margin and impacts, at the end of the input.
 
     Raises
@@ -94,26 +99,12 @@ def rocking_spectrum(
     >>> print(spectrum.overturned.values.ravel())
     [1 0]
     """
-    if isinstance(motion, Suite):
-        return along_records(
-            [
-                rocking_spectrum(
-                    record,
-                    period,
-                    slenderness,
-                    restitution,
-                    critical_angle=critical_angle,
-                    gravity=gravity,
-                    inertia_ratio=inertia_ratio,
-                    model=model,
-                    tolerance=tolerance,
-                )
-                for record in motion.bucketed()
-            ],
-            motion.names,
-        )
     check("gravity", as_real("gravity", gravity), POSITIVE)
     check("inertia_ratio", as_real("inertia_ratio", inertia_ratio), AT_LEAST_ONE)
+    check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
+    records = motion if isinstance(motion, Suite) else [motion]
+    if any(map(_is_several, records)):
+        raise ValueError("motion must be a single one, or a suite of these, got an array of them")
     if (slenderness is None) == (critical_angle is None):
         raise ValueError("slenderness or critical_angle must be given, one of the two")
     if critical_angle is not None:
@@ -122,16 +113,30 @@ def rocking_spectrum(
             raise ValueError("critical_angle must be between 0 and pi / 2")
         slenderness = 1 / np.tan(angle)
     values = {"period": period, "slenderness": slenderness, "restitution": restitution}
+    values["factor"] = factor
     axes = {name: axis(name, given) for name, given in values.items() if given is not None}
+    about = {"motion": records[0].name, "gravity": gravity, "inertia_ratio": inertia_ratio}
+    problem = functools.partial(_blocks_of_periods, (*axes,), gravity, inertia_ratio)
+    grid = _grid("Rocking spectrum", axes, problem, motion, model, tolerance, about)
+    return grid.dataset(chunks)
 
-    def problem(period: Any, slenderness: Any, restitution: Any = None) -> tuple[Any, ...]:
-        half_diagonal = 1 / inertia_ratio * gravity * (period / (2 * math.pi)) ** 2
-        half_width = half_diagonal / np.sqrt(1 + slenderness**2)
-        block = Block(half_width, slenderness, gravity, inertia_ratio)
-        return block, _restitution(block) if restitution is None else restitution, motion
 
-    about = {"motion": motion.name, "gravity": gravity, "inertia_ratio": inertia_ratio}
-    return _spectrum("Rocking spectrum", axes, problem, model, tolerance, about)
+def _is_several(motion: Motion) -> bool:
+    names = ("acceleration", "vertical")  # which have an axis of their own
+    own = {id(getattr(motion, name, None)) for name in names}
+    return any(np.ndim(leaf) > (id(leaf) in own) for leaf in jax.tree.leaves(motion))
+
+
+def _blocks_of_periods(
+    names: Sequence[str], gravity: float, inertia_ratio: float, motion: Motion, *values: np.ndarray
+) -> tuple[Block, Any, Motion]:
+    """Blocks, restitutions and motions at points of a rocking spectrum."""
+    at = dict(zip(names, values, strict=True))
+    half_diagonal = 1 / inertia_ratio * gravity * (at["period"] / (2 * math.pi)) ** 2
+    half_width = half_diagonal / np.sqrt(1 + at["slenderness"] ** 2)
+    block = Block(half_width, at["slenderness"], gravity, inertia_ratio)
+    c = at["restitution"] if "restitution" in at else of_few_shapes(_restitution, block)
+    return block, c, motion.scaled(at["factor"]) if "factor" in at else motion
 
 
 def overturning_spectrum(
@@ -144,6 +149,7 @@ def overturning_spectrum(
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
+    chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
     """Which pulses of one shape overturn a block, in the plane of the literature.
 
@@ -157,7 +163,7 @@ def overturning_spectrum(
         a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-]: lifts from 1 on.
     slenderness, restitution, inertia_ratio : float
         lambda [-], C [-], Housner's by default, and kappa [-], on which only that depends.
-    model, tolerance
+    model, tolerance, chunks
         As in `rocking_spectrum`.
 
     Returns
@@ -174,80 +180,25 @@ def overturning_spectrum(
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
     axes = {name: axis(name, values) for name, values in given.items()}
     kind = pulse_class(shape)
-    block, c, uplift = _unit_block(slenderness, restitution, inertia_ratio, model)
-    p = float(block.frequency_parameter)
-
-    def problem(frequency_ratio: Any, amplitude_ratio: Any) -> tuple[Any, ...]:
-        return block, c, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * p))
-
+    block, c, uplift = unit_block(slenderness, restitution, inertia_ratio, model)
+    scales = (uplift, float(block.frequency_parameter))
     about = {"motion": kind.name, "gravity": float(block.gravity), "inertia_ratio": inertia_ratio}
-    return _spectrum("Overturning spectrum", axes, problem, model, tolerance, about)
-
-
-def overturning_map(
-    shape: type[Pulse],
-    frequency_ratio: Values,
-    amplitude_ratios: Sequence[float] = (1.0, 10.0),
-    *,
-    slenderness: float = 5.0,
-    restitution: float | None = None,
-    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
-    resolution: float = 0.01,
-    model: ModelLike = Nonlinear(),
-) -> "xarray.Dataset":
-    """Every boundary between standing and overturning, in the plane of the literature.
-
-    Parameters
-    ----------
-    shape, frequency_ratio, slenderness, restitution, inertia_ratio, model
-        As in `overturning_spectrum`.
-    amplitude_ratios : sequence of two floats
-        The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
-    resolution : float
-        Windows wider than this share of their amplitude are found; see `critical_amplitude`.
-
-    Returns
-    -------
-    xarray.Dataset
-        With dimensions frequency_ratio and boundary the variables amplitude_ratio (NaN where
-        there are fewer boundaries), overturns_beyond and impacts, and along frequency_ratio
-        alone overturns_first; see `Boundaries`. The same for every size of block.
-
-    Raises
-    ------
-    ValueError
-        If an argument is outside of what is allowed.
-    """
-    model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
-    block, c, uplift = _unit_block(slenderness, restitution, inertia_ratio, model)
-    durations = pulse_class(shape).angle / (ratios * float(block.frequency_parameter))
-    found = critical_amplitude(
-        block, c, shape, durations, amplitude_ratios, resolution=resolution, model=model
+    problem = functools.partial(_pulses_of_ratios, kind, *scales)
+    shared = (block, as_real("restitution", c))
+    return _grid("Overturning spectrum", axes, problem, shared, model, tolerance, about).dataset(
+        chunks
     )
-    if not bool(found.complete.all()):
-        raise ValueError("motion could not be followed to its end for every pulse")
-    dims = ("frequency_ratio", "boundary")
-    ratio = (dims, np.asarray(found.value) / uplift, label("amplitude_ratio"))
-    variables: dict[str, Any] = {"amplitude_ratio": ratio}
-    for name, long_name in _BOUNDARIES.items():
-        values = np.asarray(getattr(found, name))
-        values = values.astype(np.int8) if values.dtype == bool else values
-        variables[name] = (dims[: values.ndim], values, {"long_name": long_name, "units": "1"})
-    attributes = {
-        "model": model.name,
-        "motion": shape.name,
-        "slenderness": slenderness,
-        "restitution": c,
-        "inertia_ratio": inertia_ratio,
-        "lowest_amplitude_ratio": float(amplitude_ratios[0]),
-        "highest_amplitude_ratio": float(amplitude_ratios[1]),
-        "resolution": resolution,
-    }
-    coordinates = {"frequency_ratio": (dims[:1], ratios, label("frequency_ratio"))}
-    return labelled("Overturning map", variables, coordinates, attributes)
 
 
-def _unit_block(
+def _pulses_of_ratios(
+    kind: type[Pulse], uplift: float, rate: float, shared: Any, *ratios: np.ndarray
+) -> tuple[Block, Any, Motion]:
+    """The block and its restitution, and the pulses at points of an overturning spectrum."""
+    frequency_ratio, amplitude_ratio = ratios
+    return *shared, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * rate))
+
+
+def unit_block(
     slenderness: float, restitution: float | None, inertia_ratio: float, model: ModelLike
 ) -> tuple[Block, float, float]:
     """A block of any size, its restitution, and the acceleration that just lifts it."""
@@ -260,36 +211,66 @@ def _restitution(block: Block) -> Any:
     return np.maximum(housner_restitution(block), 0)
 
 
-def _spectrum(
+def _grid(
     title: str,
     axes: Mapping[str, np.ndarray],
-    problem: Callable[..., tuple[Any, ...]],
+    problem: Callable[..., tuple[Block, Any, Motion]],
+    shared: Any,
     model: ModelLike,
     tolerance: float | None,
     about: Mapping[str, Any],
-) -> "xarray.Dataset":
-    """Responses over a grid, where `problem` says of which blocks to which motions."""
+) -> Grid:
+    """Responses over a grid, where `problem` says of which blocks to which motions.
+
+    If what is shared is a suite, its records make an axis.
+    """
     model, table = as_model(model), _VARIABLES
     attributes = {"model": model.name, **about, "gravity_units": "m s-2"}
     if tolerance is not None:
         check("tolerance", as_real("tolerance", tolerance), POSITIVE)
         attributes["tolerance"] = tolerance
         table = _VARIABLES | _ESTIMATES
-
-    def compute(*parts: np.ndarray) -> dict[str, Any]:
-        blocks, c, motions = problem(*np.meshgrid(*parts, indexing="ij"))
-        if tolerance is None:
-            response = estimate = respond_batch(blocks, c, motions, model=model)
-        else:
-            estimate = respond_within(blocks, c, motions, tolerance, model=model)
-            response = estimate.response
-        if not bool(response.complete.all()):
-            raise ValueError("motion could not be followed to its end for every block")
-        ratio = response.peak_rotation / blocks.critical_angle
-        return {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
-
+    compute, names = functools.partial(_responses, problem, model, tolerance, (*table,)), {}
+    if isinstance(shared, Suite):
+        names["record"] = (shared.names, "ground motion")
+        axes = {"record": along(shared.bucketed()), **axes}
+        compute, shared = functools.partial(_of_records, compute), None
     variables = {
         name: (tuple(axes), dtype, {"long_name": long_name, "units": units})
         for name, (dtype, long_name, units) in table.items()
     }
-    return filled(title, axes, variables, attributes, compute, _CHUNK)
+    return Grid(
+        title, axes, variables, attributes, compute, _CHUNK, _USUAL, names=names, shared=shared
+    )
+
+
+def _of_records(
+    compute: Callable[..., dict[str, np.ndarray]], _: None, records: np.ndarray, *parts: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The responses to records, one after the other."""
+    separate = [compute(record, *parts) for record in records]
+    return jax.tree.map(lambda *each: np.stack(each), *separate)
+
+
+def _responses(
+    problem: Callable[..., tuple[Block, Any, Motion]],
+    model: RockingModel,
+    tolerance: float | None,
+    names: Sequence[str],
+    shared: Any,
+    *parts: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """The responses over a part of a grid."""
+    shape, points = flat(*parts)
+    blocks, c, motions = problem(shared, *points)
+    if tolerance is None:
+        response = estimate = respond_batch(blocks, c, motions, model=model)
+    else:
+        estimate = respond_within(blocks, c, motions, tolerance, model=model)
+        response = estimate.response
+    if not np.asarray(response.complete).all():
+        raise ValueError("motion could not be followed to its end for every block")
+    angles = of_few_shapes(lambda block: block.critical_angle, blocks)
+    ratio = np.asarray(response.peak_rotation) / angles
+    values = {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
+    return {name: np.asarray(values[name]).reshape(shape) for name in names}

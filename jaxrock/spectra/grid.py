@@ -1,124 +1,221 @@
-"""Grids: their named axes, datasets filled over them chunk by chunk, and their tables."""
+"""Grids, computed part by part: in memory, into a file, or lazily."""
 
-import collections
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
-from typing_extensions import TypeAliasType
 
-from ..host import heading, labelled, with_progress, write_about, written_whole
-from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain, Number, as_real, check
+from ..host import (
+    labelled,
+    mapped,
+    optional,
+    processors,
+    with_names,
+    with_progress,
+    written_whole,
+)
+from .axes import label
 
 if TYPE_CHECKING:
     import xarray
 
-Values = TypeAliasType("Values", Number | Sequence[float | int])
+    from ..cluster import Chunks
+
 Chunk = tuple[slice, ...]
 
-_AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
-    "slenderness": ("slenderness, height over width", "1", POSITIVE),
-    "width": ("full width 2b of the base", "m", POSITIVE),
-    "restitution": ("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
-    "intensity": ("intensity of each pulse", "m s-1", NON_NEGATIVE),
-    "period": ("period 2 pi / p of the block", "s", POSITIVE),
-    "frequency_ratio": ("frequency of the pulse over p", "1", POSITIVE),
-    "amplitude_ratio": (
-        "amplitude of the pulse over what just lifts the block",
-        "1",
-        NON_NEGATIVE,
-    ),
-}
 
+@dataclass(frozen=True)
+class Grid:
+    """A dataset over named axes, before it is computed.
 
-def axis(name: str, value: Values) -> np.ndarray:
-    """The values along an axis: one or more, different, and all in its domain."""
-    as_real(name, value)  # in the precision of JAX; the axis keeps its own
-    values = np.asarray(value, dtype=float)
-    if values.ndim > 1 or values.size == 0:
-        raise ValueError(
-            f"{name} must be a number or a one-dimensional array of at least one,"
-            f" got an array of shape {values.shape}"
+    Attributes
+    ----------
+    title, attributes
+        Of the dataset.
+    axes : mapping of str to ndarray
+        The values along each; an axis that is no dimension of a variable becomes a scalar
+        coordinate.
+    variables : mapping
+        Dimensions, type and attributes of each. Dimensions are axes in their order, and after them
+        `columns`.
+    compute : callable
+        Takes what is `shared` and the values along each axis in a chunk, and returns an array of
+        each variable over the dimensions of that. Is pickled, and what it returns for a point is
+        the same bits whatever else is in the chunk.
+    largest, usual : int
+        Most points that are computed at once, and most in a chunk of a lazy dataset by default.
+    names : mapping
+        Names along axes whose values are none of a coordinate, and what these are names of.
+    labels : mapping
+        Attributes of axes that are not described here.
+    columns : mapping of str to int
+        Sizes of dimensions that are no axes.
+    shared : pytree
+    """
+
+    title: str
+    axes: Mapping[str, np.ndarray]
+    variables: Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
+    attributes: Mapping[str, Any]
+    compute: Callable[..., Mapping[str, Any]]
+    largest: int
+    usual: int
+    names: Mapping[str, tuple[Sequence[str], str]] = field(default_factory=dict)
+    labels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    columns: Mapping[str, int] = field(default_factory=dict)
+    shared: Any = None
+
+    def dataset(
+        self, chunks: "Chunks | None" = None, store: str | Path | None = None
+    ) -> "xarray.Dataset":
+        """Computed, in memory or in a NetCDF file; or lazy, if there are chunks."""
+        if chunks is None:
+            return self.stored(store) if store is not None else self.labelled(self.computed())
+        if store is not None:
+            must = "a NetCDF file is not written in chunks; write_zarr writes a lazy dataset"
+            raise ValueError(f"store goes without chunks: {must}")
+        cluster = optional("cluster")
+        used = {dim for dims, _, _ in self.variables.values() for dim in dims}
+        sizes = {name: values.size for name, values in self.axes.items()}
+        inner = {name: size for name, size in sizes.items() if name in used}
+        along = cluster.chunks_along(chunks, inner, self.usual)
+        along |= {name: (size,) for name, size in sizes.items() if name not in used}
+        variables = {name: entry[:2] for name, entry in self.variables.items()}
+        about = (self.title, dict(self.attributes), version("jaxrock"))
+        compute = functools.partial(_all_of, self.without_values())
+        return self.labelled(
+            cluster.lazy_arrays(
+                compute, self.shared, self.axes, along, variables, self.columns, about
+            )
         )
-    check(name, values, _AXES[name][2])
-    values = np.atleast_1d(values)
-    distinct, counts = np.unique(values, return_counts=True)
-    if distinct.size < values.size:
-        raise ValueError(f"{name} must not have a value twice, got {distinct[counts > 1][0]:g}")
+
+    def without_values(self) -> "Grid":
+        """Itself, without what the axes and the shared part weigh."""
+        return replace(self, axes=dict.fromkeys(self.axes, np.empty(0)), shared=None, names={})
+
+    def computed(self) -> dict[str, np.ndarray]:
+        """All variables, in memory."""
+        arrays = {
+            name: np.empty([self.size(dim) for dim in dims], dtype)
+            for name, (dims, dtype, _) in self.variables.items()
+        }
+        self.fill(arrays)
+        return arrays
+
+    def size(self, dim: str) -> int:
+        """Along a dimension."""
+        return self.columns[dim] if dim in self.columns else self.axes[dim].size
+
+    def fill(self, targets: Mapping[str, Any]) -> None:
+        """Compute all variables, part by part, into arrays or variables of a file."""
+        places = chunks_of([values.size for values in self.axes.values()], self.largest)
+        for place in with_progress(places, self.title.lower()):
+            at = dict(zip(self.axes, place, strict=True))
+            answers = self.compute(self.shared, *(v[at[n]] for n, v in self.axes.items()))
+            for name, target in targets.items():
+                dims = self.variables[name][0]
+                target[tuple(at.get(dim, slice(None)) for dim in dims)] = answers[name]
+
+    def labelled(self, arrays: Mapping[str, Any]) -> "xarray.Dataset":
+        """The dataset of arrays of all variables."""
+        entries = {name: (v[0], arrays[name], v[2]) for name, v in self.variables.items()}
+        dataset = labelled(self.title, entries, self.coordinates(), self.attributes)
+        return with_names(dataset, **self.names) if self.names else dataset
+
+    def coordinates(self) -> dict[str, Any]:
+        """Of axes that are dimensions their values, of others their only one."""
+        used = {dim for dims, _, _ in self.variables.values() for dim in dims}
+        return {
+            name: (
+                *(((name,), values) if name in used else ((), values[0])),
+                self.labels.get(name) or label(name),
+            )
+            for name, values in self.axes.items()
+            if name not in self.names
+        }
+
+    def stored(self, store: str | Path) -> "xarray.Dataset":
+        """Computed into a NetCDF file, from which the dataset reads on demand."""
+        import netCDF4
+        import xarray
+
+        path, coordinates = Path(store), self.coordinates()
+        scalars = " ".join(name for name, (dims, *_) in coordinates.items() if not dims)
+        with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
+            bare = labelled(self.title, {}, coordinates, self.attributes)
+            bare.reset_coords().to_netcdf(scratch / path.name)
+            with netCDF4.Dataset(scratch / path.name, "a") as file:
+                for name, (dims, dtype, described) in self.variables.items():
+                    missing = math.nan if np.dtype(dtype).kind == "f" else None
+                    target = file.createVariable(name, dtype, dims, fill_value=missing)
+                    target.setncatts({**described, **({"coordinates": scalars} if scalars else {})})
+                self.fill({name: file[name] for name in self.variables})
+        return xarray.open_dataset(path)
+
+
+def _all_of(grid: Grid, shared: Any, *parts: np.ndarray) -> dict[str, np.ndarray]:
+    """All variables of one chunk: as those of a grid of its own."""
+    axes = dict(zip(grid.axes, parts, strict=True))
+    return replace(grid, axes=axes, shared=shared).computed()
+
+
+def along(things: Sequence[Any]) -> np.ndarray:
+    """Things that are no numbers, as the values along an axis."""
+    values = np.empty(len(things), object)
+    for k, thing in enumerate(things):
+        values[k] = thing
     return values
 
 
-def label(name: str) -> dict[str, str]:
-    """The attributes of what is named like an axis."""
-    long_name, units, _ = _AXES[name]
-    return {"long_name": long_name, "units": units}
+def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], list[np.ndarray]]:
+    """The shape of a part of a grid, and the value along each axis at each of its points."""
+    grid = np.meshgrid(*parts, indexing="ij")
+    return tuple(part.size for part in parts), [values.reshape(-1) for values in grid]
 
 
-def filled(
-    title: str,
-    axes: Mapping[str, np.ndarray],
-    variables: Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]],
-    attributes: Mapping[str, Any],
-    compute: Callable[..., Mapping[str, Any]],
-    chunk: int,
-    *,
-    ahead: int = 0,
-    store: str | Path | None = None,
-) -> "xarray.Dataset":
-    """A dataset over a grid, computed chunk by chunk, in memory or in a NetCDF file.
+def in_tiles(
+    function: Callable[..., Any], tile: int, values: Sequence[np.ndarray], workers: int = 0
+) -> Any:
+    """An elementwise function of flat arrays, at least one, in NumPy, in tiles of one size.
 
-    `variables` have dimensions, a type and attributes; an axis that is no dimension of theirs
-    becomes a scalar coordinate. `compute` takes the values along each axis in a chunk, and
-    returns an array over all axes for each variable. While one chunk is stored, the next ones, as
-    many as `ahead`, are already being computed.
+    XLA makes another program for every shape, and not all of these round alike. In tiles each
+    point has the same bits whatever the others are, and one program serves all grids. The function
+    takes the number of the tile as well, and is called by as many threads as there are `workers`,
+    by default one for each processor.
     """
-    used = {dim for dims, _, _ in variables.values() for dim in dims}
-    coordinates = {
-        name: ((name,), values, label(name)) if name in used else ((), values[0], label(name))
-        for name, values in axes.items()
-    }
+    size = values[0].size
 
-    def fill(targets: Mapping[str, Any]) -> None:
-        begun: collections.deque[tuple[Chunk, Mapping[str, Any]]] = collections.deque()
-        places = chunks_of([values.size for values in axes.values()], chunk)
-        for place in with_progress([*places, None], title.lower()):
-            if place:
-                parts = (values[part] for values, part in zip(axes.values(), place, strict=True))
-                begun.append((place, compute(*parts)))
-            while len(begun) > (ahead if place else 0):
-                at, answers = begun.popleft()
-                for name, target in targets.items():
-                    # What has fewer dimensions is the same along the others.
-                    first = (..., *[0] * (len(at) - target.ndim))
-                    target[at[: target.ndim]] = np.asarray(answers[name])[first]
+    def one(number: int) -> Any:
+        parts = [each[number * tile : (number + 1) * tile] for each in values]
+        taken = parts[0].size
+        answers = function(number, *(np.pad(p, (0, tile - taken), mode="edge") for p in parts))
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[:taken], answers)
 
-    if store is None:
-        arrays = {
-            name: np.empty([axes[dim].size for dim in dims], dtype)
-            for name, (dims, dtype, _) in variables.items()
-        }
-        fill(arrays)
-        entries = {name: (v[0], arrays[name], v[2]) for name, v in variables.items()}
-        return labelled(title, entries, coordinates, attributes)
+    numbers = range(-(-size // tile))
+    separate = mapped(one, numbers, min(workers or processors(), len(numbers)))
+    return jax.tree.map(lambda *tiles: np.concatenate(tiles), *separate)
 
-    import netCDF4
-    import xarray
 
-    path = Path(store)
-    scalars = " ".join(name for name in axes if name not in used)
-    with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
-        bare = labelled(title, {}, coordinates, attributes)
-        bare.reset_coords().to_netcdf(scratch / path.name)
-        with netCDF4.Dataset(scratch / path.name, "a") as file:
-            for name, (dims, dtype, described) in variables.items():
-                missing = math.nan if np.dtype(dtype).kind == "f" else None
-                target = file.createVariable(name, dtype, dims, fill_value=missing)
-                target.setncatts({**described, **({"coordinates": scalars} if scalars else {})})
-            fill({name: file[name] for name in variables})
-    return xarray.open_dataset(path)
+def of_few_shapes(function: Callable[[Any], Any], tree: Any) -> np.ndarray:
+    """An elementwise function of a pytree of numbers and flat arrays, in NumPy.
+
+    Padded, so that few shapes are compiled whatever the chunks are.
+    """
+    size = max(np.size(leaf) for leaf in jax.tree.leaves(tree))
+    room = max(256, 1 << (size - 1).bit_length())
+
+    def padded(leaf: Any) -> Any:
+        return np.pad(np.asarray(leaf), (0, room - size), mode="edge") if np.ndim(leaf) else leaf
+
+    answers = np.asarray(function(jax.tree.map(padded, tree)))
+    return answers[:size] if answers.ndim else answers
 
 
 def chunks_of(sizes: Sequence[int], largest: int) -> list[Chunk]:
@@ -129,45 +226,3 @@ def chunks_of(sizes: Sequence[int], largest: int) -> list[Chunk]:
         largest //= length
         cuts.insert(0, [slice(k, min(k + length, size)) for k in range(0, size, length)])
     return list(itertools.product(*cuts))
-
-
-def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
-    """Write a dataset as CSV: a column each dimension and variable, a row each grid point.
-
-    Lines that begin with # say what it was computed from, the heads name the units. Part by part,
-    so that the table need not fit into memory. An existing file is replaced.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From `resonance_spectrum` or any other function of this package.
-    path : str or path
-
-    Raises
-    ------
-    ValueError
-        If `path` cannot be written.
-    """
-    path = Path(path)
-    with (
-        written_whole("path", path.parent, [path.name], overwrite=True) as scratch,
-        open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
-    ):
-        write_about(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
-        for index, part in enumerate(with_progress(parts_of(dataset), "table")):
-            frame = dataset.isel(part).to_dataframe().reset_index()
-            heads = [heading(str(n), dataset[n].attrs.get("units", "")) for n in frame.columns]
-            frame.to_csv(file, header=heads if index == 0 else False, index=False, na_rep="nan")
-
-
-def overturned_share(dataset: "xarray.Dataset") -> float:
-    """The share of the scenes in a spectrum that overturn under unlimited pulses."""
-    margin = dataset.overturning_margin
-    parts = with_progress(parts_of(dataset), "overturned")
-    return sum(int((margin.isel(part) <= 0).sum()) for part in parts) / margin.size
-
-
-def parts_of(dataset: "xarray.Dataset", largest: int = 2**18) -> list[dict[Any, slice]]:
-    """Parts of at most `largest` points, in the order of the rows."""
-    names, sizes = tuple(dataset.sizes), tuple(dataset.sizes.values())
-    return [dict(zip(names, at, strict=True)) for at in chunks_of(sizes, largest)]

@@ -1,5 +1,6 @@
 """Spectra of steady rocking on a harmonic floor: where it is stable, and what happens elsewhere."""
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,12 +18,17 @@ from ..ground_motion import Harmonic
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import UNIT_INTERVAL, as_real, check
-from .grid import Values, axis, filled
+from .axes import Values, axis
+from .grid import Grid, flat, in_tiles
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..cluster import Chunks
+
 _CHUNK = 2**14  # points of a spectrum that are computed at once
+_USUAL = 2**12  # and in a chunk of a lazy dataset
+_TILE = 2**7  # and whose orbits go through a program at once
 _DISTURBANCE = 1e-3  # of the launch velocity, relative
 
 _AXES = {  # long names
@@ -57,6 +63,7 @@ def harmonic_spectrum(
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     model: ModelLike = Nonlinear(),
     cycles: int = 100,
+    chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
     """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
 
@@ -72,6 +79,8 @@ def harmonic_spectrum(
         Equation of motion; see `respond`.
     cycles : int
         For how many periods blocks are followed, at least 1.
+    chunks : mapping of str to int or "auto", optional
+        For a lazy dataset; see `resonance_spectrum`.
 
     Returns
     -------
@@ -111,21 +120,6 @@ def harmonic_spectrum(
     critical = float(model.critical_velocity(block))
     Harmonic(1.0, 1.0, cycles)  # a `ValueError` before any work
 
-    def compute(*parts: np.ndarray) -> dict[str, Any]:
-        ratios, strengths = np.meshgrid(*parts, indexing="ij")
-        amplitude, frequency = strengths * uplift, ratios * rate
-        orbit = harmonic_orbit(block, restitution, amplitude, frequency, model=model)
-        motion = Harmonic(amplitude, frequency, cycles)
-        return {
-            "velocity_ratio": orbit.launch_velocity / critical,
-            "rotation_ratio": orbit.rotation_ratio,
-            "phase": orbit.phase,
-            "trace": orbit.trace,
-            "multiplier": abs(orbit.multipliers[..., 0]),
-            "region": _region(block, restitution, amplitude, frequency, cycles, orbit, model),
-            "from_rest": _from_rest(block, restitution, motion, model),
-        }
-
     variables: dict[str, Any] = {
         name: (tuple(axes), float, {"long_name": long_name, "units": units})
         for name, (long_name, units) in _VARIABLES.items()
@@ -142,15 +136,50 @@ def harmonic_spectrum(
         "inertia_ratio": inertia_ratio,
         "cycles": cycles,
     }
-    found = filled("Harmonic spectrum", axes, variables, attributes, compute, _CHUNK)
+    compute = functools.partial(_of_floors, uplift, rate, critical, cycles, model)
+    shared = (block, as_real("restitution", restitution))
+    grid = Grid(
+        "Harmonic spectrum", axes, variables, attributes, compute, _CHUNK, _USUAL, shared=shared
+    )
+    found = grid.dataset(chunks)
     for name, long_name in _AXES.items():
         found[name].attrs["long_name"] = long_name
     return found
 
 
+def _of_floors(
+    uplift: float,
+    rate: float,
+    critical: float,
+    cycles: int,
+    model: RockingModel,
+    shared: Any,
+    *parts: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Orbits and regions over a part of the plane."""
+    (block, restitution), (shape, (ratios, strengths)) = shared, flat(*parts)
+    amplitude, frequency = strengths * uplift, ratios * rate
+
+    def of_tile(_: int, *floor: np.ndarray) -> HarmonicOrbit:
+        return harmonic_orbit(block, restitution, *floor, model=model)
+
+    orbit = in_tiles(of_tile, _TILE, (amplitude, frequency))
+    motion = Harmonic(amplitude, frequency, cycles)
+    answers = {
+        "velocity_ratio": np.asarray(orbit.launch_velocity) / critical,
+        "rotation_ratio": orbit.rotation_ratio,
+        "phase": orbit.phase,
+        "trace": orbit.trace,
+        "multiplier": abs(np.asarray(orbit.multipliers[..., 0])),
+        "region": _region(block, restitution, amplitude, frequency, cycles, orbit, model),
+        "from_rest": _from_rest(block, restitution, motion, model),
+    }
+    return {name: np.asarray(values).reshape(shape) for name, values in answers.items()}
+
+
 def _region(
     block: Block,
-    restitution: float,
+    restitution: Any,
     amplitude: np.ndarray,
     frequency: np.ndarray,
     cycles: int,
@@ -171,9 +200,7 @@ def _region(
     return region
 
 
-def _from_rest(
-    block: Block, restitution: float, motion: Harmonic, model: RockingModel
-) -> np.ndarray:
+def _from_rest(block: Block, restitution: Any, motion: Harmonic, model: RockingModel) -> np.ndarray:
     """What blocks at rest do, as in `_FLAGS`."""
     response = respond_batch(block, restitution, motion, model=model)
     peak = np.asarray(response.peak_rotation)

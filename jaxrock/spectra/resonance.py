@@ -1,7 +1,7 @@
 """Resonance spectra: functions of one scene, mapped along each axis of a grid."""
 
-import itertools
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,15 +14,22 @@ from jaxtyping import Array
 from .. import resonance
 from ..accuracy import linearized_is_enough
 from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..host import processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
 from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
-from .grid import Values, axis, filled
+from .axes import Values, axis
+from .grid import Grid, flat, in_tiles
 
 if TYPE_CHECKING:
     import xarray
 
-RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
+    from ..cluster import Chunks
 
+Devices = Sequence[Any] | None
+
+RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
+_TILE = 2**14  # points that go through a program at once, on a processor
+_LARGEST, _USUAL = 2**18, 2**20  # points of a grid at once, and in a chunk of a lazy dataset
 
 _VARIABLES = {  # long name and unit
     "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
@@ -53,9 +60,9 @@ def resonance_spectrum(
     tolerance: float = 1e-3,
     gravity: float = 9.81,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
-    chunk: int = 2**16,
     store: str | Path | None = None,
     devices: Sequence[Any] | None = None,
+    chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
     """Resonance spectra over a full grid of blocks, restitutions and pulse intensities.
 
@@ -70,13 +77,15 @@ def resonance_spectrum(
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
     gravity, inertia_ratio : float
         g [m/s2] and kappa [-] of all blocks; see `Block`.
-    chunk : int
-        Most grid points that are computed at once; several chunks show their progress.
     store : path, optional
         A NetCDF file that the values go to as they are computed, and that the dataset reads on
         demand: neither has to fit into memory. One that exists is replaced by the whole new one.
     devices : sequence of jax.Device, optional
-        That share the chunks; all of this process unless given. The numbers are the same.
+        That share the work; all of this process unless given. The numbers are the same.
+    chunks : mapping of str to int or "auto", optional
+        Lengths along dimensions, as in ``{"slenderness": 50}``; the others stay whole. Then
+        nothing is computed, and the dataset is lazy: of Dask arrays, one task for each chunk, the
+        same numbers. Needs ``jaxrock[cluster]``; see `jaxrock.cluster`.
 
     Returns
     -------
@@ -105,8 +114,8 @@ def resonance_spectrum(
         check(name, value, domain)
     single = None if model == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
-    if chunk < 1:
-        raise ValueError(f"chunk must be at least 1, got {chunk}")
+    if devices and chunks is not None:
+        raise ValueError("devices goes without chunks, which each worker computes with its own")
     given = (slenderness, width, restitution, intensity)
     axes = {name: axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)}
     dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
@@ -118,20 +127,22 @@ def resonance_spectrum(
     attributes = {"model": "auto", **constants, "gravity_units": "m s-2"}
     if single:
         attributes["model"] = single.name
+        compute = functools.partial(_single, model=single, devices=devices)
     else:
         attributes["tolerance"] = tolerance
         variables["model"] = (dims, np.int8, _MODEL)
-    devices = devices or jax.local_devices()
-    turns = itertools.cycle(devices)
-
-    def compute(*parts: np.ndarray) -> dict[str, Any]:
-        # Each chunk by the program for one device: of what is partitioned XLA makes another
-        # one, whose last digits differ.
-        grid = jax.device_put((*parts, *shared), next(turns))
-        return _evaluate(*grid, single) if single else _auto(grid, tolerance)
-
-    title, ahead = "Resonance spectra of rigid rocking blocks", len(devices)
-    return filled(title, axes, variables, attributes, compute, chunk, ahead=ahead, store=store)
+        compute = functools.partial(_auto, tolerance=tolerance, devices=devices)
+    grid = Grid(
+        "Resonance spectra of rigid rocking blocks",
+        axes,
+        variables,
+        attributes,
+        functools.partial(_over_axes, compute, {name: len(v[0]) for name, v in variables.items()}),
+        _LARGEST,
+        _USUAL,
+        shared=tuple(shared),
+    )
+    return grid.dataset(chunks, store)
 
 
 def _of_one_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
@@ -150,47 +161,77 @@ def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
     return resonance.critical_intensity(scene.block, scene.restitution, model=model)
 
 
-def _over_grid(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of one scene (and more), mapped along each axis of a grid."""
-
-    def mapped(*grid: Any) -> Any:
-        def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
-            block = Block(width / 2, slenderness, *grid[4:6])
-            return function(Scene(block, restitution, intensity), *grid[6:])
-
-        # What does not depend on an axis is computed once for it: nothing is broadcast before.
-        for place in (3, 2, 1, 0):
-            of_one = jax.vmap(of_one, tuple(0 if place == k else None for k in range(4)))
-        return of_one(*grid[:4])
-
-    return eqx.filter_jit(mapped)
-
-
-_evaluate = _over_grid(_of_one_scene)
-_evaluate_points = eqx.filter_jit(jax.vmap(_of_one_scene, (0, None)))
-_linearized_is_enough = _over_grid(linearized_is_enough)
-_critical_intensities = _over_grid(_critical_intensity)
+def _over_axes(
+    compute: Callable[..., dict[str, np.ndarray]],
+    ranks: Mapping[str, int],
+    shared: Sequence[Array],
+    *parts: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """What `compute` says of the points of a grid, by the number of axes of each variable."""
+    shape, points = flat(*parts)
+    answers = compute(np.stack(points), shared)
+    full = len(shape)
+    # What has fewer dimensions is the same along the others.
+    return {
+        name: answers[name].reshape(shape)[(..., *[0] * (full - rank))]
+        for name, rank in ranks.items()
+    }
 
 
-def _auto(grid: tuple[Array, ...], tolerance: float) -> dict[str, np.ndarray]:
-    """As `_evaluate`, the linearized points apart from the nonlinear ones; and which is which."""
-    linear = np.asarray(_linearized_is_enough(*grid, as_real("tolerance", tolerance)))
+def _single(
+    points: np.ndarray, shared: Sequence[Array], model: RockingModel, devices: Devices
+) -> dict[str, np.ndarray]:
+    """All variables at points, of one model."""
+    return _at_points(_of_one_scene, points, shared, devices, model)
+
+
+def _auto(
+    points: np.ndarray, shared: Sequence[Array], tolerance: float, devices: Devices
+) -> dict[str, np.ndarray]:
+    """As `_single`, each point by the cheapest model; and by which."""
+    limit = as_real("tolerance", tolerance)
+    linear = _at_points(linearized_is_enough, points, shared, devices, limit)
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
-    *axes, gravity, inertia_ratio = map(np.asarray, grid)
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
-        places = np.flatnonzero(mask)
-        if not places.size:
+        if not mask.any():
             continue
-        # Few different sizes, so that little is compiled.
-        room = max(1 << (places.size - 1).bit_length(), 1024)
-        padded = np.pad(places, (0, room - places.size), mode="edge")
-        at = np.unravel_index(padded, linear.shape)
-        slenderness, width, restitution, intensity = (v[k] for v, k in zip(axes, at, strict=True))
-        shared = (np.full(room, value) for value in (gravity, inertia_ratio))
-        block = Block(width / 2, slenderness, *shared)
-        scenes = jax.device_put(Scene(block, restitution, intensity), grid[0].device)
-        for name, values in _evaluate_points(scenes, model).items():
-            answers[name].reshape(-1)[places] = np.asarray(values)[: places.size]
+        for name, values in _single(points[:, mask], shared, model, devices).items():
+            answers[name][mask] = values
     # It has no intensity, and all intensities have to agree about it.
-    exact = np.asarray(_critical_intensities(*grid, Nonlinear()))
+    exact = _at_points(_critical_intensity, points, shared, devices, Nonlinear())
     return answers | {"critical_intensity": exact, "model": ~linear}
+
+
+def _at_points(
+    function: Callable[..., Any],
+    points: np.ndarray,
+    shared: Sequence[Array],
+    devices: Devices,
+    argument: Any,
+) -> Any:
+    """A function of a scene and an argument, at points of shape (axes, n), in NumPy."""
+    devices = devices or jax.local_devices()
+    on_processor = devices[0].platform == "cpu"
+    workers = max(processors(), len(devices)) if on_processor else len(devices)
+    elsewhere = len(devices) > 1 or devices[0] != jax.local_devices()[0]
+
+    def of_tile(number: int, *tile: np.ndarray) -> Any:
+        given = np.stack(tile), *shared
+        if elsewhere:
+            # Each tile by the program for one device: of what is partitioned XLA makes another.
+            given = jax.device_put(given, devices[number % len(devices)])
+        return _of_scenes(*given, function, argument)
+
+    values = np.asarray(points, jnp.result_type(float))
+    return in_tiles(of_tile, _TILE if on_processor else _LARGEST, values, workers)
+
+
+@eqx.filter_jit
+def _of_scenes(
+    points: Array, gravity: Array, inertia_ratio: Array, function: Any, argument: Any
+) -> Any:
+    def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
+        block = Block(width / 2, slenderness, gravity, inertia_ratio)
+        return function(Scene(block, restitution, intensity), argument)
+
+    return jax.vmap(of_one)(*points)

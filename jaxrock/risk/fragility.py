@@ -1,5 +1,6 @@
 """Fragility: how many motions of a suite bring a block beyond a limit, over their intensity."""
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -8,26 +9,30 @@ import numpy as np
 
 from ..accuracy import respond_within
 from ..block import Block
-from ..ground_motion import MEASURES, Suite
-from ..host import labelled, with_names
-from ..resonance import ModelLike, Nonlinear, as_model
+from ..ground_motion import MEASURES, Suite, intensity_measure
+from ..host import with_progress
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..spectra import Grid, along
 from ..validation import POSITIVE, Number, Numbers, as_real, check, check_kind
-from .lognormal import fit_lognormal
+from .exceedance import Threshold, about, with_curves
 
 if TYPE_CHECKING:
     import xarray
 
-Threshold = float | int | str
+    from ..cluster import Chunks
+
 _WORDS = ("uplift", "overturning")
-# Long name and unit of what is said of every record at every level.
-_RESPONSES = {
-    "rotation_ratio": ("peak rotation over critical angle", "1"),
-    "peak_rotation": ("peak rotation", "rad"),
-    "overturned": ("1 where the block overturns", "1"),
-    "margin": ("margin at the end of the input, overturns below 0", "1"),
-    "impacts": ("number of impacts", "1"),
-    "error": ("upper bound of the relative error of the peak rotation", "1"),
-    "within_tolerance": ("1 where that is within the tolerance", "1"),
+_LARGEST, _USUAL = 2**14, 2**11  # responses at once, and in a chunk of a lazy dataset
+# Type, long name and unit of what is said of every record at every level.
+_RESPONSES: dict[str, tuple[Any, str, str]] = {
+    "factor": (float, "factor on the record", "1"),
+    "rotation_ratio": (float, "peak rotation over critical angle", "1"),
+    "peak_rotation": (float, "peak rotation", "rad"),
+    "overturned": (np.int8, "1 where the block overturns", "1"),
+    "margin": (float, "margin at the end of the input, overturns below 0", "1"),
+    "impacts": (int, "number of impacts", "1"),
+    "error": (float, "upper bound of the relative error of the peak rotation", "1"),
+    "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
 }
 
 
@@ -42,6 +47,7 @@ def fragility(
     tolerance: float = 1e-3,
     confidence: float = 0.95,
     model: ModelLike = Nonlinear(),
+    chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
     """Shares of a suite that bring a block beyond thresholds, at levels of an intensity measure.
 
@@ -65,6 +71,8 @@ def fragility(
         Of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
+    chunks : mapping of str to int or "auto", optional
+        Lengths along record and level, for a lazy dataset; see `resonance_spectrum`.
 
     Returns
     -------
@@ -108,23 +116,14 @@ def fragility(
         raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
     names = threshold_names(thresholds)
     model = as_model(model)
-    factors = suite.factors(places, measure, block)
-    estimate = respond_within(block, restitution, suite.scaled(factors), tolerance, model=model)
-    response = estimate.response
-    if not bool(response.complete.all()):
-        raise ValueError("motion could not be followed to its end for every record and level")
-    ratio = np.asarray(response.peak_rotation / block.critical_angle)
-    values = {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
-    each = {"factor": (("record", "level"), np.asarray(factors), _about("factor on the record"))}
-    for name, about in _RESPONSES.items():
-        entries = np.asarray(values[name])
-        entries = entries.astype(np.int8) if entries.dtype == bool else entries
-        each[name] = (("record", "level"), entries, _about(*about))
-    overturned = np.asarray(response.overturned)
-    beyond = [_exceeds(threshold, ratio, overturned) for threshold in thresholds]
-    counts = np.stack([exceeded.sum(axis=0) for exceeded in beyond], axis=-1)
-    within = np.asarray(estimate.within_tolerance).mean(axis=0)
-    chaos = _about("share of records whose answer is within tolerance")
+    suite.factors(places[0], measure, block)  # every record has to have some
+    records = suite.bucketed()
+    strengths = (intensity_measure(record, measure, block) for record in records)
+    axes = {"record": along(list(zip(records, strengths, strict=True))), "level": places}
+    variables = {
+        name: (("record", "level"), dtype, about(long_name, units))
+        for name, (dtype, long_name, units) in _RESPONSES.items()
+    }
     attributes = {
         "model": model.name,
         "half_width": float(block.half_width),
@@ -137,23 +136,39 @@ def fragility(
         "tolerance": tolerance,
         "confidence": confidence,
     }
-    dataset = labelled(
+    grid = Grid(
         "Fragility",
-        {
-            **_curves(counts, places, len(suite), confidence, MEASURES[measure][1]),
-            "share_within_tolerance": (("level",), within, chaos),
-            **each,
-        },
-        {"level": (("level",), places, _about(*MEASURES[measure][:2]))},
+        axes,
+        variables,
         attributes,
+        functools.partial(_responses, tolerance, model),
+        _LARGEST,
+        _USUAL,
+        names={"record": (suite.names, "ground motion")},
+        labels={"level": about(*MEASURES[measure][:2])},
+        shared=(block, restitution),
     )
-    return with_names(
-        dataset, record=(suite.names, "ground motion"), threshold=(names, "threshold")
-    )
+    return with_curves(grid.dataset(chunks), thresholds, names, confidence, MEASURES[measure][1])
 
 
-def _about(long_name: str, units: str = "1") -> dict[str, str]:
-    return {"long_name": long_name, "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1")}
+def _responses(
+    tolerance: float, model: RockingModel, shared: Any, records: np.ndarray, levels: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The responses to some records, which come with their intensities, at some levels."""
+    block, restitution = shared
+    separate = list[dict[str, np.ndarray]]()
+    for record, strength in with_progress(records, "records"):
+        factors = np.asarray(as_real("levels", levels)) / np.asarray(strength)
+        scaled = record.scaled(factors)
+        estimate = respond_within(block, restitution, scaled, tolerance, model=model)
+        response = estimate.response
+        if not np.asarray(response.complete).all():
+            raise ValueError("motion could not be followed to its end for every record and level")
+        ratio = np.asarray(response.peak_rotation) / np.asarray(block.critical_angle)
+        own = {"factor": factors, "rotation_ratio": ratio}
+        values = {**vars(estimate), **vars(response), **own}
+        separate.append({name: np.asarray(values[name]) for name in _RESPONSES})
+    return {name: np.stack([each[name] for each in separate]) for name in _RESPONSES}
 
 
 def threshold_names(thresholds: Sequence[Threshold]) -> list[str]:
@@ -174,56 +189,3 @@ def _name(threshold: Threshold) -> str:
         return threshold
     check("thresholds", as_real("thresholds", threshold), POSITIVE)
     return f"{float(threshold):g}"
-
-
-def _exceeds(threshold: Threshold, ratio: np.ndarray, overturned: np.ndarray) -> np.ndarray:
-    if threshold == "uplift":
-        return ratio > 0
-    if threshold == "overturning":
-        return overturned
-    return (ratio > float(threshold)) | overturned
-
-
-def _curves(
-    counts: np.ndarray, levels: np.ndarray, number: int, confidence: float, unit: str
-) -> dict[str, Any]:
-    """Counted and fitted curves, for counts of shape (levels, thresholds)."""
-    from scipy.stats import binomtest
-
-    def interval(count: int) -> tuple[float, float]:
-        found = binomtest(count, number).proportion_ci(confidence)
-        return found.low, found.high
-
-    of_count = np.array([interval(count) for count in range(number + 1)])
-    low, high = of_count[counts, 0], of_count[counts, 1]
-    fits = [fit_lognormal(levels, column, number) for column in counts.T]
-    fitted = np.stack([fit.at(levels) for fit in fits], axis=-1)
-    remarks = []
-    for k, fit in enumerate(fits):
-        outside = int(((fitted[:, k] < low[:, k]) | (fitted[:, k] > high[:, k])).sum())
-        falls = int((np.diff(counts[:, k]) < 0).sum())
-        words = [fit.remark] if fit.remark else []
-        if outside:
-            words.append(f"outside of the intervals at {outside} of {len(levels)} levels")
-        if falls:
-            words.append(f"the counted share falls {falls} time{'s' * (falls > 1)}")
-        remarks.append("; ".join(words))
-    both, ends = ("level", "threshold"), f"of the interval with a confidence of {confidence:g}"
-    medians, dispersions = ([fit[k] for fit in fits] for k in range(2))
-    return {
-        "exceedance": (both, counts / number, _about("share of records beyond the threshold")),
-        "exceedance_low": (both, low, _about(f"lower end {ends}")),
-        "exceedance_high": (both, high, _about(f"upper end {ends}")),
-        "lognormal": (both, fitted, _about("most likely lognormal curve")),
-        "lognormal_median": (
-            ("threshold",),
-            medians,
-            _about("median of the lognormal curve", unit),
-        ),
-        "lognormal_dispersion": (
-            ("threshold",),
-            dispersions,
-            _about("its standard deviation of ln(level)"),
-        ),
-        "remark": (("threshold",), np.asarray(remarks, str), {"long_name": "on the curve"}),
-    }

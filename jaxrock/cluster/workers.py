@@ -1,0 +1,104 @@
+"""Workers on this machine: each has processors of its own, and an accelerator if there is one."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+from distributed import LocalCluster, Worker, WorkerPlugin
+
+from ..host import processors
+
+_GPUS = Path("/proc/driver/nvidia/gpus")
+# Settings of JAX that a worker takes over, and the variables that say them to a new process.
+_OF_CACHE = {
+    "jax_compilation_cache_dir": "JAX_COMPILATION_CACHE_DIR",
+    "jax_persistent_cache_min_compile_time_secs": "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS",
+}
+
+
+def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
+    """Worker processes on this machine, among which its processors are shared out.
+
+    Each follows one task at a time, with as many threads as it has processors. It keeps what it
+    compiles where this process does.
+
+    Parameters
+    ----------
+    workers : int, optional
+        How many, at least 1; by default one for each processor.
+    **options
+        Of ``distributed.LocalCluster``.
+
+    Returns
+    -------
+    distributed.LocalCluster
+        Which a ``distributed.Client`` takes.
+
+    Raises
+    ------
+    ValueError
+        If there is to be no worker.
+    """
+    count = processors() if workers is None else workers
+    if count < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    said = {variable: getattr(jax.config, name) for name, variable in _OF_CACHE.items()}
+    environment = {name: str(value) for name, value in said.items() if value is not None}
+    usual = {"threads_per_worker": 1, "plugins": (OwnProcessors(count),), "env": environment}
+    return LocalCluster(n_workers=count, processes=True, **usual | options)
+
+
+class OwnProcessors(WorkerPlugin):
+    """Shares out the processors and accelerators of a machine to its workers, by their names.
+
+    XLA starts as many threads as its process has processors: workers that have all of them would
+    be in each other's way. Where a batch system gives each worker its own, none of this is needed.
+
+    Parameters
+    ----------
+    workers : int
+        How many there are on the machine, named from 0 on.
+    """
+
+    name = "jaxrock-own-processors"
+
+    def __init__(self, workers: int):
+        self.workers = workers
+
+    def setup(self, worker: Worker) -> None:
+        """Called in each worker before its first task.
+
+        Parameters
+        ----------
+        worker : distributed.Worker
+        """
+        number = int(worker.name)
+        os.environ.update(accelerator_of(number, self.workers, os.environ))
+        if hasattr(os, "sched_setaffinity"):
+            own = share_of(sorted(os.sched_getaffinity(0)), number, self.workers)
+            threads = Path("/proc/self/task")  # those that run already
+            for thread in threads.iterdir() if threads.exists() else [Path("0")]:
+                os.sched_setaffinity(int(thread.name), own)
+
+
+def share_of(all_of_them: list[int], number: int, workers: int) -> list[int]:
+    """The processors of one worker: at least one, those of several being next to each other."""
+    size = len(all_of_them)
+    if workers >= size:
+        return [all_of_them[number % size]]
+    return all_of_them[number * size // workers : (number + 1) * size // workers]
+
+
+def accelerator_of(number: int, workers: int, environment: Mapping[str, str]) -> dict[str, str]:
+    """What a worker's environment has to say for it to see one accelerator, if there are any."""
+    visible = environment.get("CUDA_VISIBLE_DEVICES")
+    if visible is None:
+        visible = ",".join(str(k) for k, _ in enumerate(_GPUS.iterdir())) if _GPUS.exists() else ""
+    names = [name for name in visible.split(",") if name]
+    if not names:
+        return {}
+    own = {"CUDA_VISIBLE_DEVICES": names[number % len(names)]}
+    # JAX would take most of its memory, which several have to share.
+    return own | ({"XLA_PYTHON_CLIENT_PREALLOCATE": "false"} if workers > len(names) else {})

@@ -1,0 +1,282 @@
+"""Lazy datasets written to Zarr stores, chunk by chunk; what is written is not computed again."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import dask.array as da
+import jax
+import numpy as np
+import xarray
+import zarr
+from dask.base import get_scheduler
+from dask.diagnostics.progress import ProgressBar
+from dask.highlevelgraph import HighLevelGraph, MaterializedLayer
+from dask.tokenize import tokenize
+from distributed import Client, progress
+
+from ..host import Printed, written_whole
+
+_IDENTITY, _UNFINISHED, _MADE_BY = "identity", "unfinished", "computed_with"
+_FORMAT = 2  # of Zarr: the one whose metadata of a whole dataset every reader knows
+Index = tuple[int, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Stored(Printed):
+    """What was written; see `write_zarr`.
+
+    Attributes
+    ----------
+    path : Path
+        The store.
+    chunks : int
+        How many there are.
+    taken_over : int
+        How many of them an earlier run had written.
+    """
+
+    path: Path
+    chunks: int
+    taken_over: int
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.chunks} chunks, {self.taken_over} of them taken over"
+
+
+def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
+    """Compute a lazy dataset into a Zarr store, or go on where an earlier run stopped.
+
+    By the scheduler that Dask would take: threads, or the workers of the current
+    ``distributed.Client``. A chunk counts as written once all of its variables are, each of
+    which appears whole or not at all. Until all are there the store has the attribute
+    ``unfinished``, and what is missing reads as NaN or 0.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From a function of jaxrock with ``chunks``; along each dimension these have one length, but
+        for the last.
+    path : str or path
+        A folder, which all workers reach by this path. One that exists is continued.
+
+    Returns
+    -------
+    Stored
+
+    Raises
+    ------
+    ValueError
+        If the dataset is not lazy or its chunks have several lengths; if what exists belongs to
+        another grid, to other chunks or to another version, in which case it stays untouched; if
+        nothing can be written there.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import jaxrock as jr
+    >>> lazy = jr.resonance_spectrum([3.0, 5.0, 9.0], 0.8, 0.7, 0.15, chunks={"slenderness": 2})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for _ in range(2):
+    ...         print(jr.cluster.write_zarr(lazy, f"{folder}/spectrum.zarr").taken_over)
+    0
+    2
+    """
+    path, arrays = Path(path), _lazy_arrays(dataset)
+    identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
+    if os.path.lexists(path):
+        _check_same(path, dataset, arrays, identity)
+    else:
+        _begin(path, dataset, identity)
+    chunks = taken_over = 0
+    # What is made of other variables comes after them, from what is stored.
+    first = {name: array for name, array in arrays.items() if not _depends(array, arrays)}
+    later = {name: array for name, array in arrays.items() if name not in first}
+    for stage, before in ((first, {}), (later, first)):
+        graphs, keys = list[Any](), list[Any]()
+        for dims in dict.fromkeys(dataset[name].dims for name in stage):
+            group = {name: a for name, a in stage.items() if dataset[name].dims == dims}
+            written = _written(path, group)
+            there = set.intersection(*(_present(path, name) for name in group))
+            missing = [key for key in np.ndindex(*written.numblocks) if key not in there]
+            graphs.append(_with_stored(written.__dask_graph__(), path, before))
+            keys += [(written.name, *key) for key in missing]
+            chunks += written.npartitions
+            taken_over += written.npartitions - len(missing)
+        if keys:
+            _run(HighLevelGraph.merge(*graphs), keys)
+    _finish(path, arrays)
+    return Stored(path, chunks, taken_over)
+
+
+def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
+    """The variables that are Dask arrays, whose chunks are checked."""
+    arrays = {str(n): v.data for n, v in dataset.data_vars.items() if isinstance(v.data, da.Array)}
+    if not arrays:
+        raise ValueError("dataset must be lazy, of Dask arrays; its to_zarr writes one in memory")
+    for name, array in arrays.items():
+        for dim, lengths in zip(dataset[name].dims, array.chunks, strict=True):
+            if len(set(lengths[:-1])) > 1 or lengths[-1] > lengths[0]:
+                must = "must have one length, the last may be shorter"
+                raise ValueError(f"chunks along {dim} {must}, got {lengths!r:.60}")
+    return arrays
+
+
+def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
+    """Whether an array is made of others of these."""
+    others = {other.name for other in arrays.values()} - {array.name}
+    dependencies, seen, left = array.dask.dependencies, set[str](), [array.name]
+    while left:
+        if (layer := left.pop()) not in seen:
+            seen.add(layer)
+            left += dependencies.get(layer, ())
+    return bool(seen & others)
+
+
+def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
+    """A store with everything but the lazy arrays."""
+    about = {_IDENTITY: identity, _MADE_BY: _versions(), _UNFINISHED: "chunks are missing"}
+    with written_whole("store", path.parent, [path.name], overwrite=False) as scratch:
+        target = scratch / path.name
+        dataset.assign_attrs(about).to_zarr(target, mode="w-", compute=False, zarr_format=_FORMAT)
+
+
+def _versions() -> str:
+    return f"JAX {jax.__version__}"
+
+
+def _check_same(
+    path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array], identity: str
+) -> None:
+    """Raise `ValueError`, which says why, if what is there is not the begun store of a dataset."""
+    try:
+        with xarray.open_zarr(path, zarr_format=_FORMAT) as there:
+            found = there.attrs
+            if found.get(_IDENTITY) == identity and found.get(_MADE_BY) == _versions():
+                return
+            reason = _difference(there, dataset, arrays)
+    except (OSError, ValueError, KeyError):
+        reason = "is no Zarr store that write_zarr has begun"
+    raise ValueError(f"store: {str(path)!r} {reason}; it is left as it is")
+
+
+def _difference(
+    there: xarray.Dataset, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]
+) -> str:
+    """What tells a store from a dataset."""
+    if _IDENTITY not in there.attrs:
+        return "is no Zarr store that write_zarr has begun"
+    for name, made_by in (("source", dataset.attrs.get("source")), (_MADE_BY, _versions())):
+        if there.attrs.get(name) != made_by:
+            return f"was begun by {there.attrs.get(name)}, and this is {made_by}"
+    for name in dataset.coords:
+        ours, theirs = dataset[name].values, there[name].values if name in there else np.empty(0)
+        if ours.shape != theirs.shape or not (ours == theirs).all():
+            return f"belongs to another grid: its {name} differs"
+    for name, array in arrays.items():
+        if name not in there or there[name].dtype != array.dtype:
+            return f"belongs to another grid: {name} is not the same"
+        if there[name].chunks != array.chunks:
+            return f"was begun in chunks of {_lengths(there[name])}, not {_lengths(dataset[name])}"
+    for name, value in dataset.attrs.items():
+        if isinstance(value, str | int | float) and there.attrs.get(name) != value:
+            return f"belongs to another grid: its {name} is {there.attrs.get(name)}, not {value}"
+    return "belongs to another grid: what it was computed from differs"
+
+
+def _lengths(variable: xarray.DataArray) -> str:
+    pairs = zip(variable.dims, variable.chunks or (), strict=False)
+    return ", ".join(f"{name} {lengths[0]}" for name, lengths in pairs)
+
+
+def _present(path: Path, name: str) -> set[Index]:
+    """The chunks of a variable that are there."""
+    with os.scandir(path / name) as entries:
+        words = (entry.name.split(".") for entry in entries)
+        return {tuple(map(int, word)) for word in words if all(part.isdigit() for part in word)}
+
+
+def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
+    """A lazy array of ones, one for each chunk, which is written before."""
+    arrays = list(group.values())
+    return da.map_blocks(
+        _write,
+        *arrays,
+        path=os.path.abspath(path),
+        names=tuple(group),
+        lengths=tuple(lengths[0] for lengths in arrays[0].chunks),
+        name=f"write-{tokenize(str(path), [array.name for array in arrays])}",
+        dtype=np.int8,
+        chunks=tuple((1,) * count for count in arrays[0].numblocks),
+        meta=np.empty((0,) * arrays[0].ndim, np.int8),
+    )
+
+
+def _write(
+    *parts: np.ndarray, path: str, names: Sequence[str], lengths: Sequence[int], block_id: Index
+) -> np.ndarray:
+    """Write one chunk of some variables, each whole or not at all."""
+    starts = [number * length for number, length in zip(block_id, lengths, strict=True)]
+    region = tuple(slice(s, s + n) for s, n in zip(starts, parts[0].shape, strict=True))
+    for name, part in zip(names, parts, strict=True):
+        # Also a chunk that is NaN throughout, which would be left out.
+        target: Any = zarr.open_array(
+            f"{path}/{name}", mode="r+", zarr_format=_FORMAT, config={"write_empty_chunks": True}
+        )
+        target[region] = part
+    return np.ones((1,) * len(block_id), np.int8)
+
+
+def _read(path: str, name: str, region: tuple[slice, ...]) -> np.ndarray:
+    target: Any = zarr.open_array(f"{path}/{name}", mode="r", zarr_format=_FORMAT)
+    return target[region]
+
+
+def _with_stored(
+    graph: HighLevelGraph, path: Path, stored: Mapping[str, da.Array]
+) -> HighLevelGraph:
+    """A graph in which some arrays are read from the store, instead of computed."""
+    layers, dependencies = dict(graph.layers), dict(graph.dependencies)
+    for name, array in stored.items():
+        if array.name in layers:
+            places = zip(np.ndindex(*array.numblocks), _regions(array), strict=True)
+            tasks = {(array.name, *k): (_read, os.path.abspath(path), name, r) for k, r in places}
+            layers[array.name] = MaterializedLayer(tasks)
+            dependencies[array.name] = set()
+    return HighLevelGraph(layers, dependencies)
+
+
+def _regions(array: da.Array) -> Iterator[tuple[slice, ...]]:
+    return iter(da.core.slices_from_chunks(array.chunks))
+
+
+def _run(graph: HighLevelGraph, keys: Sequence[Any]) -> None:
+    """Compute some keys of a graph, with Dask's own progress on a terminal."""
+    get = get_scheduler(cls=da.Array)
+    optimized = da.Array.__dask_optimize__(graph, list(keys))
+    shows, client = sys.stderr.isatty(), getattr(get, "__self__", None)
+    if not isinstance(client, Client):
+        with ProgressBar(out=sys.stderr, minimum=2.0) if shows else contextlib.nullcontext():
+            get(optimized, list(keys))
+        return
+    futures = client.get(optimized, list(keys), sync=False)
+    if shows:
+        with contextlib.redirect_stdout(sys.stderr):  # not among what is printed as a result
+            progress(futures, notebook=False)
+    client.gather(futures)
+
+
+def _finish(path: Path, arrays: Mapping[str, da.Array]) -> None:
+    """Say that the store is whole, and remove what killed writers have left."""
+    group = zarr.open_group(path, mode="r+", zarr_format=_FORMAT)
+    if _UNFINISHED not in group.attrs:
+        return
+    for name in arrays:
+        for left in (path / name).glob("*.partial"):
+            left.unlink(missing_ok=True)
+    del group.attrs[_UNFINISHED]
+    zarr.consolidate_metadata(group.store, zarr_format=_FORMAT)

@@ -1,0 +1,18 @@
+"""Rooms of the package that need what not every user has installed."""
+
+import importlib
+from typing import Any
+
+
+def optional(room: str) -> Any:
+    """A room of the package, imported now; a `ModuleNotFoundError` says what to install."""
+    package = __package__.partition(".")[0]
+    try:
+        return importlib.import_module(f"{package}.{room}")
+    except ModuleNotFoundError as error:
+        if str(error.name).startswith(package):
+            raise
+        needs = f"pip install '{package}[{room}]' brings it"
+        raise ModuleNotFoundError(
+            f"{error.name} is not installed; {needs}", name=error.name
+        ) from error

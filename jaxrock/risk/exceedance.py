@@ -1,0 +1,109 @@
+"""Shares of a suite beyond thresholds, counted from responses, and the curves through them."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..host import optional, with_names
+from .lognormal import fit_lognormal
+
+if TYPE_CHECKING:
+    import xarray
+
+Threshold = float | int | str
+_REMARK = 160  # characters of the longest remark, and a few more
+
+
+def about(long_name: str, units: str = "1") -> dict[str, str]:
+    """The attributes of a variable, its unit as CF writes it."""
+    return {"long_name": long_name, "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1")}
+
+
+def with_curves(
+    responses: "xarray.Dataset",
+    thresholds: Sequence[Threshold],
+    names: Sequence[str],
+    confidence: float,
+    unit: str,
+) -> "xarray.Dataset":
+    """Responses over record and level, and before them what they say of each level.
+
+    Lazy if the responses are.
+    """
+    ratio, overturned = responses.rotation_ratio.data, responses.overturned.data > 0
+    beyond = [_exceeds(threshold, ratio, overturned) for threshold in thresholds]
+    counts = np.stack([exceeded.sum(axis=0) for exceeded in beyond], axis=-1)
+    within = responses.within_tolerance.data.mean(axis=0)
+    levels, number = responses.level.values, responses.sizes["record"]
+    ends = f"of the interval with a confidence of {confidence:g}"
+    plane, line = ("level", "threshold"), ("threshold",)
+    entries: dict[str, tuple[Any, Any, str, str]] = {
+        "exceedance": (plane, float, "share of records beyond the threshold", "1"),
+        "exceedance_low": (plane, float, f"lower end {ends}", "1"),
+        "exceedance_high": (plane, float, f"upper end {ends}", "1"),
+        "lognormal": (plane, float, "most likely lognormal curve", "1"),
+        "lognormal_median": (line, float, "median of the lognormal curve", unit),
+        "lognormal_dispersion": (line, float, "its standard deviation of ln(level)", "1"),
+        "remark": (line, f"<U{_REMARK}", "on the curve", ""),
+    }
+    arguments = (counts, levels, number, confidence)
+    if isinstance(counts, np.ndarray):
+        curves = _curves(*arguments)
+    else:
+        sizes = {"level": levels.size, "threshold": len(names)}
+        kinds = {name: ([sizes[dim] for dim in e[0]], e[1]) for name, e in entries.items()}
+        curves = optional("cluster").lazily_from(_curves, arguments, kinds, ratio.chunks[1])
+    variables = {}
+    for name, (dims, _, long_name, units) in entries.items():
+        described = about(long_name, units) if units else {"long_name": long_name}
+        variables[name] = (dims, curves[name], described)
+    chaos = about("share of records whose answer is within tolerance")
+    variables["share_within_tolerance"] = (("level",), within, chaos)
+    first = responses.drop_vars(list(responses.data_vars)).assign(variables)
+    whole = first.assign({name: responses[name] for name in responses.data_vars})
+    return with_names(whole, threshold=(names, "threshold"))
+
+
+def _exceeds(threshold: Threshold, ratio: np.ndarray, overturned: np.ndarray) -> np.ndarray:
+    if threshold == "uplift":
+        return ratio > 0
+    if threshold == "overturning":
+        return overturned
+    return (ratio > float(threshold)) | overturned
+
+
+def _curves(
+    counts: np.ndarray, levels: np.ndarray, number: int, confidence: float
+) -> dict[str, np.ndarray]:
+    """Counted and fitted curves, for counts of shape (levels, thresholds)."""
+    from scipy.stats import binomtest
+
+    def interval(count: int) -> tuple[float, float]:
+        found = binomtest(count, number).proportion_ci(confidence)
+        return found.low, found.high
+
+    of_count = np.array([interval(count) for count in range(number + 1)])
+    low, high = of_count[counts, 0], of_count[counts, 1]
+    fits = [fit_lognormal(levels, column, number) for column in counts.T]
+    fitted = np.stack([fit.at(levels) for fit in fits], axis=-1)
+    remarks = []
+    for k, fit in enumerate(fits):
+        outside = int(((fitted[:, k] < low[:, k]) | (fitted[:, k] > high[:, k])).sum())
+        falls = int((np.diff(counts[:, k]) < 0).sum())
+        words = [fit.remark] if fit.remark else []
+        if outside:
+            words.append(f"outside of the intervals at {outside} of {len(levels)} levels")
+        if falls:
+            words.append(f"the counted share falls {falls} time{'s' * (falls > 1)}")
+        remarks.append("; ".join(words))
+    medians, dispersions = ([fit[k] for fit in fits] for k in range(2))
+    return {
+        "exceedance": counts / number,
+        "exceedance_low": low,
+        "exceedance_high": high,
+        "lognormal": fitted,
+        "lognormal_median": np.asarray(medians, float),
+        "lognormal_dispersion": np.asarray(dispersions, float),
+        "remark": np.asarray(remarks, f"<U{_REMARK}"),
+    }

@@ -1,0 +1,57 @@
+"""The axes of grids: their names, units and what is allowed along them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from typing_extensions import TypeAliasType
+
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Domain,
+    Number,
+    as_real,
+    check,
+)
+
+Values = TypeAliasType("Values", Number | Sequence[float | int])
+
+_AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
+    "slenderness": ("slenderness, height over width", "1", POSITIVE),
+    "width": ("full width 2b of the base", "m", POSITIVE),
+    "restitution": ("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
+    "intensity": ("intensity of each pulse", "m s-1", NON_NEGATIVE),
+    "factor": ("factor on the ground motion", "1", FINITE),
+    "period": ("period 2 pi / p of the block", "s", POSITIVE),
+    "frequency_ratio": ("frequency of the pulse over p", "1", POSITIVE),
+    "amplitude_ratio": (
+        "amplitude of the pulse over what just lifts the block",
+        "1",
+        NON_NEGATIVE,
+    ),
+}
+
+
+def axis(name: str, value: Values) -> np.ndarray:
+    """The values along an axis: one or more, different, and all in its domain."""
+    as_real(name, value)  # in the precision of JAX; the axis keeps its own
+    values = np.asarray(value, dtype=float)
+    if values.ndim > 1 or values.size == 0:
+        raise ValueError(
+            f"{name} must be a number or a one-dimensional array of at least one,"
+            f" got an array of shape {values.shape}"
+        )
+    check(name, values, _AXES[name][2])
+    values = np.atleast_1d(values)
+    distinct, counts = np.unique(values, return_counts=True)
+    if distinct.size < values.size:
+        raise ValueError(f"{name} must not have a value twice, got {distinct[counts > 1][0]:g}")
+    return values
+
+
+def label(name: str) -> dict[str, str]:
+    """The attributes of what is named like an axis."""
+    long_name, units, _ = _AXES[name]
+    return {"long_name": long_name, "units": units}

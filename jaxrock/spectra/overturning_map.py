@@ -1,0 +1,151 @@
+"""The overturning map: every boundary of a block, over the frequency of a pulse."""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..block import RECTANGLE_INERTIA_RATIO
+from ..ground_motion import Pulse, pulse_class
+from ..overturning import each_critical_amplitude
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import as_real
+from .axes import Values, axis
+from .driven import unit_block
+from .grid import Grid
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..cluster import Chunks
+
+_USUAL = 2**8  # frequencies in a chunk of a lazy dataset
+_LISTED = 16  # boundaries at each frequency in a lazy dataset
+_PLANE, _LINE = ("frequency_ratio", "boundary"), ("frequency_ratio",)
+_BOUNDARIES: dict[str, tuple[Sequence[str], Any, str]] = {  # dimensions, type, long name
+    "amplitude_ratio": (_PLANE, float, "amplitude of the pulse over what just lifts the block"),
+    "overturns_beyond": (_PLANE, np.int8, "1 where the block overturns beyond the boundary"),
+    "impacts": (_PLANE, int, "impacts before it overturns, -1 for none"),
+    "overturns_first": (_LINE, np.int8, "1 where it overturns at the lowest amplitude"),
+    "count": (_LINE, int, "number of boundaries there are"),
+}
+
+
+def overturning_map(
+    shape: type[Pulse],
+    frequency_ratio: Values,
+    amplitude_ratios: Sequence[float] = (1.0, 10.0),
+    *,
+    slenderness: float = 5.0,
+    restitution: float | None = None,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    resolution: float = 0.01,
+    model: ModelLike = Nonlinear(),
+    max_boundaries: int | None = None,
+    chunks: "Chunks | None" = None,
+) -> "xarray.Dataset":
+    """Every boundary between standing and overturning, in the plane of the literature.
+
+    Parameters
+    ----------
+    shape, frequency_ratio, slenderness, restitution, inertia_ratio, model
+        As in `overturning_spectrum`.
+    amplitude_ratios : sequence of two floats
+        The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
+    resolution : float
+        Windows wider than this share of their amplitude are found; see `critical_amplitude`.
+    max_boundaries : int, optional
+        How many boundaries are listed at each frequency, the lowest ones; by default all, and
+        16 in a lazy dataset, whose size must be known beforehand.
+    chunks : mapping of str to int or "auto", optional
+        Along frequency_ratio, for a lazy dataset; see `resonance_spectrum`.
+
+    Returns
+    -------
+    xarray.Dataset
+        With dimensions frequency_ratio and boundary the variables amplitude_ratio (NaN where
+        there are fewer boundaries), overturns_beyond and impacts, and along frequency_ratio
+        alone overturns_first and count, the number of boundaries there are, listed or not; see
+        `Boundaries`. The same for every size of block.
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside of what is allowed.
+    """
+    model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
+    if max_boundaries is not None and max_boundaries < 1:
+        raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
+    kind = pulse_class(shape)
+    block, c, uplift = unit_block(slenderness, restitution, inertia_ratio, model)
+    lows_and_highs = (float(amplitude_ratios[0]), float(amplitude_ratios[1]))
+    rate = float(block.frequency_parameter)
+    search = (lows_and_highs, resolution, model)
+    compute = functools.partial(_boundaries, kind, uplift, rate, search)
+    shared, found = (block, as_real("restitution", c)), None
+    if max_boundaries is None and chunks is None:  # as many as there are, which is known then
+        found = compute(0, shared, ratios)
+        max_boundaries = found["amplitude_ratio"].shape[1]
+    columns = _LISTED if max_boundaries is None else max_boundaries
+    variables: dict[str, Any] = {}
+    for name, (dims, dtype, long_name) in _BOUNDARIES.items():
+        about = {"long_name": long_name, "units": "1"}
+        variables[name] = (dims, jnp.result_type(float) if dtype is float else dtype, about)
+    attributes = {
+        "model": model.name,
+        "motion": kind.name,
+        "slenderness": slenderness,
+        "restitution": c,
+        "inertia_ratio": inertia_ratio,
+        "lowest_amplitude_ratio": lows_and_highs[0],
+        "highest_amplitude_ratio": lows_and_highs[1],
+        "resolution": resolution,
+    }
+    grid = Grid(
+        "Overturning map",
+        {"frequency_ratio": ratios},
+        variables,
+        attributes,
+        functools.partial(compute, columns),
+        ratios.size,
+        _USUAL,
+        columns={"boundary": columns},
+        shared=shared,
+    )
+    return grid.labelled(found) if found is not None else grid.dataset(chunks)
+
+
+def _boundaries(
+    kind: type[Pulse],
+    uplift: float,
+    rate: float,
+    search: tuple[Sequence[float], float, RockingModel],
+    columns: int,
+    shared: Any,
+    ratios: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """The boundaries at some frequencies, at least `columns`; 0 for as many as there are."""
+    durations = kind.angle / (ratios * rate)
+    found = each_critical_amplitude(*shared, kind, durations, *search)
+    if not np.asarray(found.complete).all():
+        raise ValueError("motion could not be followed to its end for every pulse")
+    answers = {
+        "amplitude_ratio": np.asarray(found.value) / uplift,
+        "overturns_beyond": np.asarray(found.overturns_beyond, np.int8),
+        "impacts": np.asarray(found.impacts),
+    }
+    room = max(0, columns - found.value.shape[1])
+    missing = {"amplitude_ratio": math.nan, "overturns_beyond": 0, "impacts": -1}
+    padded = {
+        name: np.pad(values, ((0, 0), (0, room)), constant_values=missing[name])
+        for name, values in answers.items()
+    }
+    cut = {name: values[:, : columns or None] for name, values in padded.items()}
+    return {
+        **cut,
+        "overturns_first": np.asarray(found.overturns_first, np.int8),
+        "count": np.asarray(found.count),
+    }
