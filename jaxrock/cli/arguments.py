@@ -18,12 +18,14 @@ import tyro
 
 from .commands import COMMANDS
 from .options import BlockOptions, Command, GridValue, MotionOptions, Writing
+from .storing import Storing
 from .study import Run, as_type, types_of
 
 _COMMANDS: dict[str, type[Command]] = {**COMMANDS, "run": Run}
 _ABOUT = "Rocking of rigid blocks: will it rock, how far, and what overturns it."
 _GROUPS = {"block": BlockOptions, "ground motion": MotionOptions, "output": Writing}
-_GROUP_OF = {key: title for title, options in _GROUPS.items() for key in types_of(options)}
+_GROUPS["a store"] = Storing
+_GROUP_OF = {key: title for title, of in [*_GROUPS.items()][::-1] for key in types_of(of)}
 _PLACES = {bool: "", float: "NUMBER", int: "COUNT", str: "TEXT", Path: "PATH", GridValue: "NUMBER"}
 
 

@@ -1,5 +1,6 @@
 """Commands about many blocks, measurements and tables; all commands by name."""
 
+import functools
 import math
 from pathlib import Path
 from typing import Any, Literal
@@ -32,14 +33,15 @@ from .options import (
     Writing,
     picture,
 )
+from .storing import Storing
 from .suites import Fragility
 
 
-class Spectrum(Writing):
+class Spectrum(Storing):
     """Resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
 
     Writes spectrum.nc, spectrum.csv and spectrum.png. Values of the grid are given one by
-    one, or as START:STOP:COUNT.
+    one, or as START:STOP:COUNT. A grid too large for that goes to a Zarr store.
 
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
     """
@@ -65,23 +67,36 @@ class Spectrum(Writing):
             self.refuse("tolerance", only_with="the model auto")
         if len(grid["intensity"]) == 1:  # then it is no dimension
             grid["intensity"] = grid["intensity"][0]
-        folder = yield "spectrum.nc", "spectrum.csv", "spectrum.png"
-        from ..plot import plot_spectrum
-
+        names = ("spectrum.nc", "spectrum.csv", "spectrum.png")
+        folder = yield () if self.store else names
         grid |= {"model": self.model, "tolerance": self.tolerance}
         grid |= {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
+        if self.store:
+            spectrum = functools.partial(resonance_spectrum, **grid)
+            return self.stored(
+                spectrum, lambda found: self._answer(found, _share(found.overturning_margin <= 0))
+            )
+        from ..plot import plot_spectrum
+
         with resonance_spectrum(**grid, store=folder / "spectrum.nc") as dataset:
             write_table(dataset, folder / "spectrum.csv")
             picture(plot_spectrum(dataset), folder / "spectrum.png")
-            sizes = {str(name): size for name, size in dataset.sizes.items()}
-            overturned = overturned_share(dataset)
+            return self._answer(dataset, overturned_share(dataset))
+
+    def _answer(self, dataset: Any, overturned: float) -> Answer:
+        sizes = {str(name): size for name, size in dataset.sizes.items()}
         return Answer(
             f"{math.prod(sizes.values())} scenes, {100 * overturned:.1f} % of them overturn",
             {"sizes": sizes, "model": self.model, "overturned": overturned},
         )
 
 
-class RockingSpectrum(RecordOptions, Writing):
+def _share(true: Any) -> float:
+    """Of a lazy array of truths, added up by Dask."""
+    return float(true.mean())
+
+
+class RockingSpectrum(RecordOptions, Storing):
     """Rocking spectrum of a record: peak rotation over the size of the block.
 
     Writes rocking_spectrum.nc, .csv and .png.
@@ -101,17 +116,26 @@ class RockingSpectrum(RecordOptions, Writing):
         motion = self.motion
         grid = [axis(n, self.numbers(n)) for n in ("period", "slenderness", "restitution")]
         check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
-        folder = yield [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
+        names = [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
+        folder = yield () if self.store else names
+        options = {"inertia_ratio": self.inertia_ratio}
+        if self.store:
+            return self.stored(
+                functools.partial(rocking_spectrum, motion, *grid, **options), self._answer
+            )
         from ..plot import plot_rocking_spectrum
 
-        dataset = rocking_spectrum(motion, *grid, inertia_ratio=self.inertia_ratio)
+        dataset = rocking_spectrum(motion, *grid, **options)
         dataset = dataset.assign_attrs(self.about)
         dataset.to_netcdf(folder / "rocking_spectrum.nc")
         write_table(dataset, folder / "rocking_spectrum.csv")
         picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
-        share = float(dataset.overturned.mean())
+        return self._answer(dataset)
+
+    def _answer(self, dataset: Any) -> Answer:
+        share = 100 * _share(dataset.overturned)
         return Answer(
-            f"{dataset.overturned.size} blocks, {100 * share:.1f} % of them overturn",
+            f"{dataset.overturned.size} blocks, {share:.1f} % of them overturn",
             {"sizes": {str(name): size for name, size in dataset.sizes.items()}},
         )
 

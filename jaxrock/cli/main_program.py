@@ -17,6 +17,7 @@ from ..host import signals, with_clock
 from .arguments import command_of
 from .compilation_cache import cached
 from .options import Command, read
+from .storing import Storing
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         _complain("interrupted")
         code = 128 + signal.SIGINT
-    except (ValueError, OSError, MemoryError) as error:
+    except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
         _complain(f"error: {error}")
         code = 2
     if arguments is None:
@@ -54,7 +55,9 @@ def _run(arguments: Sequence[str] | None) -> int:
         _leave_lost_folder(command)
         read.cache_clear()  # files may have changed since the last command
         command.check()
-        with with_clock("jaxrock"):
+        # Dask shows how far it is.
+        shown = isinstance(command, Storing) and command.store is not None
+        with contextlib.nullcontext() if shown else with_clock("jaxrock"):
             answer = command.run()
     with _standard_output():
         print(_json(answer.data) if command.as_json else answer.text)

@@ -146,6 +146,11 @@ class Writing(Command):
         """The names of its files."""
         return self._begun[0]
 
+    @property
+    def targets(self) -> list[Path]:
+        """The paths that it writes."""
+        return [] if self.out is None else [self.out / name for name in self.names]
+
     def check(self) -> None:
         """Raise `ValueError` also for files that exist and must not be overwritten."""
         super().check()
@@ -167,6 +172,7 @@ class Writing(Command):
 
 _LARGE = 60.0  # metres, beyond what stands free on two edges
 _OF_WRITING = ("as_json", "no_cache", "out", "force", "animate", "repeats")
+_OF_WRITING += ("store", "chunks", "workers", "scheduler")
 
 
 def _words(value: Any) -> str | int | float:

@@ -181,9 +181,9 @@ def _collisions(jobs: Jobs) -> Iterator[str]:
     files: dict[Path, str] = {}
     folders: dict[Path, str] = {}
     for name, command in jobs.items():
-        if isinstance(command, Writing) and command.out is not None:
-            folder = command.out.resolve()
-            above, own = (folder, *folder.parents), [folder / file for file in command.names]
+        if isinstance(command, Writing) and command.targets:
+            own = [path.resolve() for path in command.targets]
+            above = (own[0].parent, *own[0].parent.parents)
             taken = {path: files[path] for path in (*above, *own) if path in files}
             taken |= {path: folders[path] for path in own if path in folders}
             for path, other in taken.items():

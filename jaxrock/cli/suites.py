@@ -1,5 +1,6 @@
 """The command about suites of records."""
 
+import functools
 from pathlib import Path
 from typing import Any, Literal
 
@@ -7,13 +8,14 @@ import numpy as np
 
 from ..ground_motion import MEASURES, Suite, example_suite, read_suite
 from ..host import table
-from ..risk import fragility, rate_elasticities, read_hazard, threshold_names
+from ..risk import Hazard, fragility, rate_elasticities, read_hazard, threshold_names
 from ..spectra import write_table
 from ..validation import POSITIVE, as_real, check
-from .options import Answer, BlockOptions, Grid, ModelName, Steps, Writing, leave_out, picture
+from .options import Answer, BlockOptions, Grid, ModelName, Steps, leave_out, picture
+from .storing import Storing
 
 
-class Fragility(BlockOptions, Writing):
+class Fragility(BlockOptions, Storing):
     """Fragility of a block under a suite of records; with a hazard, the yearly rate of overturning.
 
     Writes fragility.nc, fragility.csv and fragility.png: the share of records that exceed each
@@ -57,16 +59,27 @@ class Fragility(BlockOptions, Writing):
             if self.measure not in ("pgv", "pga"):
                 raise ValueError(f"hazard goes with the measures pgv and pga, not {self.measure}")
             hazard = read_hazard(self.hazard)
-        folder = yield [f"fragility.{kind}" for kind in ("nc", "csv", "png")]
+        folder = yield () if self.store else [f"fragility.{k}" for k in ("nc", "csv", "png")]
+        options = {"tolerance": self.tolerance, "model": self.model}
+        curves_of = functools.partial(
+            fragility, block, c, suite, levels, self.measure, thresholds, **options
+        )
+        answer = functools.partial(self._answer, suite, levels, hazard)
+        if self.store:
+            return self.stored(curves_of, answer)
         from ..plot import plot_fragility
 
-        options = {"tolerance": self.tolerance, "model": self.model}
-        curves = fragility(block, c, suite, levels, self.measure, thresholds, **options)
-        curves = curves.assign_attrs(self.about)
+        curves = curves_of().assign_attrs(self.about)
         curves.to_netcdf(folder / "fragility.nc")
         over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
         write_table(curves[over_level], folder / "fragility.csv")
         picture(plot_fragility(curves), folder / "fragility.png")
+        return answer(curves)
+
+    def _answer(
+        self, suite: Suite, levels: np.ndarray, hazard: Hazard | None, curves: Any
+    ) -> Answer:
+        """What is said of the curves; with a hazard of the rate as well."""
         chaotic = 1 - float(curves.within_tolerance.mean())
         medians = {
             "median": curves["lognormal_median"].values,
@@ -93,6 +106,7 @@ class Fragility(BlockOptions, Writing):
             "share_within_tolerance": 1 - chaotic,
         }
         if hazard is not None:
+            block, c = self.block, self.coefficient
             about = rate_elasticities(block, c, suite, hazard, self.measure, model=self.model)
             found = about.found
             lines.append(f"{found}\n{about}")

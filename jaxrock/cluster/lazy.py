@@ -4,11 +4,11 @@ import enum
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
-import dask
 import dask.array as da
 import jax
 import jax.numpy as jnp
 import numpy as np
+from dask.delayed import delayed
 from dask.tokenize import tokenize
 from typing_extensions import TypeAliasType
 
@@ -45,10 +45,11 @@ def lazy_arrays(
     place = {name: k for k, name in enumerate((*axes, *columns))}
     inputs: list[Any] = []
     for name, each in values.items():
-        array = da.from_array(each, (tuple(chunks[name]),), name=f"jaxrock-{name}-{token}")
+        lengths: Any = (tuple(chunks[name]),)
+        array = da.from_array(each, lengths, name=f"jaxrock-{name}-{token}")
         inputs += [array, (place[name],)]
     # As an input of its own: it is sent to each worker once, and not with every task.
-    common = dask.delayed(_packed(shared), name=f"jaxrock-shared-{token}")
+    common = delayed(_packed(shared), name=f"jaxrock-shared-{token}")
     grid = da.blockwise(
         _computed,
         tuple(range(len(axes))),
@@ -91,7 +92,7 @@ def lazily_from(
 
     The first axis of those with several is cut into chunks of the `lengths`.
     """
-    made = dask.delayed(function, pure=True)(*arguments)
+    made: Any = delayed(function, pure=True)(*arguments)
     arrays = {
         name: da.from_delayed(made[name], tuple(shape), np.dtype(dtype))
         for name, (shape, dtype) in variables.items()
@@ -111,7 +112,7 @@ def chunks_along(
     """
     if isinstance(chunks, str) and chunks == "auto":
         lengths = dict[str, int]()
-        for name, size in reversed(sizes.items()):
+        for name, size in reversed([*sizes.items()]):
             lengths[name] = max(1, min(size, largest))
             largest //= lengths[name]
         return {name: _cut(name, lengths[name], size) for name, size in sizes.items()}

@@ -1,6 +1,7 @@
 """Lazy datasets written to Zarr stores, chunk by chunk; what is written is not computed again."""
 
 import contextlib
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,6 +14,7 @@ import jax
 import numpy as np
 import xarray
 import zarr
+from dask.array.core import slices_from_chunks
 from dask.base import get_scheduler
 from dask.diagnostics.progress import ProgressBar
 from dask.highlevelgraph import HighLevelGraph, MaterializedLayer
@@ -105,8 +107,9 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
             missing = [key for key in np.ndindex(*written.numblocks) if key not in there]
             graphs.append(_with_stored(written.__dask_graph__(), path, before))
             keys += [(written.name, *key) for key in missing]
-            chunks += written.npartitions
-            taken_over += written.npartitions - len(missing)
+            count = math.prod(written.numblocks)
+            chunks += count
+            taken_over += count - len(missing)
         if keys:
             _run(HighLevelGraph.merge(*graphs), keys)
     _finish(path, arrays)
@@ -180,8 +183,9 @@ def _difference(
     for name, array in arrays.items():
         if name not in there or there[name].dtype != array.dtype:
             return f"belongs to another grid: {name} is not the same"
-        if there[name].chunks != array.chunks:
-            return f"was begun in chunks of {_lengths(there[name])}, not {_lengths(dataset[name])}"
+    most = max(arrays, key=lambda name: arrays[name].ndim)
+    if there[most].chunks != arrays[most].chunks:
+        return f"was begun in chunks of {_lengths(there[most])}, not {_lengths(dataset[most])}"
     for name, value in dataset.attrs.items():
         if isinstance(value, str | int | float) and there.attrs.get(name) != value:
             return f"belongs to another grid: its {name} is {there.attrs.get(name)}, not {value}"
@@ -251,7 +255,7 @@ def _with_stored(
 
 
 def _regions(array: da.Array) -> Iterator[tuple[slice, ...]]:
-    return iter(da.core.slices_from_chunks(array.chunks))
+    return iter(slices_from_chunks(array.chunks))
 
 
 def _run(graph: HighLevelGraph, keys: Sequence[Any]) -> None:
@@ -260,7 +264,7 @@ def _run(graph: HighLevelGraph, keys: Sequence[Any]) -> None:
     optimized = da.Array.__dask_optimize__(graph, list(keys))
     shows, client = sys.stderr.isatty(), getattr(get, "__self__", None)
     if not isinstance(client, Client):
-        with ProgressBar(out=sys.stderr, minimum=2.0) if shows else contextlib.nullcontext():
+        with ProgressBar(out=sys.stderr, minimum=2) if shows else contextlib.nullcontext():
             get(optimized, list(keys))
         return
     futures = client.get(optimized, list(keys), sync=False)

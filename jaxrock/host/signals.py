@@ -7,6 +7,7 @@ program is compiled or runs nothing is raised at all. So a thread of its own wai
 
 import atexit
 import contextlib
+import multiprocessing
 import os
 import signal
 import socket
@@ -78,6 +79,8 @@ def _listen(ear: socket.socket, numbers: Sequence[int]) -> None:
 
 def _is_command() -> bool:
     """Whether this process is ``jaxrock`` or ``python -m jaxrock``, seen from an import."""
+    if multiprocessing.parent_process() is not None:  # a worker of one, with its arguments
+        return False
     program, given = (sys.argv or [""])[0], [*sys.orig_argv, "-m", ""]
     if program != "-m":
         return Path(program).stem == "jaxrock"

@@ -102,7 +102,7 @@ def rocking_spectrum(
     check("gravity", as_real("gravity", gravity), POSITIVE)
     check("inertia_ratio", as_real("inertia_ratio", inertia_ratio), AT_LEAST_ONE)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
-    records = motion if isinstance(motion, Suite) else [motion]
+    records = [*motion] if isinstance(motion, Suite) else [motion]
     if any(map(_is_several, records)):
         raise ValueError("motion must be a single one, or a suite of these, got an array of them")
     if (slenderness is None) == (critical_angle is None):

@@ -129,7 +129,8 @@ def _boundaries(
 ) -> dict[str, np.ndarray]:
     """The boundaries at some frequencies, at least `columns`; 0 for as many as there are."""
     durations = kind.angle / (ratios * rate)
-    found = each_critical_amplitude(*shared, kind, durations, *search)
+    block, c = shared
+    found = each_critical_amplitude(block, c, kind, durations, *search)
     if not np.asarray(found.complete).all():
         raise ValueError("motion could not be followed to its end for every pulse")
     answers = {

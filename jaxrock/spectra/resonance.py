@@ -210,26 +210,27 @@ def _at_points(
     argument: Any,
 ) -> Any:
     """A function of a scene and an argument, at points of shape (axes, n), in NumPy."""
+    gravity, inertia_ratio = shared
     devices = devices or jax.local_devices()
     on_processor = devices[0].platform == "cpu"
     workers = max(processors(), len(devices)) if on_processor else len(devices)
     elsewhere = len(devices) > 1 or devices[0] != jax.local_devices()[0]
 
     def of_tile(number: int, *tile: np.ndarray) -> Any:
-        given = np.stack(tile), *shared
+        given: Any = (np.stack(tile), gravity, inertia_ratio)
         if elsewhere:
             # Each tile by the program for one device: of what is partitioned XLA makes another.
             given = jax.device_put(given, devices[number % len(devices)])
-        return _of_scenes(*given, function, argument)
+        return _of_scenes(given, function, argument)
 
-    values = np.asarray(points, jnp.result_type(float))
+    values = [*np.asarray(points, jnp.result_type(float))]
     return in_tiles(of_tile, _TILE if on_processor else _LARGEST, values, workers)
 
 
 @eqx.filter_jit
-def _of_scenes(
-    points: Array, gravity: Array, inertia_ratio: Array, function: Any, argument: Any
-) -> Any:
+def _of_scenes(given: tuple[Array, Array, Array], function: Any, argument: Any) -> Any:
+    points, gravity, inertia_ratio = given
+
     def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
         block = Block(width / 2, slenderness, gravity, inertia_ratio)
         return function(Scene(block, restitution, intensity), argument)

@@ -1,0 +1,96 @@
+"""What commands have in common whose datasets can go to a Zarr store, computed by workers."""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..host import optional
+from .options import Answer, Writing
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Storing(Writing):
+    """A command that writes files, or a Zarr store that another run of it can go on with."""
+
+    store: Path | None = None
+    """Zarr store to write instead of the files; one that this command has begun is continued."""
+    chunks: tuple[str, ...] = ()
+    """Points along a dimension in one task, as NAME=COUNT; 2^14 to 2^20 in all if not given."""
+    workers: int | None = None
+    """Processes of this machine that compute the store; one for each processor if not given."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, whose workers compute the store then."""
+
+    def check(self) -> None:
+        """Raise `ValueError` also for options that go with a store only, or without one."""
+        if self.store is None:
+            self.refuse("chunks", "workers", "scheduler", only_with="a store")
+        elif self.out != type(self).out or self.force:
+            raise ValueError("out and force go without a store only, which is not overwritten")
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("workers and scheduler exclude each other, got both")
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"workers must be at least 1, got {self.workers}")
+        _ = self.lengths
+        super().check()
+
+    def run(self) -> Answer:
+        """Compute and write files, or the store."""
+        return super().run() if self.store is None else self._ended(None)
+
+    @property
+    def targets(self) -> list[Path]:
+        """The paths that it writes: its files, or the store."""
+        return super().targets if self.store is None else [self.store]
+
+    @property
+    def lengths(self) -> Any:
+        """The lengths of chunks by dimension, or "auto"."""
+        lengths = dict[str, int]()
+        for word in self.chunks:
+            name, equals, count = word.partition("=")
+            if not (name and equals and count.isdecimal() and int(count) > 0):
+                raise ValueError(f"chunks must be NAME=COUNT, such as width=50, got {word!r:.60}")
+            lengths[name.replace("-", "_")] = int(count)
+        return lengths or "auto"
+
+    def stored(
+        self,
+        lazily: Callable[..., "xarray.Dataset"],
+        answer: Callable[["xarray.Dataset"], Answer],
+    ) -> Answer:
+        """Write what a function of ``chunks`` returns to the store; what is said of it."""
+        import xarray
+
+        cluster = optional("cluster")
+        dataset = lazily(chunks=self.lengths).assign_attrs(self.about)
+        with self._client(cluster):
+            stored = cluster.write_zarr(dataset, self.store)
+            with xarray.open_zarr(self.store, zarr_format=2) as found:
+                said = answer(found)
+        data = {"store": str(self.store), "chunks": stored.chunks, "taken_over": stored.taken_over}
+        return Answer(f"{said.text}\n{stored}", {**said.data, **data}, said.code, said.errors)
+
+    @contextlib.contextmanager
+    def _client(self, cluster: Any) -> Iterator[None]:
+        """Workers for Dask: those of the scheduler, or some of this machine."""
+        from distributed import Client
+        from distributed.scheduler import KilledWorker
+
+        with contextlib.ExitStack() as stack:
+            if self.scheduler is None:
+                where = stack.enter_context(cluster.local_cluster(self.workers))
+            else:
+                where = self.scheduler
+            client = stack.enter_context(Client(where))
+            if sys.stderr.isatty():
+                print(f"jaxrock: dashboard at {client.dashboard_link}", file=sys.stderr)
+            try:
+                yield
+            except KilledWorker as error:
+                reason = "workers ended again and again at one chunk, perhaps for want of memory"
+                raise ValueError(f"{reason}: {error}") from error
