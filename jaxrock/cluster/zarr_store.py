@@ -227,11 +227,9 @@ def _write(
     starts = [number * length for number, length in zip(block_id, lengths, strict=True)]
     region = tuple(slice(s, s + n) for s, n in zip(starts, parts[0].shape, strict=True))
     for name, part in zip(names, parts, strict=True):
-        # Also a chunk that is NaN throughout, which would be left out.
-        target: Any = zarr.open_array(
-            f"{path}/{name}", mode="r+", zarr_format=_FORMAT, config={"write_empty_chunks": True}
-        )
-        target[region] = part
+        target: Any = zarr.open_array(f"{path}/{name}", mode="r+", zarr_format=_FORMAT)
+        # Otherwise a chunk that is NaN throughout would be left out, and never seem written.
+        target.with_config({"write_empty_chunks": True})[region] = part
     return np.ones((1,) * len(block_id), np.int8)
 
 
