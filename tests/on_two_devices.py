@@ -19,8 +19,9 @@ def devices():
     return both
 
 
-def test_spectrum(tmp_path, devices):
-    grid = GRID | {"slenderness": np.linspace(3, 10, 37), "chunk": 60}
+def test_spectrum(tmp_path, monkeypatch, devices):
+    monkeypatch.setattr("jaxrock.spectra.resonance._TILE", 60)
+    grid = GRID | {"slenderness": np.linspace(3, 10, 37)}
     single = jr.resonance_spectrum(**grid, devices=devices[:1])
     shared = jr.resonance_spectrum(**grid)
     with jr.resonance_spectrum(**grid, store=tmp_path / "spectrum.nc") as stored:

@@ -6,8 +6,8 @@ import xarray
 from cf_conventions import assert_follows_cf
 
 import jaxrock as jr
-from jaxrock.spectra import grid as grids
 from jaxrock.spectra import resonance as spectra
+from jaxrock.spectra import tables
 
 GRID = {
     "slenderness": np.linspace(3, 10, 8),
@@ -66,12 +66,11 @@ def test_labels():
 def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options):
     """Whatever the numbers are."""
 
-    def zeros(*grid):
-        sizes = [np.size(values) for values in grid[:4]]
-        return dict.fromkeys([*spectra._VARIABLES, "model"], np.zeros(sizes))
+    def zeros(points, *_, **__):
+        return dict.fromkeys([*spectra._VARIABLES, "model"], np.zeros(points.shape[1]))
 
-    monkeypatch.setattr(spectra, "_evaluate", zeros)
-    monkeypatch.setattr(spectra, "_auto", lambda grid, *_: zeros(*grid))
+    monkeypatch.setattr(spectra, "_single", zeros)
+    monkeypatch.setattr(spectra, "_auto", zeros)
     grid = GRID | {"intensity": intensity} | options
     with jr.resonance_spectrum(**grid, store=tmp_path / "stored.nc") as stored:
         jr.resonance_spectrum(**grid).to_netcdf(tmp_path / "memory.nc")
@@ -91,27 +90,32 @@ def test_an_array_of_intensities_adds_a_dimension():
     xarray.testing.assert_allclose(spectrum.period.sel(intensity=0.15), alone.period, rtol=1e-5)
 
 
-@pytest.mark.parametrize("chunk", [1, 5, 7, 16, 1000])
-def test_chunks_and_files_change_nothing(tmp_path, monkeypatch, chunk):
+@pytest.mark.parametrize("largest", [1, 7, 1000])
+def test_parts_and_files_change_nothing(tmp_path, monkeypatch, largest):
+    """Not the last bit of a number."""
     grid = GRID | {"intensity": [0.1, 0.15]}
     whole = jr.resonance_spectrum(**grid)
-    sizes = []
-
-    def counted(*arguments, evaluate=spectra._evaluate):
-        answers = evaluate(*arguments)
-        sizes.append(answers["period"].size)
-        return answers
-
-    monkeypatch.setattr(spectra, "_evaluate", counted)
-    xarray.testing.assert_allclose(jr.resonance_spectrum(**grid, chunk=chunk), whole, rtol=1e-4)
-    assert max(sizes) <= chunk
-    assert sum(sizes) == whole.period.size
+    monkeypatch.setattr(spectra, "_LARGEST", largest)
+    assert jr.resonance_spectrum(**grid).identical(whole)
     path = tmp_path / "new" / "spectrum.nc"
-    with jr.resonance_spectrum(**grid, chunk=chunk, store=path) as stored:
-        xarray.testing.assert_allclose(stored.load(), whole, rtol=1e-4)
+    with jr.resonance_spectrum(**grid, store=path) as stored:
+        for name, values in whole.items():
+            assert stored[name].values.tobytes() == values.values.tobytes(), name
         assert stored.attrs == whole.attrs
         assert stored.period.attrs == whole.period.attrs
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
+
+
+@pytest.mark.parametrize("model", ["linearized", "nonlinear", "auto"])
+def test_a_point_is_the_same_whatever_is_beside_it(model):
+    grid = GRID | {"intensity": [0.1, 0.15], "model": model}
+    whole = jr.resonance_spectrum(**grid)
+    for at in ({"slenderness": [3], "restitution": [1]}, {"width": [2], "intensity": [1]}):
+        part = whole.isel(at)
+        axes = {n: part[n].values for n in ("slenderness", "width", "restitution", "intensity")}
+        alone = jr.resonance_spectrum(**grid | axes)
+        for name in whole:
+            assert alone[name].values.tobytes() == part[name].values.tobytes(), name
 
 
 def test_table(tmp_path):
@@ -122,11 +126,11 @@ def test_table(tmp_path):
     assert "# gravity: 9.81\n" in lines
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == spectrum.period.size
-    parts = grids.parts_of(spectrum, 7)
+    parts = tables.parts_of(spectrum, 7)
     assert max(spectrum.isel(part).period.size for part in parts) <= 7
     pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
     np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
-    assert grids.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
+    assert tables.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
     for row in (rows[0], rows[-2]):
         heads = {"slenderness": "-", "width": "m", "restitution": "-"}
         at = {name: float(row[f"{name} [{unit}]"]) for name, unit in heads.items()}
@@ -143,7 +147,6 @@ def test_table(tmp_path):
         ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
         ({"intensity": np.nan}, "intensity must be finite and at least 0, got nan"),
         ({"gravity": 0.0}, "gravity must be finite and greater than 0, got 0"),
-        ({"chunk": 0}, "chunk must be at least 1, got 0"),
         ({"restitution": [0.6, 0.7, 0.6]}, "restitution must not have a value twice, got 0.6"),
     ],
 )
@@ -156,7 +159,7 @@ def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
     def fail(*_):
         raise RuntimeError("broken")
 
-    monkeypatch.setattr("jaxrock.spectra.resonance._evaluate", fail)
+    monkeypatch.setattr("jaxrock.spectra.resonance._of_scenes", fail)
     with pytest.raises(RuntimeError, match="broken"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "deep" / "er" / "spectrum.nc")
     assert list(tmp_path.iterdir()) == []
@@ -176,7 +179,7 @@ def test_a_disk_that_fills_up(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(spectra, "_evaluate", full)
+    monkeypatch.setattr(spectra, "_of_scenes", full)
     with pytest.raises(ValueError, match=r"store: .* cannot be written to: No space left"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "new" / "spectrum.nc")
     assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,19 @@ from jaxrock.cli import compilation_cache as compiled
 
 HEAVY = {
     *("diffrax", "lineax", "optimistix", "optax", "scipy"),
-    *("xarray", "pandas", "netCDF4", "matplotlib", "PIL", "tyro", "platformdirs"),
+    *(
+        "dask",
+        "distributed",
+        "zarr",
+        "bokeh",
+        "xarray",
+        "pandas",
+        "netCDF4",
+        "matplotlib",
+        "PIL",
+        "tyro",
+        "platformdirs",
+    ),
 }
 
 

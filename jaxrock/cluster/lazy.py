@@ -2,7 +2,7 @@
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import dask.array as da
 import jax
@@ -14,7 +14,7 @@ from typing_extensions import TypeAliasType
 
 from ..host import settings_of_jax, under, without_progress
 
-Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | Literal["auto"])
+Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | str)
 Compute = Callable[..., Mapping[str, np.ndarray]]
 
 
@@ -36,12 +36,9 @@ def lazy_arrays(
     """
     settings = {name: value for name, value in settings_of_jax().items() if _is_plain(value)}
     values = {name: _packed_each(axis) for name, axis in axes.items()}
-    contents = {
-        name: axis.tolist() if axis.dtype == object else axis for name, axis in values.items()
-    }
-    token = tokenize(
-        compute, _packed(shared), contents, chunks, variables, columns, settings, about
-    )
+    contents = [axis.tolist() if axis.dtype == object else axis for axis in values.values()]
+    shape = (tuple(axes), chunks, variables, columns, settings["enable_x64"])
+    token = tokenize(compute, _packed(shared), contents, shape, about)
     place = {name: k for k, name in enumerate((*axes, *columns))}
     inputs: list[Any] = []
     for name, each in values.items():

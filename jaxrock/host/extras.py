@@ -12,7 +12,6 @@ def optional(room: str) -> Any:
     except ModuleNotFoundError as error:
         if str(error.name).startswith(package):
             raise
-        needs = f"pip install '{package}[{room}]' brings it"
-        raise ModuleNotFoundError(
-            f"{error.name} is not installed; {needs}", name=error.name
-        ) from error
+        missing = str(error.name).partition(".")[0]
+        said = f"{missing} is not installed; pip install '{package}[{room}]' brings it"
+        raise ModuleNotFoundError(said, name=error.name) from error

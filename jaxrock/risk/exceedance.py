@@ -65,7 +65,7 @@ def with_curves(
     return with_names(whole, threshold=(names, "threshold"))
 
 
-def _exceeds(threshold: Threshold, ratio: np.ndarray, overturned: np.ndarray) -> np.ndarray:
+def _exceeds(threshold: Threshold, ratio: Any, overturned: Any) -> Any:
     if threshold == "uplift":
         return ratio > 0
     if threshold == "overturning":

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _CHUNK = 2**14  # points of a spectrum that are computed at once
 _USUAL = 2**12  # and in a chunk of a lazy dataset
-_TILE = 2**7  # and whose orbits go through a program at once
+_TILE = 2**6  # and whose orbits go through a program at once
 _DISTURBANCE = 1e-3  # of the launch velocity, relative
 
 _AXES = {  # long names

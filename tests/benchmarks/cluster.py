@@ -6,7 +6,6 @@ added up there, gathered here, written to a Zarr store. After compilation, in tu
 what a chunk costs beside its work, and the memory of a worker over the length of its chunks.
 """
 
-import os
 import shutil
 import statistics
 import sys
@@ -16,34 +15,30 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from distributed import Client
+
+import jaxrock as jr
 
 ROUNDS = 3
+AGAINST = {
+    "workers, added up there": "in memory, added up",
+    "workers, gathered": "in memory",
+    "workers, stored": "in memory, stored",
+}
 
 
-def closed_form(share):
-    """Of 20 million points, and chunks of 2^20."""
-    import jaxrock as jr
-
+def closed_form(share=1.0):
+    """A function that makes the grid of 20 million points, and its chunks."""
     axes = (np.linspace(3, 10, 400), np.linspace(0.2, 2, int(500 * share)))
     axes += (np.linspace(0.5, 0.9, 100), 0.15)
-
-    def grid(**options):
-        return jr.resonance_spectrum(*axes, model="nonlinear", **options)
-
-    return grid, {"slenderness": 20}
+    return lambda **options: jr.resonance_spectrum(*axes, model="nonlinear", **options), 20
 
 
-def driven(share):
-    """Of 20 records, 1,000 blocks and 20 factors, and chunks of two records."""
-    import jaxrock as jr
-
+def driven(share=1.0):
+    """A function that makes the grid of 20 records, and its chunks."""
     suite, factors = jr.example_suite(), np.linspace(0.5, 3, 20)
-    axes = (np.linspace(1, 6, int(50 * share)), np.linspace(3, 10, 20))
-
-    def grid(**options):
-        return jr.rocking_spectrum(suite, *axes, 0.85, factor=factors, **options)
-
-    return grid, {"record": 1}
+    axes = (np.linspace(1, 6, int(50 * share)), np.linspace(3, 10, 20), 0.85)
+    return lambda **options: jr.rocking_spectrum(suite, *axes, factor=factors, **options), 1
 
 
 def taken(function):
@@ -67,30 +62,24 @@ def peak_memory():
 
 def compare(name, grid, chunks, folder):
     """Print the times of one grid."""
-    import jaxrock as jr
-    from distributed import Client
-
     store = folder / "grid.zarr"
 
     def afresh(write):
         shutil.rmtree(store, ignore_errors=True)
         return taken(write)
 
+    def lazy():
+        return grid(chunks=chunks)
+
     with jr.cluster.local_cluster(2) as cluster, Client(cluster) as client:
         idle = max(client.run(peak_memory).values())
-
-        def by_workers():
-            return grid(chunks=chunks)
-
         jobs = {
             "in memory": lambda: taken(grid),
-            "workers, added up there": lambda: taken(lambda: added_up(by_workers())),
             "in memory, added up": lambda: taken(lambda: added_up(grid())),
-            "workers, gathered": lambda: taken(lambda: by_workers().compute()),
+            "workers, added up there": lambda: taken(lambda: added_up(lazy())),
+            "workers, gathered": lambda: taken(lambda: lazy().compute()),
             "in memory, stored": lambda: afresh(lambda: grid().to_zarr(store, zarr_format=2)),
-            "workers, stored": lambda: afresh(
-                lambda: jr.cluster.write_zarr(by_workers(), store)
-            ),
+            "workers, stored": lambda: afresh(lambda: jr.cluster.write_zarr(lazy(), store)),
         }
         seconds = {job: [] for job in jobs}
         for number in range(ROUNDS + 1):
@@ -98,63 +87,62 @@ def compare(name, grid, chunks, folder):
                 found = time_of()
                 if number:  # before that it compiles
                     seconds[job].append(found)
-        medians = {job: statistics.median(found) for job, found in seconds.items()}
-        size = max(v.size for v in by_workers().data_vars.values())
-        weight = sum(f.stat().st_size for f in store.rglob("*") if f.is_file())
-        count = len(by_workers().rotation_ratio.data.dask.layers) and by_workers().rotation_ratio.data.npartitions
-        print(f"{name}: {size:,} answers in {count} chunks, {ROUNDS} rounds")
-        for job, median in medians.items():
-            against = medians["in memory" + ("" if "gathered" in job else job[7:].replace(" there", ""))]  # fmt: skip
-            ratio = f", {median / against:.2f} of in memory" if job.startswith("workers") else ""
-            print(f"  {job:26} {median:7.2f} s{ratio}")
         peak = max(client.run(peak_memory).values())
-        print(f"  store: {weight / size:.0f} bytes an answer")
-        print(f"  memory of a worker: {peak:.0f} MB, {idle:.0f} MB before")
+    medians = {job: statistics.median(found) for job, found in seconds.items()}
+    largest = lazy().rotation_ratio
+    weight = sum(f.stat().st_size for f in store.rglob("*") if f.is_file()) / largest.size
+    print(f"{name}: {largest.size:,} answers in {largest.data.npartitions} chunks")
+    for job, median in medians.items():
+        ratio = f", {median / medians[AGAINST[job]]:.2f} of that" if job in AGAINST else ""
+        print(f"  {job:24} {median:7.2f} s{ratio}")
+    print(f"  store: {weight:.0f} bytes an answer", flush=True)
+    print(f"  memory of a worker: {peak:.0f} MB, {idle:.0f} MB before", flush=True)
 
 
-def overhead():
-    """Print what a chunk costs beside its work: of tiny ones, and the memory over their length."""
-    import jaxrock as jr
-    from distributed import Client
+def overhead(folder):
+    """Print what a chunk costs beside its work, by many small ones."""
 
     def grid(count):
         axes = (np.linspace(3, 10, 1000), np.linspace(0.2, 2, 10), [0.6, 0.7], 0.15)
         return jr.resonance_spectrum(*axes, chunks={"slenderness": 1000 // count})
 
-    with jr.cluster.local_cluster(2) as cluster, Client(cluster), tempfile.TemporaryDirectory() as f:
-        grid(10).compute()
-        for name, job in (
-            ("added up", lambda count: added_up(grid(count))),
-            ("stored", lambda count: jr.cluster.write_zarr(grid(count), f"{f}/{count}-{time.time()}.zarr")),
-        ):
-            few, many = (min(taken(lambda c=c: job(c)) for _ in range(3)) for c in (10, 500))
-            print(f"a chunk, {name}: {1e3 * (many - few) / 490:.1f} ms beside its work")
+    def stored(count):
+        return jr.cluster.write_zarr(grid(count), folder / f"{time.time()}.zarr")
+
+    with jr.cluster.local_cluster(2) as cluster, Client(cluster):
+        for name, job in (("added up", lambda count: added_up(grid(count))), ("stored", stored)):
+            job(10)
+            few, many = (min(times(job, count)) for count in (10, 500))
+            print(f"a chunk, {name}: {1e3 * (many - few) / 490:.1f} ms", flush=True)
+
+
+def times(job, argument):
+    """Seconds, three times."""
+    return [taken(lambda: job(argument)) for _ in range(3)]
 
 
 def memory(folder):
     """Print the memory of a worker over the length of its chunks."""
-    import jaxrock as jr
-    from distributed import Client
-
+    grid, _ = closed_form()
     for length in (5, 20, 80):
-        grid, _ = closed_form(1.0)
         with jr.cluster.local_cluster(2) as cluster, Client(cluster) as client:
-            lazy = grid(chunks={"slenderness": length})
-            jr.cluster.write_zarr(lazy, folder / f"{length}.zarr")
-            found = [*client.run(peak_memory).values()]
-            points = length * 50_000
-            print(f"chunks of {points:,} points ({points * 7 * 8 / 1e6:.0f} MB): {max(found):.0f} MB")
+            jr.cluster.write_zarr(grid(chunks={"slenderness": length}), folder / f"{length}.zarr")
+            peak = max(client.run(peak_memory).values())
+        points = length * 50_000
+        print(f"chunks of {points:,} points, {points * 56 / 1e6:.0f} MB: {peak:.0f} MB", flush=True)
 
 
 def main():
     """Measure all of it."""
     jax.config.update("jax_enable_x64", True)
     share = 0.1 if "small" in sys.argv else 1.0
-    with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as name:
+    with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        compare("closed form", *closed_form(share), folder)
-        compare("records", *driven(share), folder)
-        overhead()
+        grid, length = closed_form(share)
+        compare("closed form", grid, {"slenderness": length}, folder)
+        grid, length = driven(share)
+        compare("records", grid, {"record": length}, folder)
+        overhead(folder)
         memory(folder)
 
 

@@ -1,0 +1,184 @@
+"""Lazy datasets are those in memory, to the last bit, and an xarray user finds what they expect."""
+
+import sys
+
+import dask
+import dask.array as da
+import equinox as eqx
+import numpy as np
+import pytest
+import xarray
+from lazy_cases import AXES, GRIDS, record, same_bits, suite
+
+import jaxrock as jr
+from jaxrock import cluster
+from jaxrock.spectra import resonance
+from jaxrock.spectra.grid import of_few_shapes
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_chunks_change_no_bit(name):
+    function, several = GRIDS[name]
+    whole = function()
+    for chunks in several:
+        lazy = function(chunks=chunks)
+        for variable in lazy.data_vars.values():
+            assert isinstance(variable.data, da.Array)
+        kinds = {name: (v.dims, v.shape, v.dtype) for name, v in lazy.data_vars.items()}
+        assert kinds == {name: (v.dims, v.shape, v.dtype) for name, v in whole.data_vars.items()}
+        if chunks != "auto":
+            for dim, length in chunks.items():
+                assert max(lazy.chunks[dim]) == min(length, whole.sizes[dim])
+        assert all(len(lengths) == 1 for dim, lengths in lazy.chunks.items() if dim not in chunks)
+        same_bits(lazy.compute(), whole)
+
+
+@pytest.mark.parametrize("scheduler", ["synchronous", "threads"])
+def test_schedulers(tmp_path, scheduler):
+    function, (_, chunks, _) = GRIDS["resonance"]
+    whole, lazy = function(), function(chunks=chunks)
+    with dask.config.set(scheduler=scheduler):
+        same_bits(lazy.compute(), whole)
+        lazy.to_zarr(tmp_path / "grid.zarr", zarr_format=2)
+    with xarray.open_zarr(tmp_path / "grid.zarr") as stored:
+        for name in whole:
+            assert stored[name].values.tobytes() == whole[name].values.tobytes()
+
+
+def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
+    asked = []
+
+    def counted(points, *rest, single=resonance._single, **options):
+        asked.append(points.shape[1])
+        return single(points, *rest, **options)
+
+    monkeypatch.setattr(resonance, "_single", counted)
+    lazy = jr.resonance_spectrum(*AXES, 0.15, chunks={"slenderness": 2})
+    assert str(lazy.period.data).startswith("dask.array")
+    assert asked == []
+    with dask.config.set(scheduler="synchronous"):
+        point = lazy.sel(slenderness=9.0, width=0.8, restitution=0.6).compute()
+    assert asked == [6]  # the last chunk, one slenderness
+    assert float(point.period) == float(jr.resonance_spectrum(9.0, 0.8, 0.6, 0.15).period[0, 0, 0])
+
+
+def test_equal_grids_have_equal_names():
+    """So that Dask and stores know them again, in every process."""
+
+    def names(**options):
+        axes = {"slenderness": 5.0, "restitution": 0.8} | options
+        lazy = jr.rocking_spectrum(suite(), [1.0, 2.0], chunks={"record": 1}, **axes)
+        return [variable.data.name for variable in lazy.data_vars.values()]
+
+    assert names() == names()
+    for other in (
+        {"slenderness": 5.1},
+        {"gravity": 1.62},
+        {"factor": 2.0},
+        {"model": "linearized"},
+    ):
+        assert not {*names()} & {*names(**other)}
+    first, other = (
+        jr.rocking_spectrum(record(150, k), [1.0, 2.0], 5.0, chunks="auto").margin.data.name
+        for k in (0, 1)
+    )
+    assert first != other
+
+
+def test_a_map_lists_what_there_is():
+    """As many boundaries as there are, or the lowest of them; the count says so."""
+    found = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9)
+    assert found["count"].values.tolist() == [1, 3]
+    assert found.sizes["boundary"] == 3
+    lazy = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9, chunks={"frequency_ratio": 1})
+    assert lazy.sizes["boundary"] == 16
+    same_bits(lazy.compute().isel(boundary=slice(3)), found)
+    listed = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9, max_boundaries=2)
+    same_bits(listed, found.isel(boundary=slice(2)))
+    with pytest.raises(ValueError, match="max_boundaries must be at least 1, got 0"):
+        jr.overturning_map(jr.Sine, [0.5, 4.0], max_boundaries=0)
+
+
+def test_factors_are_those_on_the_motion():
+    motion, axes = record(200, 3), ([1.0, 2.0], [4.0, 6.0], 0.8)
+    found = jr.rocking_spectrum(motion, *axes, factor=[0.5, 2.0])
+    for factor in (0.5, 2.0):
+        alone = jr.rocking_spectrum(motion.scaled(factor), *axes)
+        for name in alone:
+            values = found[name].sel(factor=factor).values
+            assert values.tobytes() == alone[name].values.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"chunks": "all"},
+            r"chunks must be \"auto\" or lengths by dimension, .*'slenderness': 50",
+        ),
+        ({"chunks": {"size": 2}}, "dimensions slenderness, width, restitution, got 'size'"),
+        ({"chunks": {"intensity": 1}}, "dimensions slenderness, width, restitution, got 'intens"),
+        ({"chunks": {"width": 0}}, "chunks of width must be a length from 1 on, .* got 0"),
+        ({"chunks": {"width": -2}}, "chunks of width must be a length from 1 on, .* got -2"),
+        ({"chunks": {"width": (1, 1)}}, r"add up to 3, got \(1, 1\)"),
+        ({"chunks": "auto", "store": "file.nc"}, "store goes without chunks: .* write_zarr"),
+        ({"chunks": "auto", "devices": [None]}, "devices goes without chunks"),
+        ({"chunks": "auto", "width": -1.0}, "width must be finite and greater than 0, got -1"),
+    ],
+)
+def test_what_is_wrong_is_said_at_once(options, message):
+    grid = dict(zip(("slenderness", "width", "restitution"), AXES, strict=True))
+    with pytest.raises(ValueError, match=message):
+        jr.resonance_spectrum(**grid | {"intensity": 0.15} | options)
+
+
+def test_several_motions_are_a_suite():
+    with pytest.raises(ValueError, match="motion must be a single one, or a suite of these"):
+        jr.rocking_spectrum(jr.Sine(np.array([3.0, 4.0]), 0.5), [1.0, 2.0], 5.0)
+
+
+def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):
+    lazy = jr.overturning_spectrum(jr.Sine, [1.0, 2.0], 2.0, chunks={"frequency_ratio": 1})
+    monkeypatch.setattr("jaxrock.spectra.driven.respond_batch", incomplete)
+    with pytest.raises(ValueError, match="could not be followed to its end for every block"):
+        lazy.compute(scheduler="synchronous")
+
+
+def incomplete(*arguments, **options):
+    response = jr.respond_batch(*arguments, **options)
+    return eqx.tree_at(lambda r: r.complete, response, response.complete & False)
+
+
+def test_without_the_extra(monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("jaxrock.cluster")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "dask", None)
+    with pytest.raises(ModuleNotFoundError, match=r"dask is not .* 'jaxrock\[cluster\]' brings it"):
+        jr.resonance_spectrum(*AXES, 0.15, chunks="auto")
+
+
+@pytest.mark.parametrize(
+    ("sizes", "largest", "expected"),
+    [
+        ({"a": 10, "b": 4}, 12, {"a": (3, 3, 3, 1), "b": (4,)}),
+        ({"a": 10, "b": 4}, 3, {"a": (1,) * 10, "b": (3, 1)}),
+        ({"a": 2, "b": 4}, 100, {"a": (2,), "b": (4,)}),
+    ],
+)
+def test_usual_chunks(sizes, largest, expected):
+    assert cluster.chunks_along("auto", sizes, largest) == expected
+    explicit = cluster.chunks_along({"a": expected["a"], "b": expected["b"][0]}, sizes, largest)
+    assert explicit == expected
+
+
+def test_functions_see_few_shapes():
+    seen = []
+
+    def twice(values):
+        seen.append(values.shape)
+        return 2 * values
+
+    for size in (1, 100, 256, 257, 400):
+        values = np.arange(size, dtype=float)
+        np.testing.assert_array_equal(of_few_shapes(twice, values), 2 * values)
+    assert {*seen} == {(256,), (512,)}
