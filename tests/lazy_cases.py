@@ -70,3 +70,9 @@ def same_bits(found, expected):
         or repr(found[name].attrs) != repr(expected[name].attrs)
     ]
     assert not wrong
+
+
+def blocks(**chunks):
+    """Fifteen chunks that take a moment each."""
+    motion = jr.example_record().scaled(1.5)
+    return jr.rocking_spectrum(motion, np.linspace(1, 4, 15), np.linspace(3, 9, 20), 0.9, **chunks)

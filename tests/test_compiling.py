@@ -210,6 +210,9 @@ LEFT_OUT = {
     "read_suite": "reads without JAX",
     "read_record": "reads without JAX",
     "write_table": "writes without JAX",
+    "OwnProcessors": "starts without JAX",
+    "local_cluster": "starts without JAX",
+    "write_zarr": "writes what others compute",
     "measure_tradeoff": "measures first calls too",
 }
 
@@ -234,6 +237,7 @@ ANSWERS = {
     jr.accuracy.Tradeoff,
     jr.risk.OverturningRate,
     jr.risk.RateElasticities,
+    jr.cluster.Stored,
     jr.resonance.TrainResponse,
     jr.accuracy.EstimatedResponse,
     jr.resonance.WorstTrain,

@@ -1,6 +1,5 @@
 """Commands about many blocks, measurements and tables; all commands by name."""
 
-import functools
 import math
 from pathlib import Path
 from typing import Any, Literal
@@ -67,15 +66,15 @@ class Spectrum(Storing):
             self.refuse("tolerance", only_with="the model auto")
         if len(grid["intensity"]) == 1:  # then it is no dimension
             grid["intensity"] = grid["intensity"][0]
-        names = ("spectrum.nc", "spectrum.csv", "spectrum.png")
-        folder = yield () if self.store else names
         grid |= {"model": self.model, "tolerance": self.tolerance}
         grid |= {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
         if self.store:
-            spectrum = functools.partial(resonance_spectrum, **grid)
+            lazy = resonance_spectrum(**grid, chunks=self.lengths)
+            yield ()
             return self.stored(
-                spectrum, lambda found: self._answer(found, _share(found.overturning_margin <= 0))
+                lazy, lambda found: self._answer(found, _share(found.overturning_margin <= 0))
             )
+        folder = yield "spectrum.nc", "spectrum.csv", "spectrum.png"
         from ..plot import plot_spectrum
 
         with resonance_spectrum(**grid, store=folder / "spectrum.nc") as dataset:
@@ -116,16 +115,15 @@ class RockingSpectrum(RecordOptions, Storing):
         motion = self.motion
         grid = [axis(n, self.numbers(n)) for n in ("period", "slenderness", "restitution")]
         check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
-        names = [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
-        folder = yield () if self.store else names
-        options = {"inertia_ratio": self.inertia_ratio}
+        ratio = self.inertia_ratio
         if self.store:
-            return self.stored(
-                functools.partial(rocking_spectrum, motion, *grid, **options), self._answer
-            )
+            lazy = rocking_spectrum(motion, *grid, inertia_ratio=ratio, chunks=self.lengths)
+            yield ()
+            return self.stored(lazy, self._answer)
+        folder = yield [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
         from ..plot import plot_rocking_spectrum
 
-        dataset = rocking_spectrum(motion, *grid, **options)
+        dataset = rocking_spectrum(motion, *grid, inertia_ratio=ratio)
         dataset = dataset.assign_attrs(self.about)
         dataset.to_netcdf(folder / "rocking_spectrum.nc")
         write_table(dataset, folder / "rocking_spectrum.csv")

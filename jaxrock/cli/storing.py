@@ -59,15 +59,12 @@ class Storing(Writing):
         return lengths or "auto"
 
     def stored(
-        self,
-        lazily: Callable[..., "xarray.Dataset"],
-        answer: Callable[["xarray.Dataset"], Answer],
+        self, lazy: "xarray.Dataset", answer: Callable[["xarray.Dataset"], Answer]
     ) -> Answer:
-        """Write what a function of ``chunks`` returns to the store; what is said of it."""
+        """Write a lazy dataset to the store; what is said of that, and how much there was."""
         import xarray
 
-        cluster = optional("cluster")
-        dataset = lazily(chunks=self.lengths).assign_attrs(self.about)
+        cluster, dataset = optional("cluster"), lazy.assign_attrs(self.about)
         with self._client(cluster):
             stored = cluster.write_zarr(dataset, self.store)
             with xarray.open_zarr(self.store, zarr_format=2) as found:

@@ -59,14 +59,16 @@ class Fragility(BlockOptions, Storing):
             if self.measure not in ("pgv", "pga"):
                 raise ValueError(f"hazard goes with the measures pgv and pga, not {self.measure}")
             hazard = read_hazard(self.hazard)
-        folder = yield () if self.store else [f"fragility.{k}" for k in ("nc", "csv", "png")]
         options = {"tolerance": self.tolerance, "model": self.model}
         curves_of = functools.partial(
             fragility, block, c, suite, levels, self.measure, thresholds, **options
         )
         answer = functools.partial(self._answer, suite, levels, hazard)
         if self.store:
-            return self.stored(curves_of, answer)
+            lazy = curves_of(chunks=self.lengths)
+            yield ()
+            return self.stored(lazy, answer)
+        folder = yield [f"fragility.{kind}" for kind in ("nc", "csv", "png")]
         from ..plot import plot_fragility
 
         curves = curves_of().assign_attrs(self.about)

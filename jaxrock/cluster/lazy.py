@@ -46,7 +46,7 @@ def lazy_arrays(
         array = da.from_array(each, lengths, name=f"jaxrock-{name}-{token}")
         inputs += [array, (place[name],)]
     # As an input of its own: it is sent to each worker once, and not with every task.
-    common = delayed(_packed(shared), name=f"jaxrock-shared-{token}")
+    common = delayed(_packed(shared), name=f"jaxrock-shared-{token}", traverse=False)
     grid = da.blockwise(
         _computed,
         tuple(range(len(axes))),
@@ -80,24 +80,38 @@ def lazy_arrays(
 
 
 def lazily_from(
-    function: Callable[..., Mapping[str, np.ndarray]],
+    function: Compute,
+    array: da.Array,
     arguments: Sequence[Any],
     variables: Mapping[str, tuple[Sequence[int], Any]],
-    lengths: Sequence[int],
 ) -> dict[str, da.Array]:
-    """Arrays of known shapes and types that a function makes of whole lazy arrays, in one task.
+    """What a function makes of a whole lazy array and of other arguments, in one task.
 
-    The first axis of those with several is cut into chunks of the `lengths`.
+    Each variable has some axes of the array, and a type; the first one is cut as in the array.
     """
-    made: Any = delayed(function, pure=True)(*arguments)
-    arrays = {
-        name: da.from_delayed(made[name], tuple(shape), np.dtype(dtype))
-        for name, (shape, dtype) in variables.items()
-    }
-    return {
-        name: array.rechunk({0: tuple(lengths)}) if array.ndim > 1 else array
-        for name, array in arrays.items()
-    }
+    made = da.map_blocks(
+        function,
+        array.rechunk(-1),
+        *arguments,
+        name=f"{function.__name__}-{tokenize(array.name, arguments)}",
+        dtype=object,
+        meta=np.empty((0,) * array.ndim, object),
+    )
+
+    def taken(name: str, axes: Sequence[int], dtype: Any) -> da.Array:
+        found = da.blockwise(
+            _taken,
+            tuple(axes),
+            made,
+            tuple(range(array.ndim)),
+            variable=name,
+            name=f"{name}-{made.name}",
+            dtype=np.dtype(dtype),
+            meta=np.empty((0,) * len(axes), dtype),
+        )
+        return found.rechunk({0: array.chunks[0]}) if 0 in axes else found
+
+    return {name: taken(name, axes, dtype) for name, (axes, dtype) in variables.items()}
 
 
 def chunks_along(

@@ -28,8 +28,8 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
     ----------
     workers : int, optional
         How many, at least 1; by default one for each processor.
-    **options
-        Of ``distributed.LocalCluster``.
+    options
+        Further ones of ``distributed.LocalCluster``.
 
     Returns
     -------

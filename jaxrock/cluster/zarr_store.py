@@ -238,9 +238,7 @@ def _read(path: str, name: str, region: tuple[slice, ...]) -> np.ndarray:
     return target[region]
 
 
-def _with_stored(
-    graph: HighLevelGraph, path: Path, stored: Mapping[str, da.Array]
-) -> HighLevelGraph:
+def _with_stored(graph: Any, path: Path, stored: Mapping[str, da.Array]) -> Any:
     """A graph in which some arrays are read from the store, instead of computed."""
     layers, dependencies = dict(graph.layers), dict(graph.dependencies)
     for name, array in stored.items():
@@ -256,7 +254,7 @@ def _regions(array: da.Array) -> Iterator[tuple[slice, ...]]:
     return iter(slices_from_chunks(array.chunks))
 
 
-def _run(graph: HighLevelGraph, keys: Sequence[Any]) -> None:
+def _run(graph: Any, keys: Sequence[Any]) -> None:
     """Compute some keys of a graph, with Dask's own progress on a terminal."""
     get = get_scheduler(cls=da.Array)
     optimized = da.Array.__dask_optimize__(graph, list(keys))

@@ -47,13 +47,12 @@ def with_curves(
         "lognormal_dispersion": (line, float, "its standard deviation of ln(level)", "1"),
         "remark": (line, f"<U{_REMARK}", "on the curve", ""),
     }
-    arguments = (counts, levels, number, confidence)
+    arguments = (levels, number, confidence)
     if isinstance(counts, np.ndarray):
-        curves = _curves(*arguments)
+        curves = _curves(counts, *arguments)
     else:
-        sizes = {"level": levels.size, "threshold": len(names)}
-        kinds = {name: ([sizes[dim] for dim in e[0]], e[1]) for name, e in entries.items()}
-        curves = optional("cluster").lazily_from(_curves, arguments, kinds, ratio.chunks[1])
+        kinds = {name: ([plane.index(dim) for dim in e[0]], e[1]) for name, e in entries.items()}
+        curves = optional("cluster").lazily_from(_curves, counts, arguments, kinds)
     variables = {}
     for name, (dims, _, long_name, units) in entries.items():
         described = about(long_name, units) if units else {"long_name": long_name}

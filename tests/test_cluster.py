@@ -1,0 +1,318 @@
+"""Worker processes, and stores that are continued: whatever is killed, the same bits in the end."""
+
+import functools
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import dask
+import jax
+import numpy as np
+import pytest
+import xarray
+import zarr
+from distributed import Client
+from lazy_cases import AXES, GRIDS, blocks, record, same_bits
+
+import jaxrock as jr
+from jaxrock.cli import main
+from jaxrock.cluster import local_cluster, write_zarr
+from jaxrock.cluster.workers import accelerator_of, share_of
+
+OWN = ("identity", "computed_with")  # attributes of a store
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Of two workers with a processor each."""
+    with local_cluster(2, dashboard_address=":0") as cluster, Client(cluster) as client:
+        yield client
+
+
+def opened(path):
+    """A store in memory, without what only a store has."""
+    with xarray.open_zarr(path, zarr_format=2) as found:
+        loaded = found.load()
+    assert {*OWN} <= loaded.attrs.keys()
+    assert "unfinished" not in loaded.attrs
+    loaded.attrs = {name: value for name, value in loaded.attrs.items() if name not in OWN}
+    return loaded
+
+
+def test_each_worker_has_processors_of_its_own(client):
+    mine = sorted(os.sched_getaffinity(0))
+    shares = [*client.run(lambda: sorted(os.sched_getaffinity(0))).values()]
+    assert sorted(shares) == sorted(share_of(mine, number, 2) for number in range(2))
+    assert [*client.run(lambda: jax.config.jax_enable_x64).values()] == [False, False]
+
+
+@pytest.mark.parametrize("name", ["resonance", "fragility"])
+def test_workers_change_no_bit(client, name):
+    """Whatever precision they have by themselves."""
+    function, (*_, chunks) = GRIDS[name]
+    same_bits(function(chunks=chunks).compute(), function())
+
+
+def test_a_worker_that_is_killed(client):
+    whole = blocks()
+    number, other = client.run(os.getpid).values()
+    with dask.config.set({"distributed.scheduler.allowed-failures": 10}):
+        future = client.compute(blocks(chunks={"period": 1}))
+        while not any(client.has_what().values()):
+            time.sleep(0.01)
+        os.kill(number, signal.SIGKILL)
+        same_bits(future.result(), whole)
+    assert other in client.run(os.getpid).values()
+    assert number not in client.run(os.getpid).values()
+
+
+def same_bits_but_attributes(found, expected):
+    """What a store keeps: numbers, and attributes that are numbers or words."""
+    for name in (*expected.coords, *expected.data_vars):
+        assert found[name].values.tobytes() == expected[name].values.tobytes(), name
+        assert found[name].dtype == expected[name].dtype
+    assert found.attrs == expected.attrs
+
+
+RUN = """
+import sys, jax
+jax.config.update("jax_enable_x64", {double})
+sys.path.insert(0, {here!r})
+import dask
+dask.config.set(scheduler="synchronous")
+from lazy_cases import blocks, jr
+jr.cluster.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
+"""
+
+
+def test_a_run_that_is_killed_is_continued(tmp_path):
+    """A chunk of which a part is written counts as none."""
+    path, here = tmp_path / "grid.zarr", str(Path(__file__).parent)
+    double = jax.config.jax_enable_x64
+    code = RUN.format(double=double, here=here, path=str(path))
+    process = subprocess.Popen([sys.executable, "-c", code])
+    while not (path / "margin").exists() or len([*(path / "margin").glob("[0-9]*.0")]) < 4:
+        time.sleep(0.005)
+        assert process.poll() is None
+    process.kill()
+    process.wait()
+    with xarray.open_zarr(path, zarr_format=2) as found:
+        assert found.attrs["unfinished"] == "chunks are missing"
+        assert found.source == blocks(chunks="auto").source
+    (path / "impacts" / "2.0").unlink(missing_ok=True)
+    (path / "impacts" / "3.0.partial").write_bytes(b"what a killed writer leaves")
+    variables = ("rotation_ratio", "peak_rotation", "overturned", "margin", "impacts")
+    there = set.intersection(*({f.name for f in (path / v).glob("*.0")} for v in variables))
+    written = {name: (path / "margin" / name).stat().st_mtime_ns for name in there}
+    stored = write_zarr(blocks(chunks={"period": 1}), path)
+    assert (stored.chunks, stored.taken_over) == (15, len(there))
+    assert 3 <= len(there) < 15
+    assert str(stored) == f"{path}: 15 chunks, {len(there)} of them taken over"
+    for name, when in written.items():
+        assert (path / "margin" / name).stat().st_mtime_ns == when
+    assert not [*path.rglob("*.partial")]
+    same_bits_but_attributes(opened(path), blocks())
+    assert write_zarr(blocks(chunks={"period": 1}), path).taken_over == 15
+
+
+def test_what_is_made_of_what_is_stored(tmp_path, monkeypatch):
+    """Curves over a suite come from stored responses: these are not computed again."""
+    function, (*_, chunks) = GRIDS["fragility"]
+    whole, lazy, path = function(), function(chunks=chunks), tmp_path / "grid.zarr"
+    with dask.config.set(scheduler="synchronous"):
+        first = write_zarr(lazy, path)
+        same_bits_but_attributes(opened(path), whole)
+        for name in ("remark/0", "exceedance/1.0"):
+            (path / name).unlink()
+        monkeypatch.setattr("jaxrock.risk.fragility_curves.respond_within", None)
+        again = write_zarr(lazy, path)
+    assert again.taken_over == first.chunks - 2
+    same_bits_but_attributes(opened(path), whole)
+
+
+def grid(**changes):
+    axes = {"slenderness": AXES[0], "width": AXES[1], "restitution": AXES[2], "intensity": 0.15}
+    return jr.resonance_spectrum(**axes | {"chunks": {"slenderness": 2}} | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"width": [0.4, 0.8, 1.3]}, "belongs to another grid: its width differs"),
+        ({"width": [0.4, 0.8]}, "belongs to another grid: its width differs"),
+        ({"gravity": 1.62}, "belongs to another grid: its gravity is 9.81, not 1.62"),
+        ({"model": "nonlinear"}, "its model is linearized, not nonlinear"),
+        ({"chunks": {"slenderness": 3}}, "was begun in chunks of slenderness 2, .* slenderness 3"),
+        ({"intensity": [0.15, 0.2]}, "belongs to another grid: "),
+    ],
+)
+def test_a_store_of_another_grid_stays_as_it_is(tmp_path, changes, message):
+    path = tmp_path / "grid.zarr"
+    write_zarr(grid(), path)
+    refused(grid(**changes), path, message)
+
+
+def refused(lazy, path, message):
+    """One sentence, and nothing in the folder is touched."""
+
+    def content():
+        return {f: (f.stat().st_mtime_ns, f.read_bytes()) for f in path.rglob("*") if f.is_file()}
+
+    before = content()
+    with pytest.raises(ValueError, match=message) as error:
+        write_zarr(lazy, path)
+    assert str(error.value).endswith("it is left as it is")
+    assert "\n" not in str(error.value)
+    assert content() == before
+
+
+def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
+    path = tmp_path / "grid.zarr"
+    write_zarr(grid(), path)
+    monkeypatch.setattr("jaxrock.cluster.zarr_store._versions", lambda: "JAX 99.0")
+    refused(grid(), path, "was begun by JAX .*, and this is JAX 99.0")
+    group = zarr.open_group(path, mode="r+", zarr_format=2)
+    group.attrs["source"] = "jaxrock 0.1"
+    zarr.consolidate_metadata(group.store, zarr_format=2)
+    refused(grid(), path, r"was begun by jaxrock 0\.1, and this is jaxrock \d")
+    for name in ("folder", "other.zarr"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "folder" / "file").write_text("something else")
+    grid().compute().to_zarr(tmp_path / "other.zarr", zarr_format=2)
+    (tmp_path / "file").write_text("something else")
+    for name in ("folder", "other.zarr", "file"):
+        refused(grid(), tmp_path / name, "is no Zarr store that write_zarr has begun")
+
+
+def test_what_cannot_be_written(tmp_path):
+    with pytest.raises(ValueError, match="dataset must be lazy"):
+        write_zarr(grid(chunks=None), tmp_path / "grid.zarr")
+    uneven = grid(chunks={"slenderness": (1, 3, 1)})
+    with pytest.raises(ValueError, match=r"chunks along slenderness must have one length, .* \(1"):
+        write_zarr(uneven, tmp_path / "grid.zarr")
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
+        write_zarr(grid(), tmp_path / "file" / "grid.zarr")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_chunks_that_are_nothing_but_nan(tmp_path):
+    """All of these blocks overturn."""
+    lazy = grid(intensity=30.0)
+    assert np.isnan(lazy.period.values).all()
+    assert write_zarr(lazy, tmp_path / "grid.zarr").taken_over == 0
+    assert write_zarr(lazy, tmp_path / "grid.zarr").taken_over == 3
+
+
+def test_shares_of_a_machine():
+    assert [share_of([0, 1, 2, 3, 8], k, 2) for k in (0, 1)] == [[0, 1], [2, 3, 8]]
+    assert [share_of([4, 5], k, 3) for k in range(3)] == [[4], [5], [4]]
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        local_cluster(0)
+
+
+def test_accelerators(monkeypatch, tmp_path):
+    monkeypatch.setattr("jaxrock.cluster.workers._GPUS", tmp_path / "none")
+    assert accelerator_of(0, 2, {}) == {}
+    assert accelerator_of(0, 2, {"CUDA_VISIBLE_DEVICES": ""}) == {}
+    two = {"CUDA_VISIBLE_DEVICES": "4,7"}
+    assert accelerator_of(1, 2, two) == {"CUDA_VISIBLE_DEVICES": "7"}
+    shared = accelerator_of(2, 3, two)
+    assert shared == {"CUDA_VISIBLE_DEVICES": "4", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
+    for name in ("first", "second"):
+        (tmp_path / "gpus" / name).mkdir(parents=True)
+    monkeypatch.setattr("jaxrock.cluster.workers._GPUS", tmp_path / "gpus")
+    assert accelerator_of(1, 2, {}) == {"CUDA_VISIBLE_DEVICES": "1"}
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output, standard error of a command."""
+    try:
+        main([str(argument) for argument in arguments])
+        code = 0
+    except SystemExit as stop:
+        code = stop.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+SMALL = ("--slenderness", "3:9:5", "--width", 0.4, 0.8, "--restitution", 0.7)
+
+
+@pytest.mark.float64
+def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    there = ("--scheduler", client.scheduler.address, "--json")
+    command = ("spectrum", *SMALL, "--store", "s.zarr", "--chunks", "slenderness=2", *there)
+    for taken_over in (0, 3):
+        code, out, err = run(capsys, *command)
+        assert (code, err) == (0, "")
+        answer = json.loads(out)
+        assert (answer["chunks"], answer["taken_over"]) == (3, taken_over)
+        assert answer["sizes"] == {"slenderness": 5, "width": 2, "restitution": 1}
+    spectrum = jr.resonance_spectrum(np.linspace(3, 9, 5), [0.4, 0.8], 0.7, 0.15)
+    stored = opened(tmp_path / "s.zarr")
+    assert stored.attrs["command"] == "spectrum"
+    assert stored.period.values.tobytes() == spectrum.period.values.tobytes()
+    assert answer["overturned"] == float((spectrum.overturning_margin <= 0).mean())
+    code, _, err = run(capsys, "spectrum", "--store", "s.zarr", *there, "--gravity", 1.62)
+    assert code == 2
+    assert "'s.zarr' belongs to another grid: its slenderness differs; it is left" in err
+    rocking = ("rocking-spectrum", "--period", "1:3:3", "--slenderness", 5, "--store", "r.zarr")
+    assert run(capsys, *rocking, *there)[0] == 0
+    alone = jr.rocking_spectrum(jr.example_record(), [1.0, 2.0, 3.0], 5.0, 0.9)
+    assert opened(tmp_path / "r.zarr").margin.values.tobytes() == alone.margin.values.tobytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.zarr", "s.zarr"]
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("own", [False, pytest.param(True, marks=pytest.mark.thorough)])
+def test_fragility_as_a_store(client, tmp_path, monkeypatch, capsys, own):
+    """By workers that are there, and by workers of its own."""
+    quiet = functools.partial(local_cluster, dashboard_address=":0")
+    monkeypatch.setattr(jr.cluster, "local_cluster", quiet)
+    for k in range(2):
+        samples = "\n".join(map(str, np.asarray(record(150, k).acceleration)))
+        (tmp_path / f"{k}.csv").write_text(samples)
+    command = ("fragility", "--records", tmp_path, "--unit", "m/s2", "--time-step", 0.02)
+    command += ("--width", 0.2, "--levels", 0.2, 0.8)
+    workers = ("--workers", 1) if own else ("--scheduler", client.scheduler.address)
+    stored = ("--store", tmp_path / "f.zarr", "--chunks", "record=1", *workers)
+    code, out, err = run(capsys, *command, *stored)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[-1].endswith("f.zarr: 5 chunks, 0 of them taken over")
+    code, alone, _ = run(capsys, *command, "--out", tmp_path / "out")
+    assert code == 0
+    assert out.splitlines()[:-1] == [x for x in alone.splitlines() if "fragility." not in x]
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--workers", 2), "workers goes with a store only"),
+        (("--chunks", "width=2"), "chunks goes with a store only"),
+        (("--store", "s.zarr", "--out", "o"), "out and force go without a store only"),
+        (("--store", "s.zarr", "--force"), "out and force go without a store only"),
+        (("--store", "s.zarr", "--workers", 0), "workers must be at least 1, got 0"),
+        (("--store", "s.zarr", "--chunks", "width"), "chunks must be NAME=COUNT, .* got 'width'"),
+        (("--store", "s.zarr", "--chunks", "width=no"), "chunks must be NAME=COUNT, .*'width=no'"),
+        (("--store", "s.zarr", "--chunks", "depth=2"), "chunks must be of the dimensions slende"),
+        (
+            ("--store", "s.zarr", "--workers", 2, "--scheduler", "tcp://127.0.0.1:1"),
+            "workers and scheduler exclude each other",
+        ),
+    ],
+)
+def test_bad_options(tmp_path, monkeypatch, capsys, options, message):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "spectrum", *SMALL, *options)
+    assert (code, out) == (2, "")
+    assert re.search(message, err), err
+    assert err.count("\n") == 1
+    assert not [*tmp_path.iterdir()]
