@@ -102,6 +102,9 @@ class Grid:
 
     def computed(self) -> dict[str, np.ndarray]:
         """All variables, in memory."""
+        if math.prod(values.size for values in self.axes.values()) <= self.largest:
+            answers = self.compute(self.shared, *self.axes.values())
+            return {n: np.asarray(answers[n], v[1]) for n, v in self.variables.items()}
         arrays = {
             name: np.empty([self.size(dim) for dim in dims], dtype)
             for name, (dims, dtype, _) in self.variables.items()
@@ -174,33 +177,46 @@ def along(things: Sequence[Any]) -> np.ndarray:
     return values
 
 
-def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], list[np.ndarray]]:
+def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     """The shape of a part of a grid, and the value along each axis at each of its points."""
-    grid = np.meshgrid(*parts, indexing="ij")
-    return tuple(part.size for part in parts), [values.reshape(-1) for values in grid]
+    shape = tuple(part.size for part in parts)
+    points = np.empty((len(parts), *shape))
+    for place, part in enumerate(parts):
+        points[place] = part.reshape([-1 if k == place else 1 for k in range(len(parts))])
+    return shape, points.reshape(len(parts), -1)
 
 
-def in_tiles(
-    function: Callable[..., Any], tile: int, values: Sequence[np.ndarray], workers: int = 0
-) -> Any:
-    """An elementwise function of flat arrays, at least one, in NumPy, in tiles of one size.
+def in_tiles(function: Callable[..., Any], tile: int, points: np.ndarray, workers: int = 0) -> Any:
+    """An elementwise function of points of shape (arguments, n), n > 0, in tiles of one size.
 
     XLA makes another program for every shape, and not all of these round alike. In tiles each
     point has the same bits whatever the others are, and one program serves all grids. The function
-    takes the number of the tile as well, and is called by as many threads as there are `workers`,
-    by default one for each processor.
+    takes the number of the tile and its points, and is called by as many threads as there are
+    `workers`, by default one for each processor. Returns NumPy arrays.
     """
-    size = values[0].size
-
-    def one(number: int) -> Any:
-        parts = [each[number * tile : (number + 1) * tile] for each in values]
-        taken = parts[0].size
-        answers = function(number, *(np.pad(p, (0, tile - taken), mode="edge") for p in parts))
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[:taken], answers)
-
+    size = points.shape[1]
     numbers = range(-(-size // tile))
-    separate = mapped(one, numbers, min(workers or processors(), len(numbers)))
-    return jax.tree.map(lambda *tiles: np.concatenate(tiles), *separate)
+
+    def of_tile(number: int) -> tuple[slice, Any]:
+        part = points[:, number * tile : (number + 1) * tile]
+        taken = part.shape[1]
+        if taken < tile:
+            part = np.pad(part, ((0, 0), (0, tile - taken)), mode="edge")
+        answers = function(number, part)
+        return slice(number * tile, number * tile + taken), answers
+
+    at, first = of_tile(0)
+    if len(numbers) == 1:
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[at], first)
+    whole = jax.tree.map(lambda leaf: np.empty((size, *leaf.shape[1:]), leaf.dtype), first)
+
+    def store(at: slice, answers: Any) -> None:
+        for target, leaf in zip(jax.tree.leaves(whole), jax.tree.leaves(answers), strict=True):
+            target[at] = np.asarray(leaf)[: at.stop - at.start]
+
+    store(at, first)
+    mapped(lambda number: store(*of_tile(number)), numbers[1:], workers or processors())
+    return whole
 
 
 def of_few_shapes(function: Callable[[Any], Any], tree: Any) -> np.ndarray:

@@ -160,10 +160,10 @@ def _of_floors(
     (block, restitution), (shape, (ratios, strengths)) = shared, flat(*parts)
     amplitude, frequency = strengths * uplift, ratios * rate
 
-    def of_tile(_: int, *floor: np.ndarray) -> HarmonicOrbit:
-        return harmonic_orbit(block, restitution, *floor, model=model)
+    def of_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
+        return harmonic_orbit(block, restitution, *floors, model=model)
 
-    orbit = in_tiles(of_tile, _TILE, (amplitude, frequency))
+    orbit = in_tiles(of_tile, _TILE, np.stack([amplitude, frequency]))
     motion = Harmonic(amplitude, frequency, cycles)
     answers = {
         "velocity_ratio": np.asarray(orbit.launch_velocity) / critical,

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
 Devices = Sequence[Any] | None
 
 RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
-_TILE = 2**14  # points that go through a program at once, on a processor
-_LARGEST, _USUAL = 2**18, 2**20  # points of a grid at once, and in a chunk of a lazy dataset
+_TILE = 2**15  # points that go through a program at once, on a processor
+_LARGEST = _USUAL = 2**20  # points of a grid at once, and in a chunk of a lazy dataset
 
 _VARIABLES = {  # long name and unit
     "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
@@ -169,7 +168,7 @@ def _over_axes(
 ) -> dict[str, np.ndarray]:
     """What `compute` says of the points of a grid, by the number of axes of each variable."""
     shape, points = flat(*parts)
-    answers = compute(np.stack(points), shared)
+    answers = compute(points, shared)
     full = len(shape)
     # What has fewer dimensions is the same along the others.
     return {
@@ -216,19 +215,19 @@ def _at_points(
     workers = max(processors(), len(devices)) if on_processor else len(devices)
     elsewhere = len(devices) > 1 or devices[0] != jax.local_devices()[0]
 
-    def of_tile(number: int, *tile: np.ndarray) -> Any:
-        given: Any = (np.stack(tile), gravity, inertia_ratio)
+    def of_tile(number: int, tile: np.ndarray) -> Any:
+        given = (tile, gravity, inertia_ratio)
         if elsewhere:
             # Each tile by the program for one device: of what is partitioned XLA makes another.
             given = jax.device_put(given, devices[number % len(devices)])
-        return _of_scenes(given, function, argument)
+        return _of_scenes(given, argument, function=function)
 
-    values = [*np.asarray(points, jnp.result_type(float))]
+    values = np.asarray(points, jnp.result_type(float))
     return in_tiles(of_tile, _TILE if on_processor else _LARGEST, values, workers)
 
 
-@eqx.filter_jit
-def _of_scenes(given: tuple[Array, Array, Array], function: Any, argument: Any) -> Any:
+@functools.partial(jax.jit, static_argnames="function")
+def _of_scenes(given: tuple[Array, Array, Array], argument: Any, *, function: Any) -> Any:
     points, gravity, inertia_ratio = given
 
     def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
