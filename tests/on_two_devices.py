@@ -20,7 +20,7 @@ def devices():
 
 
 def test_spectrum(tmp_path, monkeypatch, devices):
-    monkeypatch.setattr("jaxrock.spectra.resonance._TILE", 60)
+    monkeypatch.setattr("jaxrock.spectra.resonance._TILES", (60, 60))
     grid = GRID | {"slenderness": np.linspace(3, 10, 37)}
     single = jr.resonance_spectrum(**grid, devices=devices[:1])
     shared = jr.resonance_spectrum(**grid)

@@ -45,6 +45,17 @@ def test_schedulers(tmp_path, scheduler):
             assert stored[name].values.tobytes() == whole[name].values.tobytes()
 
 
+@pytest.mark.parametrize("model", ["linearized", "nonlinear"])
+def test_tiles_of_all_sizes_round_alike(monkeypatch, model):
+    """On one processor they are smaller than on several."""
+    axes = (np.linspace(3, 9, 40), np.linspace(0.2, 2, 30), np.linspace(0.5, 0.9, 10), 0.15)
+    found = []
+    for tile in resonance._TILES:
+        monkeypatch.setattr(resonance, "_TILES", (tile, tile))
+        found.append(jr.resonance_spectrum(*axes, model=model))
+    same_bits(*found)
+
+
 def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
     asked = []
 

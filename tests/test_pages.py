@@ -3,12 +3,15 @@
 import ast
 import json
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+import xarray
 from benchmarks import first_calls
 
 import jaxrock as jr
@@ -163,6 +166,30 @@ def test_first_calls_are_those_that_were_measured():
 def test_faults_of_the_paper_are_those_of_the_report():
     for fault in paper.regenerate().faults:
         assert f"| {fault.where} | {fault.statement} | {fault.figure} |" in TEXTS["paper"]
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_the_study_by_workers_runs_and_is_continued(tmp_path):
+    """As a file that is run, twice; the port of the dashboard may be taken."""
+    (tmp_path / "study.py").write_text(code("many_devices"), encoding="utf-8")
+    for taken_over in (0, 4):
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore::UserWarning", "study.py"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout == f"study.zarr: 4 chunks, {taken_over} of them taken over\n"
+    with xarray.open_zarr(tmp_path / "study.zarr") as found:
+        assert dict(found.sizes) == {
+            "record": 4,
+            "period": 20,
+            "slenderness": 2,
+            "restitution": 2,
+            "factor": 3,
+        }
 
 
 def test_the_readme_is_short_and_leads_to_files_that_are_there():

@@ -43,3 +43,13 @@ def test_what_is_over_soon_shows_nothing_and_errors_pass(monkeypatch):
     assert progress.sys.stderr.getvalue() == ""
     assert progress._showing.acquire(blocking=False)
     progress._showing.release()
+
+
+def test_a_part_of_something_larger_shows_nothing(quick, monkeypatch):
+    monkeypatch.setattr("sys.stderr", Terminal())
+    with progress.without_progress():
+        for _ in progress.with_progress(range(3), "steps"):
+            time.sleep(0.05)
+        with progress.with_clock("clock"):
+            time.sleep(0.15)
+    assert progress.sys.stderr.getvalue() == ""

@@ -156,7 +156,7 @@ def test_bad_grids(wrong, message):
 
 
 def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise RuntimeError("broken")
 
     monkeypatch.setattr("jaxrock.spectra.resonance._of_scenes", fail)
@@ -176,7 +176,7 @@ def test_a_path_that_is_a_folder(tmp_path, monkeypatch, store):
 
 
 def test_a_disk_that_fills_up(tmp_path, monkeypatch):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(spectra, "_of_scenes", full)

@@ -104,7 +104,7 @@ class Grid:
         """All variables, in memory."""
         if math.prod(values.size for values in self.axes.values()) <= self.largest:
             answers = self.compute(self.shared, *self.axes.values())
-            return {n: np.asarray(answers[n], v[1]) for n, v in self.variables.items()}
+            return {n: np.ascontiguousarray(answers[n], v[1]) for n, v in self.variables.items()}
         arrays = {
             name: np.empty([self.size(dim) for dim in dims], dtype)
             for name, (dims, dtype, _) in self.variables.items()
