@@ -153,6 +153,7 @@ def test_the_command_hears_before_it_imports_anything_else(tmp_path):
         ("/usr/bin/jaxrock", ["python", "/usr/bin/jaxrock"], True),
         ("study.py", ["python", "study.py"], False),
         ("", ["python"], False),
+        ("/usr/bin/jaxrock", ["python", "-c", "spawn", "--multiprocessing-fork"], False),
     ],
 )
 def test_only_the_command_takes_signals(monkeypatch, program, given, is_command):

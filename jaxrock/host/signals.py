@@ -7,7 +7,6 @@ program is compiled or runs nothing is raised at all. So a thread of its own wai
 
 import atexit
 import contextlib
-import multiprocessing
 import os
 import signal
 import socket
@@ -79,7 +78,7 @@ def _listen(ear: socket.socket, numbers: Sequence[int]) -> None:
 
 def _is_command() -> bool:
     """Whether this process is ``jaxrock`` or ``python -m jaxrock``, seen from an import."""
-    if multiprocessing.parent_process() is not None:  # a worker of one, with its arguments
+    if "--multiprocessing-fork" in sys.orig_argv:  # a worker of one, which has its name
         return False
     program, given = (sys.argv or [""])[0], [*sys.orig_argv, "-m", ""]
     if program != "-m":
