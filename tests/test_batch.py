@@ -207,6 +207,8 @@ def test_threads_are_no_more_than_there_are_workers():
     with concurrent.futures.ThreadPoolExecutor(4) as callers:
         list(callers.map(lambda _: mapped(work, range(4), 2), range(4)))
     assert max(most) == 2
+    nested = mapped(lambda _: mapped(lambda k: k, range(3), 2), range(4), 2)
+    assert nested == [[0, 1, 2]] * 4
 
 
 @pytest.mark.float64

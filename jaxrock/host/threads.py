@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import functools
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -11,6 +12,7 @@ import jax
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+_NAME = "jaxrock-worker"  # of threads
 
 
 def processors() -> int:
@@ -26,7 +28,8 @@ def mapped(function: Callable[[_T], _R], items: Iterable[_T], workers: int) -> l
     However many threads call this at once, as those of Dask do, together they keep no more
     processors busy than there are.
     """
-    if workers == 1:
+    # One of its own threads must not wait for others, of which none may be left.
+    if workers == 1 or threading.current_thread().name.startswith(_NAME):
         return list(map(function, items))
     settings = settings_of_jax()
 
@@ -39,7 +42,7 @@ def mapped(function: Callable[[_T], _R], items: Iterable[_T], workers: int) -> l
 
 @functools.cache
 def _pool(workers: int) -> concurrent.futures.ThreadPoolExecutor:
-    return concurrent.futures.ThreadPoolExecutor(workers, "jaxrock")
+    return concurrent.futures.ThreadPoolExecutor(workers, _NAME)
 
 
 def settings_of_jax() -> dict[str, Any]:
