@@ -16,7 +16,7 @@ def public_names():
         thing = getattr(jaxrock, name)
         if not inspect.ismodule(thing):
             described.setdefault(id(thing), f"jaxrock.{name}")
-    for room in filter(inspect.ismodule, (getattr(jaxrock, name) for name in jaxrock.__all__)):
+    for room in filter(inspect.ismodule, (getattr(jaxrock, name) for name in dir(jaxrock))):
         for name in getattr(room, "__all__", ()):
             if not inspect.ismodule(thing := getattr(room, name)):
                 described.setdefault(id(thing), f"{room.__name__}.{name}")

@@ -182,10 +182,10 @@ def test_a_move_that_fails_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
-    def full(*_):
+    def full(*_, **__):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr("jaxrock.spectra.resonance._evaluate", full)
+    monkeypatch.setattr("jaxrock.spectra.resonance._of_scenes", full)
     code, _, err = run(capsys, "spectrum", "--out", tmp_path / "new", *SMALL)
     assert code == 2
     assert f"out: the folder {str(tmp_path / 'new')!r} cannot be written to: NetCDF" in err

@@ -22,7 +22,7 @@ from lazy_cases import AXES, GRIDS, blocks, record, same_bits
 import jaxrock as jr
 from jaxrock.cli import main
 from jaxrock.cluster import local_cluster, write_zarr
-from jaxrock.cluster.workers import accelerator_of, share_of
+from jaxrock.cluster.workers import accelerator_of, number_of, share_of
 
 OWN = ("identity", "computed_with")  # attributes of a store
 
@@ -189,6 +189,24 @@ def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
         refused(grid(), tmp_path / name, "is no Zarr store that write_zarr has begun")
 
 
+def test_what_is_missing_in_the_end_is_said(tmp_path, monkeypatch):
+    """As where a worker writes to another disk of the same path."""
+    monkeypatch.setattr("jaxrock.cluster.zarr_store._write", lambda *_, block_id, **__: np.ones(1))
+    with pytest.raises(ValueError, match="3 chunks of rotation_ratio are not there; do all work"):
+        write_zarr(grid(), tmp_path / "grid.zarr")
+    with xarray.open_zarr(tmp_path / "grid.zarr", zarr_format=2) as found:
+        assert "unfinished" in found.attrs
+
+
+def test_names_of_records_are_part_of_a_study(tmp_path):
+    def study(*names):
+        records = jr.Suite([record(150, 0), record(200, 1)], names)
+        return jr.rocking_spectrum(records, 1.0, 5.0, chunks={"record": 1})
+
+    write_zarr(study("first", "second"), tmp_path / "grid.zarr")
+    refused(study("second", "first"), tmp_path / "grid.zarr", "its record differs")
+
+
 def test_what_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match="dataset must be lazy"):
         write_zarr(grid(chunks=None), tmp_path / "grid.zarr")
@@ -214,6 +232,13 @@ def test_shares_of_a_machine():
     assert [share_of([4, 5], k, 3) for k in range(3)] == [[4], [5], [4]]
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         local_cluster(0)
+
+
+def test_workers_are_told_apart_by_their_names():
+    assert [number_of(name) for name in (3, "2", "first-0-12")] == [3, 2, 12]
+    for name in ("tcp://127.0.0.1:43159", "first"):
+        with pytest.raises(ValueError, match="workers must have names that end in a number"):
+            number_of(name)
 
 
 def test_accelerators(monkeypatch, tmp_path):
@@ -299,6 +324,8 @@ def test_fragility_as_a_store(client, tmp_path, monkeypatch, capsys, own):
         (("--chunks", "width=2"), "chunks goes with a store only"),
         (("--store", "s.zarr", "--out", "o"), "out and force go without a store only"),
         (("--store", "s.zarr", "--force"), "out and force go without a store only"),
+        (("--store", "s.zarr", "--scheduler", ""), "scheduler must be an address, .* got ''"),
+        (("--store", "s.zarr", "--chunks", "width=1", "width=2"), "once, got width twice"),
         (("--store", "s.zarr", "--workers", 0), "workers must be at least 1, got 0"),
         (("--store", "s.zarr", "--chunks", "width"), "chunks must be NAME=COUNT, .* got 'width'"),
         (("--store", "s.zarr", "--chunks", "width=no"), "chunks must be NAME=COUNT, .*'width=no'"),

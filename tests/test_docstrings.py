@@ -40,7 +40,7 @@ def refuses(function):
 
 def public():
     """Every public callable with all docstrings that apply to it, by name."""
-    everything = {name: getattr(jr, name) for name in jr.__all__}
+    everything = {name: getattr(jr, name) for name in dir(jr)}
     rooms = [thing for thing in everything.values() if inspect.ismodule(thing)]
     everything |= {
         name: getattr(room, name) for room in rooms for name in getattr(room, "__all__", ())

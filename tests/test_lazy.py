@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 import xarray
-from lazy_cases import AXES, GRIDS, record, same_bits, suite
+from lazy_cases import AXES, BLOCK, GRIDS, record, same_bits, suite
 
 import jaxrock as jr
 from jaxrock import cluster
@@ -141,6 +141,22 @@ def test_what_is_wrong_is_said_at_once(options, message):
     grid = dict(zip(("slenderness", "width", "restitution"), AXES, strict=True))
     with pytest.raises(ValueError, match=message):
         jr.resonance_spectrum(**grid | {"intensity": 0.15} | options)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda **c: jr.overturning_spectrum(jr.Sine, 1.0, 2.0, restitution=1.5, **c), "restitu"),
+        (lambda **c: jr.overturning_map(jr.Sine, 1.0, restitution=1.5, **c), "restitution must"),
+        (lambda **c: jr.overturning_map(jr.Sine, 1.0, (9.0, 1.0), **c), "ratios must be two incr"),
+        (lambda **c: jr.overturning_map(jr.Sine, 1.0, resolution=-1.0, **c), "resolution must be"),
+        (lambda **c: jr.fragility(BLOCK, 1.5, suite(), [0.1], **c), "restitution must be between"),
+        (lambda **c: jr.fragility(BLOCK, 0.8, suite(), [0.1], tolerance=-1.0, **c), "tolerance mu"),
+    ],
+)
+def test_nothing_wrong_reaches_a_worker(make, message):
+    with pytest.raises(ValueError, match=message):
+        make(chunks="auto")
 
 
 def test_several_motions_are_a_suite():

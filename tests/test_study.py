@@ -285,3 +285,24 @@ def test_a_job_that_fails_is_named_and_the_others_are_not_lost(tmp_path, capsys)
     assert second["files"] == [str(tmp_path / "found" / "critical.csv")]
     assert (tmp_path / "found" / "critical.csv").exists()
     assert not (tmp_path / "sensitivity").exists()
+
+
+def test_stores_are_jobs_too(tmp_path):
+    """Of a study in another folder, and in the way of each other."""
+    text = """
+[[job]]
+command = "spectrum"
+store = "grid.zarr"
+chunks = "width=1"
+
+[[job]]
+command = "rocking-spectrum"
+store = "{other}.zarr"
+"""
+    first, second = Run(study=Path(study(tmp_path, text.format(other="other")))).jobs.values()
+    assert [job.targets for job in (first, second)] == [
+        [tmp_path / "grid.zarr"],
+        [tmp_path / "other.zarr"],
+    ]
+    with pytest.raises(ValueError, match=r"grid.zarr' is in the way of job 1 \(spectrum\)"):
+        _ = Run(study=Path(study(tmp_path, text.format(other="grid")))).jobs

@@ -154,7 +154,7 @@ class Writing(Command):
     def check(self) -> None:
         """Raise `ValueError` also for files that exist and must not be overwritten."""
         super().check()
-        if self.out is not None:
+        if self.out is not None and self.names:
             check_free("out", self.out, self.names, self.force)
 
     def run(self) -> Answer:

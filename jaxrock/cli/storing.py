@@ -19,7 +19,7 @@ class Storing(Writing):
     store: Path | None = None
     """Zarr store to write instead of the files; one that this command has begun is continued."""
     chunks: tuple[str, ...] = ()
-    """Points along a dimension in one task, as NAME=COUNT; 2^14 to 2^20 in all if not given."""
+    """Points along a dimension in one task, as NAME=COUNT; some seconds of work if not given."""
     workers: int | None = None
     """Processes of this machine that compute the store; one for each processor if not given."""
     scheduler: str | None = None
@@ -29,8 +29,10 @@ class Storing(Writing):
         """Raise `ValueError` also for options that go with a store only, or without one."""
         if self.store is None:
             self.refuse("chunks", "workers", "scheduler", only_with="a store")
-        elif self.out != type(self).out or self.force:
+        elif Path(self.out or "").name != str(type(self).out) or self.force:
             raise ValueError("out and force go without a store only, which is not overwritten")
+        if self.scheduler == "":
+            raise ValueError("scheduler must be an address, such as tcp://host:8786, got ''")
         if self.workers is not None and self.scheduler is not None:
             raise ValueError("workers and scheduler exclude each other, got both")
         if self.workers is not None and self.workers < 1:
@@ -55,7 +57,9 @@ class Storing(Writing):
             name, equals, count = word.partition("=")
             if not (name and equals and count.isdecimal() and int(count) > 0):
                 raise ValueError(f"chunks must be NAME=COUNT, such as width=50, got {word!r:.60}")
-            lengths[name.replace("-", "_")] = int(count)
+            if (name := name.replace("-", "_")) in lengths:
+                raise ValueError(f"chunks must name a dimension once, got {name} twice")
+            lengths[name] = int(count)
         return lengths or "auto"
 
     def stored(
@@ -75,6 +79,8 @@ class Storing(Writing):
     @contextlib.contextmanager
     def _client(self, cluster: Any) -> Iterator[None]:
         """Workers for Dask: those of the scheduler, or some of this machine."""
+        from concurrent.futures import CancelledError
+
         from distributed import Client
         from distributed.scheduler import KilledWorker
 
@@ -91,3 +97,7 @@ class Storing(Writing):
             except KilledWorker as error:
                 reason = "workers ended again and again at one chunk, perhaps for want of memory"
                 raise ValueError(f"{reason}: {error}") from error
+            except CancelledError as error:
+                raise ValueError("the scheduler was lost; the same command goes on") from error
+            except RuntimeError as error:  # such as where workers have no jaxrock
+                raise ValueError(f"the workers cannot do it: {error}") from error

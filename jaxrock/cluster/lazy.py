@@ -89,9 +89,10 @@ def lazily_from(
 
     Each variable has some axes of the array, and a type; the first one is cut as in the array.
     """
+    whole: Any = -1
     made = da.map_blocks(
         function,
-        array.rechunk(-1),
+        array.rechunk(whole),
         *arguments,
         name=f"{function.__name__}-{tokenize(array.name, arguments)}",
         dtype=object,
@@ -144,8 +145,10 @@ def _cut(name: str, length: Any, size: int) -> tuple[int, ...]:
         return (*[length] * (size // length), *[size % length] * (size % length > 0))
     if isinstance(length, Sequence) and not isinstance(length, str):
         lengths = tuple(length)
-        if all(isinstance(n, int) and n > 0 for n in lengths) and sum(lengths) == size:
-            return lengths
+        if all(isinstance(n, int | np.integer) and n > 0 for n in lengths):
+            lengths = tuple(map(int, lengths))
+            if sum(lengths) == size:
+                return lengths
     must = "must be a length from 1 on, -1 for all, or lengths that add up to"
     raise ValueError(f"chunks of {name} {must} {size}, got {length!r:.60}")
 

@@ -1,6 +1,8 @@
 """Workers on this machine: each has processors of its own, and an accelerator if there is one."""
 
+import contextlib
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -59,7 +61,8 @@ class OwnProcessors(WorkerPlugin):
     Parameters
     ----------
     workers : int
-        How many there are on the machine, named from 0 on.
+        How many there are on the machine, with names that end in a number from 0 on, such as
+        ``dask worker --name 0``.
     """
 
     name = "jaxrock-own-processors"
@@ -73,14 +76,28 @@ class OwnProcessors(WorkerPlugin):
         Parameters
         ----------
         worker : distributed.Worker
+
+        Raises
+        ------
+        ValueError
+            If its name has no number.
         """
-        number = int(worker.name)
+        number = number_of(worker.name) % self.workers
         os.environ.update(accelerator_of(number, self.workers, os.environ))
         if hasattr(os, "sched_setaffinity"):
             own = share_of(sorted(os.sched_getaffinity(0)), number, self.workers)
             threads = Path("/proc/self/task")  # those that run already
             for thread in threads.iterdir() if threads.exists() else [Path("0")]:
-                os.sched_setaffinity(int(thread.name), own)
+                with contextlib.suppress(ProcessLookupError):  # ended meanwhile
+                    os.sched_setaffinity(int(thread.name), own)
+
+
+def number_of(name: Any) -> int:
+    """The number at the end of a worker's name; a `ValueError` if it has none."""
+    found = re.search(r"\d+$", str(name))
+    if not found or ":" in str(name):  # an address, where a worker has been given no name
+        raise ValueError(f"workers must have names that end in a number from 0 on, got {name!r}")
+    return int(found[0])
 
 
 def share_of(all_of_them: list[int], number: int, workers: int) -> list[int]:

@@ -3,9 +3,11 @@
 import contextlib
 import math
 import os
+import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -61,10 +63,11 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From a function of jaxrock with ``chunks``; along each dimension these have one length, but
-        for the last.
+        From a function of jaxrock with ``chunks``; along each dimension these have one length, and
+        the last may be shorter.
     path : str or path
-        A folder, which all workers reach by this path. One that exists is continued.
+        A folder, which all workers reach by this path. One that exists is continued, by one run at
+        a time.
 
     Returns
     -------
@@ -149,7 +152,7 @@ def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
 
 
 def _versions() -> str:
-    return f"JAX {jax.__version__}"
+    return f"JAX {jax.__version__}, Dask {version('dask')}, Python {platform.python_version()}"
 
 
 def _check_same(
@@ -159,10 +162,11 @@ def _check_same(
     try:
         with xarray.open_zarr(path, zarr_format=_FORMAT) as there:
             found = there.attrs
-            if found.get(_IDENTITY) == identity and found.get(_MADE_BY) == _versions():
+            whole = all((path / name).is_dir() for name in arrays)
+            if found.get(_IDENTITY) == identity and found.get(_MADE_BY) == _versions() and whole:
                 return
             reason = _difference(there, dataset, arrays)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         reason = "is no Zarr store that write_zarr has begun"
     raise ValueError(f"store: {str(path)!r} {reason}; it is left as it is")
 
@@ -213,7 +217,7 @@ def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
         path=os.path.abspath(path),
         names=tuple(group),
         lengths=tuple(lengths[0] for lengths in arrays[0].chunks),
-        name=f"write-{tokenize(str(path), [array.name for array in arrays])}",
+        name=f"write-{tokenize(os.path.abspath(path), [array.name for array in arrays])}",
         dtype=np.int8,
         chunks=tuple((1,) * count for count in arrays[0].numblocks),
         meta=np.empty((0,) * arrays[0].ndim, np.int8),
@@ -275,6 +279,11 @@ def _finish(path: Path, arrays: Mapping[str, da.Array]) -> None:
     group = zarr.open_group(path, mode="r+", zarr_format=_FORMAT)
     if _UNFINISHED not in group.attrs:
         return
+    for name, array in arrays.items():
+        missing = {*np.ndindex(*array.numblocks)} - _present(path, name)
+        if missing:
+            said = f"{len(missing)} chunks of {name} are not there; do all workers write to it?"
+            raise ValueError(f"store: {str(path)!r}: {said}")
     for name in arrays:
         for left in (path / name).glob("*.partial"):
             left.unlink(missing_ok=True)

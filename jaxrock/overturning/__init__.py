@@ -11,6 +11,7 @@ from .pulse_thresholds import (
     critical_duration,
     survival_windows,
 )
+from .pulse_thresholds import check_range as check_range
 from .pulse_thresholds import each_critical_amplitude as each_critical_amplitude
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search

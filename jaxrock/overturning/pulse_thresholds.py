@@ -120,6 +120,11 @@ def _amplitudes(
     return searched(block, restitution, pulse, amplitudes, search)
 
 
+def check_range(ratios: Sequence[float], resolution: float) -> None:
+    """Raise `ValueError` if amplitudes between these ratios cannot be sought to a resolution."""
+    _levels("ratios", ratios, resolution)
+
+
 def each_critical_amplitude(
     block: Block,
     restitution: Number,

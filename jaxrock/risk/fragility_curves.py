@@ -13,7 +13,7 @@ from ..ground_motion import MEASURES, Suite, intensity_measure
 from ..host import with_progress
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..spectra import Grid, along
-from ..validation import POSITIVE, Number, Numbers, as_real, check, check_kind
+from ..validation import POSITIVE, UNIT_INTERVAL, Number, Numbers, as_real, check, check_kind
 from .exceedance import Threshold, about, with_curves
 
 if TYPE_CHECKING:
@@ -114,6 +114,8 @@ def fragility(
         raise ValueError("levels must be increasing, got values that do not increase")
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
+    check("restitution", restitution, UNIT_INTERVAL)
+    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     names = threshold_names(thresholds)
     model = as_model(model)
     suite.factors(places[0], measure, block)  # every record has to have some

@@ -14,7 +14,7 @@ from ..dynamics import respond_batch, uplift_acceleration
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, pulse_class
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check, check_kind
+from ..validation import AT_LEAST_ONE, POSITIVE, UNIT_INTERVAL, as_real, check, check_kind
 from .axes import Values, axis
 from .grid import Grid, along, flat, of_few_shapes
 
@@ -115,6 +115,7 @@ def rocking_spectrum(
     values = {"period": period, "slenderness": slenderness, "restitution": restitution}
     values["factor"] = factor
     axes = {name: axis(name, given) for name, given in values.items() if given is not None}
+    gravity, inertia_ratio = float(gravity), float(inertia_ratio)
     about = {"motion": records[0].name, "gravity": gravity, "inertia_ratio": inertia_ratio}
     problem = functools.partial(_blocks_of_periods, (*axes,), gravity, inertia_ratio)
     grid = _grid("Rocking spectrum", axes, problem, motion, model, tolerance, about)
@@ -204,6 +205,7 @@ def unit_block(
     """A block of any size, its restitution, and the acceleration that just lifts it."""
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     c = float(_restitution(block)) if restitution is None else restitution
+    check("restitution", as_real("restitution", c), UNIT_INTERVAL)
     return block, c, float(uplift_acceleration(block, as_model(model)))
 
 

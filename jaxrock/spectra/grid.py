@@ -88,7 +88,7 @@ class Grid:
         along = cluster.chunks_along(chunks, inner, self.usual)
         along |= {name: (size,) for name, size in sizes.items() if name not in used}
         variables = {name: entry[:2] for name, entry in self.variables.items()}
-        about = (self.title, dict(self.attributes), version("jaxrock"))
+        about = (self.title, dict(self.attributes), dict(self.names), version("jaxrock"))
         compute = functools.partial(_all_of, self.without_values())
         return self.labelled(
             cluster.lazy_arrays(

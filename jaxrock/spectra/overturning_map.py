@@ -10,7 +10,7 @@ import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO
 from ..ground_motion import Pulse, pulse_class
-from ..overturning import each_critical_amplitude
+from ..overturning import check_range, each_critical_amplitude
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import as_real
 from .axes import Values, axis
@@ -82,6 +82,7 @@ def overturning_map(
     kind = pulse_class(shape)
     block, c, uplift = unit_block(slenderness, restitution, inertia_ratio, model)
     lows_and_highs = (float(amplitude_ratios[0]), float(amplitude_ratios[1]))
+    check_range(lows_and_highs, resolution)
     rate = float(block.frequency_parameter)
     search = (lows_and_highs, resolution, model)
     compute = functools.partial(_boundaries, kind, uplift, rate, search)
@@ -115,7 +116,9 @@ def overturning_map(
         columns={"boundary": columns},
         shared=shared,
     )
-    return grid.labelled(found) if found is not None else grid.dataset(chunks)
+    if found is None:
+        return grid.dataset(chunks)
+    return grid.labelled({n: np.asarray(found[n], v[1]) for n, v in variables.items()})
 
 
 def _boundaries(

@@ -125,7 +125,8 @@ def resonance_spectrum(
         for name, (long_name, units) in _VARIABLES.items()
     }
     variables["critical_intensity"] = (dims[:3], *variables["critical_intensity"][1:])
-    attributes = {"model": "auto", **constants, "gravity_units": "m s-2"}
+    numbers = {name: float(value) for name, value in constants.items()}
+    attributes = {"model": "auto", **numbers, "gravity_units": "m s-2"}
     if single:
         attributes["model"] = single.name
         compute = functools.partial(_single, model=single, devices=devices)
