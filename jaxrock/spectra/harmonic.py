@@ -1,8 +1,10 @@
 """Spectra of steady rocking on a harmonic floor: where it is stable, and what happens elsewhere."""
 
 import functools
+import threading
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 _CHUNK = 2**14  # points of a spectrum that are computed at once
 _USUAL = 2**12  # and in a chunk of a lazy dataset
 _TILE = 2**6  # and whose orbits go through a program at once
+# Of these programs only one runs at a time: in JAX 0.10 the threads of several wait for each other.
+_turns = threading.Lock()
 _DISTURBANCE = 1e-3  # of the launch velocity, relative
 
 _AXES = {  # long names
@@ -161,7 +165,8 @@ def _of_floors(
     amplitude, frequency = strengths * uplift, ratios * rate
 
     def of_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
-        return harmonic_orbit(block, restitution, *floors, model=model)
+        with _turns:
+            return jax.block_until_ready(harmonic_orbit(block, restitution, *floors, model=model))
 
     orbit = in_tiles(of_tile, _TILE, np.stack([amplitude, frequency]))
     motion = Harmonic(amplitude, frequency, cycles)
