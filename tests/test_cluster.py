@@ -18,9 +18,9 @@ import xarray
 import zarr
 from distributed import Client
 from lazy_cases import AXES, GRIDS, blocks, record, same_bits
+from test_cli import run
 
 import jaxrock as jr
-from jaxrock.cli import main
 from jaxrock.cluster import local_cluster, write_zarr
 from jaxrock.cluster.workers import accelerator_of, number_of, share_of
 
@@ -253,17 +253,6 @@ def test_accelerators(monkeypatch, tmp_path):
         (tmp_path / "gpus" / name).mkdir(parents=True)
     monkeypatch.setattr("jaxrock.cluster.workers._GPUS", tmp_path / "gpus")
     assert accelerator_of(1, 2, {}) == {"CUDA_VISIBLE_DEVICES": "1"}
-
-
-def run(capsys, *arguments):
-    """Exit code, standard output, standard error of a command."""
-    try:
-        main([str(argument) for argument in arguments])
-        code = 0
-    except SystemExit as stop:
-        code = stop.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 SMALL = ("--slenderness", "3:9:5", "--width", 0.4, 0.8, "--restitution", 0.7)

@@ -1,7 +1,6 @@
 """The machine outside: files, signals, threads, progress, printing."""
 
 from . import signals as signals
-from .datasets import along_records as along_records
 from .datasets import labelled as labelled
 from .datasets import with_names as with_names
 from .extras import optional as optional

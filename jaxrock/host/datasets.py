@@ -44,11 +44,3 @@ def with_names(dataset: "xarray.Dataset", **names: tuple[Sequence[str], str]) ->
     named = dataset.assign_coords(coordinates)
     named.attrs = {n: value for n, value in dataset.attrs.items() if n != "Conventions"}
     return named
-
-
-def along_records(separate: "Sequence[xarray.Dataset]", names: Sequence[str]) -> "xarray.Dataset":
-    """Datasets of single records as one, with a first dimension for the names of these."""
-    import xarray
-
-    joined = xarray.concat(separate, "record", combine_attrs="override")
-    return with_names(joined, record=(names, "ground motion"))
