@@ -71,7 +71,7 @@ class _Text:
         self.refuse(not content, "the file is empty")
         binary = len(content.translate(None, _BINARY)) < len(content)
         self.refuse(binary, "a text file was expected, this one is binary")
-        self.lines = [_decoded(line) for line in content.splitlines()]
+        self.lines = _decoded(content.splitlines())
 
     def fault(self, reason: str, line: int = 0) -> ValueError:
         """What is wrong with the file, or with one line of it."""
@@ -120,11 +120,13 @@ class _Text:
         return value
 
 
-def _decoded(line: bytes) -> str:
+def _decoded(lines: list[bytes]) -> list[str]:
     try:
-        return line.decode()
-    except UnicodeDecodeError:
-        return line.decode("latin-1")  # names of stations; numbers are the same in both
+        return [line.decode() for line in lines]
+    except UnicodeDecodeError:  # in names of stations; numbers are the same in both
+        if len(lines) == 1:
+            return [lines[0].decode("latin-1")]
+        return [text for line in lines for text in _decoded([line])]
 
 
 def _stated(of: Callable[[str], list[Stated]], lines: _Lines, where: str) -> Statements:
