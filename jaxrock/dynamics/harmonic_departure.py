@@ -41,9 +41,9 @@ def peak_after_launch(
     leaves, form = jax.tree.flatten((arguments, time, velocity))
     size = np.size(time)
     groups = max(1, -(-size // _LANES))
-    # A power of two, so that few programs are compiled.
-    rows = np.ones((len(leaves), (1 << (groups - 1).bit_length()) * _LANES))
-    rows[:, :size] = np.stack([np.broadcast_to(leaf, (size,)) for leaf in leaves])
+    # A power of two, so that few programs are compiled; the rest are blocks that there are.
+    room = (1 << (groups - 1).bit_length()) * _LANES
+    rows = np.stack([np.resize(np.broadcast_to(leaf, (size,)), room) for leaf in leaves])
     rows = rows.reshape(len(leaves), -1, _LANES).swapaxes(0, 1)
     follow = _compiled(jax.default_backend())
     peaks = follow(input_of(motion), rows, groups, form=form, model=model)
