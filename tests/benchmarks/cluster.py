@@ -31,7 +31,7 @@ def closed_form(share=1.0):
     """A function that makes the grid of 20 million points, and its chunks."""
     axes = (np.linspace(3, 10, 400), np.linspace(0.2, 2, int(500 * share)))
     axes += (np.linspace(0.5, 0.9, 100), 0.15)
-    return lambda **options: jr.resonance_spectrum(*axes, model="nonlinear", **options), 20
+    return lambda **options: jr.resonance_spectrum(*axes, model="nonlinear", **options), 40
 
 
 def driven(share=1.0):
@@ -122,14 +122,18 @@ def times(job, argument):
 
 
 def memory(folder):
-    """Print the memory of a worker over the length of its chunks."""
-    grid, _ = closed_form()
-    for length in (5, 20, 80):
+    """Print the memory of a worker over the length of its chunks, and over their number."""
+    axes = np.linspace(0.2, 2, 500), np.linspace(0.5, 0.9, 100), 0.15
+    for length, count in ((5, 20), (20, 8), (20, 40), (80, 5)):
+        slenderness = np.linspace(3, 10, length * count)
+        chunks = {"slenderness": length}
         with jr.cluster.local_cluster(2) as cluster, Client(cluster) as client:
-            jr.cluster.write_zarr(grid(chunks={"slenderness": length}), folder / f"{length}.zarr")
+            lazy = jr.resonance_spectrum(slenderness, *axes, model="nonlinear", chunks=chunks)
+            jr.cluster.write_zarr(lazy, folder / f"{length}-{count}.zarr")
             peak = max(client.run(peak_memory).values())
         points = length * 50_000
-        print(f"chunks of {points:,} points, {points * 56 / 1e6:.0f} MB: {peak:.0f} MB", flush=True)
+        about = f"{count} chunks of {points:,} points, {points * 56 / 1e6:.0f} MB"
+        print(f"{about}: {peak:.0f} MB", flush=True)
 
 
 def main():
