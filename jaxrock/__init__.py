@@ -145,7 +145,10 @@ def __getattr__(name: str) -> Any:
     if name == "plot":  # imports matplotlib
         return importlib.import_module(".plot", __package__)
     if name == "cluster":  # imports Dask, which not every user has
-        return optional(name)
+        try:
+            return optional(name)
+        except ModuleNotFoundError as error:  # which `hasattr` would let through
+            raise AttributeError(str(error)) from error
     new = _RENAMED.get(name, name)  # what version 0.1 had here is in the packages now
     for room in (accuracy, dynamics, ground_motion, overturning, resonance, sensitivity):
         if new in room.__all__:

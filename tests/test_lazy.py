@@ -180,8 +180,13 @@ def test_without_the_extra(monkeypatch):
     for name in [name for name in sys.modules if name.startswith("jaxrock.cluster")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "dask", None)
-    with pytest.raises(ModuleNotFoundError, match=r"dask is not .* 'jaxrock\[cluster\]' brings it"):
+    monkeypatch.delattr(jr, "cluster", raising=False)
+    said = r"dask is not installed; .* 'jaxrock\[cluster\]' brings it"
+    with pytest.raises(ModuleNotFoundError, match=said):
         jr.resonance_spectrum(*AXES, 0.15, chunks="auto")
+    assert not hasattr(jr, "cluster")
+    with pytest.raises(AttributeError, match=said):
+        _ = jr.cluster
 
 
 @pytest.mark.parametrize(
