@@ -208,6 +208,7 @@ def test_bias_and_errors_of_many_tests(frequency_known):
 
 @DOUBLE
 @SLOW
+@pytest.mark.release
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("frequency_known", [True, False])
 def test_bias_and_errors_of_a_thousand_tests(model, frequency_known):
@@ -294,6 +295,7 @@ def test_two_missing_impacts():
 
 @DOUBLE
 @SLOW
+@pytest.mark.release
 @pytest.mark.parametrize("model", MODELS)
 def test_nothing_to_repair(model):
     rng, repaired = np.random.default_rng(3), 0

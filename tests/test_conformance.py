@@ -163,6 +163,7 @@ def test_computed_again(folder, part):
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 def test_scipy_agrees_on_every_case(folder):
     result = checked(folder)
     assert result.returncode == 0, result.stdout + result.stderr

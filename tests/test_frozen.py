@@ -28,6 +28,7 @@ def test_some_are_what_mpmath_says(name):
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 @pytest.mark.parametrize("name", TABLES)
 def test_all_are_what_mpmath_says(name):
     table = TABLES[name]

@@ -189,6 +189,7 @@ SHAPES = [jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker]
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 @pytest.mark.parametrize("shape", SHAPES)
 def test_random_pulses(shape):
     """Weak and long ones: outcome and orbits by DOP853, other orbits by a scan of its landings."""

@@ -92,6 +92,7 @@ def test_second_derivatives_of_driven_motion(solver):
 
 @pytest.mark.float64
 @pytest.mark.thorough
+@pytest.mark.release
 def test_a_million_half_cycles():
     block, model = jr.Block(0.4, 5.0), jr.Nonlinear()
     launch = 0.6 * model.critical_velocity(block)
