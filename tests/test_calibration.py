@@ -516,6 +516,7 @@ def test_driven_errors_by_differences():
 
 @DOUBLE
 @SLOW
+@pytest.mark.release
 def test_driven_errors_by_repetition():
     exact, off, stated = rotations(), [], []
     for seed in range(40):

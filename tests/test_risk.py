@@ -438,6 +438,7 @@ def test_rate_of_recorded_motions():
 
 @DOUBLE
 @SLOW
+@pytest.mark.release
 def test_rate_against_counting():
     """Outcomes at 10,000 levels of each record; what is missed is within its bound."""
     suite, block = jr.example_suite(), jr.Block(*SIZE)

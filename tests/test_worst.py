@@ -158,6 +158,7 @@ def test_no_train_is_worse(case):
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 @pytest.mark.parametrize("case", train_search.CASES)
 def test_no_train_is_worse_of_a_bigger_sample(case):
     no_worse_than_scipy(case, starts=10)
@@ -174,6 +175,7 @@ def test_what_scipy_found_overturns():
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 def test_the_frozen_trains_are_what_scipy_finds_today():
     for case in train_search.TELLING[:3]:
         now = train_search.best_of(case).reached
