@@ -139,6 +139,7 @@ def test_derivatives(name):
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 @pytest.mark.parametrize("name", ["no impact", "on a record"])
 def test_second_derivatives(name):
     """All of them, against differences of first ones, which are tested above."""

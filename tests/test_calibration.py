@@ -326,7 +326,14 @@ def changes(count, change, noise_known, tests, seed):
 @DOUBLE
 @pytest.mark.parametrize(
     ("count", "noise_known"),
-    [(9, False)] + [pytest.param(n, k, marks=SLOW) for n in (12, 16, 20) for k in (False, True)],
+    [
+        (9, False),
+        *(
+            pytest.param(n, k, marks=[SLOW, pytest.mark.release])
+            for n in (12, 16, 20)
+            for k in (False, True)
+        ),
+    ],
 )
 def test_constancy_of_restitution(count, noise_known):
     """Found as often as Student's test finds it, and not more often where there is no change."""

@@ -84,6 +84,7 @@ def test_driven_in_float32(solver):
 
 @pytest.mark.float64
 @pytest.mark.thorough
+@pytest.mark.release
 @pytest.mark.parametrize("solver", driven.SOLVERS)
 def test_second_derivatives_of_driven_motion(solver):
     found = driven.failures(solver, "float64", hessian=True)
