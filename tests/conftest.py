@@ -36,7 +36,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 hypothesis.settings.register_profile("jaxrock", deadline=None, max_examples=50, derandomize=True)
 hypothesis.settings.load_profile("jaxrock")
 
-collect_ignore = ["writing_until_a_signal.py"]  # a script, whose import is for a process of its own
+collect_ignore = ["references", "tables", "tools"]  # no tests
 
 
 def pytest_addoption(parser):

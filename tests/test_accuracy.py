@@ -1,7 +1,7 @@
 """Every closed-form function and all its first derivatives, against mpmath.
 
 The reference is evaluated at exactly the floating-point arguments, once for all runs, see
-`freezing.py`. The bound on a value is
+`tools/freezing.py`. The bound on a value is
 2 units in the last place times (1 + condition number), the condition number being the sum
 of the relative sensitivities to all arguments (4 units along paths over time). A
 derivative is compared relative to itself; along a path, where derivatives change sign,
@@ -10,15 +10,13 @@ relative to all of them.
 
 from typing import NamedTuple
 
-import frozen
 import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from cases import CASES, NAMES, Samples, evaluate, scenes_anywhere, with_restitution
-
-NUMBER, SEED = 100, 20150403
+from tables import frozen
+from tables.closed_form_cases import CASES, EDGES, NAMES, NUMBER, ON_SCENES, Samples, evaluate
 
 
 class Truth(NamedTuple):
@@ -64,25 +62,6 @@ def check_values(name, samples, truth, ours, dtype):
 def test_value_in_float32(name):
     samples, truth = frozen_truth(name, np.float32)
     check_values(name, samples, truth, evaluate(CASES[name], samples, np.float32), np.float32)
-
-
-# Arguments on the edges: b, lambda, g, C, I.
-ON_SCENES = [
-    name
-    for name, case in CASES.items()
-    if case.sample in (scenes_anywhere, with_restitution)
-    or case.sample.__qualname__.startswith("standing_scenes")
-]
-EDGES = {
-    "no restitution": (0.4, 5.0, 9.81, 0.0, 0.15),
-    "hardly any restitution": (0.4, 5.0, 9.81, 1e-300, 0.15),
-    "no pulse": (0.4, 5.0, 9.81, 0.7, 0.0),
-    "hardly any pulse": (0.4, 5.0, 9.81, 0.7, 1e-15),
-    "neither": (0.4, 5.0, 9.81, 0.0, 0.0),
-    "very slender": (0.4, 1e4, 9.81, 0.7, 0.15 / 1000),
-    "very slender, hardly any pulse": (0.4, 1e4, 9.81, 0.0, 0.15e-12),
-    "very stocky": (1e3, 0.1, 9.81, 0.99, 0.15),
-}
 
 
 def check_edges(edges, *found):

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
-from test_response import cases
+from references import stepping
+from tables.driven_cases import cases
 
 import jaxrock as jr
 from jaxrock.host.threads import mapped

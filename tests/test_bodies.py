@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
+from references import stepping
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 

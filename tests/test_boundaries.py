@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
+from references import stepping
 
 import jaxrock as jr
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_model_error import NUMBER, apart, computed, each, lasting_scenes, scenes
+from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, scenes
 
 import jaxrock as jr
 from jaxrock.accuracy.cheapest_setting import CLOSED

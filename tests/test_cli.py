@@ -11,24 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from cf_conventions import assert_follows_cf
+from tools.cf_conventions import assert_follows_cf
+from tools.command import run
 
 import jaxrock as jr
 from jaxrock.cli import COMMANDS, main
 from jaxrock.cli.options import Answer
 
 pytestmark = pytest.mark.float64
-
-
-def run(capsys, *arguments):
-    """Exit code, standard output, standard error."""
-    try:
-        main([str(argument) for argument in arguments])
-        code = 0
-    except SystemExit as stop:
-        code = stop.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def without_remarks(path):

@@ -17,8 +17,8 @@ import pytest
 import xarray
 import zarr
 from distributed import Client
-from lazy_cases import AXES, GRIDS, blocks, record, same_bits
-from test_cli import run
+from tables.grids import AXES, GRIDS, blocks, record, same_bits
+from tools.command import run
 
 import jaxrock as jr
 from jaxrock.cluster import local_cluster, write_zarr
@@ -85,7 +85,7 @@ jax.config.update("jax_enable_x64", {double})
 sys.path.insert(0, {here!r})
 import dask
 dask.config.set(scheduler="synchronous")
-from lazy_cases import blocks, jr
+from tables.grids import blocks, jr
 jr.cluster.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
 """
 

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
-from test_forces import Trajectory, pieces_of
+from references import stepping
+from references.forces import Trajectory, pieces_of
 
 import jaxrock as jr
 

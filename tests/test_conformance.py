@@ -7,15 +7,15 @@ import subprocess
 import sys
 from pathlib import Path
 
-import conformance_cases
 import numpy as np
 import pytest
+from tables import conformance_cases
 
 import jaxrock as jr
 from jaxrock.reports import conformance
 
 pytestmark = pytest.mark.float64
-SCRIPT = Path(__file__).parent / "conformance_with_scipy.py"
+SCRIPT = Path(__file__).parent / "references" / "conformance_with_scipy.py"
 QUICK = (
     "_geometry",
     "_free_rocking",
@@ -169,7 +169,7 @@ def test_scipy_agrees_on_every_case(folder):
     assert result.returncode == 0, result.stdout + result.stderr
     count = len(cases_in(folder))
     assert f"{count} of {count} agree" in result.stdout
-    readme = (SCRIPT.parent.parent / "README.md").read_text(encoding="utf-8")
+    readme = (SCRIPT.parents[2] / "README.md").read_text(encoding="utf-8")
     assert f"{count} cases that another program" in readme
 
 
@@ -206,6 +206,6 @@ def test_the_script_does_not_import_jaxrock():
     environment = [
         sys.executable,
         "-c",
-        f"import sys; sys.path.insert(0, {str(SCRIPT.parent)!r}); {code}",
+        f"import sys; sys.path.insert(0, {str(SCRIPT.parents[1])!r}); {code}",
     ]
     assert subprocess.run(environment, check=False).returncode == 0

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-import reference
+from references import closed_forms
 
 import jaxrock as jr
 
@@ -57,12 +57,12 @@ def test_slenderness_at_all_intensities_there_are(model):
         return jr.critical_slenderness(jr.Block(0.4, 1.0), 0.7, intensity, model=model)
 
     found, slope = jax.vmap(jax.value_and_grad(slenderness))(intensity)
-    theirs = getattr(reference, type(model).__name__)
+    theirs = getattr(closed_forms, type(model).__name__)
     exact = [mp.mpf(float(c)) for c in np.asarray([0.4, 9.81, 0.7], dtype)]
 
     def logarithm_of_intensity(logarithm):
         b, g, c = exact
-        return mp.log(reference.critical_intensity(theirs, b, mp.exp(logarithm), g, c, mp.inf))
+        return mp.log(closed_forms.critical_intensity(theirs, b, mp.exp(logarithm), g, c, mp.inf))
 
     beyond = 0
     for given, value, steepness in zip(intensity, found, slope, strict=True):

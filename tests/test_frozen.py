@@ -2,10 +2,10 @@
 
 import zlib
 
-import frozen
 import numpy as np
 import pytest
-from freezing import TABLES
+from tables import frozen
+from tools.freezing import TABLES
 
 pytestmark = pytest.mark.float64
 

@@ -7,7 +7,7 @@ import jax.monitoring
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
+from references import stepping
 
 import jaxrock as jr
 from jaxrock.dynamics.batch_input import input_of

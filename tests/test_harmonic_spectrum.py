@@ -4,8 +4,8 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from cf_conventions import assert_follows_cf
 from scipy.integrate import solve_ivp
+from tools.cf_conventions import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.dynamics import (

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 import xarray
-from lazy_cases import AXES, BLOCK, GRIDS, record, same_bits, suite
+from tables.grids import AXES, BLOCK, GRIDS, record, same_bits, suite
 
 import jaxrock as jr
 from jaxrock import cluster

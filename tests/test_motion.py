@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
+from references import stepping
 from scipy.integrate import quad
 
 import jaxrock as jr

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import stepping
+from references import stepping
 
 import jaxrock as jr
 

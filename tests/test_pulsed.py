@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import pytest
-import stepping
+from references import stepping
 
 import jaxrock as jr
 

@@ -1,31 +1,18 @@
 """Driven motion against closed forms, published thresholds and independent integrations."""
 
-import csv
 import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
+from references import stepping
+from tables.driven_cases import cases, motion_of
 
 import jaxrock as jr
 
 pytestmark = pytest.mark.float64
 STILL = jr.Rectangular(0.0, 1e-3)
-
-
-def cases(stable):
-    with open(stepping.CASES, encoding="utf-8") as file:
-        rows = [
-            {k: v if k == "component" else float(v) for k, v in row.items()}
-            for row in csv.DictReader(file)
-        ]
-    return [row for row in rows if row["stable"] == stable]
-
-
-def motion_of(row):
-    return jr.example_record(row["component"], vertical=bool(row["vertical"])).scaled(row["scale"])
 
 
 @functools.cache

@@ -32,7 +32,12 @@ def _no_signal_is_ignored():
 
 
 def started(folder, situation):
-    arguments = [HERE / "writing_until_a_signal.py", HERE.parent / "jaxrock", folder, situation]
+    arguments = [
+        HERE / "tools" / "writing_until_a_signal.py",
+        HERE.parent / "jaxrock",
+        folder,
+        situation,
+    ]
     process = subprocess.Popen(
         [sys.executable, *map(str, arguments)],
         stdout=subprocess.PIPE,

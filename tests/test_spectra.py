@@ -3,18 +3,12 @@ import csv
 import numpy as np
 import pytest
 import xarray
-from cf_conventions import assert_follows_cf
+from scenes import GRID
+from tools.cf_conventions import assert_follows_cf
 
 import jaxrock as jr
 from jaxrock.spectra import resonance as spectra
 from jaxrock.spectra import tables
-
-GRID = {
-    "slenderness": np.linspace(3, 10, 8),
-    "width": [0.4, 0.8, 1.2],
-    "restitution": [0.6, 0.9],
-    "intensity": 0.15,
-}
 
 
 def test_a_grid_is_its_scenes_one_by_one():

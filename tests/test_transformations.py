@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import CASES
+from tables.closed_form_cases import CASES
 
 ONE_OF_EACH_KIND = (
     "Block.frequency_parameter",

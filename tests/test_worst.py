@@ -5,8 +5,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import stepping
-import train_search
+from references import stepping, train_search
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr

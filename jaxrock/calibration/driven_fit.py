@@ -28,7 +28,14 @@ from ..validation import (
     check_kind,
     of_one_precision,
 )
-from .shaking_test import RESTITUTIONS, ShakingTest, Stage, fitted_in_parts, rough_noise, sides_of
+from .shaking_measurement import (
+    RESTITUTIONS,
+    ShakingTest,
+    Stage,
+    fitted_in_parts,
+    rough_noise,
+    sides_of,
+)
 
 _PARAMETERS = "restitution", "slenderness", "half_width", "inertia_ratio"
 _LEAST_ROOM = 512  # for impacts in a list, or twice as much as any motion tried needs

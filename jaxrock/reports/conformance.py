@@ -10,11 +10,11 @@ A program computes the ``quantity`` of each case from its other fields alone (wi
 the derivative with respect to that field) and is right within ``absolute + relative *
 abs(value)`` of the ``value``. ``from`` says how much a value is worth: a closed form, converged
 integrations, which ``spread`` tells apart, or a number printed in a publication.
-``tests/conformance_with_scipy.py`` is such a program: it does not import this package.
+``tests/references/conformance_with_scipy.py`` is such a program: it does not import this package.
 
 The values are frozen, so that they also judge the program that wrote them:
-``tests/conformance_cases.py`` computes all of them again. None of the driven cases is chaotic, and
-no count of impacts includes a block coming to rest.
+``tests/tables/conformance_cases.py`` computes all of them again. None of the driven cases is
+chaotic, and no count of impacts includes a block coming to rest.
 """
 
 import csv

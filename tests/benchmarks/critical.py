@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-import stepping
+from references import stepping
 
 import jaxrock as jr
 

@@ -1,11 +1,9 @@
 """Which cells of the closed forms do not meet their bounds, and by how much."""
 
-import frozen
 import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
-import reference
 from corners import (
     CORNERS,
     DIGITS_OF_WEAK,
@@ -23,6 +21,8 @@ from corners import (
     speed_ratio,
     velocity_of,
 )
+from references import closed_forms
+from tables import frozen
 
 import jaxrock as jr
 
@@ -48,7 +48,7 @@ def frozen_truth(name, precision, corner, row):
     """What `corners.expected` said when the table was written."""
     asked, answer = frozen.entry("corners", name, precision, corner)
     x, undecided, value, gradient, hessian = answer
-    assert asked == list(row), f"{corner} is another one: python tests/freezing.py corners"
+    assert asked == list(row), f"{corner} is another one: python tests/tools/freezing.py corners"
     if gradient is not None:
         gradient = [frozen.number(digits) for digits in gradient]
         below = iter(map(frozen.number, hessian))
@@ -103,7 +103,7 @@ def count_failures(model_name: str, precision: str) -> dict[tuple[str, str], str
 
 def _is_overturning_half_cycle(value, numbers, model_name):
     eps = float(np.finfo(value.dtype).eps)
-    critical = getattr(reference, model_name).critical_velocity(*numbers[:3])
+    critical = getattr(closed_forms, model_name).critical_velocity(*numbers[:3])
     limit, _ = speed_ratio(numbers, model_name)
     slack = 11 * eps  # as of any value, see `speed_ratio`
     if value == np.inf:

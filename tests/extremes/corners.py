@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import mpmath as mp
 import numpy as np
-import reference
+from references import closed_forms
 
 import jaxrock as jr
 
@@ -74,7 +74,7 @@ def arguments(corner: str, model_name: str, dtype: type) -> tuple[float, ...]:
     intensity = numbers["intensity"]
     if isinstance(intensity, str):
         block = tuple(map(mp.mpf, (b, slenderness, gravity, restitution)))
-        exact = reference.critical_intensity(getattr(reference, model_name), *block, mp.inf)
+        exact = closed_forms.critical_intensity(getattr(closed_forms, model_name), *block, mp.inf)
         critical = dtype(float(exact))
         intensity = {
             "subnormal": np.nextafter(dtype(0), dtype(1)),
@@ -111,7 +111,7 @@ def sum_of_powers(ratio, count):
 
 def velocity_of(b, slenderness, gravity, restitution, intensity, count):
     """Launch velocity of a half-cycle, or of the stabilized phase where `count` is inf."""
-    first = reference.launch_velocity(b, slenderness, gravity, intensity)
+    first = closed_forms.launch_velocity(b, slenderness, gravity, intensity)
     if count == mp.inf:
         return first / (1 - restitution)
     return first * sum_of_powers(restitution, count)
@@ -146,7 +146,7 @@ def _functions():
         ),
     )
     for model_name, model in MODELS.items():
-        theirs = getattr(reference, model_name)
+        theirs = getattr(closed_forms, model_name)
         for name in (
             "stabilized_period",
             "stabilized_rotation",
@@ -158,7 +158,7 @@ def _functions():
                 f"{model_name} {name}",
                 Function(
                     lambda *a, f=getattr(jr, name), m=model: f(scene(*a), m),
-                    lambda *a, f=reference.stabilized(name), t=theirs: f(t, *a),
+                    lambda *a, f=closed_forms.stabilized(name), t=theirs: f(t, *a),
                     model_name,
                     "margin" if name == "overturning_margin" else "standing",
                 ),
@@ -180,7 +180,7 @@ def _functions():
 def _critical_intensity(theirs, b, slenderness, gravity, restitution, count):
     critical = theirs.critical_velocity(b, slenderness, gravity)
     if count == mp.inf:
-        unit = reference.launch_velocity(b, slenderness, gravity, mp.mpf(1))
+        unit = closed_forms.launch_velocity(b, slenderness, gravity, mp.mpf(1))
         return critical * (1 - restitution) / unit
     return critical / velocity_of(b, slenderness, gravity, restitution, mp.mpf(1), count)
 
@@ -205,7 +205,7 @@ def speed_ratio(numbers, model_name):
     b, slenderness, gravity, restitution, _ = numbers
     if restitution == 1:
         return mp.inf, mp.mpf(0)
-    critical = getattr(reference, model_name).critical_velocity
+    critical = getattr(closed_forms, model_name).critical_velocity
     x = velocity_of(*numbers, mp.inf) / critical(b, slenderness, gravity)
     # Units in the last place as of any value: 2 (1 + condition number). The elasticities are 1
     # of the pulse and of 1 - C, a half of width and gravity, at most 1.5 of the slenderness.

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
-import reference
+from references import closed_forms
 
 import jaxrock as jr
 
@@ -54,8 +54,8 @@ def _launched(**numbers):
     """At 0.6 of the critical velocity, on ground that does not move."""
     case = Case(**numbers)
     block = tuple(map(mp.mpf, case[:3]))
-    critical = reference.Nonlinear.critical_velocity(*block)
-    rate = reference.frequency(*block)
+    critical = closed_forms.Nonlinear.critical_velocity(*block)
+    rate = closed_forms.frequency(*block)
     return case._replace(velocity=float(0.6 * critical), duration=float(0.01 / rate))
 
 
@@ -63,8 +63,8 @@ def _pushed(duration=None, **numbers):
     """As much as by an instantaneous pulse of half the critical intensity."""
     case = Case(**numbers)
     block = tuple(map(mp.mpf, case[:3]))
-    single = reference.critical_intensity(reference.Nonlinear, *block, mp.mpf(0), 1)
-    duration = duration or float(0.05 / reference.frequency(*block))
+    single = closed_forms.critical_intensity(closed_forms.Nonlinear, *block, mp.mpf(0), 1)
+    duration = duration or float(0.05 / closed_forms.frequency(*block))
     push = 0.5 * single / duration + case.gravity / case.slenderness
     return case._replace(amplitude=float(push), duration=duration)
 
@@ -99,8 +99,8 @@ def _cases(excess):
 def state(b, slenderness, gravity, restitution, amplitude, duration, velocity):
     """Rotation and velocity where the push ends: a pendulum in the gravity the block feels."""
     push = amplitude / gravity
-    angle = reference.critical_angle(slenderness) - mp.atan(push)
-    p = reference.frequency(b, slenderness, gravity) * mp.root(1 + push**2, 4)
+    angle = closed_forms.critical_angle(slenderness) - mp.atan(push)
+    p = closed_forms.frequency(b, slenderness, gravity) * mp.root(1 + push**2, 4)
     modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
     launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
     phase = mp.ellipf(launch if angle > 0 else -launch, modulus) + p * duration
@@ -121,8 +121,8 @@ class Flight(NamedTuple):
 def flight(numbers) -> Flight:
     b, slenderness, gravity, restitution, _, duration, _ = numbers
     block = b, slenderness, gravity
-    angle, p = reference.critical_angle(slenderness), reference.frequency(*block)
-    critical = reference.Nonlinear.critical_velocity(*block)
+    angle, p = closed_forms.critical_angle(slenderness), closed_forms.frequency(*block)
+    critical = closed_forms.Nonlinear.critical_velocity(*block)
     rotation, velocity = state(*numbers)
     launch = mp.sqrt(velocity**2 + 2 * p**2 * (mp.cos(angle - rotation) - mp.cos(angle)))
     modulus = mp.cos(angle / 2) ** 2 + launch**2 / (4 * p**2)
@@ -137,7 +137,7 @@ def flight(numbers) -> Flight:
 
 def closed_form(case: Case, numbers) -> list:
     """All answers at numbers near those of the case."""
-    model, block, restitution = reference.Nonlinear, numbers[:3], numbers[3]
+    model, block, restitution = closed_forms.Nonlinear, numbers[:3], numbers[3]
     launch, landing, margin = flight(numbers)
     rotation = mp.mpf(0)
     if case.restitution > 0:
@@ -154,7 +154,7 @@ def _bounces(block, restitution, launch, number):
     loss = mp.log(restitution)
 
     def duration(factor):
-        return reference.Nonlinear.half_cycle_duration(*block, launch * mp.exp(factor))
+        return closed_forms.Nonlinear.half_cycle_duration(*block, launch * mp.exp(factor))
 
     terms = mp.taylor(duration, 0, 2)
     sums = number, number * (number + 1) // 2, number * (number + 1) * (2 * number + 1) // 6
@@ -168,7 +168,7 @@ def _followed(case: Case, seconds: float | None = None) -> Case:
     numbers = tuple(map(mp.mpf, case.numbers))
     launch, landing, _ = flight(numbers)
     left = max(numbers[3], mp.mpf(1) / 10) * launch
-    half = reference.Nonlinear.half_cycle_duration(*numbers[:3], left)
+    half = closed_forms.Nonlinear.half_cycle_duration(*numbers[:3], left)
     if seconds is None:
         return case._replace(followed=float(landing + half / 3))
     return case._replace(followed=seconds, impacts=1 + int((seconds - landing) / half))
@@ -219,7 +219,7 @@ def scales(case: Case) -> tuple:
         mp.mpf(1) / case.impacts,
         mp.mpf(case.amplitude or case.gravity / case.slenderness),
         mp.mpf(case.duration),
-        mp.mpf(case.velocity) or reference.Nonlinear.critical_velocity(*block),
+        mp.mpf(case.velocity) or closed_forms.Nonlinear.critical_velocity(*block),
     )
 
 

@@ -1,4 +1,4 @@
-"""Run the example of every command as a newcomer would: ``python tests/examples.py FOLDER``.
+"""Run the example of every command as a newcomer would: ``python tests/tools/examples.py FOLDER``.
 
 In a new folder, each in a process of its own, `jaxrock run` with the study of `docs/commands.md`.
 Ends with 1 if one of them fails, warns or says anything on standard error.
@@ -15,7 +15,7 @@ from jaxrock.cli import COMMANDS, Run
 
 # Times of the impacts of a block 0.2 m wide and 1 m high whose restitution is 0.9, to 1 ms.
 IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503)
-PAGE = Path(__file__).parent.parent / "docs" / "commands.md"
+PAGE = Path(__file__).parents[2] / "docs" / "commands.md"
 
 
 def main():

@@ -1,4 +1,4 @@
-"""What of mpmath is frozen: ``python tests/freezing.py [TABLE ...]`` computes it anew.
+"""What of mpmath is frozen: ``python tests/tools/freezing.py [TABLE ...]`` computes it anew.
 
 An entry is a key, what was asked (numbers, some of which come from samplers), and the answer
 in more digits than the tests distinguish.
@@ -12,14 +12,16 @@ from typing import NamedTuple
 
 import mpmath as mp
 
+TESTS = Path(__file__).parent.parent
+if __name__ == "__main__":
+    sys.path.insert(0, str(TESTS))
 mp.mp.dps = 70  # as in the tests; some constants of the cases are made when they are imported
 
-import frozen
 import numpy as np
-from cases import CASES
-from test_accuracy import EDGES, NUMBER, ON_SCENES, SEED
+from tables import frozen
+from tables.closed_form_cases import CASES, EDGES, NUMBER, ON_SCENES, SEED
 
-sys.path.append(str(Path(__file__).parent / "extremes"))
+sys.path.append(str(TESTS / "extremes"))
 import corners
 
 PRECISIONS = ("float64", "float32")

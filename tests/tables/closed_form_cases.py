@@ -12,12 +12,13 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-import reference
+from references import closed_forms
 
 import jaxrock as jr
 
 MODELS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
 GRAVITY = 9.81
+NUMBER, SEED = 100, 20150403  # of the samples that are frozen
 
 
 class Samples(NamedTuple):
@@ -90,9 +91,9 @@ def on_the_verge(kind, count):
 
     def sample(rng, n, dtype):
         blocks, restitution = _blocks(rng, n, dtype), _restitutions(rng, n, dtype)
-        theirs = getattr(reference, kind)
+        theirs = getattr(closed_forms, kind)
         intensity = [
-            float(reference.critical_intensity(theirs, *_exact(each), count))
+            float(closed_forms.critical_intensity(theirs, *_exact(each), count))
             for each in zip(*blocks, restitution, strict=True)
         ]
         return Samples((*blocks, restitution, *_round(dtype, np.array(intensity))), np.zeros(n))
@@ -153,10 +154,10 @@ def in_motion(kind):
         over = rng.random(n) < 0.3
         x = np.where(over, rng.uniform(1.05, 3, n), _speed_ratios(rng, n, dtype) * 0.99)
         velocity = x * _critical_velocity(kind, blocks)
-        theirs = getattr(reference, kind)
+        theirs = getattr(closed_forms, kind)
         share = rng.uniform(0.01, 0.95, n)
         durations = [
-            1 / float(reference.frequency(*_exact(block)))
+            1 / float(closed_forms.frequency(*_exact(block)))
             if beyond
             else float(theirs.half_cycle_duration(*_exact(block), mp.mpf(v)))
             for beyond, v, *block in zip(over, velocity, *blocks, strict=True)
@@ -178,7 +179,7 @@ def _exact(numbers):
 
 
 def _critical_velocity(kind, blocks):
-    theirs = getattr(reference, kind).critical_velocity
+    theirs = getattr(closed_forms, kind).critical_velocity
     return np.array([float(theirs(*_exact(block))) for block in zip(*blocks, strict=True)])
 
 
@@ -188,21 +189,21 @@ def _cases():
 
     for name, theirs in {
         "half_height": lambda b, s, g: s * b,
-        "half_diagonal": lambda b, s, g: reference.half_diagonal(b, s),
-        "critical_angle": lambda b, s, g: reference.critical_angle(s),
-        "frequency_parameter": reference.frequency,
+        "half_diagonal": lambda b, s, g: closed_forms.half_diagonal(b, s),
+        "critical_angle": lambda b, s, g: closed_forms.critical_angle(s),
+        "frequency_parameter": closed_forms.frequency,
     }.items():
         yield Case(f"Block.{name}", block_property(name), theirs, only_blocks)
     yield Case(
         "housner_restitution",
         lambda *b: jr.housner_restitution(jr.Block(*b)),
-        lambda b, s, g: 1 - mp.mpf(3) / 2 * mp.sin(reference.critical_angle(s)) ** 2,
+        lambda b, s, g: 1 - mp.mpf(3) / 2 * mp.sin(closed_forms.critical_angle(s)) ** 2,
         only_blocks,
     )
     yield Case(
         "Block.pulse_velocity",
         lambda b, s, g, i: jr.Block(b, s, g).pulse_velocity(i),
-        reference.launch_velocity,
+        closed_forms.launch_velocity,
         with_intensity,
     )
 
@@ -212,30 +213,30 @@ def _cases():
     yield Case(
         "launch_velocity",
         lambda *a: jr.launch_velocity(scene(*a)),
-        lambda b, s, g, c, i: reference.launch_velocity(b, s, g, i),
+        lambda b, s, g, c, i: closed_forms.launch_velocity(b, s, g, i),
         scenes_anywhere,
     )
     yield Case(
         "next_velocity",
         lambda *a: jr.next_velocity(scene(*a), a[0]),
-        lambda b, s, g, c, i: c * b + reference.launch_velocity(b, s, g, i),
+        lambda b, s, g, c, i: c * b + closed_forms.launch_velocity(b, s, g, i),
         scenes_anywhere,
     )
     yield Case(
         "stabilized_velocity",
         lambda *a: jr.stabilized_velocity(scene(*a)),
-        lambda *a: reference.half_cycle_velocity(*a, mp.inf),
+        lambda *a: closed_forms.half_cycle_velocity(*a, mp.inf),
         scenes_anywhere,
     )
     for count in (1, 2, 5, 30, mp.inf):
         yield Case(
             f"half_cycle_velocity({count})",
             lambda *a, n=float(count): jr.half_cycle_velocity(scene(*a), n),
-            lambda *a, n=count: reference.half_cycle_velocity(*a, n),
+            lambda *a, n=count: closed_forms.half_cycle_velocity(*a, n),
             scenes_anywhere,
         )
     for kind, model in MODELS.items():
-        theirs = getattr(reference, kind)
+        theirs = getattr(closed_forms, kind)
 
         def method(name, model=model):
             return lambda b, s, g, *a: getattr(model, name)(jr.Block(b, s, g), *a)
@@ -251,7 +252,7 @@ def _cases():
         yield Case(
             f"{kind}.peak_amplification",
             method("peak_amplification"),
-            lambda *a, theirs=theirs: reference.peak_amplification(theirs, *a),
+            lambda *a, theirs=theirs: closed_forms.peak_amplification(theirs, *a),
             with_growth(kind),
         )
         for index, name in enumerate(("rotation", "velocity")):
@@ -273,7 +274,7 @@ def _cases():
             yield Case(
                 f"{kind} {name}",
                 lambda *a, f=getattr(jr, name), model=model: f(scene(*a), model),
-                lambda *a, f=reference.stabilized(name), theirs=theirs: f(theirs, *a),
+                lambda *a, f=closed_forms.stabilized(name), theirs=theirs: f(theirs, *a),
                 standing_scenes(kind),
             )
         for count in (1, 2, 5, 30, mp.inf):
@@ -282,7 +283,7 @@ def _cases():
                 lambda b, s, g, c, n=float(count), model=model: jr.critical_intensity(
                     jr.Block(b, s, g), c, n, model
                 ),
-                lambda b, s, g, c, n=count, theirs=theirs: reference.critical_intensity(
+                lambda b, s, g, c, n=count, theirs=theirs: closed_forms.critical_intensity(
                     theirs, b, s, g, c, n
                 ),
                 with_restitution,
@@ -294,7 +295,7 @@ def _cases():
             lambda *a, n=float(count), model=model: jr.critical_width(
                 jr.Block(*a[:3]), *a[3:], n, model
             ),
-            lambda *a, n=count, theirs=theirs: reference.critical_width(theirs, *a, n),
+            lambda *a, n=count, theirs=theirs: closed_forms.critical_width(theirs, *a, n),
             on_the_verge(kind, count),
         )
         yield Case(
@@ -302,7 +303,7 @@ def _cases():
             lambda *a, n=float(count), model=model: jr.critical_slenderness(
                 jr.Block(*a[:3]), *a[3:], n, model
             ),
-            lambda *a, n=count, theirs=theirs: reference.critical_slenderness(theirs, *a, n),
+            lambda *a, n=count, theirs=theirs: closed_forms.critical_slenderness(theirs, *a, n),
             on_the_verge(kind, count),
             ulps=8,  # Newton's method, on logarithms
         )
@@ -311,7 +312,7 @@ def _cases():
             lambda *a, n=float(count), model=model: jr.critical_restitution(
                 jr.Block(*a[:3]), a[4], n, model
             ),
-            lambda *a, n=count, theirs=theirs: reference.critical_restitution(theirs, *a, n),
+            lambda *a, n=count, theirs=theirs: closed_forms.critical_restitution(theirs, *a, n),
             with_critical_restitution(kind, count),
             ulps=8,
         )
@@ -329,7 +330,7 @@ def _cases():
     yield Case(
         "Oscillator.amplification",
         lambda omega, xi, v, t: jr.resonance.Oscillator(omega, xi).amplification,
-        lambda omega, xi, v, t: reference.oscillator_velocity(xi, mp.mpf(1), mp.inf),
+        lambda omega, xi, v, t: closed_forms.oscillator_velocity(xi, mp.mpf(1), mp.inf),
         oscillators,
     )
     for index, name in enumerate(("displacement", "velocity")):
@@ -338,7 +339,7 @@ def _cases():
             lambda omega, xi, v, t, index=index: jr.resonance.Oscillator(omega, xi).motion(v, t)[
                 index
             ],
-            lambda *a, index=index: reference.oscillator_motion(*a)[index],
+            lambda *a, index=index: closed_forms.oscillator_motion(*a)[index],
             oscillators,
             path=True,
             ulps=4,
@@ -346,14 +347,14 @@ def _cases():
     yield Case(
         "Oscillator.half_cycle_velocity(7)",
         lambda omega, xi, v, t: jr.resonance.Oscillator(omega, xi).half_cycle_velocity(v, 7.0),
-        lambda omega, xi, v, t: reference.oscillator_velocity(xi, v, 7),
+        lambda omega, xi, v, t: closed_forms.oscillator_velocity(xi, v, 7),
         oscillators,
         ulps=4,  # expm1 twice, which some versions of XLA round twice
     )
     yield Case(
         "Oscillator.quarter_cycle_displacement",
         of_oscillator("quarter_cycle_displacement"),
-        lambda omega, xi, v, t: reference.oscillator_motion(
+        lambda omega, xi, v, t: closed_forms.oscillator_motion(
             omega, xi, v, pi / (2 * omega * mp.sqrt(1 - xi**2))
         )[0],
         oscillators,
@@ -361,7 +362,7 @@ def _cases():
     yield Case(
         "Oscillator.peak_displacement",
         of_oscillator("peak_displacement"),
-        lambda omega, xi, v, t: reference.oscillator_peak(omega, xi, v),
+        lambda omega, xi, v, t: closed_forms.oscillator_peak(omega, xi, v),
         oscillators,
     )
     for name, factor in (
@@ -392,3 +393,21 @@ NAMES = [
     else name
     for name in CASES
 ]
+
+# Arguments on the edges: b, lambda, g, C, I.
+ON_SCENES = [
+    name
+    for name, case in CASES.items()
+    if case.sample in (scenes_anywhere, with_restitution)
+    or case.sample.__qualname__.startswith("standing_scenes")
+]
+EDGES = {
+    "no restitution": (0.4, 5.0, 9.81, 0.0, 0.15),
+    "hardly any restitution": (0.4, 5.0, 9.81, 1e-300, 0.15),
+    "no pulse": (0.4, 5.0, 9.81, 0.7, 0.0),
+    "hardly any pulse": (0.4, 5.0, 9.81, 0.7, 1e-15),
+    "neither": (0.4, 5.0, 9.81, 0.0, 0.0),
+    "very slender": (0.4, 1e4, 9.81, 0.7, 0.15 / 1000),
+    "very slender, hardly any pulse": (0.4, 1e4, 9.81, 0.0, 0.15e-12),
+    "very stocky": (1e3, 0.1, 9.81, 0.99, 0.15),
+}

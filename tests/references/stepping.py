@@ -3,8 +3,8 @@
 Many blocks side by side in NumPy, each at its own pace, by the stages of SciPy's DOP853. A step
 ends where the input has a corner and never goes beyond the next peak, dip or impact: those
 are found by taking the step again with another length, so that neither an interpolant nor the
-ends of steps decide what the largest rotation is. ``python tests/stepping.py`` searches the
-shipped record for cases that do not depend on the tolerance.
+ends of steps decide what the largest rotation is. ``python tests/references/stepping.py``
+searches the shipped record for cases that do not depend on the tolerance.
 """
 
 import csv
@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import DOP853
 
-CASES = Path(__file__).parent / "ridgecrest_cases.csv"
-PULSES = Path(__file__).parent / "pulse_cases.csv"
+TABLES = Path(__file__).parent.parent / "tables"
+CASES = TABLES / "ridgecrest_cases.csv"
+PULSES = TABLES / "pulse_cases.csv"
 _FIRST_STEP = 1e-3  # of a motion that begins at rest, over the length of its piece
 _NEGLIGIBLE = 1e-9  # share of the acceleration that all further bounces of a block may change
 
@@ -399,7 +400,7 @@ def _write(path, names, rows):
 
 def _ridgecrest(rng):
     """Blocks under the shipped record: which of them rounding of the input leaves as they are."""
-    file = Path(__file__).parent.parent / "jaxrock" / "data" / "ridgecrest_2019_clc.csv"
+    file = Path(__file__).parents[2] / "jaxrock" / "data" / "ridgecrest_2019_clc.csv"
     samples = np.loadtxt(file, delimiter=",", skiprows=6).T * 9.80665
     cases = []
     for k in range(160):

@@ -1,12 +1,12 @@
 """Not the last bit of a number depends on how many devices share the work.
 
-Run by ``test_devices.py``, or as ``pytest --devices 2 tests/on_two_devices.py``.
+Run by ``test_devices.py``, or as ``pytest --devices 2 tests/tools/on_two_devices.py``.
 """
 
 import jax
 import numpy as np
 import pytest
-from test_spectra import GRID
+from scenes import GRID
 
 import jaxrock as jr
 from jaxrock.dynamics.batch_input import PulseInput

@@ -1,6 +1,6 @@
 """The cases of the conformance table computed again, from their files alone, without jaxrock.
 
-    python tests/conformance_with_scipy.py FOLDER [--only ID ...]
+    python tests/references/conformance_with_scipy.py FOLDER [--only ID ...]
 
 Closed forms in mpmath, driven motion by SciPy with events and by a plain loop, thresholds by
 Brent's method, derivatives by extrapolated differences. Prints a line a case; ends with 1 if
@@ -16,11 +16,15 @@ import sys
 from pathlib import Path
 
 import mpmath as mp
-import reference
-import stepping
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parent.parent))
+
 from scipy.optimize import brentq
 
-MODELS = {"linearized": reference.Linearized, "nonlinear": reference.Nonlinear}
+from references import closed_forms, stepping
+
+MODELS = {"linearized": closed_forms.Linearized, "nonlinear": closed_forms.Nonlinear}
 SHAPES = {
     "rectangular": "Rectangular",
     "half-sine": "HalfSine",
@@ -51,7 +55,9 @@ def launch(case):
             mp.mpf(case["intensity"]),
         )
         c = mp.mpf(case["restitution"] or 0)
-        return reference.half_cycle_velocity(b, slenderness, gravity, c, intensity, case["number"])
+        return closed_forms.half_cycle_velocity(
+            b, slenderness, gravity, c, intensity, case["number"]
+        )
     if case["initial_rotation"]:
         return arrival(case) * mp.mpf(case["restitution"]) ** (case["number"] - 1)
     return mp.mpf(case["initial_velocity"])
@@ -60,7 +66,10 @@ def launch(case):
 def arrival(case):
     """Velocity with which a block released from a rotation meets the ground, by energy."""
     b, slenderness, gravity = block_of(case)
-    p, angle = reference.frequency(b, slenderness, gravity), reference.critical_angle(slenderness)
+    p, angle = (
+        closed_forms.frequency(b, slenderness, gravity),
+        closed_forms.critical_angle(slenderness),
+    )
     start = mp.mpf(case["initial_rotation"])
     if case["model"] == "linearized":
         return p * mp.sqrt(angle**2 - (angle - start) ** 2)
@@ -69,7 +78,7 @@ def arrival(case):
 
 def half_cycle_peak_rotation(case):
     if case["initial_rotation"] and case["model"] == "linearized":  # Housner's decay
-        angle = reference.critical_angle(mp.mpf(case["slenderness"]))
+        angle = closed_forms.critical_angle(mp.mpf(case["slenderness"]))
         first, r = mp.mpf(case["initial_rotation"]) / angle, mp.mpf(case["restitution"]) ** 2
         left = r ** (case["number"] - 1) * (1 - (1 - first) ** 2)
         return angle * (1 - mp.sqrt(1 - left))
@@ -93,24 +102,24 @@ def motion(case):
 def critical_intensity(case):
     number = mp.inf if case["number"] is None else case["number"]
     c = mp.mpf(case["restitution"])
-    return reference.critical_intensity(model_of(case), *block_of(case), c, number)
+    return closed_forms.critical_intensity(model_of(case), *block_of(case), c, number)
 
 
 def overturning_half_cycle(case):
     critical = model_of(case).critical_velocity(*block_of(case))
     number = 1
-    while reference.half_cycle_velocity(*scene_of(case), number) < critical:
+    while closed_forms.half_cycle_velocity(*scene_of(case), number) < critical:
         number += 1
     return number
 
 
 def of_limit(name, case):
-    return reference.stabilized(name)(model_of(case), *scene_of(case))
+    return closed_forms.stabilized(name)(model_of(case), *scene_of(case))
 
 
 ANSWERS = {
-    "critical_angle": lambda case: reference.critical_angle(mp.mpf(case["slenderness"])),
-    "frequency_parameter": lambda case: reference.frequency(*block_of(case)),
+    "critical_angle": lambda case: closed_forms.critical_angle(mp.mpf(case["slenderness"])),
+    "frequency_parameter": lambda case: closed_forms.frequency(*block_of(case)),
     "housner_restitution": lambda case: 1 - mp.mpf(1.5) / (1 + mp.mpf(case["slenderness"]) ** 2),
     "critical_velocity": lambda case: model_of(case).critical_velocity(*block_of(case)),
     "peak_rotation": half_cycle_peak_rotation,
@@ -121,7 +130,7 @@ ANSWERS = {
     "velocity": lambda case: motion(case)[1],
     "half_cycle_velocity": launch,
     "critical_intensity": critical_intensity,
-    "stabilized_velocity": lambda case: reference.half_cycle_velocity(*scene_of(case), mp.inf),
+    "stabilized_velocity": lambda case: closed_forms.half_cycle_velocity(*scene_of(case), mp.inf),
     "overturning_half_cycle": overturning_half_cycle,
 } | {
     name: functools.partial(of_limit, name)

@@ -3,8 +3,8 @@
 The motion between pulses is exponentials (linearized) or Jacobi's elliptic functions as SciPy
 has them (the pendulum about its upright position), for many trains side by side. What a train
 needs to overturn is found by bisection and regula falsi, train by train. ``python
-tests/train_search.py`` searches all of `CASES` anew, a quarter of an hour, and writes the best
-trains to ``train_cases.jsonl``.
+tests/references/train_search.py`` searches all of `CASES` anew, a quarter of an hour, and writes
+the best trains to ``tables/train_cases.jsonl``.
 """
 
 import json
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.special import ellipj, ellipk, ellipkinc
 
-FOUND = Path(__file__).parent / "train_cases.jsonl"
+FOUND = Path(__file__).parent.parent / "tables" / "train_cases.jsonl"
 _HALF_CYCLES = 24  # followed at most after a pulse; later the block counts as resting
 _RAISED = 3e-7  # of the trains that are written: they overturn whoever follows them
 

@@ -1,8 +1,8 @@
 """The cases of the conformance table, computed by jaxrock.
 
-``python tests/conformance_cases.py`` computes all of them again and prints where they differ from
-the frozen ones by more than a tenth of their tolerance; with ``--write`` the frozen ones are
-replaced. Takes minutes, most of them for compiling.
+``python tests/tables/conformance_cases.py`` computes all of them again and prints where they
+differ from the frozen ones by more than a tenth of their tolerance; with ``--write`` the frozen
+ones are replaced. Takes minutes, most of them for compiling.
 """
 
 import itertools

@@ -1,6 +1,6 @@
 """What mpmath says, kept as decimal strings: to compute all of it takes a quarter of an hour.
 
-Whoever adds a case or changes a reference runs ``python tests/freezing.py`` (with names of
+Whoever adds a case or changes a reference runs ``python tests/tools/freezing.py`` (with names of
 tables, only those). A file has a line for each entry: its key, what it was asked, the answer.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import mpmath as mp
 
-FOLDER = Path(__file__).parent / "frozen"
+FOLDER = Path(__file__).parent / "frozen_values"
 
 
 def text(number: Any, digits: int) -> str | None:
@@ -39,7 +39,7 @@ def entry(name: str, *key: str | int) -> list:
     """What was asked and the answer, for one key."""
     entries = table(name)
     if key not in entries:
-        raise KeyError(f"{key} is not in {name}.jsonl: python tests/freezing.py {name}")
+        raise KeyError(f"{key} is not in {name}.jsonl: python tests/tools/freezing.py {name}")
     return entries[key]
 
 

@@ -1,4 +1,4 @@
-"""What is measured where: ``python tests/measured.py`` writes the table into the documentation.
+"""What is measured where: ``python tests/tools/measured.py`` writes the table into the docs.
 
 Each row is measured afresh, in about three minutes; what it says is tested in the file that
 stands in the row, on more cases and against its bound. Times are medians on the machine that
@@ -15,19 +15,21 @@ from typing import NamedTuple
 
 import jax
 
+TESTS = Path(__file__).parent.parent
 if __name__ == "__main__":
+    sys.path.insert(0, str(TESTS))
     jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 from benchmarks.response import batch, median
-from cases import CASES, evaluate
-from stepping import Rocker, follow, pulse
+from references.stepping import Rocker, follow, pulse
+from tables.closed_form_cases import CASES, evaluate
 
 import jaxrock as jr
 
-PAGE = Path(__file__).parent.parent / "docs" / "speed_and_accuracy.md"
+PAGE = TESTS.parent / "docs" / "speed_and_accuracy.md"
 BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 SEED, SAMPLES = 7, 20
 STILL = jr.Rectangular(0.0, 1.0)
