@@ -1,24 +1,20 @@
 """Strict settings for all tests.
 
 Float64 unless ``--precision 32``; promotions of rank and dtype raise; types of all arguments
-and results of the package are checked; 70 digits in mpmath. What one process has compiled,
-the others take from a folder: that of ``JAX_COMPILATION_CACHE_DIR`` if set, else one that
-lasts as long as the run. Since most of the time goes into compiling, programs are optimized
-less than a user's; with ``XLA_FLAGS`` set, even to nothing, they are optimized as usual.
+and results of the package are checked; 70 digits in mpmath.
+
+Most of the time goes into compiling. So programs are hardly optimized (with ``XLA_FLAGS`` set, even
+to nothing, they are as usual), and they are kept in pytest's cache folder, for the other workers,
+for the commands that tests start and for the next run; ``pytest --cache-clear`` drops them.
 """
 
-import atexit
 import gc
 import os
-import shutil
-import tempfile
+from pathlib import Path
 
 # Before JAX is imported; workers and the commands that tests start inherit it.
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="compiled-")
-    atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 import hypothesis
 import jax
@@ -36,6 +32,9 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 hypothesis.settings.register_profile("jaxrock", deadline=None, max_examples=50, derandomize=True)
 hypothesis.settings.load_profile("jaxrock")
 
+LARGEST_FOLDER = 1e9  # bytes of programs that are kept from run to run
+LARGEST_PROCESS = 0.8e9  # bytes, beyond which a process drops its programs after a file
+
 collect_ignore = ["references", "tables", "tools"]  # no tests
 
 
@@ -46,8 +45,26 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     jax.config.update("jax_enable_x64", config.getoption("--precision") == "64")
+    folder = os.environ.setdefault(
+        "JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled-programs"))
+    )
+    jax.config.update("jax_compilation_cache_dir", folder)
+    if not hasattr(config, "workerinput"):
+        drop_oldest(Path(folder))
     if config.getoption("--devices") > 1:
         jax.config.update("jax_num_cpu_devices", config.getoption("--devices"))
+
+
+def drop_oldest(folder):
+    """Of the programs, so that the folder stays below its bound."""
+    files = [(path.stat(), path) for path in folder.iterdir()]
+    files.sort(key=lambda file: file[0].st_mtime)
+    excess = sum(status.st_size for status, _ in files) - LARGEST_FOLDER
+    for status, path in files:
+        if excess <= 0:
+            break
+        path.unlink()
+        excess -= status.st_size
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -65,3 +82,20 @@ def pytest_collection_modifyitems(config, items):
 def eps():
     """Rounding unit of the precision that the tests run in."""
     return float(jax.numpy.finfo(jax.numpy.result_type(float)).eps)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Let go of the programs that a file has used, before there are too many."""
+    if (nextitem is None or nextitem.path != item.path) and size_of_process() > LARGEST_PROCESS:
+        jax.clear_caches()
+        gc.collect()
+
+
+def size_of_process():
+    """Bytes in memory, as far as the system tells."""
+    try:
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+    except OSError:
+        return 0
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")

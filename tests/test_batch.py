@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from references import stepping
 from tables.driven_cases import cases
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.host.threads import mapped
@@ -18,7 +19,7 @@ from jaxrock.host.threads import mapped
 
 @pytest.mark.float64
 @pytest.mark.parametrize("component", ["east", "north"])
-@pytest.mark.parametrize("vertical", [0, 1])
+@pytest.mark.parametrize("vertical", first_by_default([1, 0]))
 def test_record_against_independent_integration(component, vertical):
     """All stable cases of the table, of which there are 120."""
     rows = [r for r in cases(1) if (r["component"], r["vertical"]) == (component, vertical)]
@@ -48,7 +49,7 @@ def pulse_cases(shape):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("shape", ["Sine", "Cosine", "Ricker"])
+@pytest.mark.parametrize("shape", first_by_default(["Sine", "Cosine", "Ricker"]))
 def test_short_pulses_against_independent_integration(shape):
     """1 to 500 ms, 1,000 each; where the pulse is reversed the last bounce may be the highest."""
     block, restitution, pulse, peak, overturned = pulse_cases(shape)
@@ -74,6 +75,7 @@ def test_table_of_short_pulses_is_what_it_says():
     np.testing.assert_allclose(again.peak[stands], peak[some][stands], rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(
     "shape",

@@ -10,6 +10,7 @@ import pytest
 from references import stepping
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.dynamics import Equation
@@ -146,7 +147,7 @@ def scene_of(numbers, motion):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("ratio", first_by_default(RATIOS, 2))
 def test_driven_response(ratio):
     """Against steps that know of radius, angle and inertia only."""
     rng = np.random.default_rng(int(100 * ratio))
@@ -238,7 +239,7 @@ ANSWERS = {
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.thorough if name == "boundary" else ())
+        pytest.param(name, marks=pytest.mark.thorough if name in ("boundary", "batch") else ())
         for name in ANSWERS
     ],
 )
@@ -264,6 +265,7 @@ def test_inertia_acts_as_width(name, model):
         assert name == "amplification" or slopes[1] != 0
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivatives_with_respect_to_the_inertia_ratio():
     """Of what the law does not cover: Housner's restitution, the forces and the critical width."""
@@ -400,7 +402,7 @@ def test_a_block_says_its_inertia_ratio_unless_it_is_a_rectangle():
 GRID = {"slenderness": [3.0, 6.0, 20.0], "width": [0.2, 0.8], "restitution": 0.7}
 
 
-@pytest.mark.parametrize("model", ["linearized", "nonlinear", "auto"])
+@pytest.mark.parametrize("model", first_by_default(["auto", "linearized", "nonlinear"]))
 def test_resonance_spectra(model, eps):
     rtol = 1e-2 if model == "auto" else 2000 * eps
     spectrum = jr.resonance_spectrum(**GRID, intensity=0.12, model=model, inertia_ratio=1.1)
@@ -452,6 +454,7 @@ def test_boundary_along_the_inertia_ratio():
     np.testing.assert_allclose(found.value, [16 / 9], rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_costs_of_float32():
     """What is stated for a body whose inertia ratio is rounded covers what happens."""

@@ -181,6 +181,7 @@ def several(times, shapes, frequency_known=True, time_noise=None):
     )
 
 
+@pytest.mark.thorough
 @DOUBLE
 @pytest.mark.parametrize("frequency_known", [True, pytest.param(False, marks=SLOW)])
 def test_bias_and_errors_of_many_tests(frequency_known):
@@ -306,6 +307,7 @@ def test_nothing_to_repair(model):
     assert repaired <= 2
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_ordinary_tests_are_not_refused():
     """Nor does rounding keep the search from ending."""
@@ -323,6 +325,7 @@ def changes(count, change, noise_known, tests, seed):
     return np.asarray(fits.restitution_change), np.asarray(fits.restitution_change_p_value)
 
 
+@pytest.mark.thorough
 @DOUBLE
 @pytest.mark.parametrize(
     ("count", "noise_known"),
@@ -448,6 +451,7 @@ def test_motions_that_are_no_free_rocking():
         assert refuses("^impact_times must be of a", fit_free_rocking, times, BLOCK), seed
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_traced_measurements_that_are_wrong():
     """NaN there, nothing beside."""
@@ -491,6 +495,7 @@ def noisy(rotation, size=0.005, seed=0):
     return rotation + np.random.default_rng(seed).normal(0, noise, rotation.shape), noise
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_driven_restitution():
     exact = rotations()

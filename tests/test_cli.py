@@ -115,6 +115,7 @@ def test_gravity_reaches_the_answers(capsys, tmp_path):
         assert dataset.attrs["gravity"] == 1.62
 
 
+@pytest.mark.thorough
 def test_inertia_ratio_reaches_the_answers(capsys, tmp_path):
     body, block = ("--inertia-ratio", 1.1), jr.Block(0.4, 5.0, inertia_ratio=1.1)
     for size in (("--height", 4), ("--slenderness", 5)):
@@ -272,6 +273,7 @@ def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     assert "printed 3.84e-3" in (tmp_path / "paper" / "report.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_as_a_module():
     """In a process of its own, where nothing but the command can turn on float64."""
     command = [sys.executable, "-m", "jaxrock", "assess", "--json"]
@@ -314,6 +316,7 @@ def test_rocking_spectrum(tmp_path, capsys):
     assert_follows_cf(out / "rocking_spectrum.nc")
 
 
+@pytest.mark.thorough
 def test_fragility(tmp_path, capsys):
     """Of two records, on which a hazard curve makes a rate."""
     for name, amplitude in (("a", 0.2), ("b", 0.3)):

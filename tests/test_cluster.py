@@ -44,6 +44,7 @@ def opened(path):
     return loaded
 
 
+@pytest.mark.thorough
 def test_each_worker_has_processors_of_its_own(client):
     mine = sorted(os.sched_getaffinity(0))
     shares = [*client.run(lambda: sorted(os.sched_getaffinity(0))).values()]
@@ -51,6 +52,7 @@ def test_each_worker_has_processors_of_its_own(client):
     assert [*client.run(lambda: jax.config.jax_enable_x64).values()] == [False, False]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["resonance", "fragility"])
 def test_workers_change_no_bit(client, name):
     """Whatever precision they have by themselves."""
@@ -58,6 +60,7 @@ def test_workers_change_no_bit(client, name):
     same_bits(function(chunks=chunks).compute(), function())
 
 
+@pytest.mark.thorough
 def test_a_worker_that_is_killed(client):
     whole = blocks()
     number, other = client.run(os.getpid).values()
@@ -90,6 +93,7 @@ jr.cluster.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
 """
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_killed_is_continued(tmp_path):
     """A chunk of which a part is written counts as none."""
     path, here = tmp_path / "grid.zarr", str(Path(__file__).parent)
@@ -258,6 +262,7 @@ def test_accelerators(monkeypatch, tmp_path):
 SMALL = ("--slenderness", "3:9:5", "--width", 0.4, 0.8, "--restitution", 0.7)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -284,6 +289,7 @@ def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.zarr", "s.zarr"]
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("own", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_fragility_as_a_store(client, tmp_path, monkeypatch, capsys, own):

@@ -6,6 +6,8 @@ import jax
 import jax.monitoring
 import numpy as np
 import pytest
+import scenes
+from scenes import record, suite
 
 import jaxrock as jr
 
@@ -43,24 +45,13 @@ def pulses(k):
     return jr.Sine(np.linspace(2, 4, 5) + k, 0.5)
 
 
-def record(samples=600, k=0):
-    noise = np.random.default_rng(k).standard_normal(samples)
-    return jr.Record(5 * noise * np.sin(np.pi * np.linspace(0, 1, samples)), 0.01)
-
-
-def suite(k):
-    return jr.Suite([record(k=k), record(900, k=k + 1)])
-
-
 def wall(k):
     return jr.Scene(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 0.28)
 
 
 def impact_times(k):
     """Of a block that loses a tenth of its velocity at each impact."""
-    launches = 0.9 * (0.9 - 0.01 * k) ** np.arange(9)
-    p = float(jr.Block(0.1 + 0.01 * k, 5).frequency_parameter)
-    return np.cumsum([0, *2 / p * np.arctanh(launches)])
+    return scenes.impact_times(jr.Block(0.1 + 0.01 * k, 5), 0.9, 0.9 - 0.01 * k)
 
 
 def shaking_test(k):
@@ -84,9 +75,9 @@ CALLS = {
     "Rectangular": lambda k: pulse(k, jr.Rectangular).upward(0.1 + k),
     "Ricker": lambda k: pulse(k, jr.Ricker).horizontal(0.1 + k),
     "Record": lambda k: (
-        record(k=k).horizontal(0.1 + k),
-        record(k=k).scaled(1.0 + k).intensity,
-        record(k=k).knots(),
+        record(seed=k).horizontal(0.1 + k),
+        record(seed=k).scaled(1.0 + k).intensity,
+        record(seed=k).knots(),
     ),
     "Oscillator": lambda k: jr.resonance.Oscillator(3.0 + k, 0.05).half_cycle_velocity(
         0.1, 2.0 + k
@@ -130,7 +121,7 @@ CALLS = {
     "harmonic_orbit": lambda k: jr.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
     "harmonic_spectrum": lambda k: jr.harmonic_spectrum([2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
-    "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(k=k), "pgv"),
+    "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(seed=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
     "least_harmonic_amplitude": lambda k: jr.dynamics.least_harmonic_amplitude(
         block(k), 0.9, 10.0 + k
@@ -141,7 +132,7 @@ CALLS = {
     ),
     "next_velocity": lambda k: jr.next_velocity(scene(k), 0.1 + 0.1 * k),
     "overturning_boundaries": lambda k: jr.overturning_boundaries(
-        jr.Block(0.05 + 0.003 * k, 5.0), 0.9, record(k=k), "factor", np.linspace(0.2, 4, 9)
+        jr.Block(0.05 + 0.003 * k, 5.0), 0.9, record(seed=k), "factor", np.linspace(0.2, 4, 9)
     ),
     "overturning_half_cycle": lambda k: jr.overturning_half_cycle(wall(k)),
     "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
@@ -173,7 +164,9 @@ CALLS = {
         block(k), 0.7, np.array([0.0, 0.5 + 0.1 * k, 1.5]), np.array([0.3, -0.3, 0.3])
     ),
     "respond_within": lambda k: jr.respond_within(block(k), 0.9, pulses(k), 1e-3),
-    "rocking_spectrum": lambda k: jr.rocking_spectrum(record(k=k), np.linspace(1.0 + k, 3, 6), 5.0),
+    "rocking_spectrum": lambda k: jr.rocking_spectrum(
+        record(seed=k), np.linspace(1.0 + k, 3, 6), 5.0
+    ),
     "rotation_ratio": lambda k: jr.rotation_ratio(scene(k)),
     "sensitivities": lambda k: jr.sensitivities(jr.rotation_ratio, scene(k)),
     "stabilized_period": lambda k: jr.stabilized_period(scene(k)),
@@ -263,7 +256,31 @@ def test_an_answer_of_another_length_is_a_limit(compiled):
     assert 0 < len(compiled) <= 5
 
 
-@pytest.mark.parametrize("name", CALLS)
+# One of each kind is for the default run: closed form, root, spectrum, slopes, orbit, one block,
+# many blocks, search, design, statistics of a suite.
+OF_EACH_KIND = {
+    "Record",
+    "choose",
+    "critical_pulsed_amplitude",
+    "critical_restitution",
+    "fragility",
+    "overturning_boundaries",
+    "resonance_spectrum",
+    "respond",
+    "respond_batch",
+    "rotation_ratio",
+    "sensitivities",
+    "worst_train",
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in OF_EACH_KIND else pytest.mark.thorough)
+        for name in CALLS
+    ],
+)
 def test_a_second_call_compiles_nothing(name, compiled):
     CALLS[name](0)
     compiled.clear()

@@ -121,6 +121,7 @@ def test_files_that_are_refused(tmp_path, content, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
     """A file and nothing else; the fit is that of the library."""
     monkeypatch.chdir(tmp_path)
@@ -171,6 +172,7 @@ def test_of_a_block_as_json(capsys, tmp_path):
     assert found["frequency_p_value"] is None
 
 
+@pytest.mark.thorough
 def test_options_reach_the_fit(capsys, tmp_path):
     times, peaks = decay(12)
     peaks[3] = np.nan
@@ -329,6 +331,7 @@ def test_picture_of_a_restitution_that_changes():
     assert shown[-1].endswith("a change alters $p$ as well")
 
 
+@pytest.mark.thorough
 def test_picture_of_what_was_repaired():
     clean = decay(24)[0]
     faulty = np.insert(np.delete(clean, [5, 6]), 10, clean[11] + 0.005)
@@ -346,6 +349,7 @@ def test_picture_of_what_was_repaired():
     np.testing.assert_allclose(of.measured.get_ydata(), np.diff(clean)[there.astype(int)])
 
 
+@pytest.mark.thorough
 def test_picture_of_peaks_alone_and_of_few_points():
     fit = fit_free_rocking(None, BLOCK, peak_rotations=decay(10)[1])
     figure = plot_free_rocking_fit(fit)

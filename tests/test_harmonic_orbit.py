@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.dynamics import (
@@ -228,6 +229,7 @@ def test_known_linearized_motions(w, c, beta, velocity, ratio):
     assert float(orbit.peak_rotation / BLOCK.critical_angle) == float(orbit.rotation_ratio)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_collocation_of_the_linearized_equation_is_its_closed_form(monkeypatch):
     steady = "jaxrock.dynamics.harmonic_orbit"
@@ -282,7 +284,7 @@ POINTS = [  # b, lambda, C, amplitude, omega, g, kappa
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 @pytest.mark.parametrize("point", POINTS)
 def test_derivatives(point, model):
     at = np.array(point)
@@ -300,6 +302,7 @@ def test_derivatives(point, model):
         np.testing.assert_array_less(np.abs(forward[:, k] - expected), 1e-7 * size + 1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", MODELS)
 def test_second_derivatives(model):
@@ -317,7 +320,7 @@ def test_second_derivatives(model):
         np.testing.assert_allclose((found[:, :, k] - expected) / scale, 0, atol=1e-5)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_none_leaves_its_neighbours_alone(model):
     amplitude = jnp.array([0.05, 3.0, 0.0, 1.0])
 
@@ -376,7 +379,7 @@ def test_bad_frequency_of_limits():
         least_harmonic_amplitude(BLOCK, 0.9, np.inf)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_shapes_and_transformations(model):
     amplitude, c, b = np.meshgrid(np.linspace(2, 4, 71), [0.8, 0.9], [0.2, 0.4], indexing="ij")
     orbit = harmonic_orbit(jr.Block(b, 5.0), c, amplitude, 12.0, model=model)
@@ -400,6 +403,7 @@ def test_no_orbits_at_all(model):
     assert orbit.multipliers.shape == (0, 2)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", MODELS)
 def test_single_precision(model):
@@ -420,7 +424,7 @@ def test_single_precision(model):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_corners(model):
     """Finite wherever it exists, with derivatives; from nearly nothing to strong floors."""
     c, w = np.meshgrid([0.0, 0.01, 0.5, 0.999, 1.0], [0.3, 1.0, 4.0, 50.0], indexing="ij")

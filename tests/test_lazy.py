@@ -15,8 +15,13 @@ from jaxrock import cluster
 from jaxrock.spectra import resonance
 from jaxrock.spectra.grid import of_few_shapes
 
+LONG = {"rocking of a suite", "resonance, each by its model"}  # to compile, or as lists
 
-@pytest.mark.parametrize("name", GRIDS)
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.thorough if name in LONG else ()) for name in GRIDS],
+)
 def test_chunks_change_no_bit(name):
     function, several = GRIDS[name]
     whole = function()

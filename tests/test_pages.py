@@ -147,7 +147,7 @@ def test_every_command_has_its_row(page):
 
 @pytest.mark.float64
 def test_every_row_that_is_measured_is_on_the_page():
-    import measured
+    from tools import measured
 
     table = TEXTS["speed_and_accuracy"].partition(measured.BEGIN)[2].partition(measured.END)[0]
     for row in measured.ROWS:

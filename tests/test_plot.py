@@ -193,6 +193,7 @@ def tradeoff_table():
     return tradeoff._dataset(rows, tradeoff.default_scene(), 1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
     whole = {animate, plot_free_rocking_fit, plot_spectrum, plot_rocking_spectrum}
@@ -510,6 +511,7 @@ def test_train(model):
     np.testing.assert_allclose(marks[marks[:, 0].argsort()], np.transpose([times, intensities]))
 
 
+@pytest.mark.thorough
 def test_animation(response, tmp_path, monkeypatch):
     animate(response, tmp_path / "block.gif", frames_per_second=5)
     with Image.open(tmp_path / "block.gif") as film:

@@ -246,6 +246,7 @@ def test_no_phase_and_no_motion():
         jr.pulsed_phase(BLOCK, C, half_sine(0.1), rtol=0.5)
 
 
+@pytest.mark.thorough
 def test_single_precision_where_double_is_allowed():
     single = np.float32
     block, pulse = jr.Block(single(0.4), single(5.0)), jr.HalfSine(single(1.3), single(0.1))
@@ -298,6 +299,7 @@ def test_pulses_at_their_verge():
 COUNTED = [(0.8, 1, None), (0.8, 3, 6.301296), (0.8, 4, 5.258972), (0.7, 3, 6.907975)]
 
 
+@pytest.mark.thorough
 def test_so_many_pulses_that_just_overturn():
     """By DOP853: a little weaker the last one lets the block come back, a little stronger not."""
     block = jr.Block(0.25, 5.0)

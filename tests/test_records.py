@@ -653,6 +653,7 @@ def test_example_record(eps):
         example_record("up")
 
 
+@pytest.mark.thorough
 def test_reading_needs_nothing_heavy():
     """In a process of its own: the tests import all of these."""
     code = (

@@ -67,6 +67,7 @@ def assert_said(words):
     assert words in " ".join(TEXT.split())
 
 
+@pytest.mark.thorough
 def test_frequencies():
     cells = table(0)
     w, strength = cells[:, 0].astype(float), np.array([0.15, 0.3, 1.0])
@@ -111,6 +112,7 @@ def test_overturning_from_rest():
     assert_rounded(cells[:, 3], 2 * strength * UPLIFT / (P * critical))
 
 
+@pytest.mark.thorough
 def test_frequency_that_falls():
     cells = table(3).astype(float)
     least = float(least_harmonic_amplitude(BLOCK, C, BEGIN * P)) / UPLIFT

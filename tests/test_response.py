@@ -119,6 +119,7 @@ def test_decay_of_free_rocking():
     np.testing.assert_allclose(1 - np.sqrt(1 - x**2), expected[1:], atol=6e-5)
 
 
+@pytest.mark.thorough
 def test_second_derivative_of_an_impact():
     """Linearized, the block lands after 2 artanh(x) / p, x = velocity / critical velocity."""
     block, x = jr.Block(0.3, 8.0), 0.5
@@ -441,6 +442,7 @@ def test_bad_input(change, words):
         jr.respond(**arguments)
 
 
+@pytest.mark.thorough
 def test_float32():
     with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.disable_x64():
         r = jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0)

@@ -188,7 +188,14 @@ def rate_of_pulses(shape, restitution, suite, measure="pgv", levels=LEVELS, curv
 
 
 @DOUBLE
-def test_rate_and_derivatives_in_closed_form():
+def test_rate_in_closed_form():
+    found = rate_of_pulses(SHAPE, RESTITUTION, pulses(400))
+    assert float(found.rate) == pytest.approx(float(closed_rate("pgv", *SHAPE)), rel=1e-6)
+
+
+@DOUBLE
+@SLOW
+def test_derivatives_of_a_rate_in_closed_form():
     suite, numbers = pulses(400), (*SHAPE, OFTEN, POWER, RESTITUTION)
 
     def rate(*at):
@@ -251,6 +258,7 @@ def test_a_rate_is_proportional_to_the_hazard():
     assert float(compiled) == pytest.approx(float(value), rel=1e-9)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_what_a_rate_cannot_see():
     """Nothing between two levels, and under `jit` no more boundaries than are listed."""
@@ -276,6 +284,7 @@ def test_what_a_rate_cannot_see():
         jr.overturning_rate(slim, 0.9, suite, lambda x: x, levels=ends)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_elasticities_at_the_point_and_over_a_change():
     """Where no window is narrow the two agree, up to what is counted between levels."""
@@ -422,6 +431,7 @@ SIZE, SITE = (0.3, 4.0), jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6
 ALL_LEVELS = (0.1, 3.0)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_rate_of_recorded_motions():
     """A wider and a less slender block overturns more seldom."""

@@ -1,19 +1,11 @@
 """Every function that takes chunks, on a small grid, with chunks that divide it and that do not."""
 
 import numpy as np
+from scenes import record, suite
 
 import jaxrock as jr
 
 BLOCK = jr.Block(0.1, 5.0)
-
-
-def record(samples, seed):
-    noise = np.random.default_rng(seed).standard_normal(samples)
-    return jr.Record(5 * noise * np.sin(np.pi * np.linspace(0, 1, samples)), 0.02)
-
-
-def suite():
-    return jr.Suite([record(150, 0), record(200, 1), record(120, 2)], ["first", "second", "third"])
 
 
 AXES = (np.linspace(3, 9, 5), [0.4, 0.8, 1.2], [0.6, 0.9])
