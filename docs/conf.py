@@ -8,7 +8,6 @@ import importlib
 import io
 import os
 import re
-from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,7 +19,7 @@ from jaxrock.cli import main
 
 project, author, language = "jaxrock", "The jaxrock developers", "en"
 copyright = author
-release = version = version_of("jaxrock")
+release = version = jaxrock.__version__
 
 os.environ["COLUMNS"] = "90"  # of what commands print
 root_doc = "docs/index"

@@ -12,7 +12,7 @@ driven motion is nonlinear.
 
 What is here is what most scenes need. Result classes and further tools are in the packages:
 `resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `risk`,
-`calibration`, `spectra`, `plot`, `reports`.
+`calibration`, `spectra`, `plot`, `reports`. ``jaxrock.__version__`` says which version this is.
 
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
@@ -66,6 +66,7 @@ from .ground_motion import (
     read_suite,
 )
 from .host import optional
+from .host import version as _version
 from .impact import housner_restitution
 from .overturning import (
     critical_amplitude,
@@ -110,6 +111,8 @@ if TYPE_CHECKING:
     from . import cluster as cluster
     from . import plot
 
+    __version__: str
+
 __all__ = ["accuracy", "calibration", "dynamics", "ground_motion", "overturning", "plot"]
 __all__ += ["reports", "resonance", "risk", "sensitivity", "signals", "spectra"]
 __all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
@@ -142,6 +145,8 @@ _RENAMED = {  # since version 0.1
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
     if name == "plot":  # imports matplotlib
         return importlib.import_module(".plot", __package__)
     if name == "cluster":  # imports Dask, which not every user has

@@ -207,3 +207,4 @@ def test_the_recipe_asks_for_what_the_package_asks_for():
     for path in (ROOT / "CITATION.cff", ROOT / "packaging" / "recipe.yaml"):
         stated = re.search(r"^ *version: \"?([\d.]+)", path.read_text(encoding="utf-8"), re.M)[1]
         assert stated == project["version"], path
+    assert jr.__version__ == project["version"]

@@ -6,7 +6,6 @@ import functools
 import re
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal, dataclass_transform
 
@@ -15,7 +14,7 @@ import tyro
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import PULSES, Motion, Record, example_record, read_record
-from ..host import check_free, written_whole
+from ..host import check_free, version, written_whole
 from ..impact import housner_restitution
 from ..validation import POSITIVE, UNIT_INTERVAL, check
 
@@ -139,7 +138,7 @@ class Writing(Command):
             for name, value in self._given().items()
             if value is not None and name not in _OF_WRITING
         }
-        return {"source": f"jaxrock {version('jaxrock')}", "command": name, **said}
+        return {"source": f"jaxrock {version()}", "command": name, **said}
 
     @property
     def names(self) -> Sequence[str]:

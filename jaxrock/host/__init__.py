@@ -24,3 +24,4 @@ from .threads import mapped as mapped
 from .threads import processors as processors
 from .threads import settings_of_jax as settings_of_jax
 from .threads import under as under
+from .version import version as version

@@ -1,10 +1,11 @@
 """Labelled datasets that follow the CF conventions when they are written to files."""
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from .version import version
 
 if TYPE_CHECKING:
     import xarray
@@ -28,7 +29,7 @@ def labelled(
     signs = [np.sign(np.diff(values)) for values in dataset.indexes.values()]
     if all(sign.size == 0 or (sign[0] and (sign == sign[0]).all()) for sign in signs):
         dataset.attrs["Conventions"] = "CF-1.9"  # the first with NumPy's integers of 64 bits
-    source = f"jaxrock {version('jaxrock')}"
+    source = f"jaxrock {version()}"
     return dataset.assign_attrs({"title": title, "source": source, **attributes})
 
 

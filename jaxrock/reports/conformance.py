@@ -20,7 +20,6 @@ chaotic, and no count of impacts includes a block coming to rest.
 import csv
 import json
 from collections.abc import Iterable, Sequence
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from ..ground_motion import Record, example_record
+from ..host import version
 
 RECORDS = ("ridgecrest_north.csv", "ridgecrest_east_and_up.csv", "piece.csv", "sampled_pulse.csv")
 FILES = ("cases.csv", "cases.json", *RECORDS)
@@ -38,7 +38,7 @@ def table() -> dict[str, Any]:
     resource = files("jaxrock") / "data" / "conformance.json"
     stored = json.loads(resource.read_text(encoding="utf-8"))
     cases = [{field: case.get(field) for field in stored["fields"]} for case in stored["cases"]]
-    return {"version": version("jaxrock")} | stored | {"cases": cases}
+    return {"version": version()} | stored | {"cases": cases}
 
 
 def records() -> dict[str, Record]:

@@ -5,7 +5,6 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from ..host import (
     mapped,
     optional,
     processors,
+    version,
     with_names,
     with_progress,
     written_whole,
@@ -88,7 +88,7 @@ class Grid:
         along = cluster.chunks_along(chunks, inner, self.usual)
         along |= {name: (size,) for name, size in sizes.items() if name not in used}
         variables = {name: entry[:2] for name, entry in self.variables.items()}
-        about = (self.title, dict(self.attributes), dict(self.names), version("jaxrock"))
+        about = (self.title, dict(self.attributes), dict(self.names), version())
         compute = functools.partial(_all_of, self.without_values())
         return self.labelled(
             cluster.lazy_arrays(

@@ -1,0 +1,8 @@
+"""Which version of jaxrock this is."""
+
+import importlib.metadata
+
+
+def version() -> str:
+    """The version that is installed."""
+    return importlib.metadata.version("jaxrock")
