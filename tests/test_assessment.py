@@ -10,6 +10,7 @@ from jaxrock.reports import assessment
 BLOCK = jr.Block.from_size(width=0.8, height=4.0)
 
 
+@pytest.mark.thorough
 def test_every_answer_is_that_of_its_function():
     scene = jr.Scene(BLOCK, 0.7, 0.15)
     found = jr.assess(scene)

@@ -60,6 +60,7 @@ def test_short_pulses_against_independent_integration(shape):
     np.testing.assert_allclose(found.peak_rotation[stands], peak[stands], rtol=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_table_of_short_pulses_is_what_it_says():
     block, restitution, pulse, peak, overturned = pulse_cases("Sine")
@@ -318,6 +319,7 @@ def test_corners_against_adaptive(corner):
     assert found.impacts == r.impacts or 2 < found.impacts < r.impacts > 20
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_input_that_just_lifts():
     """Exactly so, where a block would chatter for ever, and by very little."""
@@ -344,6 +346,7 @@ def test_a_block_does_not_depend_on_its_batch():
         np.testing.assert_array_equal(alone.impacts, together.impacts[part])
 
 
+@pytest.mark.thorough
 def test_several_records_and_shapes():
     north, east = jr.example_record("north"), jr.example_record("east")
     both = jr.Record(jnp.stack([north.acceleration, east.acceleration]), 0.01)

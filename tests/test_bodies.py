@@ -147,7 +147,7 @@ def scene_of(numbers, motion):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("ratio", first_by_default(RATIOS, 2))
+@pytest.mark.parametrize("ratio", first_by_default([1.1, 1.0, 1.25, 1.6, 2.5]))
 def test_driven_response(ratio):
     """Against steps that know of radius, angle and inertia only."""
     rng = np.random.default_rng(int(100 * ratio))
@@ -235,7 +235,7 @@ ANSWERS = {
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", MODELS, ids=repr)
+@pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 @pytest.mark.parametrize(
     "name",
     [
@@ -402,7 +402,7 @@ def test_a_block_says_its_inertia_ratio_unless_it_is_a_rectangle():
 GRID = {"slenderness": [3.0, 6.0, 20.0], "width": [0.2, 0.8], "restitution": 0.7}
 
 
-@pytest.mark.parametrize("model", first_by_default(["auto", "linearized", "nonlinear"]))
+@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized", "auto"]))
 def test_resonance_spectra(model, eps):
     rtol = 1e-2 if model == "auto" else 2000 * eps
     spectrum = jr.resonance_spectrum(**GRID, intensity=0.12, model=model, inertia_ratio=1.1)

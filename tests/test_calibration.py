@@ -8,6 +8,7 @@ import jaxtyping
 import numpy as np
 import pytest
 from scipy import stats
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
@@ -108,7 +109,7 @@ WAYS = [
     for way in ("block", "free p", "peaks", "free p and peaks", "peaks alone", "no block")
     if (model, way) != ("nonlinear", "no block")
 ] + [("linearized", "no block, peaks")]
-SHORT = {("linearized", "free p"), ("linearized", "no block, peaks"), ("nonlinear", "block")}
+SHORT = {("linearized", "block"), ("linearized", "free p")}
 
 
 @DOUBLE
@@ -257,8 +258,8 @@ FAULTS = [("missing", k) for k in (2, 7, 11)] + [
     ("model", "frequency_known"),
     [
         ("linearized", True),
-        ("linearized", False),
-        ("nonlinear", True),
+        pytest.param("linearized", False, marks=SLOW),
+        pytest.param("nonlinear", True, marks=SLOW),
         pytest.param("nonlinear", False, marks=SLOW),
     ],
 )
@@ -371,7 +372,7 @@ def test_a_change_is_said():
 
 
 @DOUBLE
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_another_block(model):
     """30 % off in width: said, and mended by a free p."""
     times = impacts(0.9, 0.85, 14, model) + np.random.default_rng(6).normal(0, 1e-3, 14)

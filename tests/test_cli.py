@@ -288,6 +288,7 @@ def test_as_a_module():
     assert done.stderr == ""
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_respond(tmp_path, capsys):
     out = tmp_path / "out"
@@ -403,6 +404,7 @@ def test_a_block_of_a_size_that_is_hardly_meant_gets_a_remark(capsys):
     assert "remark" not in text
 
 
+@pytest.mark.thorough
 def test_sensitivity(capsys, tmp_path):
     out = tmp_path / "out"
     question = "--answer", "rotation-ratio", "--restitution", 0.7
@@ -497,6 +499,7 @@ def test_bad_tolerances(capsys, tmp_path, monkeypatch, arguments, words):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.thorough
 def test_tolerance(capsys, tmp_path):
     code, out, _ = run(capsys, "assess", "--tolerance", 1e-3, "--json")
     assert code == 0

@@ -13,6 +13,7 @@ import jaxrock as jr
 
 _EVENT = "/jax/core/compile/backend_compile_duration"
 STOUT = jr.Block(1.5, 1.0)
+SLOW = pytest.mark.thorough
 
 
 @pytest.fixture
@@ -276,10 +277,7 @@ OF_EACH_KIND = {
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=() if name in OF_EACH_KIND else pytest.mark.thorough)
-        for name in CALLS
-    ],
+    [pytest.param(name, marks=() if name in OF_EACH_KIND else SLOW) for name in CALLS],
 )
 def test_a_second_call_compiles_nothing(name, compiled):
     CALLS[name](0)
@@ -291,13 +289,18 @@ def test_a_second_call_compiles_nothing(name, compiled):
 @pytest.mark.parametrize(
     "call",
     [
-        lambda motion: jr.respond(STOUT, 0.3, motion, 2.0),
         lambda motion: jr.respond_batch(STOUT, 0.3, motion, 2.0),
-        lambda motion: jr.overturning_boundaries(STOUT, 0.3, motion, "factor", [0.1, 0.2]),
-        lambda motion: jr.rocking_spectrum(motion, [6.0], 1.0, restitution=0.3),
         lambda motion: (motion.horizontal(3.0), motion.intensity, motion.end),
+        pytest.param(lambda motion: jr.respond(STOUT, 0.3, motion, 2.0), marks=SLOW),
+        pytest.param(
+            lambda motion: jr.overturning_boundaries(STOUT, 0.3, motion, "factor", [0.1, 0.2]),
+            marks=SLOW,
+        ),
+        pytest.param(
+            lambda motion: jr.rocking_spectrum(motion, [6.0], 1.0, restitution=0.3), marks=SLOW
+        ),
     ],
-    ids=["respond", "respond_batch", "boundaries", "spectrum", "record"],
+    ids=["respond_batch", "record", "respond", "boundaries", "spectrum"],
 )
 def test_twenty_lengths_of_record_take_three_programs(call, compiled):
     for samples in (2001, 3000, 5000):
@@ -308,6 +311,7 @@ def test_twenty_lengths_of_record_take_three_programs(call, compiled):
     assert compiled == []
 
 
+@pytest.mark.thorough
 def test_a_suite_takes_two_programs(compiled):
     """Twenty records of 2,000 to 9,000 samples and three time steps."""
     examples = jr.example_suite()

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from tools.command import run
 
 import jaxrock as jr
 from jaxrock.calibration import fit_free_rocking
 from jaxrock.calibration.measurement_files import read_impact_times
-from jaxrock.cli import main
 from jaxrock.plot import plot_free_rocking_fit
 
 pytestmark = pytest.mark.float64
@@ -44,17 +44,6 @@ def written(path, times, peaks=None):
     columns = [times] if peaks is None else [times, np.append(peaks, np.nan)]
     np.savetxt(path, np.transpose(columns), "%.8f", ",", header="time [s],peak [rad]", comments="")
     return path
-
-
-def run(capsys, *arguments):
-    """Exit code, standard output, standard error."""
-    code = 0
-    try:
-        main([str(argument) for argument in arguments])
-    except SystemExit as stop:
-        code = stop.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 @pytest.mark.parametrize(
@@ -165,8 +154,14 @@ def test_of_a_block_as_json(capsys, tmp_path):
     assert len(found["rows"]) == 12
     assert found["rows"][0]["restitution"] is None
     assert [path.rpartition("/")[2] for path in found["files"]] == ["fit.csv", "fit.png"]
-    # Without the block the critical angle is unknown, and so is its error.
+
+
+@pytest.mark.thorough
+def test_of_no_block_as_json(capsys, tmp_path):
+    """Without the block the critical angle is unknown, and so is its error."""
+    path = written(tmp_path / "times.csv", decay(12)[0])
     code, text, _ = run(capsys, "fit", path, "--out", tmp_path / "other", "--json")
+    assert code == 0
     found = json.loads(text)
     assert found["critical_angle"] is found["standard_errors"]["critical_angle"] is None
     assert found["frequency_p_value"] is None
@@ -365,7 +360,7 @@ def test_picture_of_peaks_alone_and_of_few_points():
 
 
 def test_several_fits_are_no_picture():
-    one = fit_free_rocking(decay(8)[0], BLOCK)
+    one = fit_free_rocking(decay(12)[0], BLOCK)
     fits = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)
     with pytest.raises(ValueError, match=r"fit must be of one test, got an array of shape \(2,\)"):
         plot_free_rocking_fit(fits)

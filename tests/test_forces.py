@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from references import stepping
 from references.forces import Trajectory, pieces_of
-from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -69,7 +68,8 @@ def test_extremes_of_the_forces(kind):
     assert 0 < overturned < 8
 
 
-@pytest.mark.parametrize("inertia_ratio", first_by_default([1.15, 1.0, 1.8]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("inertia_ratio", [1.15, 1.0, 1.8])
 def test_extremes_of_the_forces_of_other_bodies(inertia_ratio):
     compare("HalfSine", 5, 6, inertia_ratio=inertia_ratio)
 

@@ -104,6 +104,7 @@ def test_number_of_cycles_of_numpy():
     assert jax.grad(lambda m: m.horizontal(0.1))(motion).cycles == 3
 
 
+@pytest.mark.thorough
 def test_traced_bad_values_give_nan():
     def peak(amplitude, frequency):
         return jr.respond_batch(BLOCK, 0.7, Harmonic(amplitude, frequency, 3)).peak_rotation
@@ -198,6 +199,7 @@ def test_adaptive_against_independent_integration(truth):
             assert float(r.impact_times[0]) == pytest.approx(first, rel=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_lifted_in_every_half_cycle_or_never():
     """Where the block comes to rest in between; the ground is symmetric, but for its first side."""

@@ -256,6 +256,7 @@ def test_collocation_of_the_linearized_equation_is_its_closed_form(monkeypatch):
     np.testing.assert_array_equal(found.exists, closed.exists)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_slender_blocks_are_linearized():
     """The difference falls as the inverse square of the slenderness."""
@@ -320,6 +321,7 @@ def test_second_derivatives(model):
         np.testing.assert_allclose((found[:, :, k] - expected) / scale, 0, atol=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_none_leaves_its_neighbours_alone(model):
     amplitude = jnp.array([0.05, 3.0, 0.0, 1.0])
@@ -423,6 +425,7 @@ def test_single_precision(model):
     np.testing.assert_allclose(rough.trace, exact.trace, rtol=1e-4, atol=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_corners(model):

@@ -44,6 +44,7 @@ def test_labels(tmp_path):
     assert_follows_cf(tmp_path / "harmonic.nc")
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(
     "model", [pytest.param(jr.Linearized(), marks=pytest.mark.thorough), jr.Nonlinear()]

@@ -83,6 +83,7 @@ def test_frequencies():
     assert_said(f"by up to {100 * off:.1f} %")
 
 
+@pytest.mark.thorough
 def test_restitutions():
     cells = table(1)
     c = cells[:, 0].astype(float)
@@ -148,6 +149,7 @@ def test_slow_and_fast_floors():
     np.testing.assert_allclose(orbit.rotation_ratio, (np.pi**2 / 8 + strength) / w**2, rtol=2e-4)
 
 
+@pytest.mark.thorough
 def test_half_cycles_of_three_half_periods():
     c, w, strength = 0.97, BEGIN, 0.5
     t = np.tanh(np.array([0.5, 1.5]) * np.pi / w)

@@ -227,6 +227,7 @@ def test_the_verge_is_that_of_a_pulse():
     np.testing.assert_array_equal(found.impacts[:, 0], 0)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_rate_converges_with_the_samples():
     """In levels of PGV what straight lines take from pulse and velocity cancels, not of PGA."""
@@ -314,6 +315,7 @@ def test_elasticities_at_the_point_and_over_a_change():
         jr.risk.rate_elasticities(BLOCK, RESTITUTION, pulses(100), SITE, change=1.0)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_what_a_rate_says():
     """Every record has one boundary: what is unseen is as much as three mean steps of one."""
@@ -345,6 +347,7 @@ def test_what_a_rate_says():
         np.testing.assert_allclose(of_curve.contributions, found.contributions, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_fragility_of_pulses_is_a_staircase(eps):
     suite, levels = pulses(200), np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
     curves = jr.fragility(

@@ -109,7 +109,7 @@ def scattering_scenes():
     ("answer", "model"),
     [
         (jr.overturning_margin, jr.Nonlinear()),
-        (jr.rotation_ratio, jr.Linearized()),
+        pytest.param(jr.rotation_ratio, jr.Linearized(), marks=pytest.mark.thorough),
         *(
             pytest.param(answer, model, marks=pytest.mark.thorough)
             for answer in ANSWERS

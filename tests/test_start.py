@@ -59,6 +59,7 @@ def files(folder):
     return {path.name: path.stat().st_size for path in folder.rglob("*-cache")}
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_commands_start_from_what_is_compiled(tmp_path):
     home = tmp_path / "home"
@@ -110,6 +111,7 @@ def test_where_nothing_is_kept(tmp_path, monkeypatch, untold):
     assert {path.name for path in tmp_path.iterdir()} == {"home", "file"}
 
 
+@pytest.mark.thorough
 def test_a_command_that_keeps_nothing(tmp_path):
     """It ends with a complaint about its options."""
     process = start(tmp_path / "home", "--half-cycles", "--no-cache")

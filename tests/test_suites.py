@@ -225,6 +225,7 @@ def test_derivatives_of_the_boundaries_of_a_suite():
         assert_row([each[:, : value.size] for each in found], k, [value, slope])
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivative_of_a_boundary_long_before_the_end_of_a_record():
     """This block balances for ten seconds, until the record ends and rounding has decided."""
