@@ -69,13 +69,17 @@ def drop_oldest(folder):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    for item in items:  # the first one stays, since it is what the README shows
-        if item.path.suffix == ".ipynb" and not item.path.name.startswith("1"):
+    for item in items:  # notebooks, and the examples in docstrings
+        if item.path.suffix == ".ipynb" or isinstance(item, pytest.DoctestItem):
             item.add_marker("thorough")
+    marks = set()
     if config.getoption("--precision") == "32":
-        left_out = [item for item in items if item.get_closest_marker("float64")]
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if item not in left_out]
+        marks.add("float64")
+    if "optimization_level=0" in os.environ["XLA_FLAGS"]:
+        marks.add("optimized")
+    left_out = [item for item in items if any(map(item.get_closest_marker, marks))]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture

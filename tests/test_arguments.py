@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.resonance import as_model
@@ -94,7 +95,7 @@ def total_and_answers(shared, numbers, model):
 with_slopes = jax.jit(jax.value_and_grad(total_and_answers, has_aux=True))
 
 
-@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()], ids=repr)
+@pytest.mark.parametrize("model", first_by_default([jr.Nonlinear(), jr.Linearized()]), ids=repr)
 @pytest.mark.parametrize("position", range(5))
 def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position):
     numbers = np.full((5, 3), [[0.4], [5.0], [9.81], [0.6], [0.1]])
@@ -150,7 +151,12 @@ PULSE = jr.HalfSine(4.0, 0.4)
             lambda model: jr.respond_batch(BLOCK, 0.7, PULSE, model=model).peak_rotation,
             marks=pytest.mark.thorough,
         ),
-        lambda model: jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, model=model).rotation_ratio.values,
+        pytest.param(
+            lambda model: (
+                jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, model=model).rotation_ratio.values
+            ),
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_a_model_is_given_itself_or_by_its_name(answer):
@@ -167,6 +173,7 @@ def test_what_is_no_model_is_said_in_one_sentence():
         as_model(jr.Linearized)
 
 
+@pytest.mark.thorough
 def test_peak_amplification_leaves_blocks_that_overturn_out():
     def total(half_width, growth):
         return jnp.nansum(jr.Nonlinear().peak_amplification(jr.Block(half_width, 5.0), 0.1, growth))

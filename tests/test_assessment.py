@@ -61,6 +61,7 @@ def test_every_answer_is_that_of_its_function():
     assert "nan" not in text
 
 
+@pytest.mark.thorough
 def test_a_block_that_overturns():
     found = jr.assess(jr.Scene(BLOCK, 0.97, 0.15))
     for answers in found["models"].values():
@@ -83,6 +84,7 @@ def test_one_scene_at_a_time():
         jr.assess(jr.Scene(BLOCK, np.array([0.5, 0.6]), 0.15))
 
 
+@pytest.mark.thorough
 def test_what_a_tolerance_needs():
     wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
     result = jr.assess(wall, tolerance=1e-3)

@@ -113,6 +113,7 @@ def test_error_is_what_is_asked_for(shape):
 SEVERAL = 40, 12  # records and samples, always with a vertical one: one program does for all
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_rough_input_against_independent_integration():
     """What the default tolerance delivers does not depend on how strong and steep the push is."""
@@ -334,6 +335,7 @@ def test_input_that_just_lifts():
         assert (beyond.peak_rotation < 1e-6).all()
 
 
+@pytest.mark.thorough
 def test_a_block_does_not_depend_on_its_batch():
     rng = np.random.default_rng(0)
     block = jr.Block(rng.uniform(0.1, 0.5, 301), rng.uniform(3, 8, 301))

@@ -10,7 +10,7 @@ import pytest
 from references import stepping
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
-from tools.selection import first_by_default
+from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
 from jaxrock.dynamics import Equation
@@ -146,6 +146,7 @@ def scene_of(numbers, motion):
     return block, c, motion, stepping.Rocker(b, slenderness, c, share=1 / ratio)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("ratio", first_by_default([1.1, 1.0, 1.25, 1.6, 2.5]))
 def test_driven_response(ratio):
@@ -238,10 +239,7 @@ ANSWERS = {
 @pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=pytest.mark.thorough if name in ("boundary", "batch") else ())
-        for name in ANSWERS
-    ],
+    some_by_default(ANSWERS, ANSWERS.keys() - {"boundary", "batch", "driven"}),
 )
 def test_inertia_acts_as_width(name, model):
     """A body of kappa moves like a rectangle that is wider by kappa over 4 / 3.

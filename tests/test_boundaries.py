@@ -39,6 +39,7 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
     assert float(found.value[0]) / 9.81 == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_against_scipy():
     """Thirty boundaries of blocks at random: the outcome changes there, and the mode is theirs."""
     rng = np.random.default_rng(5)

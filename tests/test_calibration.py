@@ -85,6 +85,7 @@ def refuses(message, function, *args, **kwargs):
     return "\n" not in str(error.value)
 
 
+@pytest.mark.thorough
 @DOUBLE
 @pytest.mark.parametrize(
     ("launch", "of_restitution", "of_p"), [(0.95, 2.5e-4, 0.0028), (0.5, 1.1e-3, 0.076)]
@@ -109,7 +110,7 @@ WAYS = [
     for way in ("block", "free p", "peaks", "free p and peaks", "peaks alone", "no block")
     if (model, way) != ("nonlinear", "no block")
 ] + [("linearized", "no block, peaks")]
-SHORT = {("linearized", "block"), ("linearized", "free p")}
+SHORT = {("linearized", "block")}
 
 
 @DOUBLE
@@ -253,6 +254,7 @@ FAULTS = [("missing", k) for k in (2, 7, 11)] + [
 ]
 
 
+@pytest.mark.thorough
 @DOUBLE
 @pytest.mark.parametrize(
     ("model", "frequency_known"),
@@ -371,6 +373,7 @@ def test_a_change_is_said():
     assert said in str(fit)
 
 
+@pytest.mark.thorough
 @DOUBLE
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_another_block(model):
@@ -443,6 +446,7 @@ def test_bad_measurements(times, block, options, message):
     assert refuses(message, fit_free_rocking, times, block, **options)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_motions_that_are_no_free_rocking():
     growing = np.append(0, np.cumsum(2 / P * np.arctanh(0.3 * 1.1 ** np.arange(9))))
@@ -469,6 +473,7 @@ def test_traced_measurements_that_are_wrong():
     assert "restitution" in str(good)
 
 
+@pytest.mark.thorough
 def test_either_precision(eps):
     """Times to a microsecond, as well as a float32 holds them."""
     tolerance = max(1e-3 if eps > 1e-10 else 1e-5, eps)

@@ -198,6 +198,7 @@ def test_chaos_is_not_promised():
     assert (np.asarray(choice.within_tolerance) == within.within_tolerance).all()
 
 
+@pytest.mark.thorough
 def test_a_single_driven_scene():
     scene = jr.DrivenScene(jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5))
     choice = jr.choose(scene, 1e-3)

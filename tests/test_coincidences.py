@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from references import stepping
 from references.forces import Trajectory, pieces_of
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -128,7 +129,7 @@ PLAIN = {
 }
 
 
-@pytest.mark.parametrize("kind", PLAIN)
+@pytest.mark.parametrize("kind", first_by_default(PLAIN))
 def test_ends_starts_and_samples(kind):
     """Given is the slope for a later start and end of the input, and a shorter duration."""
     x = np.stack(list(PLAIN[kind].values()))
@@ -179,6 +180,7 @@ def coincidences(kind):
     yield "the end", *with_impact(kind, x, at_the_end, START)
 
 
+@pytest.mark.optimized
 @pytest.mark.parametrize("kind", PLAIN)
 def test_impacts_at_corners(kind):
     """The slopes are those of either order of the two, for all numbers the same one."""
@@ -198,6 +200,7 @@ def test_impacts_at_corners(kind):
             assert any(close(slope, order).all() for order in orders), (name, slope, orders)
 
 
+@pytest.mark.optimized
 def test_a_turn_at_the_end():
     x = turning()
     expected = one_sided("Record", x[None], 1)[0]

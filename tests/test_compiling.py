@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scenes
 from scenes import record, suite
+from tools.selection import some_by_default
 
 import jaxrock as jr
 
@@ -257,12 +258,11 @@ def test_an_answer_of_another_length_is_a_limit(compiled):
     assert 0 < len(compiled) <= 5
 
 
-# One of each kind is for the default run: closed form, root, spectrum, slopes, orbit, one block,
-# many blocks, search, design, statistics of a suite.
+# One of each kind is for the default run: closed form, root, spectrum, slopes, one block,
+# many blocks, boundaries, statistics of a suite.
 OF_EACH_KIND = {
     "Record",
     "choose",
-    "critical_pulsed_amplitude",
     "critical_restitution",
     "fragility",
     "overturning_boundaries",
@@ -271,14 +271,10 @@ OF_EACH_KIND = {
     "respond_batch",
     "rotation_ratio",
     "sensitivities",
-    "worst_train",
 }
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name in OF_EACH_KIND else SLOW) for name in CALLS],
-)
+@pytest.mark.parametrize("name", some_by_default(CALLS, OF_EACH_KIND))
 def test_a_second_call_compiles_nothing(name, compiled):
     CALLS[name](0)
     compiled.clear()
@@ -289,7 +285,7 @@ def test_a_second_call_compiles_nothing(name, compiled):
 @pytest.mark.parametrize(
     "call",
     [
-        lambda motion: jr.respond_batch(STOUT, 0.3, motion, 2.0),
+        pytest.param(lambda motion: jr.respond_batch(STOUT, 0.3, motion, 2.0), marks=SLOW),
         lambda motion: (motion.horizontal(3.0), motion.intensity, motion.end),
         pytest.param(lambda motion: jr.respond(STOUT, 0.3, motion, 2.0), marks=SLOW),
         pytest.param(
@@ -332,6 +328,7 @@ def test_batches_of_all_sizes_take_two_programs(compiled):
     assert compiled == []
 
 
+@pytest.mark.thorough
 def test_pulses_of_all_shapes_take_one_program(compiled):
     for shape in (jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker):
         jr.respond_batch(jr.Block(0.2, 5.0), 0.9, shape(3.0, 0.1))

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_on_two_devices(pytestconfig):
     """In a process of its own: with two devices, all others would compile everything twice."""

@@ -32,6 +32,7 @@ def test_carlson_against_mpmath(ours, theirs, dtype):
     assert max(errors) < 5 * np.finfo(dtype).eps
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_repeated_derivatives_of_rf():
     @jax.jit

@@ -246,6 +246,7 @@ def test_a_file_that_is_missing(capsys, tmp_path):
     assert "times.csv': the file cannot be read: No such file" in err
 
 
+@pytest.mark.thorough
 def test_in_a_study(capsys, tmp_path, monkeypatch):
     """The file is sought beside the study; one that is wrong is found before any job runs."""
     monkeypatch.chdir(tmp_path)
@@ -308,6 +309,7 @@ def test_picture_of_a_constant_restitution():
     assert restitutions.get_ylabel() == "restitution $C$ [-]"
 
 
+@pytest.mark.thorough
 def test_picture_of_a_restitution_that_changes():
     """The line lies on the C that was put in; with p fitted there is only the p-value."""
     change, launch = 0.1, 0.9

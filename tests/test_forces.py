@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from references import stepping
 from references.forces import Trajectory, pieces_of
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -62,7 +63,7 @@ def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
     return worst, overturned, left
 
 
-@pytest.mark.parametrize("kind", ["Sine", "Record"])
+@pytest.mark.parametrize("kind", first_by_default(["Sine", "Record"]))
 def test_extremes_of_the_forces(kind):
     _, overturned, _ = compare(kind, 8, 3)
     assert 0 < overturned < 8
@@ -140,6 +141,7 @@ def test_states_of_no_step():
     assert float(r.friction_demand) == pytest.approx(1.5 / 7.81, rel=1e-14)
 
 
+@pytest.mark.thorough
 def test_extremes_between_long_steps():
     """They are those of the motion, however long the steps are."""
     rng, worst = np.random.default_rng(5), 0.0

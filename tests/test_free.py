@@ -131,6 +131,7 @@ def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
     np.testing.assert_allclose(several, alone, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_released_on_still_ground():
     """Impacts come when the closed form says, a quarter of a rocking cycle and then halves."""
     block, tilt, c = jr.Block(0.1, 5.0), 0.1, 0.9

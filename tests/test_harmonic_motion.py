@@ -125,6 +125,7 @@ def test_is_no_shape_of_pulse():
         pulse_class(Harmonic)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
 def test_one_cycle_is_a_sine(model):
@@ -219,6 +220,7 @@ def test_lifted_in_every_half_cycle_or_never():
     assert float(batch.peak_rotation) == pytest.approx(float(first.peak_rotation), rel=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_long_and_fast_motions_against_each_other():
     """Up to 200 periods, and a hundred times as fast as the block."""

@@ -105,7 +105,7 @@ STABLE = [  # block, C, w, beta
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 @pytest.mark.parametrize("case", STABLE)
 def test_motion_that_settles_does_so_there(case, model):
     block, c, w, beta = case
@@ -284,6 +284,7 @@ POINTS = [  # b, lambda, C, amplitude, omega, g, kappa
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 @pytest.mark.parametrize("point", POINTS)
@@ -350,6 +351,7 @@ def test_none_leaves_its_neighbours_alone(model):
     assert float(by_c) == pytest.approx(float(alone[1]), rel=1e3 * eps)
 
 
+@pytest.mark.thorough
 def test_traced_arguments_out_of_range_give_nan():
     @jax.jit
     def total(at):
@@ -381,6 +383,7 @@ def test_bad_frequency_of_limits():
         least_harmonic_amplitude(BLOCK, 0.9, np.inf)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_shapes_and_transformations(model):
     amplitude, c, b = np.meshgrid(np.linspace(2, 4, 71), [0.8, 0.9], [0.2, 0.4], indexing="ij")
@@ -474,6 +477,7 @@ def test_from_where_on_the_nonlinear_motion_exists():
     assert gaps[0] / gaps[1] == pytest.approx(10, rel=1e-2)  # like the square root
 
 
+@pytest.mark.thorough
 def test_printing():
     orbit = harmonic_orbit(BLOCK, 0.9, jnp.array([0.05, 1.0]), 14.0, model="linearized")
     text = str(orbit)

@@ -22,6 +22,7 @@ MEANINGS = {
 }
 
 
+@pytest.mark.thorough
 def test_labels(tmp_path):
     found = harmonic_spectrum(
         [2.0, 4.0, 7.0], [0.01, 1.5], slenderness=4.0, restitution=0.85, cycles=10
@@ -74,6 +75,7 @@ def test_points_are_orbits_of_every_size(model):
     np.testing.assert_array_equal(found.region == 0, ~orbit.exists)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("ratio", [2.0, 4.0, 8.0])
 def test_regions_end_where_the_closed_forms_say(ratio):

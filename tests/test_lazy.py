@@ -9,19 +9,21 @@ import numpy as np
 import pytest
 import xarray
 from tables.grids import AXES, BLOCK, GRIDS, record, same_bits, suite
+from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock import cluster
 from jaxrock.spectra import resonance
 from jaxrock.spectra.grid import of_few_shapes
 
-LONG = {"rocking of a suite", "resonance, each by its model"}  # to compile, or as lists
+LONG = {
+    "fragility",
+    "rocking of a suite",
+    "resonance, each by its model",
+}  # to compile, or as lists
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.thorough if name in LONG else ()) for name in GRIDS],
-)
+@pytest.mark.parametrize("name", some_by_default(GRIDS, GRIDS.keys() - LONG))
 def test_chunks_change_no_bit(name):
     function, several = GRIDS[name]
     whole = function()

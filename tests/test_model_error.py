@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from references import closed_forms
 from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, scenes
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.accuracy.cheapest_setting import CLOSED
@@ -39,7 +40,7 @@ def given_in(precision):
     return given, jr.model_error(given), truth
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", first_by_default(["float64", "float32"]))
 @pytest.mark.parametrize("setting", CLOSED, ids=str)
 def test_prediction_against_mpmath(setting, precision):
     """What is predicted from a scene in float32 bounds what is computed from it in float64."""

@@ -79,6 +79,7 @@ def test_a_number_out_of_its_bounds_is_noticed(bounds):
     assert not paper.finding(row, {"pair": np.array([1.5, np.nan])}).valid
 
 
+@pytest.mark.thorough
 def test_files(report, tmp_path):
     paper.write(report, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(paper.FILES)

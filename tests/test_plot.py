@@ -14,6 +14,7 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from PIL import Image
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock import plot
@@ -444,7 +445,7 @@ def test_a_block_that_falls_stays_in_the_picture(slenderness):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()])
+@pytest.mark.parametrize("model", first_by_default([jr.Linearized(), jr.Nonlinear()]))
 def test_resonance(model):
     ax = plot_resonance(WALL, 6, model)
     time, ratio = ax.get_lines()[0].get_data()
@@ -484,6 +485,7 @@ def test_resonance_until_it_overturns():
         plot_resonance(jr.Scene(WALL.block, 0.7, 0.0))
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(
     "model", [jr.Linearized(), pytest.param(jr.Nonlinear(), marks=pytest.mark.thorough)]
@@ -539,6 +541,7 @@ def test_the_ground_of_a_film_moves_against_its_acceleration():
     np.testing.assert_allclose(shift, 1 / 6, rtol=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_overturning_map(boundaries):
     ax = plot_overturning_map(boundaries)
@@ -608,6 +611,7 @@ def test_sensitivity_map():
     assert len(nothing.collections) == 1
 
 
+@pytest.mark.thorough
 def test_distribution(scatter):
     samples = np.append(np.linspace(0, 1, 999), np.nan)
     ax = plot_distribution(samples, scatter, label="rotation ratio [-]")

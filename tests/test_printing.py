@@ -102,6 +102,7 @@ def test_derivatives_print_as_derivatives():
     assert "d/d" not in str(scene)
 
 
+@pytest.mark.thorough
 def test_a_block_that_is_not_lifted_says_so():
     response = jr.respond(jr.Block(0.2, 5.0), 0.9, jr.HalfSine(0.5, 0.3, start=0.3), 5.0)
     assert str(response).splitlines()[1] == "the ground does not lift the block"

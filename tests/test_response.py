@@ -96,6 +96,7 @@ def test_housner_rectangular(p_duration, printed):
     assert found == pytest.approx(printed, rel=1e-7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("width", "height", "shape", "duration", "expected"),
     [
@@ -291,6 +292,7 @@ def curvatures(of, at, part):
     return (4 * fine - coarse) / 3
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(
     ("kind", "restitution", "samples"),

@@ -105,6 +105,7 @@ def scattering_scenes():
     return median, largest * rng.uniform(0.1, 1, (SCATTERING, 4))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("answer", "model"),
     [

@@ -85,6 +85,7 @@ def test_files_are_moved_all_or_none(tmp_path):
     assert entries(tmp_path) == sorted([*moved, *DONE])
 
 
+@pytest.mark.thorough
 def test_what_killed_processes_left_is_named_and_removed(tmp_path):
     """And what processes have that are alive is not touched."""
     killed, alive = (started(tmp_path / name, "sleep") for name in ("killed", "alive"))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.sensitivity import array_slopes as slopes
@@ -17,7 +18,7 @@ def scenes(*shape):
     return jr.Scene(block, rng.uniform(0.3, 0.8, shape), 0.15)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 @pytest.mark.parametrize("chunk", [4, 7, 21, 100])
 def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
     monkeypatch.setattr(slopes, "_CHUNK", chunk)
@@ -56,6 +57,7 @@ def test_slopes_beyond_the_threshold_are_zero_or_masked():
         np.testing.assert_array_equal(ours, theirs.at[1].set(jnp.nan))
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_slopes_of_slopes(monkeypatch):
     monkeypatch.setattr(slopes, "_CHUNK", 4)

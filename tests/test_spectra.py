@@ -101,6 +101,7 @@ def test_parts_and_files_change_nothing(tmp_path, monkeypatch, largest):
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["linearized", "nonlinear", "auto"])
 def test_a_point_is_the_same_whatever_is_beside_it(model):
     grid = GRID | {"intensity": [0.1, 0.15], "model": model}

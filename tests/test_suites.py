@@ -156,6 +156,7 @@ def assert_row(found, k, single, rtol=0.0):
         np.testing.assert_allclose(rows[k], theirs, rtol=rtol)
 
 
+@pytest.mark.thorough
 def test_responses_are_those_of_the_records(eps):
     strong = SUITE.scaled(np.tile([[0.8], [1.5], [3.0]], (3, 1, 1)))
     found = jr.respond_batch(BLOCKS, 0.8, strong)

@@ -10,6 +10,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 import table
+from tools.selection import some_by_default
 
 import jaxrock as jr
 
@@ -20,12 +21,8 @@ OF_EACH_KIND = {
     "Nonlinear rotation_ratio",
     "Nonlinear critical_intensity(inf)",
 }
-NAMES = [
-    pytest.param(name, marks=pytest.mark.thorough)
-    if "linear" in name.lower() and name not in OF_EACH_KIND
-    else name
-    for name in corners.FUNCTIONS
-]
+LONG = {name for name in corners.FUNCTIONS if "linear" in name.lower()} - OF_EACH_KIND
+NAMES = some_by_default(corners.FUNCTIONS, corners.FUNCTIONS.keys() - LONG)
 
 
 @pytest.fixture
