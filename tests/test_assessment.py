@@ -73,6 +73,7 @@ def test_a_block_that_overturns():
     assert "nan" not in text
 
 
+@pytest.mark.thorough
 def test_restitution_of_one():
     text = assessment.text(jr.assess(jr.Scene(BLOCK, 1.0, 0.15)))
     assert "overturning margin [-]                    -inf          -inf" in text

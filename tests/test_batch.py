@@ -141,6 +141,7 @@ def test_rough_input_against_independent_integration():
     np.testing.assert_allclose(found.peak_rotation[stands], truth.peak[stands], rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_where_the_ground_falls_away():
     """Faster than g, both sides of a block at rest are lifted: to the first, or the stronger one.
@@ -374,6 +375,7 @@ def test_derivative():
     assert float(found) == pytest.approx(float(difference), rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_never_lifted_and_traced_bad_values():
     found = jr.respond_batch(jr.Block(0.3, 5.0), 0.9, jr.Sine(np.array([0.0, 1.0]), 0.5), 2.0)
     assert (found.peak_rotation == 0).all()

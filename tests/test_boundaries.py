@@ -71,6 +71,7 @@ def test_against_scipy():
         np.testing.assert_array_equal(theirs.impacts[expected == 1], impacts[expected == 1])
 
 
+@pytest.mark.thorough
 def test_no_window_of_a_percent_is_missed():
     """Twenty blocks, ratios from 1 to 10, against a search ten times as fine."""
     rng = np.random.default_rng(8)

@@ -285,6 +285,7 @@ def test_repairs(model, frequency_known):
         assert fit.used.sum() == times.size - (fault != "missing")
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_two_missing_impacts():
     times = impacts(0.9, 0.9, 16) + np.random.default_rng(2).normal(0, 1e-3, 16)

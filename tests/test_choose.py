@@ -37,6 +37,7 @@ def test_promise(errors, tolerance):
     assert np.mean(cheaper) < 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [jr.HalfSine, jr.Rectangular])
 def test_promise_of_closed_forms_under_pulses_that_last(shape):
     """Stocky blocks, too, where those are not on offer."""

@@ -13,6 +13,7 @@ import pytest
 import xarray
 from tools.cf_conventions import assert_follows_cf
 from tools.command import run
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.cli import COMMANDS, main
@@ -201,7 +202,9 @@ def test_ctrl_c_is_one_line(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-@pytest.mark.parametrize("arguments", [["--help"], ["critical"], ["critical", "--json"]])
+@pytest.mark.parametrize(
+    "arguments", first_by_default([["--help"], ["critical"], ["critical", "--json"]])
+)
 def test_standard_output_that_cannot_be_written(capsys, monkeypatch, arguments):
     with open("/dev/full", "w") as full:
         monkeypatch.setattr("sys.stdout", full)
@@ -309,6 +312,7 @@ def test_respond(tmp_path, capsys):
     assert len(rows) == int(expected.impacts) + 1
 
 
+@pytest.mark.thorough
 def test_rocking_spectrum(tmp_path, capsys):
     out = tmp_path / "out"
     main(["rocking-spectrum", "--period", "2", "4", "--out", str(out)])

@@ -124,6 +124,7 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
     assert write_zarr(blocks(chunks={"period": 1}), path).taken_over == 15
 
 
+@pytest.mark.thorough
 def test_what_is_made_of_what_is_stored(tmp_path, monkeypatch):
     """Curves over a suite come from stored responses: these are not computed again."""
     function, (*_, chunks) = GRIDS["fragility"]
@@ -202,6 +203,7 @@ def test_what_is_missing_in_the_end_is_said(tmp_path, monkeypatch):
         assert "unfinished" in found.attrs
 
 
+@pytest.mark.thorough
 def test_names_of_records_are_part_of_a_study(tmp_path):
     def study(*names):
         records = jr.Suite([record(150, 0), record(200, 1)], names)

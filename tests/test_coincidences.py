@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from references import stepping
 from references.forces import Trajectory, pieces_of
-from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -129,7 +128,8 @@ PLAIN = {
 }
 
 
-@pytest.mark.parametrize("kind", first_by_default(PLAIN))
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", PLAIN)
 def test_ends_starts_and_samples(kind):
     """Given is the slope for a later start and end of the input, and a shorter duration."""
     x = np.stack(list(PLAIN[kind].values()))
@@ -208,6 +208,7 @@ def test_a_turn_at_the_end():
         assert close(slope, expected).all()
 
 
+@pytest.mark.thorough
 def test_forces():
     """In a motion that ends with its input, and of equal ones at rest the first."""
     still = np.array([1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])

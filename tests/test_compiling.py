@@ -343,10 +343,14 @@ def respond(restitution):
     ("function", "most"),
     [
         (respond, 2800),
-        (jax.jacfwd(lambda c: respond(c).peak_rotation), 4400),
-        (lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3100),
-        (lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500),
-        (lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1), 7500),
+        pytest.param(jax.jacfwd(lambda c: respond(c).peak_rotation), 4400, marks=SLOW),
+        pytest.param(lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3100, marks=SLOW),
+        pytest.param(
+            lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500, marks=SLOW
+        ),
+        pytest.param(
+            lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1), 7500, marks=SLOW
+        ),
     ],
     ids=["respond", "slope", "record", "phase", "verge"],
 )

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tables import conformance_cases
-from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.reports import conformance
@@ -174,9 +173,8 @@ def test_scipy_agrees_on_every_case(folder):
     assert f"{count} cases that another program" in readme
 
 
-@pytest.mark.parametrize(
-    "name", first_by_default(["free-peak-linearized-slender-half", "piece-peak_rotation"])
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["free-peak-linearized-slender-half", "piece-peak_rotation"])
 def test_a_wrong_value_is_noticed(folder, tmp_path, name):
     table = whole(folder)
     (case,) = (case for case in table["cases"] if case["id"] == name)
@@ -191,6 +189,7 @@ def test_a_wrong_value_is_noticed(folder, tmp_path, name):
         assert (f"off: {name}" in result.stdout) == bool(code)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_computed_is_off(folder, tmp_path):
     """Neither a missing file nor an unknown quantity passes."""
     table = whole(folder)
@@ -204,6 +203,7 @@ def test_what_cannot_be_computed_is_off(folder, tmp_path):
     assert result.stdout.count("could not be computed") == 2
 
 
+@pytest.mark.thorough
 def test_the_script_does_not_import_jaxrock():
     code = f"import runpy, sys; runpy.run_path({str(SCRIPT)!r}); assert 'jax' not in sys.modules"
     environment = [

@@ -136,6 +136,7 @@ def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
     np.testing.assert_allclose(columns["velocity_ratio [-]"][1:-1], fit.velocity_ratios, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_of_a_block_as_json(capsys, tmp_path):
     times, _ = decay(12)
     path = written(tmp_path / "times.csv", times)
@@ -197,6 +198,7 @@ def test_options_reach_the_fit(capsys, tmp_path):
     assert [row["peak_rotation"] for row in found["rows"]][3] is None
 
 
+@pytest.mark.thorough
 def test_a_moon_and_a_statue(capsys, tmp_path):
     """Gravity and inertia ratio make the block, and thereby its p."""
     body = jr.Block(0.1, 5.0, gravity=1.62, inertia_ratio=1.2)

@@ -75,6 +75,7 @@ def test_extremes_of_the_forces_of_other_bodies(inertia_ratio):
     compare("HalfSine", 5, 6, inertia_ratio=inertia_ratio)
 
 
+@pytest.mark.thorough
 def test_blocks_that_would_leave_the_ground():
     """The motion is that of the equation, and the forces say that it is none."""
     _, overturned, left = compare("Record", 8, 5, vertical=8.0)

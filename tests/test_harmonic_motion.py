@@ -359,6 +359,7 @@ def test_other_motions_are_refused():
         jr.choose(jr.DrivenScene(BLOCK, 0.9, other), 1e-3)
 
 
+@pytest.mark.thorough
 def test_programs_do_not_depend_on_the_number_of_cycles():
     names = []
 

@@ -164,6 +164,7 @@ def test_what_happens_elsewhere():
     assert from_rest == {0, 1, 2}
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_from_rest_is_what_the_batch_says():
     found = harmonic_spectrum(3.0, np.geomspace(0.9, 12, 15), restitution=0.85, cycles=15)

@@ -106,6 +106,7 @@ def test_cost_of_the_duration_in_critical_intensity():
         assert abs(cost) > 3 * unsure.critical_intensity
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [jr.HalfSine, jr.Rectangular])
 def test_cost_of_the_duration_within_its_bound(shape):
     """All three answers of stocky and slender blocks, standing and overturning."""
@@ -134,6 +135,7 @@ def test_cost_of_the_duration_within_its_bound(shape):
         assert np.median(total[some] / cost[some]) < 1.2
 
 
+@pytest.mark.thorough
 def test_nothing_known_is_not_nothing_lost():
     """Instantaneous pulses overturn the block, and whether such long ones do is not known."""
     block = jr.Block(0.4843168289551856, 2.612213462629127)

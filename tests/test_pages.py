@@ -60,7 +60,7 @@ def compared(code, namespace):
     ("page", "count"),
     [
         ("README", 9),
-        ("getting_started", 9),
+        pytest.param("getting_started", 9, marks=pytest.mark.thorough),
         ("records", 0),
         ("paper", 4),
         pytest.param("sharp_edges", 13, marks=pytest.mark.thorough),

@@ -108,6 +108,7 @@ def test_a_block_that_is_not_lifted_says_so():
     assert str(response).splitlines()[1] == "the ground does not lift the block"
 
 
+@pytest.mark.thorough
 def test_a_block_that_leaves_the_ground_says_when():
     response = jr.respond(jr.Block(0.2, 5.0), 0.9, jr.HalfSine(60.0, 0.3, start=0.3), 5.0)
     assert "the block leaves the ground at 0.4351 s; the model ends there" in str(response)

@@ -160,6 +160,7 @@ LONG_OR_WEAK = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LONG_OR_WEAK)
 def test_where_bounces_die_out(name):
     """Against DOP853, pulse by pulse: 0 with a flag, or an orbit that comes back to itself."""

@@ -82,6 +82,7 @@ def falls(block, c, motion, linearized):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("p_duration", "printed"), [(0.5, 2.5414941), (1.0, 1.5819768), (2.0, 1.1565177)]
 )

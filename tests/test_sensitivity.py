@@ -162,6 +162,7 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     assert held > 0.9 * well > 0.3 * SCATTERING
 
 
+@pytest.mark.thorough
 def test_a_deviation_that_is_missed_by_a_third():
     """A margin with a long tail, which first and second order both see the least of."""
     scene = jr.Scene(jr.Block(0.106, 9.33), 0.776, 0.0717)

@@ -15,6 +15,7 @@ from jaxrock.host import signals
 from jaxrock.host.files import CannotWrite, written_whole
 
 HERE = Path(__file__).parent
+SLOW = pytest.mark.thorough
 DONE = ["done", "done/first", "done/second", "done/third"]
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
@@ -63,10 +64,10 @@ def entries(folder):
 @pytest.mark.parametrize(
     ("situation", "name", "line", "code"),
     [
-        ("collect", "SIGINT", "jaxrock: interrupted\n", 130),
-        ("share", "SIGINT", "jaxrock: interrupted\n", 130),
         ("compute", "SIGTERM", "jaxrock: ended by SIGTERM\n", 143),
-        ("write", "SIGHUP", "jaxrock: ended by SIGHUP\n", 129),
+        pytest.param("collect", "SIGINT", "jaxrock: interrupted\n", 130, marks=SLOW),
+        pytest.param("share", "SIGINT", "jaxrock: interrupted\n", 130, marks=SLOW),
+        pytest.param("write", "SIGHUP", "jaxrock: ended by SIGHUP\n", 129, marks=SLOW),
     ],
 )
 def test_nothing_half_written_is_left(tmp_path, situation, name, line, code):
@@ -117,6 +118,7 @@ def test_what_killed_processes_left_is_named_and_removed(tmp_path):
 FILES = (".lock", "first", "second", "third")
 
 
+@pytest.mark.thorough
 def test_once_the_exit_code_is_known_nothing_is_taken_apart(tmp_path):
     """Meanwhile nobody would hear of signals."""
     with started(tmp_path, "finish") as process:
@@ -125,6 +127,7 @@ def test_once_the_exit_code_is_known_nothing_is_taken_apart(tmp_path):
     assert entries(tmp_path) == DONE
 
 
+@pytest.mark.thorough
 def test_what_is_to_be_ignored_stays_ignored(tmp_path):
     """As under nohup."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)

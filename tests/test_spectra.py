@@ -187,6 +187,7 @@ def test_a_path_that_cannot_be_written(tmp_path):
         jr.resonance_spectrum(**GRID, store=tmp_path / "file" / "spectrum.nc")
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(
     ("tolerance", "sizes"),

@@ -33,6 +33,7 @@ def test_overturning_spectrum():
         assert found.overturned.values[k].tolist() == [0, 1]
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_overturning_map():
     """Its boundaries are those of the spectrum's outcomes, and Housner's closed form."""

@@ -29,6 +29,7 @@ HEAVY = {
 }
 
 
+@pytest.mark.thorough
 def test_the_package_imports_nothing_heavy_and_sets_nothing():
     """In a process of its own: the tests import all of these."""
     code = (

@@ -263,6 +263,7 @@ def test_a_study_that_is_missing(tmp_path, capsys):
     assert "none.toml' cannot be read: No such file" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_job_that_fails_is_named_and_the_others_are_not_lost(tmp_path, capsys):
     text = """
     [[job]]

@@ -170,6 +170,7 @@ def test_responses_are_those_of_the_records(eps):
         assert_row(found, k, jr.respond_within(BLOCKS, 0.8, record, 1e-2, duration=2.0))
 
 
+@pytest.mark.thorough
 def test_rocking_spectrum(eps, tmp_path):
     found = jr.rocking_spectrum(SUITE, [1.0, 2.0], 4.0)
     assert found.peak_rotation.dims == ("record", "period", "slenderness")
@@ -186,7 +187,10 @@ def test_rocking_spectrum(eps, tmp_path):
 @pytest.mark.float64
 @pytest.mark.parametrize(
     ("along", "values"),
-    [("factor", np.linspace(0.5, 2.5, 11)), ("half_width", np.geomspace(0.05, 0.6, 15))],
+    [
+        ("factor", np.linspace(0.5, 2.5, 11)),
+        pytest.param("half_width", np.geomspace(0.05, 0.6, 15), marks=pytest.mark.thorough),
+    ],
 )
 def test_boundaries_are_those_of_the_records(along, values):
     found = jr.overturning_boundaries(BLOCKS, 0.8, SUITE, along, values)

@@ -66,6 +66,7 @@ def test_plot(tmp_path):
         assert again.error.attrs["units"] == "1"
 
 
+@pytest.mark.thorough
 def test_bad_input():
     with pytest.raises(ValueError, match="scene must be a single one"):
         jr.accuracy.measure_tradeoff(jr.Scene(jr.Block(np.array([0.4, 0.5]), 5.0), 0.7, 0.15))

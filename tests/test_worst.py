@@ -150,6 +150,7 @@ def no_worse_than_scipy(case, starts):
         assert over == falls, (case, by)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", train_search.TELLING[: train_search.DEFAULT])
 def test_no_train_is_worse(case):
     """SciPy's search over all times, signs and sizes finds none, with limits."""
@@ -223,6 +224,7 @@ def test_constraints():
         assert bool(train.overturned) == (factor > 1)
 
 
+@pytest.mark.thorough
 def test_what_timing_costs():
     block, c, count = jr.Block(0.4, 4.0), 0.7, 3
     costs = jr.resonance.timing_costs(block, c, count)

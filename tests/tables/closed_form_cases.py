@@ -389,12 +389,11 @@ def evaluate(case, samples, dtype):
 OF_EACH_KIND = {
     "Linearized.peak_rotation",
     "Nonlinear.half_cycle_duration",
-    "Linearized stabilized_period",
-    "Nonlinear rotation_ratio",
+    "Linearized rotation_ratio",
+    "Nonlinear stabilized_period",
     "Nonlinear overturning_margin",
     "Linearized critical_intensity(5)",
     "Nonlinear critical_width(inf)",
-    "Nonlinear critical_restitution(inf)",
 }
 NAMES = [
     pytest.param(name, marks=pytest.mark.thorough)
