@@ -8,7 +8,6 @@ import jaxtyping
 import numpy as np
 import pytest
 from scipy import stats
-from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
@@ -376,7 +375,7 @@ def test_a_change_is_said():
 
 @pytest.mark.thorough
 @DOUBLE
-@pytest.mark.parametrize("model", first_by_default(MODELS))
+@pytest.mark.parametrize("model", MODELS)
 def test_another_block(model):
     """30 % off in width: said, and mended by a free p."""
     times = impacts(0.9, 0.85, 14, model) + np.random.default_rng(6).normal(0, 1e-3, 14)

@@ -220,6 +220,7 @@ def test_standard_output_that_cannot_be_written(capsys, monkeypatch, arguments):
         assert (code, err) == (141, "")
 
 
+@pytest.mark.thorough
 def test_the_current_folder_may_be_gone(capsys, tmp_path, monkeypatch):
     here = tmp_path / "here"
     here.mkdir()

@@ -259,18 +259,20 @@ def test_an_answer_of_another_length_is_a_limit(compiled):
 
 
 # One of each kind is for the default run: closed form, root, spectrum, slopes, one block,
-# many blocks, boundaries, statistics of a suite.
+# many blocks, boundaries.
 OF_EACH_KIND = {
     "Record",
     "choose",
+    "critical_intensity",
     "critical_restitution",
-    "fragility",
+    "half_cycle_velocity",
     "overturning_boundaries",
     "resonance_spectrum",
     "respond",
     "respond_batch",
     "rotation_ratio",
     "sensitivities",
+    "stabilized_period",
 }
 
 

@@ -147,6 +147,7 @@ def test_published_cases(folder):
         assert case["value"] == pytest.approx(expected, rel=1e-13)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("part", ["closed", pytest.param("driven", marks=pytest.mark.thorough)])
 def test_computed_again(folder, part):
     """What is frozen is what jaxrock computes."""

@@ -45,7 +45,8 @@ def test_without_loss_any_pulse_overturns_in_the_end():
     np.testing.assert_allclose(single, 100 * hundred, rtol=1e-6)
 
 
-@pytest.mark.parametrize("model", first_by_default(MODELS), ids=repr)
+@pytest.mark.thorough
+@pytest.mark.parametrize("model", MODELS, ids=repr)
 @mp.workdps(700)  # as many as 1 - cos(alpha_c) loses
 def test_slenderness_at_all_intensities_there_are(model):
     """Value and slope, from the smallest to the largest floating-point numbers."""

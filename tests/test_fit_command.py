@@ -278,6 +278,7 @@ def lines_of(ax):
     return SimpleNamespace(shown=shown, **{k.split(" ")[0].strip(","): v for k, v in named.items()})
 
 
+@pytest.mark.thorough
 def test_picture_of_a_constant_restitution():
     fit = fit_free_rocking(decay(12)[0], BLOCK)
     durations, restitutions = plot_free_rocking_fit(fit).axes
@@ -363,6 +364,7 @@ def test_picture_of_peaks_alone_and_of_few_points():
     assert sum(low < float(label) < high for label in labels) > 1
 
 
+@pytest.mark.thorough
 def test_several_fits_are_no_picture():
     one = fit_free_rocking(decay(12)[0], BLOCK)
     fits = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)

@@ -120,6 +120,7 @@ def test_launched_blocks_that_overturn():
             np.testing.assert_allclose(found, expected, rtol=within, atol=within)
 
 
+@pytest.mark.thorough
 def test_states_of_no_step():
     """Just before an impact, at a turn and at rest the forces are largest in turn."""
     block, model = jr.Block(0.3, 4.0), jr.Nonlinear()

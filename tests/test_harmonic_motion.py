@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
-from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.dynamics.batch_input import input_of
@@ -127,7 +126,7 @@ def test_is_no_shape_of_pulse():
 
 @pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
+@pytest.mark.parametrize("model", ["nonlinear", "linearized"])
 def test_one_cycle_is_a_sine(model):
     for amplitude, frequency in ((2.6, 8.0), (-3.5, 7.0), (4.5, 4.0)):
         pulse = jr.Sine(amplitude, 2 * np.pi / frequency, 0.1)
@@ -324,6 +323,7 @@ def test_boundaries():
         jr.overturning_boundaries(BLOCK, 0.9, jr.Sine(1.0, 1.0), "frequency", amplitudes)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_what_else_takes_a_motion():
     motion = Harmonic(2.5, 8.0, 40)

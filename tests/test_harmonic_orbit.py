@@ -286,7 +286,7 @@ POINTS = [  # b, lambda, C, amplitude, omega, g, kappa
 
 @pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("model", first_by_default(MODELS))
+@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("point", POINTS)
 def test_derivatives(point, model):
     at = np.array(point)
@@ -323,7 +323,7 @@ def test_second_derivatives(model):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("model", first_by_default(MODELS))
+@pytest.mark.parametrize("model", MODELS)
 def test_none_leaves_its_neighbours_alone(model):
     amplitude = jnp.array([0.05, 3.0, 0.0, 1.0])
 
@@ -384,7 +384,7 @@ def test_bad_frequency_of_limits():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("model", first_by_default(MODELS))
+@pytest.mark.parametrize("model", MODELS)
 def test_shapes_and_transformations(model):
     amplitude, c, b = np.meshgrid(np.linspace(2, 4, 71), [0.8, 0.9], [0.2, 0.4], indexing="ij")
     orbit = harmonic_orbit(jr.Block(b, 5.0), c, amplitude, 12.0, model=model)
@@ -430,7 +430,7 @@ def test_single_precision(model):
 
 @pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("model", first_by_default(MODELS))
+@pytest.mark.parametrize("model", MODELS)
 def test_corners(model):
     """Finite wherever it exists, with derivatives; from nearly nothing to strong floors."""
     c, w = np.meshgrid([0.0, 0.01, 0.5, 0.999, 1.0], [0.3, 1.0, 4.0, 50.0], indexing="ij")

@@ -188,6 +188,7 @@ def test_chunks_change_nothing(monkeypatch):
         np.testing.assert_allclose(whole[name], parts[name], rtol=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_lanes_left_over_repeat_blocks_that_there_are(monkeypatch):
     """A made-up block may take a million steps, for which all others wait."""

@@ -99,6 +99,7 @@ def test_equal_grids_have_equal_names():
     assert first != other
 
 
+@pytest.mark.thorough
 def test_a_map_lists_what_there_is():
     """As many boundaries as there are, or the lowest of them; the count says so."""
     found = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9)

@@ -234,6 +234,7 @@ def test_random_pulses(shape):
     assert (outcomes == "neither").sum() < 12
 
 
+@pytest.mark.thorough
 def test_no_phase_and_no_motion():
     over = jr.pulsed_phase(BLOCK, C, jr.HalfSine(100.0, 0.1))
     assert not over.stands

@@ -137,6 +137,7 @@ def test_constant_frequencies_below_uplift():
     assert_said(f"from {ratio:.3f} of the critical angle to {peak.max():.3f} at most")
 
 
+@pytest.mark.thorough
 def test_slow_and_fast_floors():
     slow = (1 - C) / (1 + C)
     fast = np.pi**2 / 4 * (1 - C) / np.hypot(1 + C, np.pi / 2 * (1 - C))

@@ -59,6 +59,7 @@ def test_tornado():
     assert found.value == found.at_low[2] == found.at_high[2]
 
 
+@pytest.mark.thorough
 def test_scatter():
     variation = {"half_width": 0.03, "restitution": 0.01, "intensity": 0.04}
     found = jr.sensitivity.propagate(jr.rotation_ratio, WALL, variation)

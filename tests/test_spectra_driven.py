@@ -6,6 +6,7 @@ import pytest
 import jaxrock as jr
 
 
+@pytest.mark.thorough
 def test_rocking_spectrum():
     record = jr.example_record().scaled(1.5)
     found = jr.rocking_spectrum(record, [2.0, 4.0], np.array([4.0, 6.0]), [0.7, 0.9])
