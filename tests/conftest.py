@@ -8,6 +8,7 @@ to nothing, they are as usual), and they are kept in pytest's cache folder, for 
 for the commands that tests start and for the next run; ``pytest --cache-clear`` drops them.
 """
 
+import ctypes
 import gc
 import os
 from pathlib import Path
@@ -33,7 +34,8 @@ hypothesis.settings.register_profile("jaxrock", deadline=None, max_examples=50, 
 hypothesis.settings.load_profile("jaxrock")
 
 LARGEST_FOLDER = 1e9  # bytes of programs that are kept from run to run
-LARGEST_PROCESS = 0.8e9  # bytes, beyond which a process drops its programs after a file
+# Bytes of a process, beyond which it drops its programs.
+LARGEST_AFTER_A_FILE, LARGEST_AFTER_A_TEST = 0.8e9, 1.1e9
 
 collect_ignore = ["references", "tables", "tools"]  # no tests
 
@@ -90,14 +92,16 @@ def eps():
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Let go of the programs that a file has used, before there are too many."""
-    if (nextitem is None or nextitem.path != item.path) and size_of_process() > LARGEST_PROCESS:
+    """Let go of the programs that a file has used, or a single test, before there are too many."""
+    new_file = nextitem is None or nextitem.path != item.path
+    if size_of_process() > (LARGEST_AFTER_A_FILE if new_file else LARGEST_AFTER_A_TEST):
         jax.clear_caches()
         gc.collect()
+        ctypes.CDLL(None).malloc_trim(0)  # else what is free stays with the process
 
 
 def size_of_process():
-    """Bytes in memory, as far as the system tells."""
+    """Bytes in memory; 0 where the system is not Linux, and nothing is let go of."""
     try:
         pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
     except OSError:
