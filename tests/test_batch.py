@@ -83,7 +83,7 @@ def test_table_of_short_pulses_is_what_it_says():
     [
         "Sine",
         *(
-            pytest.param(k, marks=pytest.mark.thorough)
+            pytest.param(k, marks=pytest.mark.release)
             for k in ("Rectangular", "HalfSine", "Cosine", "Ricker")
         ),
     ],

@@ -148,7 +148,7 @@ def test_published_cases(folder):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("part", ["closed", pytest.param("driven", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("part", ["closed", pytest.param("driven", marks=pytest.mark.release)])
 def test_computed_again(folder, part):
     """What is frozen is what jaxrock computes."""
     driven = [each for each in conformance_cases._PARTS if each.__name__ not in QUICK]

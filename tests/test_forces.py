@@ -84,7 +84,13 @@ def test_blocks_that_would_leave_the_ground():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("kind", [*stepping.SHAPES, "Record"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "Record",
+        *(pytest.param(shape, marks=pytest.mark.release) for shape in stepping.SHAPES),
+    ],
+)
 def test_extremes_of_the_forces_of_many(kind):
     worst, overturned, left = compare(kind, 50, 4, 0.8)
     print(f"{kind}: {worst:.1e} off, {overturned} of 50 overturn, {left} leave the ground")
