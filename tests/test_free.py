@@ -132,6 +132,7 @@ def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
 
 
 @pytest.mark.thorough
+@pytest.mark.float64
 def test_released_on_still_ground():
     """Impacts come when the closed form says, a quarter of a rocking cycle and then halves."""
     block, tilt, c = jr.Block(0.1, 5.0), 0.1, 0.9

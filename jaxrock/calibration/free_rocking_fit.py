@@ -306,7 +306,7 @@ def _numbered(
         return np.sum(np.asarray(fits.residuals)[: len(rows)] ** 2, axis=1)
 
     times = np.asarray(measured.times)[:count]
-    rounding = rounding_of(times.dtype) * np.abs(times).max() / float(noises.times)
+    rounding = rounding_of(times.dtype) * float(np.abs(times).max()) / float(noises.times)
     return repaired(times, int(free.sum()), squares_of, noises.known[0], rounding)
 
 
