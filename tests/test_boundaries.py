@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -102,10 +103,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name if name == "falls flat" else pytest.param(name, marks=SLOW) for name in CASES],
-)
+@pytest.mark.parametrize("name", first_by_default(CASES))
 def test_derivatives(name):
     """To block, restitution, duration and gravity, against extrapolated differences."""
     shape, *numbers, which, linearized = CASES[name]

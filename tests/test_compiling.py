@@ -17,18 +17,22 @@ STOUT = jr.Block(1.5, 1.0)
 SLOW = pytest.mark.thorough
 
 
+_NAMES = []  # of the programs that were compiled
+
+
+def _hear(event, seconds, **details):
+    if event == _EVENT:
+        _NAMES.append(details.get("fun_name", ""))
+
+
+jax.monitoring.register_event_duration_secs_listener(_hear)
+
+
 @pytest.fixture
 def compiled():
     """Names of the programs that were compiled."""
-    names = []
-
-    def hear(event, seconds, **details):
-        if event == _EVENT:
-            names.append(details.get("fun_name", ""))
-
-    jax.monitoring.register_event_duration_secs_listener(hear)
-    yield names
-    jax.monitoring.unregister_event_duration_listener(hear)
+    _NAMES.clear()
+    return _NAMES
 
 
 def block(k):
