@@ -72,14 +72,22 @@ def as_array(value: Any) -> Array:
 
 def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
+    # Quantities with units (of pint, astropy, unyt) would lose them without a word.
+    if hasattr(type(value), "units") or hasattr(type(value), "unit"):
+        raise ValueError(f"{name} must be a number without a unit, in SI, got {described(value)}")
     with contextlib.suppress(TypeError, ValueError, OverflowError):
         array = as_array(float(value) if isinstance(value, int | float) else value)
-        if jnp.issubdtype(array.dtype, jnp.floating):
-            return array
         if jnp.issubdtype(array.dtype, jnp.integer):
             with jax.numpy_dtype_promotion("standard"):
                 return array * 1.0  # weakly typed: it takes the precision of other arguments
-    raise ValueError(f"{name} must be a real number or an array of them, got {described(value)}")
+        if array.dtype in (jnp.float32, jnp.float64):
+            return array
+        if jnp.issubdtype(array.dtype, jnp.floating):
+            value = array.dtype
+    must = "a real number or an array of them"
+    if isinstance(value, np.dtype):
+        must += ", in float32 or float64"
+    raise ValueError(f"{name} must be {must}, got {described(value)}")
 
 
 def described(value: Any) -> str:

@@ -4,7 +4,6 @@ The truth is the nonlinear equation under pulses of finite duration. Three thing
 linearizing, taking pulses as instantaneous, and single precision.
 """
 
-import functools
 from typing import Any
 
 import equinox as eqx
@@ -126,10 +125,11 @@ class ModelError(Printed, eqx.Module):
             share = jax.tree.map(jnp.zeros_like, share)
 
         def added(simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals) -> Reals:
-            both = jnp.abs(simpler + duration + simpler * duration)
-            bound = bound + functools.reduce(jnp.add, roundings)
             known = jnp.isfinite(simpler + duration)
-            return jnp.where(known, both + bound * (1 + simpler), jnp.inf)
+            total = jnp.abs(simpler + duration + simpler * duration) + bound * (1 + simpler)
+            for rounding in roundings:  # each of what the others have left
+                total = total + rounding * (1 + total)
+            return jnp.where(known, total, jnp.inf)
 
         return jax.tree.map(added, share, self.duration, self.duration_bound, *roundings)
 
@@ -274,7 +274,8 @@ def _duration_costs(
     finite = [*map(lasting, (0.0, -1.0, 1.0), answers[1:])]
     estimate, low, high = (_relative(answers[0], each) for each in finite)
     spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
-    bound = jnp.where(jnp.isfinite(estimate), spread, 0) + rounding
+    # One that is not finite says only which side of the threshold the estimate is on.
+    bound = jnp.where(jnp.isfinite(estimate), spread, jnp.inf) + rounding
     # If no answer is finite the block overturns in any case, and nothing is left to lose.
     some = jnp.isfinite(jnp.stack([answers[0], *finite])).any(axis=0)
     known = jnp.stack([known, known, known_at_limit])

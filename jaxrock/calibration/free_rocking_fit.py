@@ -1,6 +1,7 @@
 """Restitution and frequency parameter of a block from a test in which it rocks freely."""
 
-from collections.abc import Sequence
+import dataclasses
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,10 +16,9 @@ from ..host import Printed, listed
 from ..resonance import Linearized, ModelLike, RockingModel, as_model
 from ..validation import Booleans, Number, Numbers, Reals
 from .free_rocking_input import known_of, measurements, noises_of, padded, with_numbers
+from .free_rocking_numbers import fit_together, freed, number_impacts
 from .free_rocking_summary import Summary, reestimated, summary
-from .impact_numbers import Numbering, repaired
 from .least_squares import (
-    ANGLE,
     CHANGE,
     FREQUENCY,
     NUMBERS,
@@ -27,8 +27,6 @@ from .least_squares import (
     Measured,
     Noises,
     Places,
-    fitted,
-    rounding_of,
 )
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
@@ -78,6 +76,8 @@ class FreeRockingFit(Printed, eqx.Module):
         The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
     repairs : tuple of str
         Which impacts are missing, which times were left out.
+    notes : tuple of str
+        What the measurements leave in doubt.
     """
 
     restitution: Reals
@@ -105,6 +105,7 @@ class FreeRockingFit(Printed, eqx.Module):
     converged: Booleans
     block: Block | None
     repairs: tuple[str, ...] = eqx.field(static=True)
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,7 +115,7 @@ class FreeRockingFit(Printed, eqx.Module):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What to know before the numbers are used, in sentences; of one concrete fit."""
-        said = list(self.repairs)
+        said = [*self.repairs, *self.notes]
         change = abs(float(self.restitution_change)) > _NEGLIGIBLE
         if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
             said.append(
@@ -227,12 +228,21 @@ def fit_free_rocking(
     if traced:
         return _result(_search(measured, known, noises, model, 1), measured, counts, block, ())
     repairs: tuple[str, ...] = ()
+    before = 0.0
     measured = padded(measured)
     lanes = 3 * measured.times.size  # as many as there may be repairs to choose from
     if repair and counts[0] > 1:
-        numbering = _numbered(measured, counts[0], known, noises, model, lanes)
+        numbering, before = number_impacts(measured, counts[0], known, noises, model, lanes)
         measured, repairs = with_numbers(measured, numbering), numbering.repairs
-    fit = _result(_search(measured, known, noises, model, lanes), measured, counts, block, repairs)
+    found = _search(measured, known, noises, model, lanes)
+    fit = _result(found, measured, counts, block, repairs)
+    notes = _notes(measured, block, fit, found.noises)
+    if math.exp(before) < _OTHER_BLOCK:
+        notes += (
+            "before anything was repaired, another p, or a C that changes, explained the times"
+            f" better (p-value {math.exp(before):.2g}); repair=False shows it",
+        )
+    fit = dataclasses.replace(fit, notes=notes)
     _refuse(fit, measured)
     return fit
 
@@ -253,61 +263,40 @@ def _search(
     timed, peaked = measured.times.size > 1, measured.peaks.size > 0
     both = timed and peaked and not all(noises.known)
     for _ in range(_ROUNDS if both else 0):
-        fit = _together([measured], [known], noises, model, lanes)
+        fit = fit_together([measured], [known], noises, model, lanes)
         noises = reestimated(measured, known, fit, noises)
-    kinds = [known, _freed(known, CHANGE)]
+    kinds = [known, freed(known, CHANGE)]
     if not known.free[FREQUENCY]:
-        kinds.append(_freed(known, FREQUENCY))
-    fits = _together([measured] * len(kinds), kinds, noises, model, lanes)
+        kinds.append(freed(known, FREQUENCY))
+    fits = fit_together([measured] * len(kinds), kinds, noises, model, lanes)
     given = noises.known[0 if timed else 1] or (timed and peaked)
     about = summary(measured, known, fits, noises, model, given)
     return _Found(about, fits, noises, known)
 
 
-def _freed(known: Known, place: int) -> Known:
-    free = known.free.copy()
-    free[place] = True
-    return eqx.tree_at(lambda k: k.free, known, free)
-
-
-def _together(
-    measured: Sequence[Measured],
-    known: Sequence[Known],
-    noises: Noises,
-    model: RockingModel,
-    lanes: int,
-) -> Fitted:
-    """Fits side by side, filled up to a number of them for which there is a program."""
-    spare = max(lanes - len(measured), 0)
-
-    def stacked(trees: Sequence[Any]) -> Any:
-        def stack(*leaves: Any) -> Any:
-            traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
-            return jnp.stack(leaves) if traced else np.stack(leaves)
-
-        return jax.tree.map(stack, *trees, *[trees[0]] * spare)
-
-    return fitted(stacked(measured), stacked(known), noises, model)
-
-
-def _numbered(
-    measured: Measured, count: int, known: Known, noises: Noises, model: RockingModel, lanes: int
-) -> Numbering:
-    """Which impact each time belongs to, by the times alone."""
-    # Peaks would have to be given to other arcs for each numbering.
-    silent = eqx.tree_at(lambda m: m.peak_counts, measured, np.zeros_like(measured.peak_counts))
-    free = known.free.copy()
-    free[ANGLE] = False
-    known = eqx.tree_at(lambda k: k.free, known, free)
-
-    def squares_of(numberings: Sequence[Numbering]) -> np.ndarray:
-        rows = [with_numbers(silent, numbering) for numbering in numberings]
-        fits = _together(rows, [known] * len(rows), noises, model, lanes)
-        return np.sum(np.asarray(fits.residuals)[: len(rows)] ** 2, axis=1)
-
-    times = np.asarray(measured.times)[:count]
-    rounding = rounding_of(times.dtype) * float(np.abs(times).max()) / float(noises.times)
-    return repaired(times, int(free.sum()), squares_of, noises.known[0], rounding)
+def _notes(
+    measured: Measured, block: Block | None, fit: FreeRockingFit, noises: Noises
+) -> tuple[str, ...]:
+    """What measurements leave in doubt, in sentences."""
+    notes = []
+    if block is not None:
+        angle = float(block.critical_angle)
+        peaks = np.asarray(measured.peaks)[np.asarray(measured.peak_counts)]
+        if above := int((peaks >= angle).sum()):
+            are = "peak rotation is" if above == 1 else "peak rotations are"
+            notes.append(
+                f"{above} {are} at or above the critical angle of this block, {angle:.4g} rad,"
+                " from which none comes back: it is another block, or they are not in rad"
+            )
+    freedom = int(fit.degrees_of_freedom)
+    timed, peaked = fit.used.size > 1, measured.peaks.size > 0
+    known = [k for k, there in zip(noises.known, (timed, peaked), strict=True) if there]
+    if freedom in (1, 2) and not all(known):
+        word = "degree" if freedom == 1 else "degrees"
+        notes.append(
+            f"{freedom} {word} of freedom: the noise, and with it every standard error, is a guess"
+        )
+    return tuple(notes)
 
 
 def _result(

@@ -6,6 +6,7 @@ it is wrong. Repairs are kept as long as together they explain more than chance 
 F test that allows for the choice among all of them.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ class Numbering(NamedTuple):
     impacts: np.ndarray
     used: np.ndarray
     repairs: tuple[str, ...] = ()
+    squares: float = np.nan  # sum of squares, where it was computed
+    unrepaired_squares: float = np.nan
 
     def without(self, place: int, again: bool) -> "Numbering":
         """Leave out a time, which counts the impact before it again or is wrong."""
@@ -61,25 +64,47 @@ def repaired(
         path.append(trials[best])
         squares.append(float(values[best]))
     freedom = [int(numbering.used.sum()) - unknowns for numbering in path]
-    choices = 3 * times.size
+    choices = choices_of(times)
     for last in range(len(path) - 1, 0, -1):
-        if all(
-            _chance(squares[k], squares[last], freedom[last], last - k, noise_known)
-            * choices ** (last - k)
-            < _LEVEL
+        chances = (
+            log_chance(
+                squares[k],
+                squares[last],
+                freedom[last],
+                last - k,
+                choices ** (last - k),
+                noise_known,
+            )
             for k in range(last)
-        ):
-            return path[last]
-    return path[0]
+        )
+        if max(chances) < math.log(_LEVEL):
+            break
+    else:
+        last = 0
+    return path[last]._replace(squares=squares[last], unrepaired_squares=squares[0])
 
 
-def _chance(before: float, after: float, freedom: int, repairs: int, noise_known: bool) -> float:
-    """How often chance alone would make repairs lower the sum of squares that much."""
+def choices_of(times: np.ndarray) -> int:
+    """Among how many a repair is chosen, at most."""
+    return 3 * times.size
+
+
+def log_chance(
+    before: float, after: float, freedom: int, numbers: int, choices: int, noise_known: bool
+) -> float:
+    """How often chance alone would make repairs, or free numbers, lower a sum of squares so much.
+
+    In logarithms; `choices` is among how many sets of as many they were chosen.
+    """
     from scipy.stats import chi2, f  # which load slowly
 
+    if numbers == 0 or before <= after:
+        return 0.0
     if noise_known:
-        return float(chi2.sf(before - after, repairs))
-    return float(f.sf((before - after) / repairs / (after / freedom), repairs, freedom))
+        chance = chi2.logsf(before - after, numbers)
+    else:
+        chance = f.logsf((before - after) / numbers / (after / freedom), numbers, freedom)
+    return float(chance) + math.log(choices)
 
 
 def _trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:

@@ -2,11 +2,17 @@
 
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 
+from ..ground_motion import times_in
 from ..host import is_number, numbered_lines
+
+# Names of rotations, and their units in radians, in brackets or behind the name.
+_ROTATION = r"(?:(?:peak|max(?:imum)?|largest)\s*)?(?:rotations?|angles?|alpha|theta|tilts?|peaks?)"
+_ANGLES = {r"rad(?:ians?)?": 1.0, r"m(?:illi)?rad": 1e-3, r"deg(?:rees?)?|\u00b0": math.pi / 180}
 
 
 def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -18,7 +24,8 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         A text file, as .csv, with a line for each impact: its time [s], and perhaps after a
         comma the largest rotation between it and the next [rad], to either side, empty or NaN
         where unknown. What stands in the last line after the time is not used. A line with the
-        names of the columns may come first; lines that begin with # are comments.
+        names of the columns may come first, such as ``time [ms],peak rotation [deg]``; other
+        units of theirs are converted. Lines that begin with # are comments.
 
     Returns
     -------
@@ -31,13 +38,14 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
     ------
     ValueError
         With file and line, if the file cannot be read, holds anything else or less than two
-        times, or if the times do not increase.
+        times, if the names of the columns are not understood, or if the times do not increase.
     """
     path = Path(path)
     lines = [(number, line, _fields(path, number, line)) for number, line in numbered_lines(path)]
+    units = 1.0, 1.0
     if lines and _are_names(lines[0][2]):
-        del lines[0]
-    rows = [_time_and_peak(path, *line) for line in lines]
+        units = _units(path, *lines.pop(0))
+    rows = [_time_and_peak(path, *line, units) for line in lines]
     if len(rows) < 2:
         must = "at least two lines, each with the time of an impact, were expected"
         raise ValueError(f"{str(path)!r}: {must}, got {len(rows)}")
@@ -68,11 +76,48 @@ def _are_names(fields: list[str]) -> bool:
     return not is_number(fields[0]) and fields[0][:1].isalpha()
 
 
-def _time_and_peak(path: Path, number: int, line: str, fields: list[str]) -> tuple[float, float]:
+def _units(path: Path, number: int, line: str, names: list[str]) -> tuple[float, float]:
+    """The units of the columns [s], [rad], by their names."""
+    time, peak = (name.replace("_", " ") for name in (*names, "")[:2])
+    time = re.sub(r"\b(?:of|the)\b|impacts?(?![a-z])", " ", time, flags=re.I)
+    seconds = times_in(" ".join(time.split()))
+    if seconds is None and (unit := _in_brackets(time)):
+        seconds = times_in(f"t [{unit}]")  # named in another language
+    radians = _radians(peak.strip()) if peak else 1.0
+    must = ""
+    if seconds is None or math.isnan(seconds):
+        must = "the first column must be times, such as 'time [s]' or 'time [ms]'"
+    elif radians is None:
+        must = "the second column must be rotations, such as 'peak rotation [rad]' or 'peak [deg]'"
+    if must or seconds is None or radians is None:
+        raise ValueError(f"{str(path)!r}, line {number}: {must}, got {line[:60]!r}")
+    return seconds, radians
+
+
+def _in_brackets(name: str) -> str:
+    match = re.search(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$", name)
+    return match[1] if match else ""
+
+
+def _radians(name: str) -> float | None:
+    """The unit of a column of rotations; None if it is none, or in an unknown one."""
+    inside = _in_brackets(name)
+    for unit, radians in _ANGLES.items():
+        pattern, text = (
+            (unit, inside) if inside else (rf"{_ROTATION}(?:\s+max)?\s+(?:{unit})", name)
+        )
+        if re.fullmatch(pattern, text, re.I):
+            return radians
+    return 1.0 if re.fullmatch(rf"{_ROTATION}(?:\s+max)?", name, re.I) else None
+
+
+def _time_and_peak(
+    path: Path, number: int, line: str, fields: list[str], units: tuple[float, float]
+) -> tuple[float, float]:
     time, peak = fields[0], "nan" if fields[1:] in ([], [""]) else fields[1]
     must = "the time of an impact was expected, and perhaps after a comma the peak rotation"
     if is_number(time) and is_number(peak):
-        pair = float(time), float(peak)
+        pair = units[0] * float(time), units[1] * float(peak)
         must = "a peak rotation must be between -pi/2 and pi/2 rad and not 0, or empty if unknown"
         if not math.isfinite(pair[0]):
             must = "a time must be finite"

@@ -60,7 +60,8 @@ class ShakingTest(eqx.Module):
                 value = min(max(value, 0.01), 0.999)
                 found.append(np.log(value / (1 - value)))
             else:
-                found.append(np.log(value - 1 if name == "inertia_ratio" else value))
+                least = max(value - 1, 0.01)  # a point mass would never move away from 1
+                found.append(np.log(least if name == "inertia_ratio" else value))
         return np.asarray(found, self.time.dtype)
 
     def rotations(self, numbers: Reals) -> Reals:

@@ -81,7 +81,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
 
         length = float(motion.end) + 10 if self.duration is None else self.duration
         response = respond(block, c, motion, length, model=self.model)
-        if response.status > Status.LIST_FULL:
+        if response.status in (Status.STOPPED, Status.INVALID):
             raise ValueError(f"motion could not be followed to its end: {response}")
         data: dict[str, Any] = {"status": Status(int(response.status)).name.lower()}
         data |= {n: int(getattr(response, n)) for n in ("overturned", "impacts", "at_rest")}

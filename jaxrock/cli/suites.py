@@ -38,6 +38,7 @@ class Fragility(BlockOptions, Storing):
     tolerance: float = 1e-3  # Relative error of peak rotations that is allowed.
     hazard: Path | None = None
     """A .csv file with two columns, level of the measure and yearly rate of exceedance."""
+    hazard_unit: str | None = None  # Unit of these levels, where the file does not state it.
     model: ModelName = "nonlinear"  # Equation of motion.
     out: Path = Path("fragility")
 
@@ -55,10 +56,12 @@ class Fragility(BlockOptions, Storing):
                 raise ValueError("levels must be increasing, got values that do not increase")
         suite.factors(1.0, self.measure, block)  # every record has to have some
         hazard = None
+        if self.hazard is None:
+            self.refuse("hazard_unit", only_with="a hazard")
         if self.hazard is not None:
             if self.measure not in ("pgv", "pga"):
                 raise ValueError(f"hazard goes with the measures pgv and pga, not {self.measure}")
-            hazard = read_hazard(self.hazard)
+            hazard = read_hazard(self.hazard, unit=self.hazard_unit, measure=self.measure)
         options = {"tolerance": self.tolerance, "model": self.model}
         curves_of = functools.partial(
             fragility, block, c, suite, levels, self.measure, thresholds, **options

@@ -13,6 +13,7 @@ from typing import Any
 
 import dask.array as da
 import jax
+import numcodecs
 import numpy as np
 import xarray
 import zarr
@@ -23,7 +24,7 @@ from dask.highlevelgraph import HighLevelGraph, MaterializedLayer
 from dask.tokenize import tokenize
 from distributed import Client, progress
 
-from ..host import Printed, written_whole
+from ..host import CannotWrite, Printed, sync, written_whole
 
 _IDENTITY, _UNFINISHED, _MADE_BY = "identity", "unfinished", "computed_with"
 _FORMAT = 2  # of Zarr: the one whose metadata of a whole dataset every reader knows
@@ -58,7 +59,8 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     By the scheduler that Dask would take: threads, or the workers of the current
     ``distributed.Client``. A chunk counts as written once all of its variables are, each of
     which appears whole or not at all. Until all are there the store has the attribute
-    ``unfinished``, and what is missing reads as NaN or 0.
+    ``unfinished``, and what is missing reads as NaN or 0. A chunk that is there but cannot be
+    decoded, or not to its size, is computed again.
 
     Parameters
     ----------
@@ -77,8 +79,8 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     ------
     ValueError
         If the dataset is not lazy or its chunks have several lengths; if what exists belongs to
-        another grid, to other chunks or to another version, in which case it stays untouched; if
-        nothing can be written there.
+        another grid, to other chunks or to another version, or is damaged beside its chunks, in
+        which case it stays untouched; if nothing can be written there.
 
     Examples
     --------
@@ -92,11 +94,21 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     2
     """
     path, arrays = Path(path), _lazy_arrays(dataset)
+    if set("#?") & set(str(path)):
+        raise ValueError(f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address")
     identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
     if os.path.lexists(path):
         _check_same(path, dataset, arrays, identity)
     else:
         _begin(path, dataset, identity)
+    try:
+        return _filled(path, dataset, arrays)
+    except OSError as error:  # such as a disk that is full; what is written stays
+        raise CannotWrite("store", path, error) from error
+
+
+def _filled(path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]) -> Stored:
+    """Compute and write the chunks that are not there."""
     chunks = taken_over = 0
     # What is made of other variables comes after them, from what is stored.
     first = {name: array for name, array in arrays.items() if not _depends(array, arrays)}
@@ -106,7 +118,7 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
         for dims in dict.fromkeys(dataset[name].dims for name in stage):
             group = {name: a for name, a in stage.items() if dataset[name].dims == dims}
             written = _written(path, group)
-            there = set.intersection(*(_present(path, name) for name in group))
+            there = set.intersection(*(_whole_chunks(path, name) for name in group))
             missing = [key for key in np.ndindex(*written.numblocks) if key not in there]
             graphs.append(_with_stored(written.__dask_graph__(), path, before))
             keys += [(written.name, *key) for key in missing]
@@ -146,9 +158,17 @@ def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
 def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
     """A store with everything but the lazy arrays."""
     about = {_IDENTITY: identity, _MADE_BY: _versions(), _UNFINISHED: "chunks are missing"}
-    with written_whole("store", path.parent, [path.name], overwrite=False) as scratch:
-        target = scratch / path.name
-        dataset.assign_attrs(about).to_zarr(target, mode="w-", compute=False, zarr_format=_FORMAT)
+    try:
+        with written_whole("store", path.parent, [path.name], overwrite=False) as scratch:
+            target, named = scratch / path.name, dataset.assign_attrs(about)
+            # With a checksum, by which a chunk that is cut or has lost a bit is told.
+            codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
+            encoding = {name: codec for name in named.variables}
+            named.to_zarr(target, mode="w-", compute=False, zarr_format=_FORMAT, encoding=encoding)
+    except CannotWrite as error:
+        if not path.is_dir():
+            raise
+        raise ValueError(f"store: {str(path)!r} has just been begun by another run") from error
 
 
 def _versions() -> str:
@@ -164,11 +184,24 @@ def _check_same(
             found = there.attrs
             whole = all((path / name).is_dir() for name in arrays)
             if found.get(_IDENTITY) == identity and found.get(_MADE_BY) == _versions() and whole:
-                return
-            reason = _difference(there, dataset, arrays)
+                damaged = [str(n) for n in dataset.variables if str(n) not in arrays]
+                damaged = [n for n in damaged if not _equal(there, dataset, n)]
+                if not damaged:
+                    return
+                reason = f"is damaged: {', '.join(damaged)} is not what was written"
+            else:
+                reason = _difference(there, dataset, arrays)
     except (OSError, ValueError, KeyError, TypeError):
         reason = "is no Zarr store that write_zarr has begun"
     raise ValueError(f"store: {str(path)!r} {reason}; it is left as it is")
+
+
+def _equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool:
+    """Whether a variable in memory is in a store as it is in the dataset."""
+    if name not in there.variables:
+        return False
+    ours, theirs = dataset[name].values, there[name].values
+    return ours.shape == theirs.shape and bool(np.array_equal(ours, theirs))
 
 
 def _difference(
@@ -208,6 +241,22 @@ def _present(path: Path, name: str) -> set[Index]:
         return {tuple(map(int, word)) for word in words if all(part.isdigit() for part in word)}
 
 
+def _whole_chunks(path: Path, name: str) -> set[Index]:
+    """The chunks of a variable that are there, and that decode to their size."""
+    array: Any = zarr.open_array(f"{path}/{name}", mode="r", zarr_format=_FORMAT)
+    whole = set()
+    for index in _present(path, name):
+        place = path / name / ".".join(map(str, index))
+        if not place.is_file():
+            raise ValueError(f"store: {str(place)!r} is in the place of a chunk, and is no file")
+        try:
+            array.blocks[index]
+        except (RuntimeError, ValueError, TypeError, OSError):  # of the codec
+            continue
+        whole.add(index)
+    return whole
+
+
 def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
     """A lazy array of ones, one for each chunk, which is written before."""
     arrays = list(group.values())
@@ -234,6 +283,7 @@ def _write(
         target: Any = zarr.open_array(f"{path}/{name}", mode="r+", zarr_format=_FORMAT)
         # Otherwise a chunk that is NaN throughout would be left out, and never seem written.
         target.with_config({"write_empty_chunks": True})[region] = part
+        sync(Path(path, name, ".".join(map(str, block_id))))
     return np.ones((1,) * len(block_id), np.int8)
 
 

@@ -1,9 +1,13 @@
 """What a block in motion does on one Taylor polynomial: its highest rotation, and its impact.
 
-The impact is a root of that polynomial. It is found in parts of the step that are close to
-parabolas: a cubic through both ends of a part tells whether the block might land in it.
+The impact is a root of that polynomial, and the highest rotation one of its slope. Both are sought
+from the cubic through both ends of the step. How far the polynomial is from a cubic is bounded:
+where the bounds leave open whether there is an impact, whether it is the first, or how high the
+block rises, the step is not taken, and the next one is shorter. A block that bounces while the
+input is about to lift it again has impacts that fill an arbitrarily small part of a step.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -12,102 +16,65 @@ import jax.numpy as jnp
 from ..validation import Booleans
 from .taylor import Coefficients, derivative, evaluate, materialized
 
-# Longest part of a step times the fastest rate: on it, the rotation is close to a parabola.
-LONGEST = 0.45
+# Longest step times the fastest rate: on longer ones the cubic is rarely close enough.
+LONGEST = 0.9
+# How far a function is at most from the cubic with its values and slopes at both ends of an
+# interval, over the fourth power of the length and the largest fourth derivative; and how far their
+# slopes are, over the third power.
+_FROM_CUBIC, _FROM_ITS_SLOPE = 1 / 384, 1 / 120
 
 
-class _Piece(NamedTuple):
-    """A part of a step, or what of it comes before the impact."""
+class _Cubic(NamedTuple):
+    """That through both ends of a step, which begins at time 0."""
 
-    start: Any
-    end: Any
+    step: Any
     rotation: Any
-    end_rotation: Any
     slope: Any
+    end_rotation: Any
     end_slope: Any
 
-    def until(self, time: Any, rotation: Any, slope: Any) -> "_Piece":
-        """The piece up to a time, if that is in it."""
-        ends = (self.end, self.end_rotation, self.end_slope)
-        cut = [
-            jnp.where(time < self.end, new, old)
-            for new, old in zip((time, rotation, slope), ends, strict=True)
-        ]
-        return self._replace(end=cut[0], end_rotation=cut[1], end_slope=cut[2])
+    def bounds(self) -> tuple[Any, Any]:
+        """Between which the cubic is: those of its Bernstein coefficients."""
+        third = self.step * (1 / 3)
+        near = self.rotation + third * self.slope
+        far = self.end_rotation - third * self.end_slope
+        low = jnp.minimum(jnp.minimum(self.rotation, self.end_rotation), jnp.minimum(near, far))
+        high = jnp.maximum(jnp.maximum(self.rotation, self.end_rotation), jnp.maximum(near, far))
+        return low, high
+
+    def slope_bounds(self) -> tuple[Any, Any]:
+        """Between which its slope is."""
+        mean = (self.end_rotation - self.rotation) / jnp.where(self.step > 0, self.step, 1)
+        middle = 3 * mean - self.slope - self.end_slope
+        low = jnp.minimum(jnp.minimum(self.slope, self.end_slope), middle)
+        high = jnp.maximum(jnp.maximum(self.slope, self.end_slope), middle)
+        return low, high
+
+    def extreme(self, sign: float) -> tuple[Any, Booleans]:
+        """When it is highest (sign 1) or lowest (-1), and whether that is within the step."""
+        mean = (self.end_rotation - self.rotation) / jnp.where(self.step > 0, self.step, 1)
+        a = sign * self.slope
+        b = sign * (3 * mean - 2 * self.slope - self.end_slope)
+        c = sign * 3 * (self.slope + self.end_slope - 2 * mean)
+        square, up = b * b - a * c, b > 0
+        root = jnp.sqrt(jnp.maximum(square, 0))
+        # -(root + b) / c, without cancellation
+        above = jnp.where(up, -(root + b), a)
+        below = jnp.where(up, c, root - b)
+        share = above / jnp.where(below == 0, 1, below)
+        inside = (square > 0) & (below != 0) & (share > 0) & (share < 1)
+        return jnp.where(inside, share * self.step, self.step), inside
 
 
-class _Parts(NamedTuple):
-    """A step in parts of equal length."""
-
-    part: Any  # their length
-    times: list[Any]
-    rotations: list[Any]
-    slopes: list[Any]
-
-    @classmethod
-    def of(cls, path: Coefficients, slope: Coefficients, step: Any, parts: int) -> "_Parts":
-        part = step * (1 / parts)
-        times = [k * part for k in range(1, parts)] + [step]
-        rotations = materialized([evaluate(path, time) for time in times])
-        slopes = materialized([evaluate(slope, time) for time in times])
-        start = jnp.zeros_like(step)
-        return cls(part, [start, *times], [path[0], *rotations], [slope[0], *slopes])
-
-    def piece(self, number: Any) -> _Piece:
-        """The part of a number."""
-        ends = (self.times, self.rotations, self.slopes)
-        chosen = [_chosen(number, end[k : len(end) - 1 + k]) for end in ends for k in (0, 1)]
-        return _Piece(*chosen)
-
-    def bounds(self, k: int) -> tuple[Any, Any]:
-        """Between which the cubic through both ends of a part is."""
-        third = self.part * (1 / 3)
-        left, right = self.rotations[k], self.rotations[k + 1]
-        near, far = left + third * self.slopes[k], right - third * self.slopes[k + 1]
-        low = jnp.minimum(jnp.minimum(left, right), jnp.minimum(near, far))
-        return low, jnp.maximum(jnp.maximum(left, right), jnp.maximum(near, far))
-
-
-def _chosen(index: Any, values: list[Any]) -> Any:
-    """The values at an index, by comparisons, which run on SIMD lanes."""
-    chosen = values[-1]
-    for k in reversed(range(len(values) - 1)):
-        chosen = jnp.where(index == k, values[k], chosen)
-    return chosen
-
-
-def _extreme(slope: Coefficients, piece: _Piece, sign: float, newtons: int) -> Any:
-    """When a rotation is highest (sign 1) or lowest (-1) in a piece; its end if never.
-
-    From the parabola that the slope of a cubic is, and Newton's method. Only its last step has a
-    derivative, which the second derivative of the extreme value needs.
-    """
-    changing = slope
-    slope, piece = jax.lax.stop_gradient((slope, piece))
-    start, width = piece.start, piece.end - piece.start
-    mean = (piece.end_rotation - piece.rotation) / jnp.where(width > 0, width, 1)
-    a = sign * piece.slope
-    b = sign * (3 * mean - 2 * piece.slope - piece.end_slope)
-    c = sign * 3 * (piece.slope + piece.end_slope - 2 * mean)
-    square, up = b * b - a * c, b > 0
-    root = jnp.sqrt(jnp.maximum(square, 0))
-    # -(root + b) / c, without cancellation
-    above, below = jnp.where(up, -(root + b), a), jnp.where(up, c, root - b)
-    share = above / jnp.where(below == 0, 1, below)
-    inside = (square > 0) & (below != 0) & (share > 0) & (share < 1)
-    time = materialized(jnp.where(inside, start + share * width, piece.end))
-    bend = derivative(slope)
-    for k in range(newtons):
-        value = evaluate(changing if k == newtons - 1 else slope, time)
-        curved = evaluate(bend, time)
-        better = time - value / jnp.where(curved == 0, 1, curved)
-        inside = inside & (better > start) & (better < piece.end)
-        time = materialized(jnp.where(inside, better, time))
-    return time
+def _newton(slope: Coefficients, time: Any, inside: Booleans, latest: Any) -> Any:
+    """The time of an extreme by a step of Newton's method, if that stays before `latest`."""
+    curved = evaluate(derivative(slope), time)
+    better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
+    return materialized(jnp.where(inside & (better > 0) & (better < latest), better, time))
 
 
 def _landing(
-    path: Coefficients, slope: Coefficients, start: Any, parabola: Any, latest: Any
+    path: Coefficients, slope: Coefficients, parabola: Any, latest: Any
 ) -> tuple[Any, Booleans]:
     """When a rotation falls through 0 that is negative at `latest`, and whether that was located.
 
@@ -119,9 +86,9 @@ def _landing(
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0))
     up = b >= 0
     below = jnp.where(up, -2 * c, root - b)
-    time = start + jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
-    inside = (below > 0) & (time > start) & (time < latest)
-    time = materialized(jnp.where(inside, time, 0.5 * (start + latest)))
+    time = jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
+    inside = (below > 0) & (time > 0) & (time < latest)
+    time = materialized(jnp.where(inside, time, 0.5 * latest))
     for _ in range(2):
         value, steep, bent = (evaluate(each, time) for each in (path, slope, bend))
         below = steep * steep - 0.5 * value * bent
@@ -133,7 +100,66 @@ def _landing(
     # The square matters only in the second derivative of the time.
     time = materialized(before - off - 0.5 * off * off * bent / below)
     near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
-    return time, near & (steep < 0) & (time > start) & (time <= latest)
+    return time, near & (steep < 0) & (time > 0) & (time <= latest)
+
+
+def _parabola(path: Coefficients, latest: Any, depth: Any) -> tuple[Any, Any, Any]:
+    """The coefficients of one that is close to a path down to its depth at `latest`."""
+    width = jnp.where(latest > 0, latest, 1)
+    chord = (depth - path[0] - path[1] * width) / (width * width)
+    # A small bounce fills little of the step.
+    small = (path[0] == 0) & (path[1] + 0.5 * path[2] * latest < 0)
+    return path[0], path[1], jnp.where(small, path[2], chord)
+
+
+def _fourth_derivative(path: Coefficients, step: Any) -> Any:
+    """A bound on the magnitude of the fourth derivative within a step."""
+    terms = (math.perm(k, 4) * jnp.abs(path[k]) for k in range(4, len(path)))
+    return evaluate(tuple(terms), step)
+
+
+def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Any, lowest: Any) -> Booleans:
+    """Whether a rotation is known to stay above the ground in a step, `lowest` where it dips."""
+    step, (_, c1, c2, c3) = cubic.step, path[:4]
+    # Because the chords from its beginning rise: Bernstein coefficients of their slope, with
+    # less than a 24th of the fourth derivative for all terms beyond the third.
+    third = step * (1 / 3)
+    chords = jnp.minimum(c1, c1 + third * c2)
+    chords = jnp.minimum(chords, c1 + 2 * third * c2 + third * step * c3)
+    chords = jnp.minimum(chords, c1 + step * (c2 + step * (c3 - step * fourth * (1 / 24))))
+    # Or because the cubic does, which is no further away than this.
+    apart = fourth * step**4 * _FROM_CUBIC
+    low, _ = cubic.bounds()
+    lowest = jnp.minimum(jnp.minimum(cubic.rotation, cubic.end_rotation), lowest)
+    return (chords >= 0) | (low >= apart) | (lowest >= 2 * apart)
+
+
+def _is_first(path: Coefficients, fourth: Any, landing: Any) -> Booleans:
+    """Whether no other root is before one: p(t) / t falls up to there."""
+    c0, _, c2, c3 = path[:4]
+    rises = c2 + landing * (2 * jnp.maximum(c3, 0) + landing * fourth * (1 / 8))
+    return rises * landing * landing <= c0
+
+
+def _is_top(slope: Coefficients, time: Any, missing: Any) -> Booleans:
+    """Whether a rotation is highest at a time, but for what may be missing."""
+    bend = jnp.minimum(evaluate(derivative(slope), time), 0)
+    return evaluate(slope, time) ** 2 <= -2 * bend * missing
+
+
+def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
+    """Whether a rotation is known to rise or to fall throughout a step."""
+    step, (_, c1, c2, c3) = cubic.step, path[:4]
+    # Bernstein coefficients of the slope, with a sixth of the fourth derivative for what follows.
+    third = step * (1 / 3)
+    middle = c1 + 2 * third * c2, c1 + third * (4 * c2 + 3 * step * c3)
+    last, rest = c1 + step * (2 * c2 + step * 3 * c3), step**3 * fourth * (1 / 6)
+    rises = jnp.minimum(jnp.minimum(c1, middle[0]), jnp.minimum(middle[1], last - rest)) >= 0
+    falls = jnp.maximum(jnp.maximum(c1, middle[0]), jnp.maximum(middle[1], last + rest)) <= 0
+    # Or the slope of the cubic is not further away than this.
+    apart = fourth * step**3 * _FROM_ITS_SLOPE
+    slow, fast = cubic.slope_bounds()
+    return rises | falls | (slow >= apart) | (fast <= -apart)
 
 
 class Flight(NamedTuple):
@@ -144,53 +170,66 @@ class Flight(NamedTuple):
     velocity: Any  # then, before the impact
     highest: Any  # rotation
     lands: Any
-    blocked: Any  # whether it lands at a time that was not located
-    latest: Any  # time at which it would be below the ground
+    blocked: Any  # whether the step is too long to tell, and is not taken
+    reach: Any  # longest step then
 
     @classmethod
-    def of(cls, path: Coefficients, step: Any, parts: int, moves: Any) -> "Flight":
-        """The flight on a polynomial, up to a time."""
+    def of(cls, path: Coefficients, step: Any, moves: Any, peak: Any, tolerance: Any) -> "Flight":
+        """The flight on a polynomial, up to a time.
+
+        A highest rotation above the peak so far is found to the tolerance.
+        """
         slope = derivative(path)
-        split = _Parts.of(path, slope, step, parts)
-        bounds = [split.bounds(k) for k in range(parts)]
-        # The first part in which the block might land.
-        number = jnp.full(step.shape, parts, jnp.int32)
-        for k in reversed(range(parts)):
-            number = jnp.where(bounds[k][0] < 0, k, number)
-        suspect = moves & (number < parts)
-        number = materialized(jnp.minimum(number, parts - 1))
-        part = split.piece(number)
-        dip = _extreme(slope, part, -1.0, 1)
-        lowest = materialized(evaluate(path, dip))
-        below = lowest < 0
-        lands = suspect & (jnp.minimum(part.end_rotation, lowest) < 0)
-        latest = jnp.where(below, dip, part.end)
-        lands, latest = materialized((lands, latest))
-        width = jnp.where(latest > part.start, latest - part.start, 1)
-        depth = jnp.where(below, lowest, part.end_rotation)
-        chord = (depth - part.rotation - part.slope * width) / (width * width)
-        # A small bounce fills little of the first part.
-        bend = jnp.where(number == 0, path[2], chord)
-        parabola = (part.rotation, part.slope, bend)
-        landing, located = _landing(path, slope, part.start, parabola, latest)
-        # Where the impact is not located, the next step begins here and is half as long.
-        blocked, lands = lands & ~located, lands & located
-        # Behind a part that was suspected wrongly, there may be another one.
-        time = jnp.where(suspect, part.end, step)
-        time = jnp.where(lands, landing, jnp.where(blocked, 0, time))
-        time, blocked, lands = materialized((time, blocked, lands))
+        end, end_slope = materialized((evaluate(path, step), evaluate(slope, step)))
+        fixed, fixed_slope, step, peak = jax.lax.stop_gradient((path, slope, step, peak))
+        fourth = materialized(_fourth_derivative(fixed, step))
+        cubic = _Cubic(step, *jax.lax.stop_gradient((path[0], path[1], end, end_slope)))
+        dip, dips = cubic.extreme(-1.0)
+        dip = _newton(fixed_slope, dip, dips, step)
+        lowest = materialized(evaluate(fixed, dip))
+        above = _stays_above(fixed, cubic, fourth, lowest)
+        above, lowest = materialized((above, lowest))
+        crosses = moves & ~above & (jnp.minimum(lowest, cubic.end_rotation) < 0)
+        latest = materialized(jnp.where(lowest < 0, dip, step))
+        depth = jnp.where(lowest < 0, lowest, cubic.end_rotation)
+        landing, located = _landing(path, slope, _parabola(fixed, latest, depth), latest)
+        first = _is_first(fixed, fourth, jax.lax.stop_gradient(landing))
+        lands = crosses & located & first
+        open_ = moves & ~above & ~lands
+        time = materialized(jnp.where(lands, landing, step))
 
         velocity = materialized(evaluate(slope, time))
         # Never on the ground without an impact, which could not be located from there.
-        above = jnp.maximum(evaluate(path, time), float(jnp.finfo(step.dtype).tiny))
-        rotation = materialized(jnp.where(lands, 0, above))
-        # The highest rotation is in the part with the highest bound, before the impact.
-        bound, number = bounds[0][1], jnp.zeros_like(number)
-        for k in range(1, parts):
-            higher = (bounds[k][1] > bound) & (split.times[k] < time)
-            bound, number = jnp.where(higher, bounds[k][1], bound), jnp.where(higher, k, number)
-        part = split.piece(materialized(number)).until(time, rotation, velocity)
-        top = _extreme(slope, part, 1.0, 1 if parts == 1 else 2)
-        highest = jnp.where(top < time, materialized(evaluate(path, top)), 0)
+        positive = jnp.maximum(evaluate(path, time), float(jnp.finfo(step.dtype).tiny))
+        rotation = materialized(jnp.where(lands, 0, positive))
+        # The highest rotation is before the impact.
+        cubic = _Cubic(*jax.lax.stop_gradient((time, path[0], path[1], rotation, velocity)))
+        top, inside = cubic.extreme(1.0)
+        top = _newton(fixed_slope, top, inside, cubic.step)
+        # Only this step has a derivative, which the second derivative of the rotation needs.
+        top = _newton(slope, top, inside, cubic.step)
+        highest = jnp.where(inside, materialized(evaluate(path, top)), 0)
         highest = materialized(jnp.maximum(rotation, highest))
-        return cls(time, rotation, velocity, highest, lands, blocked, latest)
+        highest_so_far = jnp.maximum(peak, jax.lax.stop_gradient(highest))
+        reached = inside & _is_top(
+            fixed_slope, jax.lax.stop_gradient(top), tolerance * highest_so_far
+        )
+        higher = cubic.bounds()[1] + fourth * cubic.step**4 * _FROM_CUBIC
+        known = reached | _is_monotone(fixed, cubic, fourth) | (higher <= highest_so_far)
+        open_ = open_ | (moves & ~known)
+
+        # Shorter than rounding, or not finite: no shorter step would tell more.
+        blocked = open_ & (step > 4 * float(jnp.finfo(step.dtype).eps)) & jnp.isfinite(end)
+        blocked = materialized(blocked)
+        # A small bounce fills little of the step.
+        bounce = -2 * fixed[1] / jnp.where(fixed[2] < 0, fixed[2], -1)
+        small = (fixed[0] == 0) & (fixed[2] < 0) & (bounce < 0.5 * latest)
+        return cls(
+            jnp.where(blocked, 0, time),
+            jnp.where(blocked, path[0], rotation),
+            jnp.where(blocked, path[1], velocity),
+            jnp.where(blocked, 0, highest),
+            lands & ~blocked,
+            blocked,
+            jnp.where(small, bounce, 0.5 * jnp.minimum(latest, cubic.step)),
+        )

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..impact import velocity_after_impact
+from ..numerics import larger
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
 from .batch_flight import LONGEST, Flight
@@ -21,6 +22,7 @@ from .overturning_criterion import TOPPLED_ROTATION
 from .taylor import (
     Coefficients,
     accurate_step,
+    derivative,
     evaluate,
     materialized,
     rotation_series,
@@ -151,7 +153,6 @@ def take_step(
     ground: PulseInput | RecordInput,
     tolerance: Any,
     order: int,
-    parts: int,
 ) -> Lanes:
     """Take each lane a step further: to its impact, its uplift or the end of its interval."""
     acts = lanes.interval < ground.intervals
@@ -173,12 +174,12 @@ def take_step(
     lifted, wait, uplift_side = materialized((lifted, wait, uplift_side))
 
     path = rotation_series(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = parts * jnp.where(acts, LONGEST, case.longest)
+    longest = jnp.where(acts, LONGEST, case.longest)
     step = jnp.minimum(jnp.minimum(left, longest), lanes.reach)
     step = materialized(
         jnp.where(lanes.moves, jnp.minimum(step, accurate_step(path, tolerance)), 0)
     )
-    flight = Flight.of(path, step, parts, lanes.moves)
+    flight = Flight.of(path, step, lanes.moves, lanes.peak, tolerance)
     leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
     settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
     settles = materialized(flight.lands & settles)
@@ -204,9 +205,9 @@ def take_step(
             side=side,
             rotation=rotation,
             velocity=velocity,
-            reach=jnp.where(flight.blocked, 0.5 * flight.latest, jnp.inf),
+            reach=jnp.where(flight.blocked, flight.reach, jnp.inf),
             moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
-            peak=jnp.where(lanes.moves, jnp.maximum(lanes.peak, flight.highest), lanes.peak),
+            peak=jnp.where(lanes.moves, larger(lanes.peak, flight.highest), lanes.peak),
             impacts=lanes.impacts + flight.lands.astype(jnp.int32),
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
             end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
@@ -227,19 +228,20 @@ def _settles(
     """Whether a block comes to rest after an impact: if all further bounces end within the step.
 
     Their time is bounded by that of bounces to the side where the ground presses less, under an
-    acceleration that must not change much meanwhile.
+    acceleration that must not change much meanwhile, whatever the input does.
     """
-    equation = case.equation
-
-    def onward(time: Any) -> Any:
-        sideways = jnp.abs(evaluate(push, time))
-        upward = evaluate(lift, time) if lift else 0.0
-        return equation.right_hand_side(*case.on_ground, sideways, upward)
-
-    down, leaving = materialized((-onward(flight), leaving))
+    equation, (sine, cosine) = case.equation, case.on_ground
+    sideways = jnp.abs(evaluate(push, flight))
+    upward = evaluate(lift, flight) if lift else 0.0
+    down = -equation.right_hand_side(sine, cosine, sideways, upward)
+    down, leaving = materialized((down, leaving))
     little = 0.125 * (1 - case.restitution) * down
-    settled = flight + 3 * leaving / jnp.where(little > 0, 8 * little, 1)
-    steady = jnp.abs(onward(settled) + down) <= little
+    bounces = 3 * leaving / jnp.where(little > 0, 8 * little, 1)
+    settled = flight + bounces
+    change = cosine * _fastest(push, settled)
+    if lift:
+        change = change + sine * _fastest(lift, settled)
+    steady = bounces * change * equation.p_squared <= little
     low = equation.p_squared * leaving * leaving <= little * down
     tiny = negligible(leaving.dtype)
     nothing = leaving <= tiny * equation.critical_velocity
@@ -247,3 +249,8 @@ def _settles(
     # The next bounce is not computed any more: it must not be the highest.
     low = low & (leaving * leaving <= down * peak)
     return ((little > 0) & (settled <= step) & steady & low) | (nothing & level)
+
+
+def _fastest(series: Coefficients, time: Any) -> Any:
+    """A bound on the magnitude of the derivative of a series up to a time."""
+    return evaluate(derivative(tuple(map(jnp.abs, series))), time)

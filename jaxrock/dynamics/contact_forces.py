@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO
+from ..numerics import larger, smaller
 from ..validation import Booleans, Reals
 from .solver_steps import Segment
 
@@ -28,21 +29,6 @@ class Forces(NamedTuple):
         return Forces(
             larger(self.demand, demand), smaller(self.normal, normal), smaller(self.loss, loss)
         )
-
-
-def larger(first: Reals, second: Reals) -> Reals:
-    """The larger one; of two equal ones the first, with all of its derivative."""
-    return jnp.where(second > first, second, first)
-
-
-def smaller(first: Reals, second: Reals) -> Reals:
-    """The smaller one, as in `larger`."""
-    return jnp.where(second < first, second, first)
-
-
-def largest(values: Reals) -> Reals:
-    """The largest, as in `larger`; `max` would take the mean derivative of equal ones."""
-    return values[jnp.argmax(values)]
 
 
 def friction(horizontal: Reals, normal: Reals) -> Reals:

@@ -18,7 +18,7 @@ from .overturning_criterion import TOPPLED_ROTATION
 from .respond_many import compiler_options
 
 _LANES = 64
-_ORDER, _PARTS, _TOLERANCE = 14, 2, 5e-11  # those of `respond_batch` at its usual tolerance
+_ORDER, _TOLERANCE = 14, 5e-11  # those of `respond_batch` at its usual tolerance
 
 
 def peak_after_launch(
@@ -65,7 +65,7 @@ def _follow(ground: PulseInput, rows: Any, groups: Any, form: Any, model: Rockin
         )
         end = jax.lax.while_loop(
             lambda lanes: lanes.active(ground).any(),
-            lambda lanes: take_step(lanes, steps_of, ground, tolerance, _ORDER, _PARTS),
+            lambda lanes: take_step(lanes, steps_of, ground, tolerance, _ORDER),
             begin,
         )
         followed = case.valid() & (end.steps < max_steps(ground))

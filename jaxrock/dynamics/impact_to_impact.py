@@ -10,14 +10,23 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..numerics import through_jacobian
+from ..numerics import smaller, through_jacobian
 from ..resonance import RockingModel
 from ..validation import Booleans, Reals, guarding, within
-from .contact_forces import Forces, smaller
+from .contact_forces import Forces
 from .driven_scene import Driven
 from .equation import Equation
-from .motion_to_event import FALLING, REST, RISING, TOPPLED, Problem, State, fly
-from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
+from .motion_to_event import (
+    FALLING,
+    REST,
+    RISING,
+    TOPPLED,
+    Problem,
+    State,
+    fly,
+    forces_until,
+)
+from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins, smaller_margin
 from .response import Events, Response, Status
 from .solver_steps import Stepper, close_to
 from .uplift import Uplifts
@@ -82,6 +91,7 @@ def run(
     infinite = jnp.full_like(zero, jnp.inf)
     forces = Forces(zero, infinite, infinite) if forced else None
     fields |= {"last_impact": jnp.zeros(2, dtype), "forces": forces, "failed": ~valid}
+    fields["balanced"] = jnp.array(False)
     # The last row of each list is for what has no place.
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
@@ -101,7 +111,8 @@ def _response(
 ) -> Response:
     """The response whose last event is given; NaN where it is not known."""
     broken = (state.failed & valid) | (state.events >= _MAX_EVENTS)
-    status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, Status.COMPLETE))
+    status = jnp.where(state.balanced, Status.BALANCED, Status.COMPLETE)
+    status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, status))
     good = valid & ~broken
     events, impacts = (rows[:-1] for rows in lists)
     overturned = good & ((state.phase == TOPPLED) | (state.margin < 0))
@@ -156,7 +167,7 @@ def _step(problem: Problem, before: State) -> State:
     margins = free_motion_margins(
         problem.equation, driven.restitution, state.rotation, state.velocity
     )
-    margin = jnp.where(reads, smaller(*margins), state.margin)
+    margin = jnp.where(reads, smaller_margin(*margins), state.margin)
     return state._replace(margin=margin, events=before.events + 1)
 
 
@@ -185,11 +196,8 @@ def _wait(problem: Problem, state: State, stop: Reals) -> State:
     acts = problem.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
-    if state.forces is not None:
-        demand, normal = problem.uplifts.forces(state.time, until, acts)
-        loss = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
-        state = state._replace(forces=state.forces.and_also(demand, normal, loss))
     return state._replace(
+        forces=forces_until(problem, state, until, acts),
         time=until,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),

@@ -49,6 +49,7 @@ class State(NamedTuple):
     crossing: Reals
     margin: Reals
     forces: Forces | None
+    balanced: Booleans  # whether it has stood in balance for a time
     failed: Booleans
 
     @property
@@ -216,6 +217,15 @@ def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Intege
     return jnp.where(slope < 0, time - move, time)
 
 
+def forces_until(problem: Problem, state: State, until: Reals, acts: Booleans) -> Forces | None:
+    """The forces with those under a block that moves with the ground until some time."""
+    if state.forces is None:
+        return None
+    demand, normal = problem.uplifts.forces(state.time, until, acts)
+    loss = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
+    return state.forces.and_also(demand, normal, loss)
+
+
 def fly(problem: Problem, state: State, stop: Reals) -> State:
     """Through a segment and the event at its end, unless the block has come to rest."""
     motion, critical_angle = problem.driven.motion, problem.equation.critical_angle
@@ -228,18 +238,31 @@ def fly(problem: Problem, state: State, stop: Reals) -> State:
     down = jnp.where(state.rotation > 0, FALLING, on_ground)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
+    # In balance nothing moves it, until the input changes: between two knots, it does so where it
+    # has changed at the second one.
+    balanced = still & (state.rotation > 0) & (acceleration == 0)
+    until = jnp.where(segment.acts, problem.uplifts.next_knot(state.time, stop), stop)
+    later = fixed.field(jax.lax.stop_gradient(until - state.time), y)[1]
+    waits = balanced & ((later == 0) | ~segment.acts)
+    phase = jnp.where(balanced, jnp.where(later < 0, FALLING, RISING), phase)
+    stop = jnp.where(waits, until, stop)
+    meanwhile = forces_until(problem, state, until, segment.acts)
+    forces = jax.tree.map(lambda a, b: jnp.where(waits, a, b), meanwhile, state.forces)
+    state = state._replace(balanced=state.balanced | waits)
     # One that has just been lifted has no acceleration but by rounding, which must not put it
-    # down again; nor is a time that the clock cannot resolve one in which it moves.
-    hold = jnp.where(lifted, problem.uplifts.lasting + close_to(motion, state.time), 0)
+    # down again; nor is a time that the clock cannot resolve one in which it moves. One that
+    # leaves its balance begins as slowly.
+    slow = lifted | balanced
+    hold = jnp.where(slow, problem.uplifts.lasting + close_to(motion, state.time), 0)
     end = flown(
         problem.stepper,
         segment,
         stop - state.time,
         state.y,
-        moves=phase != REST,
+        moves=(phase != REST) & ~waits,
         lifted=lifted,
         ends=Ends(problem.equation, phase == RISING, state.rotation >= critical_angle, hold),
-        forces=state.forces,
+        forces=forces,
     )
     state = state._replace(phase=phase)
     return jax.lax.cond(phase == REST, lambda: state, lambda: _land(problem, stop, state, end))

@@ -26,6 +26,16 @@ def free_motion_margins(
     return before, after
 
 
+def smaller_margin(before: Reals, after: Reals) -> Reals:
+    """The smaller of `free_motion_margins`; of two that differ by rounding the first.
+
+    With C = 1 both vanish at the same threshold, where a smaller C leaves the first as it is: the
+    derivative of the second is not that of the threshold.
+    """
+    rounding = 64 * float(jnp.finfo(before.dtype).eps)
+    return jnp.where(after < before - rounding, after, before)
+
+
 @elementwise(restitution=UNIT_INTERVAL, rotation=FINITE, velocity=FINITE, model=as_model)
 def free_motion_margin(
     block: Block,
@@ -56,4 +66,4 @@ def free_motion_margin(
     backward = jnp.where(rotation == 0, velocity, rotation) < 0
     outward = jnp.where(backward, -jnp.asarray(velocity), velocity)
     margins = free_motion_margins(equation, jnp.asarray(restitution), jnp.abs(rotation), outward)
-    return jnp.minimum(*margins)
+    return smaller_margin(*margins)

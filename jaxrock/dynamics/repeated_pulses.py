@@ -378,15 +378,16 @@ def phase_of(scene: PulsedScene, model: RockingModel, rtol: float) -> PulsedPhas
     root = _fixed_point(scene, model=model, rtol=rtol)
     (rate, time, peak), (from_rest, settles, overturns) = root.values, root.flags
     stands = root.exists | settles
-    # As factors, so that what does not exist has no slope either.
-    exists = jnp.where(stands, 1.0, jnp.nan)
-    half_cycles = jnp.where(root.exists, 2.0, jnp.nan)
+
+    def where_it_stands(value: Reals) -> Reals:
+        return jnp.where(stands, value, jnp.nan)
+
     return PulsedPhase(
-        velocity=exists * root.root,
-        rate=exists * jnp.where(settles, restitution, rate),
-        period=half_cycles * time,
-        peak_rotation=exists * peak,
-        rotation_ratio=exists * peak / block.critical_angle,
+        velocity=where_it_stands(root.root),
+        rate=where_it_stands(jnp.where(settles, restitution, rate)),
+        period=jnp.where(root.exists, 2 * time, jnp.nan),
+        peak_rotation=where_it_stands(peak),
+        rotation_ratio=where_it_stands(peak / block.critical_angle),
         stands=stands,
         from_rest=from_rest | settles,
         settles=settles,

@@ -268,12 +268,10 @@ def _threshold(
     rate = rate if count is None else jnp.full_like(rate, jnp.nan)
     amplitude = jnp.exp(root.root)
     stable = root.exists & ((count is not None) | (jnp.abs(rate) <= 1))
-    # As factors, so that what does not exist has no slope either.
-    if_stable, if_exists = (jnp.where(flag, 1.0, jnp.nan) for flag in (stable, root.exists))
     threshold = PulsedThreshold(
-        amplitude=if_stable * amplitude,
-        intensity=if_stable * pulse.scaled(amplitude).intensity,
-        rate=if_exists * rate,
+        amplitude=jnp.where(stable, amplitude, jnp.nan),
+        intensity=jnp.where(stable, pulse.scaled(amplitude).intensity, jnp.nan),
+        rate=jnp.where(root.exists, rate, jnp.nan),
         lifts=stable & (amplitude > uplift_acceleration(block, model)),
         from_rest=stable,
     )

@@ -30,7 +30,7 @@ from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_o
 from .batch_queue import work_off
 from .batch_step import Case, Lanes, take_step
 from .driven_scene import DrivenScene
-from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins
+from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins, smaller_margin
 from .taylor import materialized
 
 _LANES = 64  # on a processor
@@ -98,20 +98,19 @@ def _march(
     model: RockingModel,
     lanes: int,
     order: int,
-    parts: int,
 ) -> BatchResponse:
     """The first `count` columns of arguments, the leaves of a tree of the given form."""
     case = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
-        return take_step(lanes, case, ground, tolerance, order, parts)
+        return take_step(lanes, case, ground, tolerance, order)
 
     ends = work_off(ground, case.for_steps(), count, lanes, step)
     complete = case.valid() & (ends.followed > 0)
     before_impact, after_impact = free_motion_margins(
         case.equation, case.restitution, ends.end_rotation, ends.end_velocity
     )
-    margin = jnp.minimum(before_impact, after_impact)
+    margin = smaller_margin(before_impact, after_impact)
     fallen = ends.peak >= TOPPLED_ROTATION
     overturned = complete & (fallen | (margin < 0))
     impacts = ends.impacts.astype(int)
@@ -162,7 +161,7 @@ def compiler_options(platform: str) -> dict[str, Any] | None:
 
 @functools.cache
 def _compiled(platform: str) -> Callable[..., BatchResponse]:
-    static = ("form", "model", "lanes", "order", "parts")
+    static = ("form", "model", "lanes", "order")
     return jax.jit(_march, static_argnames=static, compiler_options=compiler_options(platform))
 
 
@@ -247,7 +246,6 @@ def respond_batch(
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
     order = next(order for least, order in _ORDERS[isinstance(motion, Record)] if rtol >= least)
-    parts = 1 if isinstance(motion, Record) else 2
     tolerance = np.asarray(max(_SHARE * rtol, eps), dtype)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
     # Outside of a transformation NumPy is quicker, and compiles nothing.
@@ -273,7 +271,7 @@ def respond_batch(
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
     rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
-    static = {"form": form, "model": model, "order": order, "parts": parts}
+    static = {"form": form, "model": model, "order": order}
     if traced:
         result = _march(ground, rows, size, tolerance, lanes=_LANES, **static)
     else:

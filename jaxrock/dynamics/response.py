@@ -28,6 +28,7 @@ class Status(enum.IntEnum):
     LIST_FULL = 1  # all is right, but not all impacts are listed
     STOPPED = 2  # the integrator ran out of steps, or could not go on
     INVALID = 3  # an argument was outside of what is allowed
+    BALANCED = 4  # all is right, but for a time the block was in unstable balance, as none stays
 
 
 class Events(eqx.Module):
@@ -71,7 +72,7 @@ class Response(Printed, eqx.Module):
         When the block leaves the ground [s], to 1e-4 of an integration step, without derivative;
         NaN if it does not.
     status : Array of int
-        A `Status`; other than 0 or 1, the results are NaN.
+        A `Status`; where it is STOPPED or INVALID, the results are NaN.
     events, scene, model
         From which `history` integrates.
     """
@@ -139,11 +140,13 @@ class Response(Printed, eqx.Module):
             units |= {"friction_demand": "", "normal_force": "of the weight"}
             return listed(self, status="", overturned="", margin="", **units)
         status = Status(int(self.status))
-        if status not in (Status.COMPLETE, Status.LIST_FULL):
+        if status in (Status.STOPPED, Status.INVALID):
             return f"no response: {status.name.lower()}"
         angle = self.scene.block.critical_angle
         fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
-        end = "lies on its side" if fallen else "at rest" if self.at_rest else "in motion"
+        balanced = status == Status.BALANCED and self.final_velocity == 0
+        moving = "in balance" if balanced and not self.at_rest else "in motion"
+        end = "lies on its side" if fallen else "at rest" if self.at_rest else moving
         lines = [
             f"{'overturns' if self.overturned else 'stands'},"
             f" margin {self.margin:.4g} when the input ends"
@@ -158,6 +161,8 @@ class Response(Printed, eqx.Module):
         ]
         if self.peak_rotation == 0:
             lines[1] = "the ground does not lift the block"
+        if status == Status.BALANCED:
+            lines.append("for a time it was in unstable balance, which the slightest push ends")
         if self.overturned and jnp.isfinite(self.overturning_time):
             lines[0] += f", beyond return from {self.overturning_time:.4g} s"
         return "\n".join(lines)

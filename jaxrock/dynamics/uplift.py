@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 
 from ..ground_motion import Motion
+from ..numerics import larger, largest
 from ..validation import Booleans, Reals
-from .contact_forces import friction, larger, largest
+from .contact_forces import friction
 from .equation import Equation
 
 _SIDES = 1.0, -1.0
@@ -37,6 +38,10 @@ class Uplifts(eqx.Module):
         lasting = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
         forces = friction(push, 1 + lift), 1 + lift
         return cls(equation, motion, knots, lifted, *forces, jax.lax.stop_gradient(lasting))
+
+    def next_knot(self, time: Reals, stop: Reals) -> Reals:
+        """The first knot after a time, or `stop` if that is earlier."""
+        return jnp.min(self.knots, initial=stop, where=self.knots > time)
 
     def following(self, time: Reals, stop: Reals) -> tuple[Booleans, Reals, Reals]:
         """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""

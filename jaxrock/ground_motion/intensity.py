@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
+from ..numerics import larger, largest
 from ..validation import Reals, check_kind
 from .record import Record
 
@@ -70,7 +71,7 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
 
 @jax.jit
 def _peak_acceleration(samples: Reals) -> Reals:
-    return abs(samples).max(axis=-1)
+    return largest(abs(samples))
 
 
 @jax.jit
@@ -83,4 +84,4 @@ def _peak_velocity(samples: Reals, last: Any) -> Reals:
     crosses = inside & (before * after < 0)
     triangle = 0.5 * after * after / jnp.where(crosses, before - after, 1)
     extreme = jnp.where(crosses, velocity + triangle, 0)
-    return jnp.maximum(abs(velocity), abs(extreme)).max(axis=-1)
+    return largest(larger(abs(velocity), abs(extreme)))

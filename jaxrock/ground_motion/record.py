@@ -82,13 +82,18 @@ class Record(Motion):
         shape, got = self.acceleration.shape, "got an array of shape"
         if shape[-1:] < (2,):
             raise ValueError(f"acceleration must have at least two samples, {got} {shape}")
+        if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
+            hint = "which would be records of two samples; pass the column of accelerations alone"
+            raise ValueError(
+                f"acceleration must be samples along the last axis, {got} {shape}, {hint}"
+            )
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
                 raise ValueError(f"{name} must not be empty, {got} {value.shape}")
         if self.vertical is not None:
             check("vertical", self.vertical, FINITE)
             if self.vertical.shape[-1:] != shape[-1:]:
-                must = f"vertical must have as many samples as acceleration, {shape[-1]}"
+                must = f"vertical must have as many samples as acceleration, {self.samples}"
                 raise ValueError(f"{must}, {got} {self.vertical.shape}")
 
     def __str__(self) -> str:

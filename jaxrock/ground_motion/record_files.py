@@ -105,7 +105,9 @@ def read_record(
     return _record(*components)
 
 
-def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
+def from_obspy(
+    trace: Any, *, unit: str, vertical: Any = None, calibrated: bool | None = None
+) -> Record:
     """Take a ground motion from a trace of obspy, or of gmprocess.
 
     Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
@@ -118,6 +120,9 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
         Horizontal and perhaps vertical acceleration, positive upward, both sampled alike.
     unit : str
         Unit of the accelerations, as for `read_record`.
+    calibrated : bool, optional
+        Whether the data have been multiplied by ``stats.calib`` already, or are to be: obspy leaves
+        the factor in place when it applies it. Needed where it is not 1.
 
     Returns
     -------
@@ -126,13 +131,17 @@ def from_obspy(trace: Any, *, unit: str, vertical: Any = None) -> Record:
     Raises
     ------
     ValueError
-        If it is not one trace, has gaps, values other than finite real numbers, less than two
-        samples or no valid time step; if the traces differ in sampling or start; if the unit is
-        unknown or not that of a trace.
+        If a calibration factor other than 1 may or may not have been applied; if it is not one
+        trace, has gaps, values other than finite real numbers, less than two samples or no valid
+        time step; if the traces differ in sampling or start; if the unit is unknown or not that
+        of a trace.
     """
     if vertical is None:
-        return _record(_component("trace", trace, unit))
-    components = _component("trace", trace, unit), _component("vertical", vertical, unit)
+        return _record(_component("trace", trace, unit, calibrated))
+    components = [
+        _component(name, each, unit, calibrated)
+        for name, each in (("trace", trace), ("vertical", vertical))
+    ]
     starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
     if None not in starts and starts[0] != starts[1]:
         raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
@@ -185,7 +194,7 @@ def _factor(unit: str) -> float:
     return factor
 
 
-def _component(argument: str, trace: Any, unit: str) -> Component:
+def _component(argument: str, trace: Any, unit: str, calibrated: bool | None) -> Component:
     stats: Any = getattr(trace, "stats", None)
     if not hasattr(trace, "data") or not hasattr(stats, "delta"):
         hint = f" of {len(trace)}: take one out of it" if isinstance(trace, Sized) else ""
@@ -196,6 +205,15 @@ def _component(argument: str, trace: Any, unit: str) -> Component:
     factor = _factor(unit)
     if stated and not math.isclose(factor, factor_of(stated)):
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
+    calibration = getattr(stats, "calib", 1.0)
+    if not isinstance(calibration, Real) or not 0 < abs(float(calibration)) < math.inf:
+        got = f"got {calibration!r}"
+        raise ValueError(f"stats.calib of {argument} must be finite and not 0, {got}")
+    if calibration != 1 and calibrated is None:
+        states = f"{argument} has a stats.calib of {calibration:g}, which obspy leaves in place"
+        raise ValueError(f"calibrated must be given: {states} whether applied or not")
+    if not calibrated:
+        factor *= float(calibration)
     if gaps := np.ma.count_masked(trace.data):
         raise ValueError(f"{argument} must have no gaps, got {gaps} masked samples")
     data = np.asarray(trace.data)

@@ -34,6 +34,10 @@ _KNOWN = (
 )
 _ANY = rf"(?:{_KNOWN}|counts?|volts?|mv|[ck]m|[mck]?m{_GAP}(?:/|per|p|_){_GAP}{_S})"
 _START, _END = r"(?<![a-z0-9])", r"(?![a-z0-9/^*])"
+_SPEED = (
+    rf"{_START}{_LENGTH}(?:{_GAP}{_PER}{_GAP}{_S}|_{_S}"
+    rf"|[\s_.*]+{_S}{_GAP}\^?{_GAP}[({{]?-1[)}}]?){_END}"
+)
 
 # In running text g, gal and cm are units only in such places; an amount, "0.1 cm/s2", is none.
 _IN_TEXT = (
@@ -91,6 +95,11 @@ def factor_of(unit: str) -> float:
 def units_in_name(name: str) -> list[Stated]:
     """The units that the name of a column states, for example acc_cm_s2 or acc [g]."""
     return [_stated(match) for match in re.finditer(_START + _ANY + _END, _plain(name), re.I)]
+
+
+def speeds_in_name(name: str) -> list[Stated]:
+    """The units of velocity that the name of a column states, for example pgv [cm/s], in m/s."""
+    return [_stated(match) for match in re.finditer(_SPEED, _plain(name), re.I)]
 
 
 def units_in_text(line: str) -> list[Stated]:

@@ -21,8 +21,11 @@ _INDEX = "index.csv"  # in a folder, the usual name of a table of the records
 _UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
 _DOWNWARD = r"do?w?n(?:ward)?"
 _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
-_AT2_UPWARD = r"[-_. ](?:up|ud|vert?|vertical|v|z|[a-z][hnlg]z)$"
-_AT2_DOWNWARD = r"[-_. ](?:dn|down|dwn)$"
+_AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v\d?|z|[a-z][hnlg]z"
+_AT2_DOWNWARD = r"dn|down|dwn"
+_LOCATION = r"(?:[-_. ]\d\d)?$"  # a code after that of the channel
+# Names of the NGA databases end with them also behind the code of a station, with nothing between.
+_NGA_NAME = r"RSN\d+_"
 
 _Part = tuple[str, Path, str | None, StrPath | None]  # name, file, column, vertical
 
@@ -39,8 +42,8 @@ def read_suite(
     Every horizontal component is a record of its own: one column or two of a ``.csv`` file, each
     ``.AT2`` file. Columns named up, ud, z, vertical or the like, and .AT2 files whose names end
     so, are vertical components; where some columns state a unit, the others are left out. Of
-    a folder, its .AT2 and .csv files are read in the order of their names, but not those in
-    folders within it, nor a table ``index.csv``.
+    a folder, its .AT2 and .csv files are read in the order of their names, but not hidden ones,
+    those in folders within it, nor a table ``index.csv``.
 
     Parameters
     ----------
@@ -138,11 +141,16 @@ def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
         paths = [
             path
             for path in sorted(folder.iterdir(), key=lambda path: path.name)
-            if path.suffix.lower() in _SUFFIXES and path.name.lower() != _INDEX and path.is_file()
+            if path.suffix.lower() in _SUFFIXES
+            and path.name.lower() != _INDEX
+            and not path.name.startswith(".")  # hidden, as editors and archives leave them
+            and not path.is_dir()
         ]
         if not paths:
             raise ValueError(f"{str(folder)!r}: the folder has no .AT2 or .csv file of a record")
         return paths
+    if not isinstance(source, Iterable):
+        raise ValueError(f"source must be a folder or a list of files, got {source!r:.60}")
     paths = [Path(path) for path in source]
     if not paths:
         raise ValueError("a suite needs at least one file, got none")
@@ -193,8 +201,19 @@ def _without_unit(name: str) -> str:
     return name.strip("_ ")
 
 
+def _vertical_end(path: Path) -> tuple[str, bool]:
+    """What at the end of a name says that a component is vertical, if anything; if downward."""
+    apart = r"[-_. ]*"
+    if not re.match(_NGA_NAME, path.stem, re.I):
+        apart = r"(?:[-_. ]+|(?<=\d)(?=ud|up|dwn))"
+    for pattern, downward in ((_AT2_UPWARD, False), (_AT2_DOWNWARD, True)):
+        if match := re.search(f"{apart}(?:{pattern}){_LOCATION}", path.stem, re.I):
+            return match[0], downward
+    return "", False
+
+
 def _is_vertical(path: Path) -> bool:
-    return re.search(f"{_AT2_UPWARD}|{_AT2_DOWNWARD}", path.stem, re.I) is not None
+    return _vertical_end(path)[0] != ""
 
 
 def _upward_of(path: Path, paths: list[Path]) -> Path:
@@ -202,14 +221,15 @@ def _upward_of(path: Path, paths: list[Path]) -> Path:
     found: dict[str, Path] = {}
     for other in paths:
         if other.suffix.lower() == ".at2" and _is_vertical(other) and other.parent == path.parent:
-            stem = re.sub(f"{_AT2_UPWARD}|{_AT2_DOWNWARD}", "", other.stem, flags=re.I)
-            # Then a separator, or an angle.
-            if re.match(re.escape(stem) + r"(?:[-_. ]|\d{3}$|$)", path.stem):
+            stem = other.stem.removesuffix(_vertical_end(other)[0])
+            # Then a separator, an angle or, in the NGA databases, a direction.
+            rest = path.stem.removeprefix(stem) if path.stem.startswith(stem) else "?"
+            if re.match(r"[-_. ]|\d{3}$|$|(?:[ns]|[ew]|ns|ew|[hlt]\d?)$", rest, re.I):
                 found[stem] = other
     if not found:
         raise ValueError(f"{str(path)!r}: no file is its vertical component by the name")
     nearest = found[max(found, key=len)]
-    if re.search(_AT2_DOWNWARD, nearest.stem, re.I):
+    if _vertical_end(nearest)[1]:
         points = f"{str(nearest)!r} points downward by its name"
         raise ValueError(f"{points}, but a vertical component must be positive upward")
     return nearest

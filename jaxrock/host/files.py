@@ -28,6 +28,14 @@ def read_regular(path: Path) -> bytes:
     return path.read_bytes()
 
 
+def sync(path: Path) -> None:
+    """Have a file, or all files of a folder, on the disk itself, before its name is."""
+    files = [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
+    for file in files:
+        with open(file, "rb") as stream:
+            os.fsync(stream.fileno())
+
+
 class CannotWrite(ValueError):
     """A folder that cannot be written to, because of the `reason` that an error gives."""
 
@@ -77,6 +85,8 @@ def written_whole(
             _sweep(folder)
             scratch = _scratch(folder, undo)
         yield scratch
+        for name in names:
+            sync(scratch / name)
         with _changing:  # all or none, even if `abandon` is called meanwhile
             for name in names:
                 os.replace(scratch / name, folder / name)

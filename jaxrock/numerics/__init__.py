@@ -6,11 +6,14 @@ from .elementary import arcsin_ratio as arcsin_ratio
 from .elementary import arctan_ratio as arctan_ratio
 from .elementary import artanh_ratio as artanh_ratio
 from .elementary import decaying_share_of_one as decaying_share_of_one
+from .elementary import larger as larger
+from .elementary import largest as largest
 from .elementary import minus_log as minus_log
 from .elementary import one_minus_square as one_minus_square
 from .elementary import quotient as quotient
 from .elementary import quotient_or_infinite as quotient_or_infinite
 from .elementary import share_of_one as share_of_one
+from .elementary import smaller as smaller
 from .elliptic import carlson_rf as carlson_rf
 from .elliptic import jacobi as jacobi
 from .falling_roots import ABOVE as ABOVE

@@ -20,6 +20,25 @@ def quotient(numerator: Reals, denominator: Reals) -> Reals:
     return numerator * (1 / denominator)
 
 
+def larger(first: Reals, second: Reals) -> Reals:
+    """The larger of two; of equal ones the first, with all of its derivative.
+
+    ``jnp.maximum`` takes the mean of both derivatives then, which is that of neither.
+    """
+    return jnp.where(second > first, second, first)
+
+
+def smaller(first: Reals, second: Reals) -> Reals:
+    """The smaller of two, as in `larger`."""
+    return jnp.where(second < first, second, first)
+
+
+def largest(values: Reals) -> Reals:
+    """The largest along the last axis, as in `larger`."""
+    index = jnp.expand_dims(jnp.argmax(values, axis=-1), -1)
+    return jnp.take_along_axis(values, index, axis=-1)[..., 0]
+
+
 @jax.custom_jvp
 def one_minus_square(x: Reals) -> Reals:
     """``1 - x^2``: accurate for x near 1, its derivative for small x."""

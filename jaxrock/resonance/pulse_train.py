@@ -11,6 +11,7 @@ import numpy as np
 from ..block import Block
 from ..host import Printed, listed
 from ..impact import velocity_after_impact
+from ..numerics import larger
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -228,7 +229,7 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
         interval, intensity = interval_and_intensity
         now = _rocked(rocker, motion, interval)
         flight = rocker.on_flight(now.x, now.since, now.duration)
-        peak = jnp.maximum(now.peak, rocker.rotation(flight))
+        peak = larger(now.peak, rocker.rotation(flight))
         side = jnp.where(now.side == 0, jnp.where(intensity < 0, -1, 1), now.side)
         flight = rocker.struck(flight, side * intensity / rocker.unit)
         x = flight.x
@@ -250,7 +251,7 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     # A block that falls after the last pulse may leave the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))
-    overturned, peak = last.overturned | (x >= 1), jnp.maximum(last.peak, _peak(rocker, x))
+    overturned, peak = last.overturned | (x >= 1), larger(last.peak, _peak(rocker, x))
     complete = last.impacts < _MAX_IMPACTS
     return TrainResponse(
         velocity_ratio=jnp.where(complete, ratios, jnp.nan),
@@ -270,7 +271,7 @@ def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
         """With the peak of this half-cycle, if the block passes it until then."""
         half = 0.5 * motion.duration
         passes = (motion.since <= half) & (until >= half)
-        return jnp.where(passes, jnp.maximum(motion.peak, _peak(rocker, motion.x)), motion.peak)
+        return jnp.where(passes, larger(motion.peak, _peak(rocker, motion.x)), motion.peak)
 
     def lands(carry: Any) -> Any:
         motion, left = carry

@@ -5,7 +5,8 @@ Names beside those in ``__all__`` are for the other packages.
 
 from .fragility_curves import fragility
 from .fragility_curves import threshold_names as threshold_names
-from .hazard import Hazard, read_hazard
+from .hazard import Hazard
+from .hazard_files import read_hazard
 from .lognormal import LognormalFit as LognormalFit
 from .overturning_rate import OverturningRate, overturning_rate
 from .rate_elasticities import RateElasticities, rate_elasticities

@@ -1,7 +1,7 @@
 """Fragility: how many motions of a suite bring a block beyond a limit, over their intensity."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -112,8 +112,8 @@ def fragility(
         raise ValueError(f"levels must be one-dimensional, got an array of shape {places.shape}")
     if (np.diff(places) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence must be between 0 and 1, got {confidence!r}")
+    if not isinstance(confidence, float | int) or not 0 < confidence < 1:
+        raise ValueError(f"confidence must be a number between 0 and 1, got {confidence!r:.60}")
     check("restitution", restitution, UNIT_INTERVAL)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     names = threshold_names(thresholds)
@@ -175,6 +175,8 @@ def _responses(
 
 def threshold_names(thresholds: Sequence[Threshold]) -> list[str]:
     """Thresholds as their labels; a `ValueError` if they are not allowed."""
+    if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
+        raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
     names = [_name(threshold) for threshold in thresholds]
     if not names or len(set(names)) < len(names):
         got = ", ".join(names) or "none"

@@ -1,16 +1,15 @@
 """Seismic hazard: how often a year a level of shaking is exceeded."""
 
-import math
-import os
-from pathlib import Path
-
+import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..host import Printed, is_number, numbered_lines
+from ..host import Printed
 from ..validation import POSITIVE, Checked, Number, Numbers, Reals, as_real, quantity
+
+HAZARD_MEASURES = ("pgv", "pga")  # of hazard curves: those that do not depend on the block
 
 
 class Hazard(Printed, Checked):
@@ -24,12 +23,15 @@ class Hazard(Printed, Checked):
         Increasing levels of the measure, greater than 0 [m/s2 or m/s].
     rates : array_like, shape (n,)
         Rates of exceedance [1/yr], greater than 0 and falling.
+    measure : {"pgv", "pga"}, optional
+        Which intensity measure it is about; what is computed from the curve refuses another one.
 
     Raises
     ------
     ValueError
-        If there are less than two points or not as many rates as levels, if a value is not
-        greater than 0, if the levels do not increase or the rates do not fall.
+        If the measure is another one, if there are less than two points or not as many rates
+        as levels, if a value is not greater than 0, if the levels do not increase or the rates do
+        not fall.
 
     Examples
     --------
@@ -41,8 +43,13 @@ class Hazard(Printed, Checked):
 
     levels: Reals = quantity(POSITIVE)
     rates: Reals = quantity(POSITIVE)
+    measure: str | None = eqx.field(static=True, default=None)
 
-    def __init__(self, levels: Numbers, rates: Numbers):
+    def __init__(self, levels: Numbers, rates: Numbers, measure: str | None = None):
+        if measure not in (None, *HAZARD_MEASURES):
+            allowed = ", ".join(HAZARD_MEASURES)
+            raise ValueError(f"measure must be one of {allowed}, or None, got {measure!r:.60}")
+        self.measure = measure
         self.levels = as_real("levels", levels)
         self.rates = as_real("rates", rates)
         shape, of_rates = self.levels.shape, self.rates.shape
@@ -69,7 +76,8 @@ class Hazard(Printed, Checked):
             self.levels[:: len(self.levels) - 1],
             self.rates[:: len(self.rates) - 1],
         )
-        return f"hazard from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
+        of = f" of {self.measure}" if self.measure else ""
+        return f"hazard{of} from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
 
     def __call__(self, level: Number) -> Reals:
         """The rate of exceedance.
@@ -89,47 +97,3 @@ class Hazard(Printed, Checked):
         inside = (level >= self.levels[0]) & (level <= self.levels[-1])
         at = jnp.log(jnp.where(inside, level, self.levels[0]))
         return jnp.where(inside, jnp.exp(jnp.interp(at, x, y)), jnp.nan)
-
-
-def read_hazard(path: str | os.PathLike[str]) -> Hazard:
-    """Read a hazard curve from a .csv file.
-
-    Parameters
-    ----------
-    path : str or path
-        A file with two columns separated by commas, the level [m/s2 or m/s] and the rate of
-        exceedance [1/yr], below one line with their names and perhaps lines that begin with #.
-
-    Returns
-    -------
-    Hazard
-
-    Raises
-    ------
-    ValueError
-        With file and line, if the file cannot be read or holds no hazard curve.
-    """
-    path = Path(path)
-    lines = numbered_lines(path)
-    if lines and is_number(lines[0][1].split(",")[0]):
-        must = "a line with the names of the two columns was expected"
-        raise ValueError(f"{str(path)!r}, line {lines[0][0]}: {must}, got {lines[0][1][:60]!r}")
-    rows = [_level_and_rate(path, *line) for line in lines[1:]]
-    if len(rows) < 2:
-        must = "at least two lines of a level and a rate below their names were expected"
-        raise ValueError(f"{str(path)!r}: {must}, got {len(rows)}")
-    try:
-        return Hazard(*np.array(rows).T)
-    except ValueError as error:
-        raise ValueError(f"{str(path)!r}: {error}") from None
-
-
-def _level_and_rate(path: Path, number: int, line: str) -> tuple[float, float]:
-    fields = line.split(",")
-    must = "a level and a rate were expected, separated by a comma"
-    if len(fields) == 2 and all(map(is_number, fields)):
-        level, rate = map(float, fields)
-        if 0 < level < math.inf and 0 < rate < math.inf:
-            return level, rate
-        must = "a level and a rate must be finite and greater than 0"
-    raise ValueError(f"{str(path)!r}, line {number}: {must}, got {line[:60]!r}")

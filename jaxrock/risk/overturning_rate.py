@@ -137,6 +137,8 @@ def overturning_rate(
     if measure not in _MEASURES:
         raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
     check_kind("hazard", hazard, Hazard, Callable)
+    if isinstance(hazard, Hazard) and hazard.measure not in (None, measure):
+        raise ValueError(f"measure is {measure!r}, but the hazard is one of {hazard.measure}")
     restitution = as_real("restitution", restitution)
     shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
     if any(shapes) or any(np.shape(record.scale) for record in suite):

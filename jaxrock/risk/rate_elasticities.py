@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..dynamics import respond_batch
+from ..dynamics import BatchResponse, respond_batch
 from ..ground_motion import Suite
 from ..host import Printed, table
 from ..resonance import ModelLike, Nonlinear
@@ -29,7 +29,7 @@ class RateElasticities(Printed, eqx.Module):
     slopes : Array, shape (names,)
         From the derivatives of the boundaries found [-].
     differences : Array, shape (names,)
-        From the rates that are counted at both ends of the change [-].
+        From the rates at both ends of the change [-].
     change : float
         Relative, to either side.
     found : OverturningRate
@@ -64,8 +64,9 @@ def rate_elasticities(
     The derivative of `overturning_rate` is exact for the boundaries found. Where a block rocks
     long before it overturns, many of these bound narrow windows and move fast, each its own way,
     and their sum is as irregular as they are: a small change says nothing about a larger one. The
-    difference of the rates at both ends of a change, counted at all levels, averages
-    over such windows. Trust the slope where the two agree, and the difference where not.
+    difference of the rates at both ends of a change averages over such windows. In these rates a
+    boundary between two levels is where the line through their margins vanishes. Trust the slope
+    where the two agree, and the difference where not.
 
     Parameters
     ----------
@@ -110,13 +111,27 @@ def rate_elasticities(
     response = respond_batch(Block(*shape), c, scaled, model=model)
     if not bool(response.complete.all()):
         raise ValueError("motion could not be followed to its end for every record and level")
-    rates = np.asarray(hazard(places))
-    weights = np.append(rates[:-1] - rates[1:], 0.0)
-    weights = 0.5 * (weights + np.append(0.0, weights[:-1]))
-    weights[-1] += rates[-1]
-    counted = (np.asarray(response.overturned) * weights).sum(axis=-1).mean(axis=0)
+    counted = _rates(hazard, np.asarray(places), response)
     spans = np.stack([np.diagonal(end) for end in ends])
     with np.errstate(invalid="ignore", divide="ignore"):
         difference = (counted[1] - counted[0]) / (spans[1] - spans[0]) * at / float(found.rate)
         slope = slope * at / float(found.rate)
     return RateElasticities(names, jnp.asarray(slope), jnp.asarray(difference), change, found)
+
+
+def _rates(
+    hazard: Hazard | Callable[[Any], Any], levels: np.ndarray, response: BatchResponse
+) -> np.ndarray:
+    """The rates of responses (records, ..., levels), in the mean over the records."""
+    over, margin = np.asarray(response.overturned), np.asarray(response.margin)
+    changes = over[..., 1:] != over[..., :-1]
+    before, after = margin[..., :-1], margin[..., 1:]
+    # Margins of blocks that have toppled need not change their sign with the outcome.
+    between = changes & (before * after < 0)
+    share = np.where(between, before / np.where(between, before - after, 1), 0.5)
+    boundaries = levels[:-1] ** (1 - share) * levels[1:] ** share
+    signs = np.where(over[..., 1:], 1.0, -1.0)
+    rates = np.asarray(hazard(np.where(changes, boundaries, levels[0])))
+    rates = np.where(changes, signs * rates, 0).sum(axis=-1)
+    rates += np.where(over[..., 0], float(hazard(levels[0])), 0)
+    return rates.mean(axis=0)
