@@ -48,6 +48,62 @@ def pulse_cases(shape):
     return block, column["restitution"], pulse, *outcome
 
 
+# Half-width, slenderness, C, a pulse, and the peak rotation by 4,000 steps of DOP853 a pulse: the
+# second lobe lifts the block while the bounces of the first die out.
+BETWEEN_BOUNCES = [
+    (2.4805303226586033, 7.474838151631694, 0.3239355248805619,
+     jr.Cosine(1.6932106449220452, 0.045083240950279574), 1.0051038323838e-6),
+    (0.2425765947912873, 2.741520433720507, 0.6572164993471779,
+     jr.Cosine(4.238013871976618, 0.024220420527126692), 8.324104e-6),
+]  # fmt: skip
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("rtol", first_by_default([1e-9, 1e-13, 1e-5]))
+@pytest.mark.parametrize(("half_width", "slenderness", "c", "pulse", "peak"), BETWEEN_BOUNCES)
+def test_no_impact_is_passed_over(half_width, slenderness, c, pulse, peak, rtol):
+    """However small a part of a step a bounce fills, and whatever the input does meanwhile."""
+    found = jr.respond_batch(jr.Block(half_width, slenderness), c, pulse, 8.0, rtol=rtol)
+    assert float(found.peak_rotation) == pytest.approx(peak, rel=max(10 * rtol, 1e-7))
+
+
+def barely_lifted(shape):
+    """The table of blocks that hardly move: blocks, restitution, pulses, peaks, excess."""
+    with open(stepping.BARELY_LIFTED, encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row.pop("shape") == shape]
+    names = "half_width slenderness restitution amplitude duration peak_rotation"
+    columns = (np.array([float(row[name]) for row in rows]) for name in names.split(" "))
+    b, slenderness, c, amplitude, duration, peak = columns
+    excess = amplitude * slenderness / 9.81 - 1
+    return jr.Block(b, slenderness), c, getattr(jr, shape)(amplitude, duration), peak, excess
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("rtol", first_by_default([1e-9, 1e-12, 1e-5]))
+@pytest.mark.parametrize("shape", list(stepping.SHAPES))
+def test_blocks_that_are_barely_lifted(shape, rtol):
+    """From a ten-thousandth above uplift on: the rotation begins like the third power of time."""
+    block, c, pulse, peak, excess = barely_lifted(shape)
+    found = jr.respond_batch(block, c, pulse, pulse.end + 1.0, rtol=rtol)
+    assert found.complete.all()
+    # What rounding of the amplitude leaves of its excess.
+    error = np.abs(found.peak_rotation / peak - 1)
+    stands = ~np.asarray(found.overturned)
+    assert (error <= 10 * rtol + 3e-14 / excess)[stands].all()
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("shape", first_by_default(["HalfSine", "Cosine", "Ricker"]))
+def test_what_is_certified_is_so(shape):
+    """Peaks of blocks that are barely lifted: the error stated is never less than the true one."""
+    block, c, pulse, peak, excess = barely_lifted(shape)
+    found = jr.accuracy.respond_within(block, c, pulse, 1e-9, pulse.end + 1.0)
+    error = np.abs(found.response.peak_rotation / peak - 1)
+    sure = np.asarray(found.within_tolerance) & ~np.asarray(found.response.overturned)
+    assert sure.sum() > 30
+    assert (error <= found.error + 3e-14 / excess)[sure].all()
+
+
 @pytest.mark.float64
 @pytest.mark.parametrize("shape", first_by_default(["Sine", "Cosine", "Ricker"]))
 def test_short_pulses_against_independent_integration(shape):

@@ -167,6 +167,7 @@ def test_second_derivatives(name):
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 def test_second_derivatives_of_the_margin_on_a_record():
     """Of the response itself, adaptively."""
     record = jr.Record(0.6 * np.array([0, 3, -4, 6, -5, 3, 1, -2, 0.0]), 0.15)
@@ -184,6 +185,23 @@ def test_second_derivatives_of_the_margin_on_a_record():
     extrapolated = (4 * difference(1e-4) - difference(2e-4)) / 3
     scale = np.abs(extrapolated) + 1e-2 * abs(margin(at)) / np.outer(at, at)
     np.testing.assert_array_less(np.abs(second - extrapolated), 1e-6 * scale)
+
+
+def test_derivative_where_nothing_is_lost():
+    """At C = 1 two margins vanish at once. From one-sided differences of four sizes."""
+    block, factors = jr.Block(0.2, 5.0), (1.1, 6.0)
+
+    def amplitude(c):
+        return jr.critical_amplitude(block, c, jr.Sine, 0.5, factors).value[0]
+
+    value, slope = jax.value_and_grad(amplitude)(1.0)
+    assert float(value) == pytest.approx(3.9074925, rel=1e-7)
+    assert float(slope) == pytest.approx(-5.2229, rel=1e-4)
+
+    def margin(c):
+        return jr.respond_batch(block, c, jr.Sine(value, 0.5), 5.0).margin
+
+    assert float(jax.jvp(margin, (1.0,), (1.0,))[1]) == pytest.approx(-1.01401, rel=1e-5)
 
 
 def test_other_quantities_lead_to_the_same_boundary():

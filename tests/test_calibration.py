@@ -373,6 +373,45 @@ def test_a_change_is_said():
     assert said in str(fit)
 
 
+@DOUBLE
+def test_repairs_do_not_hide_another_block():
+    """Exact times of a block twice as large: leaving times out would fit them as well as noise."""
+    p, angle = body(0.2, 5.0)
+    times = impacts(0.9, 0.9, 12, p=p, angle=angle)
+    fit = fit_free_rocking(times, BLOCK)
+    assert any("the durations are not those of this block" in text for text in fit.remarks)
+    assert fit.repairs == ()
+    assert fit.restitution == fit_free_rocking(times, BLOCK, repair=False).restitution
+    right = fit_free_rocking(np.delete(times, 5), jr.Block(0.2, 5.0))
+    assert len(right.repairs) == 1
+    assert float(right.restitution) == pytest.approx(0.9, rel=1e-9)
+
+
+@pytest.mark.thorough
+@DOUBLE
+def test_both_another_block_and_a_missing_impact():
+    """Both are said, and what the times said before anything was repaired."""
+    p, angle = body(0.13, 5.0)
+    times = impacts(0.9, 0.85, 16, p=p, angle=angle)
+    times = times + np.random.default_rng(3).normal(0, 3e-4, 16)
+    fit = fit_free_rocking(np.delete(times, 6), BLOCK)
+    assert [said.endswith("is missing") for said in fit.repairs] == [True]
+    assert any("the durations are not those of this block" in text for text in fit.remarks)
+
+
+@DOUBLE
+@SLOW
+def test_what_measurements_leave_in_doubt():
+    times = impacts(0.9, 0.9, 5)
+    times = times + np.random.default_rng(4).normal(0, 1e-3, 5)
+    guess = "2 degrees of freedom: the noise, and with it every standard error, is a guess"
+    assert guess in fit_free_rocking(times, BLOCK).remarks
+    assert not fit_free_rocking(times, BLOCK, time_noise=1e-3).notes
+    peaks = peaks_of("linearized", ANGLE, launches(0.9, 0.9, 10)) * np.array([3] + [1] * 8)
+    above = fit_free_rocking(impacts(0.9, 0.9, 10), BLOCK, peak_rotations=peaks)
+    assert any("1 peak rotation is at or above the critical angle" in s for s in above.remarks)
+
+
 @pytest.mark.thorough
 @DOUBLE
 @pytest.mark.parametrize("model", MODELS)
@@ -570,6 +609,19 @@ def test_driven_parameters(parameters):
 
 @DOUBLE
 @SLOW
+def test_driven_from_a_point_mass():
+    """An inertia ratio of 1, the least there is, is a start like another one."""
+    measured, _ = noisy(rotations())
+    guess, names = jr.Block(0.2, 5.0, inertia_ratio=1.0), ("restitution", "inertia_ratio")
+    fit = fit_driven_rocking(TIME, measured, guess, SINE, parameters=names)
+    error = float(fit.standard_errors["restitution"])
+    assert abs(float(fit.restitution) - 0.85) < 4 * error < 0.04
+    assert float(fit.values["inertia_ratio"]) == pytest.approx(4 / 3, rel=0.02)
+
+
+@DOUBLE
+@SLOW
+@pytest.mark.release
 def test_driven_by_a_record():
     record, block, time = jr.example_record(), jr.Block(0.3, 5.0), np.linspace(0, 40, 2001)
     measured, noise = noisy(rotations(0.9, block, record, time))

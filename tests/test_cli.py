@@ -436,6 +436,7 @@ def test_sensitivity_of_a_block_that_falls(capsys, tmp_path):
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     pulse = ("--pulse", "half-sine", "--amplitude", 3.5, "--pulse-duration", 0.1)
     code, text, _ = run(

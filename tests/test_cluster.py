@@ -1,5 +1,6 @@
 """Worker processes, and stores that are continued: whatever is killed, the same bits in the end."""
 
+import errno
 import functools
 import json
 import os
@@ -223,6 +224,77 @@ def test_what_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
         write_zarr(grid(), tmp_path / "file" / "grid.zarr")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[:-3],
+        lambda content: content[:-6] + bytes([content[-6] ^ 1]) + content[-5:],
+        None,
+    ],
+    ids=["empty", "cut", "flipped", "missing"],
+)
+def test_damaged_chunks_are_computed_again(tmp_path, damage):
+    path, chunk = tmp_path / "grid.zarr", tmp_path / "grid.zarr" / "period" / "1.0.0"
+    write_zarr(grid(), path)
+    content = chunk.read_bytes()
+    if damage is None:
+        chunk.unlink()
+    else:
+        chunk.write_bytes(damage(content))
+    stored = write_zarr(grid(), path)
+    assert (stored.chunks, stored.taken_over) == (3, 2)
+    assert chunk.read_bytes() == content
+
+
+def test_a_store_that_is_damaged_beside_its_chunks(tmp_path):
+    path = tmp_path / "grid.zarr"
+    write_zarr(grid(), path)
+    (path / "slenderness" / "0").unlink()
+    refused(grid(), path, "is damaged: slenderness is not what was written")
+    chunk = tmp_path / "other.zarr" / "period" / "1.0.0"
+    write_zarr(grid(), tmp_path / "other.zarr")
+    chunk.unlink()
+    chunk.mkdir()
+    with pytest.raises(ValueError, match=r"1\.0\.0' is in the place of a chunk, and is no file"):
+        write_zarr(grid(), tmp_path / "other.zarr")
+
+
+@pytest.mark.parametrize("name", ["a#b.zarr", "a?b.zarr"])
+def test_paths_that_zarr_takes_for_addresses(tmp_path, name):
+    with pytest.raises(ValueError, match=r"has a # or a \?, which Zarr takes for an address"):
+        write_zarr(grid(), tmp_path / name)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_disk_that_is_full(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("jaxrock.cluster.zarr_store._write", full)
+    with pytest.raises(ValueError, match=r"store: .* cannot be written to: No space left") as error:
+        write_zarr(grid(), tmp_path / "grid.zarr")
+    assert "\n" not in str(error.value)
+
+
+def test_two_runs_that_begin_a_store(tmp_path, monkeypatch):
+    """The one that comes second says so."""
+    path, begun = tmp_path / "grid.zarr", []
+    lexists = os.path.lexists
+
+    def not_yet(place):
+        if not begun and Path(place) == path:
+            begun.append(True)
+            write_zarr(grid(), path)
+            return False
+        return lexists(place)
+
+    monkeypatch.setattr("os.path.lexists", not_yet)
+    with pytest.raises(ValueError, match=r"grid\.zarr' has just been begun by another run"):
+        write_zarr(grid(), path)
+    assert write_zarr(grid(), path).taken_over == 3
 
 
 def test_chunks_that_are_nothing_but_nan(tmp_path):

@@ -348,7 +348,7 @@ def respond(restitution):
 @pytest.mark.parametrize(
     ("function", "most"),
     [
-        (respond, 2800),
+        (respond, 2900),
         pytest.param(jax.jacfwd(lambda c: respond(c).peak_rotation), 4400, marks=SLOW),
         pytest.param(lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3100, marks=SLOW),
         pytest.param(

@@ -54,6 +54,10 @@ def written(path, times, peaks=None):
         ("\ufeffZeit [s]\n-1.5\n+.5\n", [-1.5, 0.5], None),
         ('"t","peak"\n"0.1","-0.02"\n"0.2"\n', [0.1, 0.2], [-0.02]),
         ("0,0.1\n1,\n2,nan\n3\n4,-0.05\n", [0, 1, 2, 3, 4], [0.1, np.nan, np.nan, np.nan]),
+        ("time [ms]\n0\n250\n", [0, 0.25], None),
+        ("times of impacts (min),largest rotation\n0,0.1\n1,\n", [0, 60], [0.1]),
+        ("t_s,peak_mrad\n0,500\n1,\n", [0, 1], [0.5]),
+        ("Zeit [s],Winkel [deg]\n0,-45\n1,\n", [0, 1], [-np.pi / 4]),
         ("0,\n1,nan\n2,0.1\n", [0, 1, 2], None),  # the only peak is beyond the last impact
     ],
 )
@@ -64,7 +68,7 @@ def test_files_that_are_read(tmp_path, content, times, peaks):
         np.testing.assert_array_equal(found[0], times)
         assert (found[1] is None) == (peaks is None)
         if peaks is not None:
-            np.testing.assert_array_equal(found[1], peaks)
+            np.testing.assert_allclose(found[1], peaks, rtol=1e-15)
 
 
 PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
@@ -83,6 +87,11 @@ PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
         (b"0,5;0,1\n", ", line 1: .* and decimals by points, got '0,5;0,1'"),
         (b"t\n0\n1,0.1,3\n", ", line 3: a time and at most one peak .* got '1,0.1,3'"),
         (b"t,a,b\n0\n1\n", ", line 1: a time and at most one peak .* got 't,a,b'"),
+        (b"counter\n0\n1\n", ", line 1: the first column must be times, .* got 'counter'"),
+        (b"time [furlong]\n0\n1\n", ", line 1: the first column must be times, .* got 'time"),
+        (b"impact,time\n0,1\n1,2\n", ", line 1: the first column must be times, .* 'impact,t"),
+        (b"time,velocity\n0,1\n1,2\n", ", line 1: the second column must be rotations, .* got"),
+        (b"time,peak [cm]\n0,1\n1,2\n", ", line 1: the second column must be rotations, .* got"),
         (b"0.5s\n1\n", ", line 1: the time of an impact was expected, .* got '0.5s'"),
         (b"t\n0\nsoon\n", ", line 3: the time of an impact was expected, .* got 'soon'"),
         (b"0\n1 2\n", ", line 2: the time of an impact was expected, .* got '1 2'"),

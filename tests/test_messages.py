@@ -26,6 +26,16 @@ MODELS = 'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear"'
 REAL = "must be a real number or an array of them"
 MANY = "; one Block of arrays stands for many"
 
+
+class Quantity(float):
+    """As pint, astropy and unyt have them."""
+
+    units = "centimeter"
+
+    def __repr__(self):
+        return f"{float(self)} {self.units}"
+
+
 LIBRARY = {
     # models
     "a class of models": (
@@ -68,6 +78,23 @@ LIBRARY = {
     "shapes of records": (
         lambda: jr.respond_batch(TWO, 0.7, jr.Record(np.zeros((3, 9)), 0.01)),
         "shapes must broadcast against each other, got half_width of (2,), acceleration of (3,)",
+    ),
+    "columns of a file as samples": (
+        lambda: jr.Record(np.zeros((200, 2)), 0.01),
+        "acceleration must be samples along the last axis, got an array of shape (200, 2), which"
+        " would be records of two samples; pass the column of accelerations alone",
+    ),
+    "a number for a folder": (
+        lambda: jr.read_suite(5),
+        "source must be a folder or a list of files, got 5",
+    ),
+    "numbers with units": (
+        lambda: jr.Block.from_size(width=Quantity(60.0), height=Quantity(180.0)),
+        "width must be a number without a unit, in SI, got 60.0 centimeter",
+    ),
+    "half precision": (
+        lambda: jr.respond(jr.Block(np.float16(0.4), np.float16(5)), 0.7, PULSE),
+        f"half_width {REAL}, in float32 or float64, got dtype('float16')",
     ),
     # one thing for another
     "a block for a scene": (

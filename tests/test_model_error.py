@@ -1,6 +1,7 @@
 """What simplifying costs, predicted: never less than the truth, and not much more."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -133,6 +134,39 @@ def test_cost_of_the_duration_within_its_bound(shape):
         assert (cost <= total + 1e-8).all(), name
         some = checked & (cost > 1e-6) & (cost < np.inf)
         assert np.median(total[some] / cost[some]) < 1.2
+
+
+@pytest.mark.parametrize("duration", [0.2, -0.2])
+def test_errors_are_errors_of_what_others_have_left(duration):
+    """Factors that are off, each by no more than it says, are off by no more than the total."""
+    linearization, bound, coarse, fine = 0.3, 0.05, 2e-3, 1e-3
+
+    def answers(value):
+        return Answers(*[jnp.asarray(value)] * 3)
+
+    rounding = {
+        name: {32: answers(coarse), 64: answers(fine)} for name in ("linearized", "nonlinear")
+    }
+    parts = answers(linearization), answers(duration), answers(bound)
+    error = jr.accuracy.ModelError(*parts, rounding)
+    for signs in itertools.product((-1, 1), repeat=4):
+        off = [sign * size for sign, size in zip(signs, (bound, coarse, fine, fine), strict=True)]
+        instantaneous = (1 + duration + off[0]) * (1 + off[1])
+        assert abs(instantaneous - 1) <= error.total("nonlinear", 32).period * (1 + 1e-12)
+        linearized = instantaneous * (1 + linearization) * (1 + off[2]) * (1 + off[3])
+        assert abs(linearized - 1) <= error.total("linearized", 32).period * (1 + 1e-12)
+
+
+def test_what_is_not_finite_has_no_finite_bound():
+    """Beside the threshold: the estimate says that the block falls, and it may stand."""
+    block = jr.Block(0.3, 0.53)
+    critical = jr.critical_intensity(block, 0.31, model=jr.Nonlinear())
+    scene = jr.Scene(block, 0.31, critical * np.linspace(0.97, 1.03, 61))
+    error = jr.model_error(scene, jr.HalfSine, 0.01)
+    for name in ("rotation_ratio", "period"):
+        estimate, bound = getattr(error.duration, name), getattr(error.duration_bound, name)
+        unknown = ~np.isfinite(np.asarray(estimate))
+        assert np.isinf(np.asarray(bound)[unknown]).all()
 
 
 @pytest.mark.thorough

@@ -580,6 +580,22 @@ def test_obspy(holds):
     holds(from_obspy(counts, unit="m/s2", vertical=trace(np.ones(2))), 0.01, [3, 4], [1, 1])
 
 
+@pytest.mark.parametrize(("calibrated", "factor"), [(False, 2.4e-6), (True, 1.0)])
+def test_a_calibration_factor_that_obspy_leaves_in_place(holds, calibrated, factor):
+    """Whether it has been applied nobody can tell from the trace."""
+    counts = trace(np.array([35310, -2e4]), calib=2.4e-6)
+    found = from_obspy(counts, unit="m/s2", calibrated=calibrated)
+    holds(found, 0.01, [35310 * factor, -2e4 * factor])
+    holds(from_obspy(trace(np.ones(2), calib=1.0), unit="m/s2"), 0.01, [1, 1])
+    with pytest.raises(ValueError, match=r"calibrated must be given: trace has a stats.calib of"):
+        from_obspy(counts, unit="m/s2")
+    with pytest.raises(ValueError, match=r"calibrated must be given: vertical has a stats.calib"):
+        from_obspy(trace(np.ones(2)), unit="m/s2", vertical=counts)
+    for wrong in (0.0, np.nan, "none"):
+        with pytest.raises(ValueError, match=r"stats.calib of trace must be finite and not 0"):
+            from_obspy(trace(np.ones(2), calib=wrong), unit="m/s2", calibrated=True)
+
+
 PLAIN = trace(np.ones(3), starttime=0)
 
 

@@ -227,6 +227,7 @@ def test_second_derivatives_under_a_record():
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 def test_second_derivatives_of_a_critical_amplitude():
     def ours(parameters):
         b, slenderness, c, duration = parameters
@@ -339,6 +340,61 @@ def test_never_lifted_and_rest():
     assert "stands" in str(r)
     lifted = jr.respond(block, 0.9, jr.Sine(1.01 * 9.81 / 5, 1.0), 3.0)
     assert lifted.peak_rotation > 0
+
+
+@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
+@pytest.mark.parametrize("sign", [1, -1])
+def test_in_balance(model, sign):
+    """Nothing moves a block that is let go at the critical angle, and the status says so."""
+    block = jr.Block(0.2, 5.0)
+    angle = sign * block.critical_angle
+    r = jr.respond(block, 0.9, jr.Still(), 5.0, rotation=angle, model=model)
+    assert r.status == jr.Status.BALANCED
+    assert (r.final_rotation, r.final_velocity, r.peak_rotation) == (angle, 0, abs(angle))
+    assert (r.impacts, r.overturned, r.margin) == (0, False, 0)
+    assert (r.friction_demand, r.normal_force) == (0, 1)
+    assert "in balance at the end\n" in str(r)
+    assert "unstable balance, which the slightest push ends" in str(r)
+    rotation, velocity = r.history(np.array([0.0, 2.0, 5.0]))
+    np.testing.assert_array_equal(rotation, angle)
+    np.testing.assert_array_equal(velocity, 0)
+
+
+def test_balance_ends_where_the_input_begins():
+    """A pulse of either sign, and a record of which the first samples are 0."""
+    block, c = jr.Block(0.2, 5.0), 0.9
+    rocker = stepping.Rocker(0.2, 5.0, np.full(2, c))
+    start = float(block.critical_angle), 0.0
+    amplitude = np.array([0.5, -1.0])
+    ground, settle = stepping.within(stepping.pulse("Sine", amplitude, 0.5), [1.0, 1.0], [4.0, 4.0])
+    truth = stepping.follow(rocker, ground, settle, start=start)
+    samples = np.r_[np.zeros(101), -1.0, -1.0, 0.0]
+    before = stepping.record(samples[100:], 0.0, 0.01)
+    later, rest = stepping.within(before, [1.0], [4.0])
+    recorded = stepping.follow(stepping.Rocker(0.2, 5.0, c), later, rest, start=start)
+    motions = [jr.Sine(a, 0.5, start=1.0) for a in amplitude] + [jr.Record(samples, 0.01)]
+    rotations = [*truth.rotation, *recorded.rotation]
+    for motion, rotation, overturned in zip(
+        motions, rotations, [*truth.overturned, *recorded.overturned], strict=True
+    ):
+        r = jr.respond(block, c, motion, 4.0, rotation=start[0], rtol=1e-11)
+        assert r.status == jr.Status.BALANCED
+        assert bool(r.overturned) == bool(overturned)
+        if not overturned:
+            assert float(r.final_rotation) == pytest.approx(rotation, rel=1e-6)
+
+
+@pytest.mark.thorough
+def test_balance_leaves_its_neighbours_alone():
+    block = jr.Block(0.2, 5.0)
+    angles = np.array([0.1, float(block.critical_angle), 0.15])
+
+    def final(rotation):
+        return jr.respond(block, 0.9, jr.Still(), 5.0, rotation=rotation).final_rotation
+
+    together = jax.jit(jax.vmap(final))(angles)
+    np.testing.assert_allclose(together, [final(angle) for angle in angles], rtol=1e-12)
+    assert together[1] == angles[1]
 
 
 def test_being_beyond_the_critical_angle_is_not_overturning():

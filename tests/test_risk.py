@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from scipy import optimize, stats
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.risk.lognormal import fit_lognormal
@@ -70,7 +71,7 @@ def test_hazard_file(tmp_path):
         (b"level,rate\n1,1e-3\n", ": at least two lines .* got 1"),
         (b"level,rate\n1,often\n2,1e-3\n", ", line 2: a level and a rate .* got '1,often'"),
         (b"# site\nlevel,rate\n1,2\n2,1,0\n", ", line 4: a level and a rate .* got '2,1,0'"),
-        (b"level,rate\n1,1e-3\n2,2e-3\n", ": rates must fall .* got 0.001 and then 0.002"),
+        (b"pgv [m/s],rate\n1,1e-3\n2,2e-3\n", ": rates must fall .* got 0.001 and then 0.002"),
         (
             b"level,rate\n1,1e-3\n2,nan\n",
             ", line 3: .* must be finite and greater than 0, got '2,nan'",
@@ -83,6 +84,71 @@ def test_files_that_are_refused(tmp_path, content, message):
     if content is not None:
         path.write_bytes(content)
     assert refuses(f"hazard.csv'{message}", jr.read_hazard, path)
+
+
+G = 9.80665
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "factor", "measure"),
+    [
+        ("pga [g],rate [1/yr]", {}, G, "pga"),
+        ("PGV (cm/s),annual rate", {}, 0.01, "pgv"),
+        ("pga_cm_s2,mean annual frequency of exceedance", {}, 0.01, "pga"),
+        ("peak ground velocity [m s^-1],\u03bb [yr^-1]", {}, 1.0, "pgv"),
+        ("pgv,rate", {"unit": "mm/s"}, 1e-3, "pgv"),
+        ("level,rate", {"unit": "g", "measure": "pga"}, G, "pga"),
+        ("intensity measure [gal],rate per year", {"unit": "cm/s2"}, 0.01, "pga"),
+    ],
+)
+def test_heads_of_hazard_curves(tmp_path, head, options, factor, measure):
+    """What they say of the measure and the unit is understood."""
+    path = tmp_path / "hazard.csv"
+    path.write_text(f"{head}\n0.05,1e-2\n2,1e-4\n", encoding="utf-8")
+    hazard = jr.read_hazard(path, **options)
+    np.testing.assert_allclose(hazard.levels, [0.05 * factor, 2 * factor], rtol=1e-6)
+    assert hazard.measure == measure
+    assert f"hazard of {measure} from" in str(hazard)
+
+
+RATE = "the second column must be a rate of exceedance per year"
+LEVEL = "the first column must be pgv or pga with its unit"
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "message"),
+    [
+        ("pgv,rate", {}, "the head states no unit, so that unit must be given, got 'pgv'"),
+        ("pga [g],rate", {"measure": "pgv"}, "a hazard of pgv was expected, got one of pga"),
+        ("pgv [m/s],probability of exceedance in 50 years", {}, RATE),
+        ("pga [g],ln(rate)", {}, RATE),
+        ("pga [g],return period [yr]", {}, RATE),
+        ("pga [g],rate [1/day]", {}, RATE),
+        ("rate [1/yr],pga [g]", {}, RATE),
+        ("rate [1/yr],rate [1/yr]", {}, LEVEL),
+        ("Sa(1.0 s) [g],rate", {}, LEVEL),
+        ("ln pga [g],rate", {}, LEVEL),
+        ("pga [g],rate", {"unit": "m/s2"}, "unit is 'm/s2', but the head states 'pga"),
+        ("pga [cm/s],rate", {}, "'cm/s' is not understood as a unit of pga"),
+        ("pgv [in/s],rate", {}, "'in/s' is not understood as a unit of pgv"),
+        ("pga [counts],rate", {}, "'counts' is not understood as a unit of pga"),
+        ("pgv,rate", {"unit": "g"}, "'g' is not understood as a unit of pgv"),
+        ("pgv,rate", {"unit": "knots"}, "unit must be one like 'm/s', .* got 'knots'"),
+        ("pga [g],pgv [m/s],rate", {}, "two columns were expected"),
+    ],
+)
+def test_heads_that_are_refused(tmp_path, head, options, message):
+    path = tmp_path / "hazard.csv"
+    path.write_text(f"{head}\n0.05,1e-2\n2,1e-4\n", encoding="utf-8")
+    assert refuses(f"hazard.csv', line 1: {message}", lambda: jr.read_hazard(path, **options))
+
+
+def test_measures_that_no_hazard_is_about(tmp_path):
+    for call in (
+        lambda: jr.Hazard([0.1, 1.0], [1e-2, 1e-4], "pgv_ratio"),
+        lambda: jr.read_hazard(tmp_path / "none.csv", measure="pgv_ratio"),
+    ):
+        assert refuses("measure must be one of pgv, pga, or None, got 'pgv_ratio'", call)
 
 
 @pytest.mark.parametrize(
@@ -315,6 +381,32 @@ def test_elasticities_at_the_point_and_over_a_change():
         jr.risk.rate_elasticities(BLOCK, RESTITUTION, pulses(100), SITE, change=1.0)
 
 
+@DOUBLE
+@pytest.mark.parametrize("change", first_by_default([0.005, 0.02, 0.05]))
+def test_elasticities_do_not_depend_on_the_levels(change):
+    """Levels 5 % apart and a change of less: what is between two levels counts."""
+    found = jr.risk.rate_elasticities(
+        BLOCK,
+        RESTITUTION,
+        pulses(100),
+        lambda x: OFTEN * x**-POWER,
+        levels=np.geomspace(0.9, 6.0, 40),
+        change=change,
+        model="linearized",
+    )
+    exact = float(closed_rate("pgv", *SHAPE))
+    for name, k in (("half_width", 0), ("slenderness", 1)):
+        ends = [
+            float(
+                closed_rate("pgv", *(x * (1 + s * change * (k == j)) for j, x in enumerate(SHAPE)))
+            )
+            for s in (-1, 1)
+        ]
+        over = (ends[1] - ends[0]) / (2 * change) / exact
+        place = found.names.index(name)
+        assert float(found.differences[place]) == pytest.approx(over, rel=0.03)
+
+
 @pytest.mark.thorough
 @DOUBLE
 def test_what_a_rate_says():
@@ -402,11 +494,17 @@ OF_FRAGILITY = [
     ({"thresholds": [0.0]}, "thresholds must be finite and greater than 0, got 0"),
     ({"thresholds": [1, "uplift", 1.0]}, "each only once, got 1, uplift, 1$"),
     ({"thresholds": []}, "thresholds must be at least one, each only once, got none"),
-    ({"confidence": 1.0}, "confidence must be between 0 and 1, got 1.0"),
+    ({"thresholds": 0.5}, "thresholds must be a list of them, got 0.5"),
+    ({"confidence": "a"}, "confidence must be a number between 0 and 1, got 'a'"),
+    ({"confidence": 1.0}, "confidence must be a number between 0 and 1, got 1.0"),
 ]
 OF_RATES = [
     ({"measure": "pgv_ratio"}, "measure must be one of pga, pgv, got 'pgv_ratio'"),
     ({"hazard": 0.01}, "hazard must be a Hazard or a function, got 0.01"),
+    (
+        {"hazard": jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pga")},
+        "measure is 'pgv', but the hazard is one of pga",
+    ),
     ({"hazard": np.exp, "levels": None}, "levels must be given, since the hazard is a function"),
     ({"hazard": lambda x: 0 * x}, "the rates of the hazard must be finite and greater than 0"),
     ({"levels": [2.0]}, r"of at least two values, got an array of shape \(1,\)"),
@@ -425,7 +523,7 @@ def test_what_is_refused(monkeypatch, function, change, message):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     arguments = {"block": BLOCK, "restitution": 0.8, "suite": pulses(4), "levels": [1.0, 2.0, 3.0]}
     if function is jr.overturning_rate:
-        arguments["hazard"] = jr.Hazard([0.5, 5.0], [1e-2, 1e-4])
+        arguments["hazard"] = jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pgv")
     assert refuses(message, function, **(arguments | {"model": "linearized"} | change))
 
 
@@ -469,7 +567,13 @@ def test_rate_against_counting():
 
 @DOUBLE
 @SLOW
-@pytest.mark.parametrize("which", [0, 1], ids=["half_width", "restitution"])
+@pytest.mark.parametrize(
+    "which",
+    [
+        pytest.param(0, id="half_width", marks=pytest.mark.release),
+        pytest.param(1, id="restitution"),
+    ],
+)
 def test_slopes_of_boundaries_under_records(which):
     """Against differences of boundaries sought again, where the slopes say that they are.
 

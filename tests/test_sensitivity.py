@@ -246,6 +246,7 @@ def test_probability_of_overturning():
 
 
 @pytest.mark.thorough
+@pytest.mark.release
 def test_probability_of_a_driven_outcome():
     block = jr.Block(0.1, 5.0)
 

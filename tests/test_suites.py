@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 import re
 import zipfile
 from fractions import Fraction
@@ -399,6 +400,37 @@ def test_vertical_components_by_the_names_of_files(tmp_path):
     (tmp_path / "STA1-UP.AT2").rename(tmp_path / "STA1-DWN.AT2")
     with pytest.raises(ValueError, match=r"STA1-DWN.* points downward by its name"):
         jr.read_suite([tmp_path / "STA1-000.AT2", tmp_path / "STA1-DWN.AT2"], vertical=True)
+
+
+# As the NGA databases and networks name them.
+VERTICAL = "RSN57_SFERN_ORRDWN RSN1244_CHICHI_CHY101-V RSN1633_MANJIL_ABBAR--V NIGH11UD site-V1"
+VERTICAL += " RSN4228_NIIGATA_NIGH11UD RSN6890_DARFIELD_CMHSV RSN8123_CCHURCH_RHSCUP CI.CLC.HNZ"
+VERTICAL += " RSN8000_X_NZ.REHS.BHZ.00 RSN292_ITALY_A-STUVRT"
+HORIZONTAL = "RSN57_SFERN_ORR021 RSN1244_CHICHI_CHY101-E RSN1633_MANJIL_ABBAR--T NIGH11EW site-H1"
+HORIZONTAL += (
+    " RSN4228_NIIGATA_NIGH11NS RSN6890_DARFIELD_CMHSN10E RSN8123_CCHURCH_RHSCN86W CI.CLC.HNE"
+)
+HORIZONTAL += " RSN8000_X_NZ.REHS.BHN.00 RSN292_ITALY_A-STU270 group cloud setup"
+
+
+def test_vertical_components_are_not_taken_for_horizontal_ones(tmp_path):
+    for name in f"{VERTICAL} {HORIZONTAL}".split():
+        (tmp_path / f"{name}.AT2").write_text(LEVEL, encoding="utf-8")
+    assert set(jr.read_suite(tmp_path).names) == set(HORIZONTAL.split())
+    pair = [tmp_path / f"RSN4228_NIIGATA_NIGH11{end}.AT2" for end in ("NS", "UD")]
+    assert jr.read_suite(pair, vertical=True)[0].vertical is not None
+
+
+def test_what_lies_in_a_folder_beside_records(tmp_path):
+    """Hidden files are nobody's records; what looks like one and cannot be read is said."""
+    (tmp_path / "a.AT2").write_text(LEVEL, encoding="utf-8")
+    (tmp_path / ".b.AT2").write_text("left by an editor", encoding="utf-8")
+    assert jr.read_suite(tmp_path).names == ("a",)
+    (tmp_path / "c.csv").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "d.csv")
+    with pytest.raises(ValueError, match=r"c\.csv': the file cannot be read: No such") as caught:
+        jr.read_suite(tmp_path)
+    assert "d.csv': the file cannot be read: a regular file was expected" in str(caught.value)
 
 
 def test_scales_and_levels_are_not_mixed():

@@ -16,6 +16,7 @@ from ..validation import POSITIVE, Booleans, Number, Reals, as_real, check, chec
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
 _SAFETY = 1.25  # an answer is off by what a better one differs by, and by the error of that one
+_LEAST = 2  # errors over `rtol`, at least: at the tightest one rounding is as large
 _ROUNDING = 64  # what rounding of the input amounts to, in eps
 
 
@@ -30,8 +31,8 @@ class EstimatedResponse(Printed, eqx.Module):
         That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
         Estimated bound on the relative error of the peak rotation: the difference to a looser
-        tolerance under an input that is off by rounding, and at least `rtol`; inf where that has
-        another outcome.
+        tolerance under an input that is off by rounding, and at least twice `rtol`; inf where that
+        has another outcome.
     cheapest : Array
         The loosest tolerance that is good enough: cheaper, next time.
     within_tolerance : Array of bool
@@ -111,7 +112,7 @@ def respond_within(
 
     def bound(before: BatchResponse, after: BatchResponse, rtol: float) -> np.ndarray:
         # Both may be better than they were asked to be, and equally so.
-        return np.maximum(_SAFETY * _difference(before, after), max(rtol, slip - 1))
+        return np.maximum(_SAFETY * _difference(before, after), max(_LEAST * rtol, slip - 1))
 
     error = bound(looser, best, levels[first + 1])
     rtol, cheapest = (np.full(error.shape, level) for level in (levels[first + 1], levels[-1]))

@@ -165,7 +165,7 @@ def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
             codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
             encoding = {name: codec for name in named.variables}
             named.to_zarr(target, mode="w-", compute=False, zarr_format=_FORMAT, encoding=encoding)
-    except CannotWrite as error:
+    except ValueError as error:
         if not path.is_dir():
             raise
         raise ValueError(f"store: {str(path)!r} has just been begun by another run") from error

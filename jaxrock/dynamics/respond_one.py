@@ -75,12 +75,13 @@ def respond(
 
     Notes
     -----
-    Derivatives, in both modes, cost one forward derivative per perturbed number. Where two of the
-    start of the input, its end, a sample, an impact and the duration coincide, results may have
-    another slope on either side. The slope is then that for a duration not longer, and an end of
-    the input not earlier, than the other; for a start not before 0; and for an impact at one of
-    these that of one of the two orders, the same one for all results. Extremes have the
-    derivative at the moment in which they are taken, the first of equal ones.
+    Derivatives, in both modes, cost one forward derivative per perturbed number, and second ones
+    as much for each of these; the first call of a second derivative takes two to three times that
+    of a first. Where two of the start of the input, its end, a sample, an impact and the duration
+    coincide, results may have another slope on either side. The slope is then that for a duration
+    not longer, and an end of the input not earlier, than the other; for a start not before 0; and
+    for an impact at one of these that of one of the two orders, the same one for all results.
+    Extremes have the derivative at the moment in which they are taken, the first of equal ones.
 
     NaN stands for none, and diffrax keeps what it traced: outside of transformations a call
     switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be off.

@@ -187,6 +187,8 @@ def _history_program(
         # finds it above.
         following = events.rotation[jnp.minimum(index + 1, event_times.size - 1)]
         moves = ~lifted | (following > 0)
+        # One in balance is at the next event where it was.
+        moves = moves & ((event.velocity != 0) | (following != event.rotation))
         moves = moves & (event.rotation < TOPPLED_ROTATION) & (time > event.time)
         acts = driven.motion.acts(event.time)
         segment = Segment(equation, driven.motion, event.time, event.side, acts)

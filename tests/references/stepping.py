@@ -19,6 +19,7 @@ from scipy.integrate import DOP853
 TABLES = Path(__file__).parent.parent / "tables"
 CASES = TABLES / "ridgecrest_cases.csv"
 PULSES = TABLES / "pulse_cases.csv"
+BARELY_LIFTED = TABLES / "barely_lifted_cases.csv"
 _FIRST_STEP = 1e-3  # of a motion that begins at rest, over the length of its piece
 _NEGLIGIBLE = 1e-9  # share of the acceleration that all further bounces of a block may change
 
@@ -454,8 +455,26 @@ def _pulses(rng, count=1000):
     _write(PULSES, names, rows)
 
 
+def _barely_lifted(rng, count=40):
+    """Blocks under pulses from a ten-thousandth above uplift on, which hardly move."""
+    rows = []
+    for shape in SHAPES:
+        b, duration = 10 ** rng.uniform(-1.3, 0.5, count), 10 ** rng.uniform(-2.3, 0, count)
+        slenderness, c = rng.uniform(1, 10, count), rng.uniform(0, 0.95, count)
+        amplitude = 9.81 / slenderness * (1 + 10 ** rng.uniform(-4, -0.1, count))
+        numbers = np.array([b, slenderness, c, amplitude, duration])
+        r = follow(Rocker(b, slenderness, c), pulse(shape, amplitude, duration), rtol=1e-13)
+        rows += [
+            (shape, *map(repr, case), repr(peak))
+            for case, peak in zip(numbers.T.tolist(), r.peak.tolist(), strict=True)
+        ]
+    names = "shape half_width slenderness restitution amplitude duration peak_rotation"
+    _write(BARELY_LIFTED, names, rows)
+
+
 def main():
     """Write the tables of cases."""
+    _barely_lifted(np.random.default_rng(3))
     _ridgecrest(np.random.default_rng(1))
     _pulses(np.random.default_rng(2))
 
