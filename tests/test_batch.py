@@ -67,6 +67,31 @@ def test_no_impact_is_passed_over(half_width, slenderness, c, pulse, peak, rtol)
     assert float(found.peak_rotation) == pytest.approx(peak, rel=max(10 * rtol, 1e-7))
 
 
+@pytest.mark.float64
+def test_slopes_where_a_step_ends_at_a_corner():
+    """The end of a pulse and the time step of a record move what the block has done by then."""
+    block, c = jr.Block(0.2, 5.0), 0.85
+    samples = 3.0 * np.sin(np.linspace(0, 2 * np.pi, 60))
+
+    def pulse(duration):
+        return jr.Sine(3.0, duration)
+
+    def record(step):
+        return jr.Record(samples, step)
+
+    for motion, at in ((pulse, 0.4), (record, 0.01)):
+
+        def answers(x, motion=motion):
+            r = jr.respond_batch(block, c, motion(x), 1.5, rtol=1e-12)
+            return jnp.stack([r.peak_rotation, r.final_rotation, r.margin])
+
+        slopes = jax.jit(jax.jacfwd(answers))(at)
+        h = 1e-5 * at
+        differences = (answers(at + h) - answers(at - h)) / (2 * h)
+        assert (np.abs(differences) > 1e-3).all()
+        np.testing.assert_allclose(slopes, differences, rtol=1e-6)
+
+
 def barely_lifted(shape):
     """The table of blocks that hardly move: blocks, restitution, pulses, peaks, excess."""
     with open(stepping.BARELY_LIFTED, encoding="utf-8") as file:

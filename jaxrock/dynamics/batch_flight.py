@@ -181,16 +181,17 @@ class Flight(NamedTuple):
         """
         slope = derivative(path)
         end, end_slope = materialized((evaluate(path, step), evaluate(slope, step)))
-        fixed, fixed_slope, step, peak = jax.lax.stop_gradient((path, slope, step, peak))
-        fourth = materialized(_fourth_derivative(fixed, step))
-        cubic = _Cubic(step, *jax.lax.stop_gradient((path[0], path[1], end, end_slope)))
+        # Decisions have no derivatives; the end of the step has, as where the input has a corner.
+        fixed, fixed_slope, peak = jax.lax.stop_gradient((path, slope, peak))
+        cubic = _Cubic(*jax.lax.stop_gradient((step, path[0], path[1], end, end_slope)))
+        fourth = materialized(_fourth_derivative(fixed, cubic.step))
         dip, dips = cubic.extreme(-1.0)
-        dip = _newton(fixed_slope, dip, dips, step)
+        dip = _newton(fixed_slope, dip, dips, cubic.step)
         lowest = materialized(evaluate(fixed, dip))
         above = _stays_above(fixed, cubic, fourth, lowest)
         above, lowest = materialized((above, lowest))
         crosses = moves & ~above & (jnp.minimum(lowest, cubic.end_rotation) < 0)
-        latest = materialized(jnp.where(lowest < 0, dip, step))
+        latest = materialized(jnp.where(lowest < 0, dip, cubic.step))
         depth = jnp.where(lowest < 0, lowest, cubic.end_rotation)
         landing, located = _landing(path, slope, _parabola(fixed, latest, depth), latest)
         first = _is_first(fixed, fourth, jax.lax.stop_gradient(landing))
@@ -219,8 +220,8 @@ class Flight(NamedTuple):
         open_ = open_ | (moves & ~known)
 
         # Shorter than rounding, or not finite: no shorter step would tell more.
-        blocked = open_ & (step > 4 * float(jnp.finfo(step.dtype).eps)) & jnp.isfinite(end)
-        blocked = materialized(blocked)
+        long = step > 4 * float(jnp.finfo(step.dtype).eps)
+        blocked = materialized(open_ & long & jnp.isfinite(end))
         # A small bounce fills little of the step.
         bounce = -2 * fixed[1] / jnp.where(fixed[2] < 0, fixed[2], -1)
         small = (fixed[0] == 0) & (fixed[2] < 0) & (bounce < 0.5 * latest)

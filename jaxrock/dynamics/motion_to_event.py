@@ -294,15 +294,15 @@ def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     fixed = jax.lax.stop_gradient((other_side, jnp.stack([zero, leaving])))
     deceleration = -fixed[0].field(zero, fixed[1])[1]
     # Bounces under a constant deceleration end in finite time. Once that is short beside the
-    # tolerance, and the velocity is small beside what the block has had, it is at rest; or once
-    # the clock cannot resolve that time. Where the input lifts the block again meanwhile, all that
-    # is dropped is this velocity. The first and the last are times the deceleration.
+    # tolerance, and the velocity is small beside what the block has had, or the clock cannot
+    # resolve that time, it is at rest. Where the input lifts the block again meanwhile, all that
+    # is dropped is this velocity. The times are multiplied by the deceleration.
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
     short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _SETTLED * problem.rtol * lost
     slow = leaving**2 <= 2 * problem.rtol**2 * deceleration * state.peak
     unresolved = 2 * leaving <= close_to(problem.driven.motion, time) * lost
-    rests = lands & pressed & (unresolved | (short & slow))
+    rests = lands & pressed & short & (slow | unresolved)
     return state._replace(
         time=time,
         side=jnp.where(lands, -state.side, state.side),
