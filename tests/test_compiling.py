@@ -350,7 +350,7 @@ def respond(restitution):
     [
         (respond, 2900),
         pytest.param(jax.jacfwd(lambda c: respond(c).peak_rotation), 4400, marks=SLOW),
-        pytest.param(lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3100, marks=SLOW),
+        pytest.param(lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3300, marks=SLOW),
         pytest.param(
             lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500, marks=SLOW
         ),

@@ -577,7 +577,9 @@ def test_rate_against_counting():
 def test_slopes_of_boundaries_under_records(which):
     """Against differences of boundaries sought again, where the slopes say that they are.
 
-    Some boundaries have others nearby or bend sharply: several steps, of which the best counts.
+    Some boundaries have others nearby or bend sharply: several steps, of which the best counts of
+    those that two in a row agree on. Beside some the true boundary jumps by 1e-9 when C does, as
+    an integration in 80 bits says: of these no difference is one.
     """
     suite, at = jr.example_suite(), (SIZE[0], 0.8)
     suite = suite.scaled(1 / suite.measure("pgv"))
@@ -595,7 +597,7 @@ def test_slopes_of_boundaries_under_records(which):
         edge, slope = np.asarray(edge), np.asarray(slope)
         known = np.isfinite(slope)
         unknown += (~known).sum()
-        best = np.full(edge.size, np.inf)
+        best, last = np.full(edge.size, np.inf), np.full(edge.size, np.nan)
         for step in np.geomspace(1e-6, 1e-10, 9):
             both = np.array([[step], [-step]])
             moved = [np.full((2, edge.size), value) for value in at]
@@ -609,7 +611,9 @@ def test_slopes_of_boundaries_under_records(which):
                 difference = np.diff(np.asarray(value[..., 0])[::-1], axis=0)[0] / (2 * step)
                 scale = np.maximum(abs(difference), 1e-2 * edge / at[which])
                 error = abs(difference - slope) / scale
-                best = np.where(alone, np.fmin(best, error), best)
+                agree = alone & (abs(difference - last) <= 1e-3 * scale)
+                best = np.where(agree, np.fmin(best, error), best)
+                last = np.where(alone, difference, np.nan)
         errors.append(best)
     errors = np.concatenate(errors)
     compared = np.isfinite(errors)
