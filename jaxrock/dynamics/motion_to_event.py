@@ -226,6 +226,23 @@ def forces_until(problem: Problem, state: State, until: Reals, acts: Booleans) -
     return state.forces.and_also(demand, normal, loss)
 
 
+def _balance(
+    problem: Problem, state: State, segment: Segment, stop: Reals
+) -> tuple[Booleans, Booleans, Reals, Forces | None]:
+    """Of a block in balance: whether it stays so, or else falls back; until when; the forces.
+
+    Nothing moves it until the input changes. Between two knots the input does so if it has
+    changed at the second one.
+    """
+    until = jnp.where(segment.acts, problem.uplifts.next_knot(state.time, stop), stop)
+    fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))
+    later = fixed.field(after, y)[1]
+    waits = (later == 0) | ~segment.acts
+    meanwhile = forces_until(problem, state, until, segment.acts)
+    forces = jax.tree.map(lambda a, b: jnp.where(waits, a, b), meanwhile, state.forces)
+    return waits, later < 0, jnp.where(waits, until, stop), forces
+
+
 def fly(problem: Problem, state: State, stop: Reals) -> State:
     """Through a segment and the event at its end, unless the block has come to rest."""
     motion, critical_angle = problem.driven.motion, problem.equation.critical_angle
@@ -238,16 +255,14 @@ def fly(problem: Problem, state: State, stop: Reals) -> State:
     down = jnp.where(state.rotation > 0, FALLING, on_ground)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
-    # In balance nothing moves it, until the input changes: between two knots, it does so where it
-    # has changed at the second one.
     balanced = still & (state.rotation > 0) & (acceleration == 0)
-    until = jnp.where(segment.acts, problem.uplifts.next_knot(state.time, stop), stop)
-    later = fixed.field(jax.lax.stop_gradient(until - state.time), y)[1]
-    waits = balanced & ((later == 0) | ~segment.acts)
-    phase = jnp.where(balanced, jnp.where(later < 0, FALLING, RISING), phase)
-    stop = jnp.where(waits, until, stop)
-    meanwhile = forces_until(problem, state, until, segment.acts)
-    forces = jax.tree.map(lambda a, b: jnp.where(waits, a, b), meanwhile, state.forces)
+    # A branch, since it looks at all of the input, and hardly ever.
+    waits, falls, stop, forces = jax.lax.cond(
+        balanced,
+        lambda: _balance(problem, state, segment, stop),
+        lambda: (balanced, balanced, stop, state.forces),
+    )
+    phase = jnp.where(balanced, jnp.where(falls, FALLING, RISING), phase)
     state = state._replace(balanced=state.balanced | waits)
     # One that has just been lifted has no acceleration but by rounding, which must not put it
     # down again; nor is a time that the clock cannot resolve one in which it moves. One that

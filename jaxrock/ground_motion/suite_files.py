@@ -21,7 +21,7 @@ _INDEX = "index.csv"  # in a folder, the usual name of a table of the records
 _UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
 _DOWNWARD = r"do?w?n(?:ward)?"
 _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
-_AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v\d?|z|[a-z][hnlg]z"
+_AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z"
 _AT2_DOWNWARD = r"dn|down|dwn"
 _LOCATION = r"(?:[-_. ]\d\d)?$"  # a code after that of the channel
 # Names of the NGA databases end with them also behind the code of a station, with nothing between.
