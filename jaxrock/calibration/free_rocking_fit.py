@@ -277,7 +277,7 @@ def _search(
 def _notes(
     measured: Measured, block: Block | None, fit: FreeRockingFit, noises: Noises
 ) -> tuple[str, ...]:
-    """What measurements leave in doubt, in sentences."""
+    """Say in sentences what the measurements leave in doubt."""
     notes = []
     if block is not None:
         angle = float(block.critical_angle)

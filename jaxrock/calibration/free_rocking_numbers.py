@@ -1,4 +1,4 @@
-"""Which impact each recorded time belongs to: repairs beside what else may explain the times."""
+"""Number the impacts of a test: repairs compete with other explanations of the times."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -55,11 +55,11 @@ def fit_together(
 def number_impacts(
     measured: Measured, count: int, known: Known, noises: Noises, model: RockingModel, lanes: int
 ) -> tuple[Numbering, float]:
-    """Which impact each time belongs to, by the times alone.
+    """Number the impacts by the times alone.
 
-    Repairs compete with what else may explain the times, another p or a C that changes: of all,
-    what chance would bring about least often. Also the logarithm of how often it would bring about
-    what these explain without a repair; 0 if there is none.
+    Repairs compete with two other explanations, another p and a C that changes. The explanation
+    wins that chance would produce least often. Also returns the logarithm of the probability
+    that chance fits the times as well as these two do without a repair; 0 if nothing is repaired.
     """
     # Peaks would have to be given to other arcs for each numbering.
     silent = eqx.tree_at(lambda m: m.peak_counts, measured, np.zeros_like(measured.peak_counts))

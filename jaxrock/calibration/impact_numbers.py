@@ -92,9 +92,10 @@ def choices_of(times: np.ndarray) -> int:
 def log_chance(
     before: float, after: float, freedom: int, numbers: int, choices: int, noise_known: bool
 ) -> float:
-    """How often chance alone would make repairs, or free numbers, lower a sum of squares so much.
+    """Return the logarithm of the probability that chance lowers a sum of squares so much.
 
-    In logarithms; `choices` is among how many sets of as many they were chosen.
+    `numbers` repairs or free numbers lower it from `before` to `after`. They were chosen among
+    `choices` sets of as many, and the probability is multiplied by that.
     """
     from scipy.stats import chi2, f  # which load slowly
 

@@ -197,7 +197,7 @@ def _check_same(
 
 
 def _equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool:
-    """Whether a variable in memory is in a store as it is in the dataset."""
+    """Compare a variable of the store with that of the dataset, which is in memory."""
     if name not in there.variables:
         return False
     ours, theirs = dataset[name].values, there[name].values

@@ -34,7 +34,7 @@ class _Cubic(NamedTuple):
     end_slope: Any
 
     def bounds(self) -> tuple[Any, Any]:
-        """Between which the cubic is: those of its Bernstein coefficients."""
+        """Bound the cubic by its smallest and its largest Bernstein coefficient."""
         third = self.step * (1 / 3)
         near = self.rotation + third * self.slope
         far = self.end_rotation - third * self.end_slope
@@ -43,7 +43,7 @@ class _Cubic(NamedTuple):
         return low, high
 
     def slope_bounds(self) -> tuple[Any, Any]:
-        """Between which its slope is."""
+        """Bound its slope in the same way."""
         mean = (self.end_rotation - self.rotation) / jnp.where(self.step > 0, self.step, 1)
         middle = 3 * mean - self.slope - self.end_slope
         low = jnp.minimum(jnp.minimum(self.slope, self.end_slope), middle)
@@ -51,7 +51,7 @@ class _Cubic(NamedTuple):
         return low, high
 
     def extreme(self, sign: float) -> tuple[Any, Booleans]:
-        """When it is highest (sign 1) or lowest (-1), and whether that is within the step."""
+        """Find the time of its maximum (sign 1) or minimum (-1), and whether the step has one."""
         mean = (self.end_rotation - self.rotation) / jnp.where(self.step > 0, self.step, 1)
         a = sign * self.slope
         b = sign * (3 * mean - 2 * self.slope - self.end_slope)
@@ -119,7 +119,7 @@ def _fourth_derivative(path: Coefficients, step: Any) -> Any:
 
 
 def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Any, lowest: Any) -> Booleans:
-    """Whether a rotation is known to stay above the ground in a step, `lowest` where it dips."""
+    """Certify that a rotation stays above the ground in a step; `lowest` is that of its dip."""
     step, (_, c1, c2, c3) = cubic.step, path[:4]
     # Because the chords from its beginning rise: Bernstein coefficients of their slope, with
     # less than a 24th of the fourth derivative for all terms beyond the third.
@@ -135,20 +135,20 @@ def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Any, lowest: Any) ->
 
 
 def _is_first(path: Coefficients, fourth: Any, landing: Any) -> Booleans:
-    """Whether no other root is before one: p(t) / t falls up to there."""
+    """Certify that a root is the first one: p(t) / t falls up to it."""
     c0, _, c2, c3 = path[:4]
     rises = c2 + landing * (2 * jnp.maximum(c3, 0) + landing * fourth * (1 / 8))
     return rises * landing * landing <= c0
 
 
 def _is_top(slope: Coefficients, time: Any, missing: Any) -> Booleans:
-    """Whether a rotation is highest at a time, but for what may be missing."""
+    """Check that a maximum is found: the rotation there is too low by `missing` at most."""
     bend = jnp.minimum(evaluate(derivative(slope), time), 0)
     return evaluate(slope, time) ** 2 <= -2 * bend * missing
 
 
 def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
-    """Whether a rotation is known to rise or to fall throughout a step."""
+    """Certify that a rotation rises, or falls, throughout a step."""
     step, (_, c1, c2, c3) = cubic.step, path[:4]
     # Bernstein coefficients of the slope, with a sixth of the fourth derivative for what follows.
     third = step * (1 / 3)

@@ -229,10 +229,10 @@ def forces_until(problem: Problem, state: State, until: Reals, acts: Booleans) -
 def _balance(
     problem: Problem, state: State, segment: Segment, stop: Reals
 ) -> tuple[Booleans, Booleans, Reals, Forces | None]:
-    """Of a block in balance: whether it stays so, or else falls back; until when; the forces.
+    """Let a block in balance wait until the input changes.
 
-    Nothing moves it until the input changes. Between two knots the input does so if it has
-    changed at the second one.
+    Between two knots the input changes if it differs at the second one. Returns whether the block
+    waits, whether it otherwise falls back to the ground, the end of the segment, and the forces.
     """
     until = jnp.where(segment.acts, problem.uplifts.next_knot(state.time, stop), stop)
     fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))

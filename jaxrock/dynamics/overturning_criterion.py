@@ -27,10 +27,10 @@ def free_motion_margins(
 
 
 def smaller_margin(before: Reals, after: Reals) -> Reals:
-    """The smaller of `free_motion_margins`; of two that differ by rounding the first.
+    """Return the smaller of `free_motion_margins`, and the first where they differ by rounding.
 
-    With C = 1 both vanish at the same threshold, where a smaller C leaves the first as it is: the
-    derivative of the second is not that of the threshold.
+    With C = 1 both vanish at one threshold. A smaller C moves only the second margin there, so
+    the first one has the derivative of the threshold.
     """
     rounding = 64 * float(jnp.finfo(before.dtype).eps)
     return jnp.where(after < before - rounding, after, before)

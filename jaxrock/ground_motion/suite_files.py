@@ -202,7 +202,7 @@ def _without_unit(name: str) -> str:
 
 
 def _vertical_end(path: Path) -> tuple[str, bool]:
-    """What at the end of a name says that a component is vertical, if anything; if downward."""
+    """Find the end of a name that marks a vertical component; tell whether it points down."""
     apart = r"[-_. ]*"
     if not re.match(_NGA_NAME, path.stem, re.I):
         apart = r"(?:[-_. ]+|(?<=\d)(?=ud|up|dwn))"

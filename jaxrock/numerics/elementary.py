@@ -23,7 +23,7 @@ def quotient(numerator: Reals, denominator: Reals) -> Reals:
 def larger(first: Reals, second: Reals) -> Reals:
     """The larger of two; of equal ones the first, with all of its derivative.
 
-    ``jnp.maximum`` takes the mean of both derivatives then, which is that of neither.
+    ``jnp.maximum`` would take the mean of both derivatives, which belongs to neither.
     """
     return jnp.where(second > first, second, first)
 

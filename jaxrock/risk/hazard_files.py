@@ -17,7 +17,7 @@ _NAMES = {
     "pgv": r"pgv|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+velocity",
 }
 _EXAMPLE = "'pgv [m/s],rate [1/yr]' or 'pga [g],annual rate'"
-# Words that may stand beside the name of a measure, or instead of it; and those of a yearly rate.
+# Words that may stand beside the name of a measure or replace it; words for a yearly rate.
 _LEVEL = r"levels?|intensity|measure|iml?|value|of|horizontal|geometric|mean|x"
 _RATE = r"rates?|frequency|frequencies|lambda|\u03bb|m?afe"
 _OF_A_YEAR = r"annual|yearly|mean|hazard|of|exceed[ae]nces?|exceed(?:ing|ed)|per|years?|yr|a|1"
@@ -128,7 +128,7 @@ def _understood(head: str, unit: str | None, expected: str | None) -> tuple[floa
 
 
 def _units(text: str) -> tuple[str, list[tuple[str, float]]]:
-    """The units that a text states, and of which measure they are."""
+    """Find the units that a text states, and the measure that has such units."""
     speeds = speeds_in_name(text)
     return ("pgv", speeds) if speeds else ("pga", units_in_name(text))
 
