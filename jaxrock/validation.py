@@ -66,7 +66,7 @@ def as_array(value: Any) -> Array:
             value = np.asarray(value)
     if isinstance(value, np.ndarray | np.generic):
         dtype = jax.dtypes.canonicalize_dtype(value.dtype)
-        return jnp.asarray(np.asarray(value, dtype), dtype)
+        return jax.device_put(np.asarray(value, dtype))
     return jnp.asarray(value)
 
 

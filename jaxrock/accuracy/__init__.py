@@ -4,6 +4,7 @@ Names beside those in ``__all__`` are for the other packages.
 """
 
 from .batch_to_tolerance import EstimatedResponse, respond_within
+from .batch_to_tolerance import follow_within as follow_within
 from .cheapest_setting import Choice, choose
 from .model_errors import ModelError, model_error
 from .model_errors import linearized_is_enough as linearized_is_enough

@@ -3,6 +3,9 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
+from .batch_ground import Batch as Batch
+from .batch_ground import GroundMotions as GroundMotions
+from .batch_ground import ground_of as ground_of
 from .driven_scene import DrivenScene
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
@@ -14,7 +17,9 @@ from .overturning_criterion import free_motion_margin
 from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
 from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
 from .respond_many import BatchResponse, respond_batch
+from .respond_many import check_batch as check_batch
 from .respond_many import compiler_options as compiler_options
+from .respond_many import follow_batch as follow_batch
 from .respond_one import respond
 from .response import Response, Status
 

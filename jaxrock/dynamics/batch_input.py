@@ -3,7 +3,7 @@
 A pulse is one interval, whose series is known at any time in it. A harmonic motion is a one-sine
 pulse, interval after interval: the phase begins anew in each, so that it keeps its digits however
 many there are. A record is a line in each interval between two samples; a table says which interval
-is the next one strong enough to lift a block.
+is the next one strong enough to lift a block. Several records lie one after the other.
 """
 
 import math
@@ -12,14 +12,14 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..ground_motion import Harmonic, Pulse, Record, Sine, padded, room_for
+from ..ground_motion import Pulse
 from .taylor import Coefficients, evaluate, sine_cosine
 
-_GRADES = 16  # of strength, each sqrt(2) below the one before
+GRADES = 16  # of strength, each sqrt(2) below the one before
+STRIDE = 8  # intervals that are passed over together
 
 
 def negligible(dtype: Any) -> float:
@@ -103,15 +103,21 @@ class PulseInput(eqx.Module):
         wait = jnp.where(at_once | ~lifted, 0, time - lanes.along)
         return lifted, wait, jnp.where(side, -1.0, 1.0)
 
-    def trail(self, motion: Any, needed: Any) -> Any:
-        """Nothing that `next_interval` would need."""
-        del needed
-        return jnp.zeros_like(motion)
+    def extent_of(self, motion: Any) -> tuple[Any, Any]:
+        """The place of the first interval, and the number of intervals."""
+        return jnp.zeros_like(motion), jnp.broadcast_to(self.intervals, motion.shape)
 
-    def next_interval(self, interval: Any, trail: Any) -> Any:
+    def is_finite(self, motion: Any) -> Any:
+        """Whether a motion is: what its amplitude says is enough."""
+        return jnp.ones(motion.shape, bool)
+
+    def grade(self, needed: Any) -> Any:
+        """Nothing that `next_interval` would need."""
+        return jnp.zeros(needed.shape, jnp.int32)
+
+    def next_interval(self, interval: Any, case: Any) -> Any:
         """The interval itself: all are equally strong."""
-        del trail
-        return jnp.minimum(interval, self.intervals)
+        return jnp.minimum(interval, case.intervals)
 
 
 def _periodic(phase: Any) -> tuple[Any, Any]:
@@ -158,18 +164,16 @@ class RecordInput(eqx.Module):
     """The intervals of one or more records, one after the other in flat arrays.
 
     `horizontal` and `vertical` have an array for every power of the time (in intervals);
-    `vertical` has none where there is no such component. Each motion has `intervals` of them,
-    and room for `room`.
+    `vertical` has none where there is no such component.
     """
 
     horizontal: tuple[Any, ...]
     vertical: tuple[Any, ...]
     strongest: Any
     finite: Any  # whether each motion is
-    following: Any  # (room x motions x grades) next interval that exceeds the grade
-    intervals: Any
-    room: int = eqx.field(static=True)
-    motions: tuple[int, ...] = eqx.field(static=True)
+    following: Any  # (strides x grades) the next stride in which an interval exceeds the grade
+    first: Any  # place of the first interval of each motion
+    intervals: Any  # of each motion
 
     def series(self, case: Any, interval: Any, along: Any, _: int) -> tuple[Coefficients, ...]:
         """Horizontal and vertical acceleration over g in powers of the time from `along` on."""
@@ -216,78 +220,23 @@ class RecordInput(eqx.Module):
         wait = -excess[0] / jnp.where(excess[1] > 0, excess[1], 1)
         return lifted, jnp.where(at_once, 0, wait), side
 
-    def trail(self, motion: Any, needed: Any) -> Any:
-        """Index by which `next_interval` finds the motion and the strength that a block needs."""
-        # The highest grade that passes over no interval in which the motion is stronger.
+    def extent_of(self, motion: Any) -> tuple[Any, Any]:
+        """The place of the first interval of a motion, and its number of intervals."""
+        return self.first[motion], self.intervals[motion]
+
+    def is_finite(self, motion: Any) -> Any:
+        """Whether all samples of a motion are."""
+        return self.finite[motion]
+
+    def grade(self, needed: Any) -> Any:
+        """The highest grade that passes over no interval stronger than a block needs."""
         steps = jnp.ceil(2 * jnp.log2(self.strongest / needed))
-        grade = jnp.clip(steps, 0, _GRADES - 1).astype(jnp.int32)
-        return motion * _GRADES + grade
+        return jnp.clip(steps, 0, GRADES - 1).astype(jnp.int32)
 
-    def next_interval(self, interval: Any, trail: Any) -> Any:
-        """The first interval from `interval` on that may be strong enough, or `intervals`."""
-        index = interval * (math.prod(self.motions) * _GRADES) + trail
-        following = self.following.at[index].get(mode="clip")
-        return jnp.where(interval < self.intervals, following, self.intervals)
-
-
-def factor_length_and_end(motion: Pulse | Harmonic | Record) -> tuple[Any, Any, Any]:
-    """The factor on the input of a motion, the length of its intervals, and the end of the last."""
-    if isinstance(motion, Record):
-        end = motion.start + motion._last * motion.time_step
-        return motion.scale, motion.time_step, end
-    if isinstance(motion, Harmonic):
-        length = 2 * math.pi / motion.frequency
-        return motion.amplitude, length, motion.start + motion._number * length
-    length = motion.duration * motion.extremes[-1]
-    return motion.amplitude, length, motion.start + length
-
-
-def input_of(motion: Pulse | Harmonic | Record) -> PulseInput | RecordInput:
-    """The input of a motion, which may be several records, for a factor of 1."""
-    if isinstance(motion, Pulse):
-        return PulseInput.of(type(motion), motion.amplitude.dtype)
-    if isinstance(motion, Harmonic):
-        return PulseInput.of(Sine, motion.amplitude.dtype, motion._number)
-    # Few different shapes, so that few programs are compiled.
-    samples = motion.acceleration, motion.vertical
-    if not any(isinstance(part, jax.core.Tracer) for part in samples):
-        room = room_for(motion.acceleration.shape[-1])
-        samples = jax.tree.map(lambda part: padded(part, room), samples)
-    return _record_input(*samples, motion._last)
-
-
-@jax.jit
-def _record_input(acceleration: Any, vertical: Any, last: Any) -> RecordInput:
-    both = [acceleration] if vertical is None else jnp.broadcast_arrays(acceleration, vertical)
-    components = [(part[..., :-1], jnp.diff(part)) for part in both]
-    room, intervals = components[0][0].shape[-1], jnp.asarray(last).astype(jnp.int32)
-    numbers = jnp.arange(room, dtype=jnp.int32)
-    finite = jnp.isfinite(sum(both))[..., 1:] & jnp.isfinite(sum(both))[..., :-1]
-    strength = jnp.max(
-        jnp.stack([jnp.maximum(abs(part[..., 1:]), abs(part[..., :-1])) for part in both]), axis=0
-    )
-    # Behind the last sample, the room is filled with no intervals.
-    exists = jnp.broadcast_to(numbers < intervals, finite.shape)
-    strength = jnp.where(finite & exists, strength, 0)
-    strongest = strength.max()
-    if strength.size * _GRADES >= 2**31:
-        raise ValueError(
-            f"motion has {strength.size} samples, more than {2**31 // _GRADES} in one batch"
-        )
-    grades = strongest * 2 ** (-0.5 * jnp.arange(_GRADES, dtype=strength.dtype))
-    grades = grades.at[-1].set(0).reshape(1, 1, -1)
-    # With the grades last, the minimum over all that follows runs on SIMD lanes.
-    by_interval = strength.reshape(-1, room, 1).swapaxes(0, 1)
-    numbers = numbers.reshape(-1, 1, 1)
-    following = jax.lax.cummin(jnp.where(by_interval > grades, numbers, intervals), reverse=True)
-    horizontal, vertical = [tuple(p.reshape(-1) for p in c) for c in (*components, ())[:2]]
-    return RecordInput(
-        horizontal,
-        vertical,
-        strongest,
-        finite.reshape(-1, room).all(axis=-1),
-        following.reshape(-1),
-        intervals,
-        room,
-        strength.shape[:-1],
-    )
+    def next_interval(self, interval: Any, case: Any) -> Any:
+        """The first interval from `interval` on that may be strong enough, or their number."""
+        place = case.first + interval
+        index = (place // STRIDE) * GRADES + case.grade
+        following = self.following.at[index].get(mode="clip") * STRIDE
+        place = jnp.where(place % STRIDE == 0, following, place)
+        return jnp.minimum(place - case.first, case.intervals)

@@ -27,7 +27,7 @@ class Ends(NamedTuple):
     followed: Any  # 1 if to the end, otherwise 0
 
     @classmethod
-    def of(cls, lanes: Lanes, ground: PulseInput | RecordInput) -> "Ends":
+    def of(cls, lanes: Lanes, case: Case) -> "Ends":
         """Those of all lanes, finished or not."""
         return cls(
             lanes.peak,
@@ -36,7 +36,7 @@ class Ends(NamedTuple):
             lanes.end_rotation,
             lanes.end_velocity,
             lanes.impacts.astype(lanes.peak.dtype),
-            (lanes.steps < max_steps(ground)).astype(lanes.peak.dtype),
+            (lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
 
 
@@ -61,8 +61,8 @@ def work_off(
     def refilled(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
-        idle = ~lanes.active(ground)
-        rows = jnp.stack(Ends.of(lanes, ground), axis=-1)
+        idle = ~lanes.active(case)
+        rows = jnp.stack(Ends.of(lanes, case), axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
         number = _running_sum(idle.astype(jnp.int32))
         place = taken + number - 1
@@ -75,7 +75,7 @@ def work_off(
 
         next_case = jax.tree.map(lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queue)
         case = jax.tree.map(replaced, next_case, case)
-        fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case.trail)
+        fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case)
         lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
@@ -87,10 +87,11 @@ def work_off(
         )
         return refilled(progress._replace(lanes=lanes))
 
+    any_case = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue)
     begin = _Progress(
-        Lanes.at_rest(jnp.full(lanes, ground.intervals, jnp.int32), dtype),
+        Lanes.at_rest(any_case.intervals, dtype),
         jnp.full(lanes, size, jnp.int32),
-        jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue),
+        any_case,
         jnp.zeros((), jnp.int32),
         jnp.zeros((size + 1, len(Ends._fields)), dtype),
     )

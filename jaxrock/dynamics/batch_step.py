@@ -43,8 +43,9 @@ class Case(NamedTuple):
     rate: Any  # of the phase of the input
     start: Any
     duration: Any
-    first: Any  # interval of the motion
-    trail: Any  # of intervals that might lift the block
+    first: Any  # place of the first interval of the motion
+    intervals: Any  # of the motion
+    grade: Any  # of intervals that might lift the block
     uplifts: tuple[Any, ...]  # times at which a pulse might, and to which side
     finite: Any  # whether the motion is
 
@@ -78,7 +79,7 @@ class Case(NamedTuple):
         uplifts = ground.uplifts(rate, needed * (1 + negligible(rate.dtype)))
         if ground.vertical:
             needed = needed / (1 + equation.tangent)
-        pulse = isinstance(ground, PulseInput)
+        first, intervals = ground.extent_of(motion)
         return cls(
             equation=equation,
             on_ground=(angle, jnp.ones_like(angle))
@@ -92,10 +93,11 @@ class Case(NamedTuple):
             rate=rate,
             start=start / unit,
             duration=duration / unit,
-            first=motion * (0 if pulse else ground.room),
-            trail=ground.trail(motion, needed),
+            first=first,
+            intervals=intervals,
+            grade=ground.grade(needed),
             uplifts=uplifts,
-            finite=jnp.isfinite(strength) if pulse else ground.finite[motion],
+            finite=ground.is_finite(motion),
         )
 
     def for_steps(self) -> "Case":
@@ -137,14 +139,14 @@ class Lanes(NamedTuple):
         fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
         return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
 
-    def active(self, ground: PulseInput | RecordInput) -> Booleans:
+    def active(self, case: Case) -> Booleans:
         """Whether the motion goes on."""
-        return self.moves | (self.interval < ground.intervals)
+        return self.moves | (self.interval < case.intervals)
 
 
-def max_steps(ground: PulseInput | RecordInput) -> Any:
+def max_steps(case: Case) -> Any:
     """Largest number of steps of a lane, which bounds the time; reported where it is reached."""
-    return 1000 * jnp.minimum(ground.intervals, 2 * 10**6) + 10**6
+    return 1000 * jnp.minimum(case.intervals, 2 * 10**6) + 10**6
 
 
 def take_step(
@@ -155,7 +157,7 @@ def take_step(
     order: int,
 ) -> Lanes:
     """Take each lane a step further: to its impact, its uplift or the end of its interval."""
-    acts = lanes.interval < ground.intervals
+    acts = lanes.interval < case.intervals
     begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.length
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
@@ -187,10 +189,10 @@ def take_step(
     over = flight.highest >= TOPPLED_ROTATION
     ends_there = ~(flight.lands | flight.blocked) & (flight.time >= left)
     arrives = jnp.where(lanes.moves, ends_there, ~lifted)
-    exhausted = over | (lanes.steps >= max_steps(ground))
+    exhausted = over | (lanes.steps >= max_steps(case))
     ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
     interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
-    interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case.trail))
+    interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case))
     side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
@@ -200,7 +202,7 @@ def take_step(
     # The state for the overturning criterion is that where the input ends.
     return materialized(
         Lanes(
-            interval=jnp.where(ended, ground.intervals, interval),
+            interval=jnp.where(ended, case.intervals, interval),
             along=jnp.where(arrives, 0, lanes.along + taken),
             side=side,
             rotation=rotation,

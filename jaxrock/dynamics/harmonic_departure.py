@@ -12,7 +12,8 @@ from ..block import Block
 from ..ground_motion import Harmonic
 from ..resonance import RockingModel
 from ..validation import Number, Reals
-from .batch_input import PulseInput, factor_length_and_end, input_of
+from .batch_ground import ground_of
+from .batch_input import PulseInput
 from .batch_step import Case, Lanes, max_steps, take_step
 from .overturning_criterion import TOPPLED_ROTATION
 from .respond_many import compiler_options
@@ -34,10 +35,9 @@ def peak_after_launch(
     Launched to the positive side with a velocity [rad/s] at a phase [rad] of the first period. At
     most `TOPPLED_ROTATION`; NaN where the motion could not be followed to its end.
     """
-    factor, length, end = factor_length_and_end(motion)
+    ground = ground_of(motion)
     time = np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency)
-    index = np.zeros_like(time)
-    arguments = (block, restitution, factor, length, motion.start, end, index)
+    arguments = (block, restitution, *ground.numbers)
     leaves, form = jax.tree.flatten((arguments, time, velocity))
     size = np.size(time)
     groups = max(1, -(-size // _LANES))
@@ -46,7 +46,7 @@ def peak_after_launch(
     rows = np.stack([np.resize(np.broadcast_to(leaf, (size,)), room) for leaf in leaves])
     rows = rows.reshape(len(leaves), -1, _LANES).swapaxes(0, 1)
     follow = _compiled(jax.default_backend())
-    peaks = follow(input_of(motion), rows, groups, form=form, model=model)
+    peaks = follow(ground.parts[0], rows, groups, form=form, model=model)
     return np.asarray(peaks).reshape(-1)[:size]
 
 
@@ -64,11 +64,11 @@ def _follow(ground: PulseInput, rows: Any, groups: Any, form: Any, model: Rockin
             moves=jnp.ones(_LANES, bool),
         )
         end = jax.lax.while_loop(
-            lambda lanes: lanes.active(ground).any(),
+            lambda lanes: lanes.active(steps_of).any(),
             lambda lanes: take_step(lanes, steps_of, ground, tolerance, _ORDER),
             begin,
         )
-        followed = case.valid() & (end.steps < max_steps(ground))
+        followed = case.valid() & (end.steps < max_steps(case))
         peak = jnp.where(followed, jnp.minimum(end.peak, TOPPLED_ROTATION), jnp.nan)
         return peaks.at[number].set(peak)
 

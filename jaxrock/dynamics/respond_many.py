@@ -1,22 +1,21 @@
 """Driven motion of many blocks at once, shared out to devices or processors."""
 
 import functools
-import math
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
-from ..host import Printed, listed, mapped, processors
+from ..host import Printed, listed, mapped, processors, with_progress
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     POSITIVE,
+    UNIT_INTERVAL,
     Booleans,
     Integers,
     Number,
@@ -26,20 +25,19 @@ from ..validation import (
     check_kind,
     check_shapes,
 )
-from .batch_input import PulseInput, RecordInput, factor_length_and_end, input_of
+from .batch_ground import Batch, GroundMotions
+from .batch_input import PulseInput, RecordInput
 from .batch_queue import work_off
 from .batch_step import Case, Lanes, take_step
-from .driven_scene import DrivenScene
 from .overturning_criterion import TOPPLED_ROTATION, free_motion_margins, smaller_margin
 from .taylor import materialized
 
 _LANES = 64  # on a processor
-_ROOMS = (1024, 4096)  # for the queue, on a processor
+_ROOM = 2048  # for the queue, on a processor
 # Blocks that one thread follows as fast as two, through one pulse or a record.
 _ALONE = {PulseInput: 512, RecordInput: 16}
-# Orders of the Taylor polynomials, and from which tolerance on: of pulses, and of records, where
-# samples keep the steps short.
-_ORDERS = (((1e-5, 8), (1e-10, 14), (0, 18)), ((1e-3, 6), (1e-6, 8), (1e-10, 10), (0, 14)))
+# Orders of the Taylor polynomials, by the bytes of a number. On records samples keep steps short.
+_ORDERS = {PulseInput: {8: 14, 4: 8}, RecordInput: {8: 10, 4: 8}}
 _SHARE = 0.05  # of the tolerance that a step may take
 
 
@@ -223,61 +221,65 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
-    if isinstance(motion, Suite):
-        return motion.apply(
-            lambda record: respond_batch(
-                blocks, restitution, record, duration, model=model, rtol=rtol
-            )
-        )
+    restitution, duration = check_batch(blocks, restitution, motion, duration)
+    if rtol is not None:
+        check("rtol", as_real("rtol", rtol), POSITIVE)
+    batch = Batch.of(blocks, restitution, motion, duration)
+    response = follow_batch(batch, as_model(model), rtol)
+    return response if batch.traced else jax.device_put(response)
+
+
+def check_batch(
+    blocks: Block, restitution: Number, motion: Motion | Suite, duration: Number | None
+) -> tuple[Reals, Reals | None]:
+    """Check the arguments of `respond_batch`, and return restitution and duration as arrays."""
     check_kind("blocks", blocks, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
-    restitution = DrivenScene(blocks, restitution, motion).restitution
+    restitution = as_real("restitution", restitution)
+    check("restitution", restitution, UNIT_INTERVAL)
     if duration is not None:
         duration = as_real("duration", duration)
         check("duration", duration, POSITIVE)
-    if rtol is not None:
-        check("rtol", as_real("rtol", rtol), POSITIVE)
-    check_shapes(blocks=blocks, restitution=restitution, motion=motion, duration=duration)
-    model = as_model(model)
-    leaves = jax.tree.leaves((blocks, restitution, motion, duration))
-    with jax.numpy_dtype_promotion("standard"):
-        dtype = jnp.result_type(*leaves)
-    eps = float(jnp.finfo(dtype).eps)
+    single = motion[0] if isinstance(motion, Suite) else motion  # whose shape all records have
+    check_shapes(blocks=blocks, restitution=restitution, motion=single, duration=duration)
+    return restitution, duration
+
+
+def follow_batch(batch: Batch, model: RockingModel, rtol: float | None = None) -> BatchResponse:
+    """`respond_batch` of what has been checked; in NumPy where it is concrete."""
+    dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
-    order = next(order for least, order in _ORDERS[isinstance(motion, Record)] if rtol >= least)
-    tolerance = np.asarray(max(_SHARE * rtol, eps), dtype)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
-    # Outside of a transformation NumPy is quicker, and compiles nothing.
-    library: Any = jnp if traced else np
-
-    def converted(tree: Any) -> Any:
-        return jax.tree.map(lambda leaf: library.asarray(leaf, dtype), tree)
-
-    shaking = converted(motion)
-    ground = input_of(shaking)
-    factor, length, end = factor_length_and_end(shaking)
-    motions = ground.motions if isinstance(ground, RecordInput) else ()
-    arguments = (
-        converted(blocks),
-        converted(restitution),
-        factor,
-        length,
-        shaking.start,
-        end if duration is None else converted(duration),
-        np.arange(math.prod(motions), dtype=dtype).reshape(motions),
-    )
-    leaves, form = jax.tree.flatten(arguments)
-    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
-    size = math.prod(shape)
-    rows = library.stack([library.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves])
+    tolerance = np.asarray(max(_SHARE * rtol, float(jnp.finfo(dtype).eps)), dtype)
+    rows, form = batch.rows()
+    order = _ORDERS[type(batch.ground.parts[0])][dtype.itemsize]
     static = {"form": form, "model": model, "order": order}
-    if traced:
-        result = _march(ground, rows, size, tolerance, lanes=_LANES, **static)
+    if batch.traced:
+        (part,) = batch.ground.parts
+        result = _march(part, rows, rows.shape[1], tolerance, lanes=_LANES, **static)
     else:
-        result = _shared_out(ground, rows, tolerance, static)
-    result = jax.tree.map(lambda leaf: leaf.reshape(shape), result)
-    return result if traced else jax.device_put(result)
+        result = _in_parts(batch.ground, rows, tolerance, static)
+    shape = batch.shape
+    return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
+
+
+def _in_parts(
+    ground: GroundMotions, rows: Any, tolerance: Any, static: dict[str, Any]
+) -> BatchResponse:
+    """`_march` of all columns, under one group of records after the other; NumPy arrays."""
+    if not ground.begins[1:]:
+        return _shared_out(ground.parts[0], rows, tolerance, static)
+    group = np.searchsorted(ground.begins, rows[-1], side="right") - 1
+    separate = []
+    places = []
+    for k, part in enumerate(with_progress(ground.parts, "groups of records")):
+        (place,) = np.nonzero(group == k)
+        own = rows[:, place]
+        own[-1] -= ground.begins[k]
+        separate.append(_shared_out(part, own, tolerance, static))
+        places.append(place)
+    order = np.argsort(np.concatenate(places))
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[order], *separate)
 
 
 def _shared_out(
@@ -298,13 +300,15 @@ def _shared_out(
     share = max(-(-size // workers), alone)
     room, lanes = 1 << (share - 1).bit_length(), share
     if on_processor:
-        # Few different shapes, so that few programs are compiled; the same share for each worker.
-        share = -(-share // -(-share // _ROOMS[-1]))
-        room, lanes = next(room for room in _ROOMS if share <= room), _LANES
+        # One shape, so that one program is compiled; the same share for each worker.
+        share = -(-share // -(-share // _ROOM))
+        room, lanes = _ROOM, _LANES
     march = _compiled(devices[0].platform)
 
+    pieces = max(1, -(-size // share))
+
     def on_device(k: int) -> BatchResponse:
-        part = rows[:, k * share : (k + 1) * share]
+        part = rows[:, k::pieces]  # long records and short ones for each worker
         count = part.shape[1]
         queue = np.ones((len(rows), room), rows.dtype)
         queue[:, :count] = part
@@ -314,6 +318,12 @@ def _shared_out(
         result = march(*placed, count, tolerance, lanes=lanes, **static)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
-    pieces = max(1, -(-size // share))
     separate = mapped(on_device, range(pieces), min(workers, pieces))
-    return jax.tree.map(lambda *parts: np.concatenate(parts), *separate)
+
+    def put_together(*parts: np.ndarray) -> np.ndarray:
+        whole = np.empty(size, parts[0].dtype)
+        for k, part in enumerate(parts):
+            whole[k::pieces] = part
+        return whole
+
+    return jax.tree.map(put_together, *separate)

@@ -24,9 +24,9 @@ from ..validation import (
     quantity,
 )
 from .motion import Motion
-from .record import room_for
 
 _MOST_CYCLES = 10**6
+_LEAST_ROOM = 256  # periods
 
 
 class Harmonic(Motion):
@@ -132,7 +132,7 @@ class WithRoom(Harmonic):
         self.amplitude = motion.amplitude
         self.frequency = motion.frequency
         self.start = motion.start
-        self.cycles = room_for(motion.cycles)
+        self.cycles = max(_LEAST_ROOM, 1 << (motion.cycles - 1).bit_length())
         self.filled = as_array(np.asarray(motion.cycles, motion.frequency.dtype))
 
     @property

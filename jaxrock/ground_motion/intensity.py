@@ -2,7 +2,7 @@
 
 from typing import Any
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 
 from ..block import Block
@@ -53,28 +53,27 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     if measure not in MEASURES:
         raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")
     check_kind("record", record, Record)
-    padded = record.bucketed()
-    if measure.startswith("pga"):
-        value = _peak_acceleration(padded.acceleration)
-    else:
-        value = padded.time_step * _peak_velocity(padded.acceleration, padded._last)
-    value = abs(record.scale) * value
-    if not MEASURES[measure][2]:
-        return value
-    if block is None:
+    relative = MEASURES[measure][2]
+    if relative and block is None:
         raise ValueError(f"block must be given for the measure {measure!r}")
+    return _measured(record.bucketed(), measure, block if relative else None)
+
+
+@eqx.filter_jit
+def _measured(record: Record, measure: str, block: Block | None) -> Reals:
+    if measure.startswith("pga"):
+        value = largest(abs(record.acceleration))
+    else:
+        value = record.time_step * _peak_velocity(record.acceleration, record._last)
+    value = abs(record.scale) * value
+    if block is None:
+        return value
     uplift = block.gravity / block.slenderness
     if measure == "pga_ratio":
         return value / uplift
     return block.frequency_parameter * value / uplift
 
 
-@jax.jit
-def _peak_acceleration(samples: Reals) -> Reals:
-    return largest(abs(samples))
-
-
-@jax.jit
 def _peak_velocity(samples: Reals, last: Any) -> Reals:
     """The largest velocity of one motion, over its time step."""
     before, after = samples[..., :-1], samples[..., 1:]

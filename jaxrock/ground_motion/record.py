@@ -24,7 +24,7 @@ from ..validation import (
 )
 from .motion import Motion
 
-_LONG = 2**16  # records longer than this are padded to multiples of it, shorter ones to powers of 2
+_SHORT, _LONG = 2**14, 2**16  # samples: to the one, or multiples of the other, records are padded
 
 
 class Record(Motion):
@@ -199,9 +199,7 @@ class Padded(Record):
 
 def room_for(samples: int) -> int:
     """The padded length for a number of samples, one of few."""
-    if samples > _LONG:
-        return -(-samples // _LONG) * _LONG
-    return max(256, 1 << (samples - 1).bit_length())
+    return _SHORT if samples <= _SHORT else -(-samples // _LONG) * _LONG
 
 
 def padded(samples: Any, room: int) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Suites: several records, of any lengths and time steps, as one argument."""
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,12 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import Printed, with_progress
+from ..host import Printed
 from ..validation import FINITE, POSITIVE, Number, Numbers, Reals, as_real, check, described
 from .intensity import intensity_measure
-from .record import Padded, Record, room_for
-
-_T = TypeVar("_T")
+from .record import Record
 
 
 class Suite(Printed, eqx.Module):
@@ -133,7 +131,36 @@ class Suite(Printed, eqx.Module):
         ValueError
             If there is no such measure, or a ratio is asked for without a block.
         """
-        return jnp.stack([intensity_measure(r, measure, block) for r in self.bucketed()])
+        each = [intensity_measure(record, measure, block) for record in self.records]
+        if any(isinstance(value, jax.core.Tracer) for value in each):
+            return jnp.stack(each)
+        return jax.device_put(np.stack(each))  # compiles nothing
+
+    def positive_measure(self, measure: str, block: Block | None = None) -> Reals:
+        """As `measure`, of records that can be scaled to a level of it.
+
+        Parameters
+        ----------
+        measure, block
+            As in `intensity_measure`.
+
+        Returns
+        -------
+        Array, shape (records, ...)
+            In the unit of the measure.
+
+        Raises
+        ------
+        ValueError
+            If a record has none of the measure.
+        """
+        measures = self.measure(measure, block)
+        if not isinstance(measures, jax.core.Tracer):
+            for name, value in zip(self.names, np.asarray(measures), strict=True):
+                if not (value > 0).all():
+                    must = f"every record must have a {measure} greater than 0 to be scaled"
+                    raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
+        return measures
 
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
         """The factors that bring each record to levels of an intensity measure.
@@ -160,12 +187,7 @@ class Suite(Printed, eqx.Module):
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
             raise ValueError(f"levels must be one where scales are arrays, of shape {shape} here")
-        measures = self.measure(measure, block)
-        if not isinstance(measures, jax.core.Tracer):
-            for name, value in zip(self.names, np.asarray(measures), strict=True):
-                if not (value > 0).all():
-                    must = f"every record must have a {measure} greater than 0 to be scaled"
-                    raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
+        measures = self.positive_measure(measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
         )
@@ -195,43 +217,3 @@ class Suite(Printed, eqx.Module):
         each = [factors] * len(self) if factors.ndim == 0 else factors
         scaled = [record.scaled(factor) for record, factor in zip(self.records, each, strict=True)]
         return Suite(scaled, self.names)
-
-    def bucketed(self) -> tuple[Record, ...]:
-        """The records, those that are concrete padded so that few lengths are left.
-
-        Returns
-        -------
-        tuple of Record
-        """
-        longest = max(record.samples for record in self.records)
-        rooms = [room_for(longest)]
-        while rooms[-1] > room_for(rooms[-1] // 4):
-            rooms.append(room_for(rooms[-1] // 4))
-
-        def one(record: Record) -> Record:
-            if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(record)):
-                return record
-            return Padded(record, min(room for room in rooms if room >= record.samples))
-
-        return tuple(map(one, self.records))
-
-    def apply(self, function: Callable[[Record], _T], about: str = "records") -> _T:
-        """What a function makes of each record, stacked along a leading axis.
-
-        Parameters
-        ----------
-        function : callable
-            From a record to a pytree of arrays, whose shapes are the same for all records.
-        about : str
-            What is being worked off, for the display of progress.
-
-        Returns
-        -------
-        pytree
-        """
-        answers = [function(record) for record in with_progress(self.bucketed(), about)]
-        traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(answers))
-        if traced:
-            return jax.tree.map(lambda *leaves: jnp.stack(leaves), *answers)
-        stacked = jax.tree.map(lambda *leaves: np.stack([*map(np.asarray, leaves)]), *answers)
-        return jax.tree.map(jnp.asarray, stacked)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from ..accuracy import respond_within
+from ..accuracy import follow_within
 from ..block import Block
-from ..ground_motion import MEASURES, Suite, intensity_measure
-from ..host import with_progress
+from ..dynamics import Batch
+from ..ground_motion import MEASURES, Suite
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..spectra import Grid, along
 from ..validation import POSITIVE, UNIT_INTERVAL, Number, Numbers, as_real, check, check_kind
@@ -118,10 +118,8 @@ def fragility(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     names = threshold_names(thresholds)
     model = as_model(model)
-    suite.factors(places[0], measure, block)  # every record has to have some
-    records = suite.bucketed()
-    strengths = (intensity_measure(record, measure, block) for record in records)
-    axes = {"record": along(list(zip(records, strengths, strict=True))), "level": places}
+    strengths = np.asarray(suite.positive_measure(measure, block))
+    axes = {"record": along(list(zip(suite, strengths, strict=True))), "level": places}
     variables = {
         name: (("record", "level"), dtype, about(long_name, units))
         for name, (dtype, long_name, units) in _RESPONSES.items()
@@ -158,19 +156,17 @@ def _responses(
 ) -> dict[str, np.ndarray]:
     """The responses to some records, which come with their intensities, at some levels."""
     block, restitution = shared
-    separate = list[dict[str, np.ndarray]]()
-    for record, strength in with_progress(records, "records"):
-        factors = np.asarray(as_real("levels", levels)) / np.asarray(strength)
-        scaled = record.scaled(factors)
-        estimate = respond_within(block, restitution, scaled, tolerance, model=model)
-        response = estimate.response
-        if not np.asarray(response.complete).all():
-            raise ValueError("motion could not be followed to its end for every record and level")
-        ratio = np.asarray(response.peak_rotation) / np.asarray(block.critical_angle)
-        own = {"factor": factors, "rotation_ratio": ratio}
-        values = {**vars(estimate), **vars(response), **own}
-        separate.append({name: np.asarray(values[name]) for name in _RESPONSES})
-    return {name: np.stack([each[name] for each in separate]) for name in _RESPONSES}
+    suite = Suite([record for record, _ in records])
+    strengths = np.stack([strength for _, strength in records])
+    factors = np.asarray(as_real("levels", levels))[None, :] / strengths[:, None]
+    batch = Batch.of(block, restitution[None], suite).scaled(factors)
+    estimate = follow_within(batch, tolerance, model)
+    response = estimate.response
+    if not np.asarray(response.complete).all():
+        raise ValueError("motion could not be followed to its end for every record and level")
+    ratio = np.asarray(response.peak_rotation) / np.asarray(block.critical_angle)
+    values = {**vars(estimate), **vars(response), "factor": factors, "rotation_ratio": ratio}
+    return {name: np.asarray(values[name]) for name in _RESPONSES}
 
 
 def threshold_names(thresholds: Sequence[Threshold]) -> list[str]:

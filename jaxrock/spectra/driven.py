@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from ..accuracy import respond_within
+from ..accuracy import follow_within
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..dynamics import respond_batch, uplift_acceleration
+from ..dynamics import Batch, follow_batch, uplift_acceleration
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, pulse_class
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -129,15 +129,22 @@ def _is_several(motion: Motion) -> bool:
 
 
 def _blocks_of_periods(
-    names: Sequence[str], gravity: float, inertia_ratio: float, motion: Motion, *values: np.ndarray
-) -> tuple[Block, Any, Motion]:
+    names: Sequence[str],
+    gravity: float,
+    inertia_ratio: float,
+    motion: Motion | Suite,
+    *values: np.ndarray,
+) -> tuple[Block, Any, Motion | Suite]:
     """Blocks, restitutions and motions at points of a rocking spectrum."""
     at = dict(zip(names, values, strict=True))
     half_diagonal = 1 / inertia_ratio * gravity * (at["period"] / (2 * math.pi)) ** 2
     half_width = half_diagonal / np.sqrt(1 + at["slenderness"] ** 2)
     block = Block(half_width, at["slenderness"], gravity, inertia_ratio)
     c = at["restitution"] if "restitution" in at else of_few_shapes(_restitution, block)
-    return block, c, motion.scaled(at["factor"]) if "factor" in at else motion
+    if "factor" in at:
+        records = (len(motion),) if isinstance(motion, Suite) else ()
+        motion = motion.scaled(np.broadcast_to(at["factor"], (*records, *at["factor"].shape)))
+    return block, as_real("restitution", c), motion
 
 
 def overturning_spectrum(
@@ -235,7 +242,7 @@ def _grid(
     compute, names = functools.partial(_responses, problem, model, tolerance, (*table,)), {}
     if isinstance(shared, Suite):
         names["record"] = (shared.names, "ground motion")
-        axes = {"record": along(shared.bucketed()), **axes}
+        axes = {"record": along([*shared]), **axes}
         compute, shared = functools.partial(_of_records, compute), None
     variables = {
         name: (tuple(axes), dtype, {"long_name": long_name, "units": units})
@@ -249,13 +256,12 @@ def _grid(
 def _of_records(
     compute: Callable[..., dict[str, np.ndarray]], _: None, records: np.ndarray, *parts: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The responses to records, one after the other."""
-    separate = [compute(record, *parts) for record in records]
-    return jax.tree.map(lambda *each: np.stack(each), *separate)
+    """The responses to the records of a suite."""
+    return compute(Suite([*records]), *parts)
 
 
 def _responses(
-    problem: Callable[..., tuple[Block, Any, Motion]],
+    problem: Callable[..., tuple[Block, Any, Motion | Suite]],
     model: RockingModel,
     tolerance: float | None,
     names: Sequence[str],
@@ -264,15 +270,17 @@ def _responses(
 ) -> dict[str, np.ndarray]:
     """The responses over a part of a grid."""
     shape, points = flat(*parts)
-    blocks, c, motions = problem(shared, *points)
+    if isinstance(shared, Suite):
+        shape = (len(shared), *shape)
+    batch = Batch.of(*problem(shared, *points))
     if tolerance is None:
-        response = estimate = respond_batch(blocks, c, motions, model=model)
+        response = estimate = follow_batch(batch, model)
     else:
-        estimate = respond_within(blocks, c, motions, tolerance, model=model)
+        estimate = follow_within(batch, tolerance, model)
         response = estimate.response
     if not np.asarray(response.complete).all():
         raise ValueError("motion could not be followed to its end for every block")
-    angles = of_few_shapes(lambda block: block.critical_angle, blocks)
+    angles = of_few_shapes(lambda block: block.critical_angle, batch.block)
     ratio = np.asarray(response.peak_rotation) / angles
     values = {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
     return {name: np.asarray(values[name]).reshape(shape) for name in names}

@@ -10,10 +10,11 @@ import numpy as np
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..dynamics import (
     TOPPLED_ROTATION,
+    Batch,
     HarmonicOrbit,
+    follow_batch,
     harmonic_orbit,
     peak_after_launch,
-    respond_batch,
     uplift_acceleration,
 )
 from ..ground_motion import Harmonic
@@ -207,7 +208,7 @@ def _region(
 
 def _from_rest(block: Block, restitution: Any, motion: Harmonic, model: RockingModel) -> np.ndarray:
     """What blocks at rest do, as in `_FLAGS`."""
-    response = respond_batch(block, restitution, motion, model=model)
+    response = follow_batch(Batch.of(block, restitution, motion), model)
     peak = np.asarray(response.peak_rotation)
     return (peak > 0) + _topples(peak)
 
