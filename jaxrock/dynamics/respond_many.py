@@ -245,8 +245,13 @@ def check_batch(
     return restitution, duration
 
 
-def follow_batch(batch: Batch, model: RockingModel, rtol: float | None = None) -> BatchResponse:
-    """`respond_batch` of what has been checked; in NumPy where it is concrete."""
+def follow_batch(
+    batch: Batch, model: RockingModel, rtol: float | None = None, count: Any = None
+) -> BatchResponse:
+    """`respond_batch` of what has been checked; in NumPy where it is concrete.
+
+    In a transformation only the first `count` blocks need be followed.
+    """
     dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
@@ -256,7 +261,8 @@ def follow_batch(batch: Batch, model: RockingModel, rtol: float | None = None) -
     static = {"form": form, "model": model, "order": order}
     if batch.traced:
         (part,) = batch.ground.parts
-        result = _march(part, rows, rows.shape[1], tolerance, lanes=_LANES, **static)
+        count = rows.shape[1] if count is None else count
+        result = _march(part, rows, count, tolerance, lanes=_LANES, **static)
     else:
         result = _in_parts(batch.ground, rows, tolerance, static)
     shape = batch.shape

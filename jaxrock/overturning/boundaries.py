@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..dynamics import TOPPLED_ROTATION, BatchResponse, DrivenScene
+from ..dynamics import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
-from ..host import Printed, listed, with_clock, with_progress
+from ..host import Printed, listed, with_clock
 from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Booleans, Integers, Number, Numbers, Reals
 from .boundary_slopes import moved
-from .quantities import Search, checked, is_traced, respond_at, split, with_unit
+from .quantities import Search, Subject, checked, is_traced, respond_at, split, with_unit
 
 
 class Boundaries(Printed, eqx.Module):
@@ -145,47 +145,21 @@ def searched(
     block: Block, restitution: Number, motion: Motion | Suite, values: Numbers, search: Search
 ) -> Boundaries:
     """The boundaries in a range; a `ValueError` if an argument is not allowed."""
-    if isinstance(motion, Suite):
-        # One by one: what is found for a record does not depend on the others.
-        records = with_progress(motion.bucketed(), "boundaries")
-        return _stacked([searched(block, restitution, r, values, search) for r in records])
-    scene, places = checked(block, restitution, motion, search.along, values)
+    subject, places = checked(block, restitution, motion, search.along, values)
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
-    return _boundaries(scene, places, search=search._replace(model=as_model(search.model)))
-
-
-# Beyond the number of boundaries, in the fields that list them.
-_MISSING = {"value": math.nan, "overturns_beyond": False, "impacts": -1, "toppled": False}
-
-
-def _stacked(separate: list[Boundaries]) -> Boundaries:
-    """The boundaries of several records, with a leading axis for these."""
-    library: Any = jnp if is_traced(separate) else np
-    columns = max(found.value.shape[-1] for found in separate)
-
-    def joined(name: str) -> Any:
-        parts = [library.asarray(getattr(found, name)) for found in separate]
-        if name in _MISSING:
-            room = [(0, 0)] * (parts[0].ndim - 1)
-            parts = [
-                library.pad(
-                    part, [*room, (0, columns - part.shape[-1])], constant_values=_MISSING[name]
-                )
-                for part in parts
-            ]
-        return jnp.asarray(library.stack(parts))
-
-    names = (name for name in Boundaries.__dataclass_fields__ if name != "along")
-    return Boundaries(along=separate[0].along, **{name: joined(name) for name in names})
+    # What is found for a record does not depend on the others.
+    alone = search.alone or isinstance(subject.motion, GroundMotions)
+    search = search._replace(model=as_model(search.model), alone=alone)
+    return _boundaries(subject, places, search=search)
 
 
 @eqx.filter_custom_jvp
-def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundaries:
+def _boundaries(subject: Subject, values: Any, *, search: Search) -> Boundaries:
     """The search. All boundaries are listed, under a transformation `max_boundaries`."""
-    traced = is_traced((scene, values))
+    traced = is_traced((subject, values))
     library: Any = jnp if traced else np
-    numbers, samples = split(scene)
+    numbers, samples = split(subject)
     numbers, values = jax.tree.map(library.asarray, (numbers, values))
     shape = np.broadcast_shapes(*(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1])
     size, places = math.prod(shape), values.shape[-1]
@@ -243,11 +217,11 @@ def _boundaries(scene: DrivenScene, values: Any, *, search: Search) -> Boundarie
 @_boundaries.def_jvp
 def _boundaries_jvp(primals: Any, tangents: Any, *, search: Search) -> tuple[Any, Any]:
     """By the implicit function theorem, elementwise in all numbers that are perturbed."""
-    scene, values = primals
+    subject, values = primals
     changes, sample_changes = split(tangents[0])
     if jax.tree.leaves(sample_changes):
         raise ValueError("boundaries have no derivatives with respect to the samples of a record")
-    found = _boundaries(scene, values, search=search)
-    total = moved(scene, changes, values, found, search)
+    found = _boundaries(subject, values, search=search)
+    total = moved(subject, changes, values, found, search)
     nothing = jax.tree.map(lambda leaf: None, found)
     return found, eqx.tree_at(lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None)

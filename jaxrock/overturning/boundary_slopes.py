@@ -1,52 +1,179 @@
 """Derivatives of boundaries, by the implicit function theorem."""
 
 import functools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..dynamics import TOPPLED_ROTATION, DrivenScene, compiler_options
-from ..ground_motion import Harmonic, Pulse
-from .quantities import Search, is_traced, respond_at, scene_at, split
+from ..dynamics import TOPPLED_ROTATION, compiler_options
+from ..ground_motion import Pulse
+from ..host import mapped, processors
+from .quantities import Search, Subject, is_traced, respond_at, split, subject_at
+
+# Columns of one program, each a derivative of one boundary: so many that one program serves all
+# numbers of boundaries, and derivatives with respect to whatever moves.
+_ROOM = 512
 
 
-def moved(scene: DrivenScene, changes: Any, values: Any, found: Any, search: Search) -> Any:
-    """How far the boundaries move when the numbers of the scene change.
+def moved(subject: Subject, changes: Any, values: Any, found: Any, search: Search) -> Any:
+    """How far the boundaries move when the numbers of the subject change.
 
     Elementwise in all numbers that are perturbed; 0 where there is no boundary.
     """
     traced = is_traced(found)
     library: Any = jnp if traced else np
+    numbers, samples = split(subject)
+    leaves, form = jax.tree.flatten(numbers)
+    tangents = form.flatten_up_to(changes)
+    moving = [k for k, tangent in enumerate(tangents) if tangent is not None]
     # Padded to a power of two, so that few programs serve all numbers of boundaries.
     columns = found.value.shape[-1]
     room = 1 << (max(columns, 1) - 1).bit_length()
     padding = [(0, 0)] * (found.value.ndim - 1) + [(0, room - columns)]
-    value = library.pad(found.value, padding, constant_values=library.nan)
-    toppled = library.pad(found.toppled, padding)
-    numbers, samples = split(scene)
-    perturbed = jax.tree.map(lambda t: t is not None, changes, is_leaf=lambda t: t is None)
-    parts = (*eqx.partition(numbers, perturbed), samples)
-    compiled = _compiled_slopes("" if traced else jax.default_backend())
-    static = search._replace(max_boundaries=0, halvings=0)
 
-    def slopes_at(until: Any) -> Any:
-        return compiled(parts, values[..., 0], value, toppled, until, static)
+    def padded(entries: Any, missing: Any) -> Any:
+        return library.pad(library.asarray(entries), padding, constant_values=missing)
 
-    if traced or isinstance(scene.motion, Pulse):
-        slopes = slopes_at(None)
-        if search.drop_unknown:
-            slopes = jax.tree.map(lambda s: jnp.where(jnp.isfinite(s), s, 0), slopes)
+    value = padded(found.value, library.nan)
+    exists = library.isfinite(value)
+    # In a transformation all are followed, and what is none from a value that there is.
+    chosen = library.ones_like(exists) if traced else exists
+
+    def flat(entries: Any) -> Any:
+        wide = library.broadcast_to(library.asarray(entries), value.shape)
+        return wide.reshape(-1) if traced else wide[chosen]
+
+    at = library.where(exists, value, library.asarray(values)[..., :1])
+    rows = [flat(at), *(flat(library.asarray(leaf)[..., None]) for leaf in leaves)]
+    toppled = flat(padded(found.toppled, False))
+    edges = _Edges(samples, form, library.stack(rows), toppled, search)
+    with np.errstate(all="ignore"):
+        if traced or isinstance(subject.motion, Pulse):
+            slopes = edges.slopes(moving, None)
+            if search.drop_unknown:
+                slopes = library.where(library.isfinite(slopes), slopes, 0)
+        else:
+            times = _while_balanced(edges, flat(padded(found.overturns_beyond, False)))
+            early, late = (edges.slopes(moving, until) for until in times)
+            # Those taken late, where those taken early are the same.
+            same = (abs(late - early) <= _SETTLED * abs(late)).all(axis=0)
+            slopes = np.where(same, late, 0.0 if search.drop_unknown else np.nan)
+    if traced:
+        slopes = jnp.where(exists, slopes.reshape(-1, *value.shape), 0)
     else:
-        overturns_beyond = library.pad(found.overturns_beyond, padding)
-        times = _while_balanced(scene, value, overturns_beyond, search)
-        early, late = map(slopes_at, times)
-        slopes = _settled(early, late, 0.0 if search.drop_unknown else np.nan)
-    total = _products(slopes, changes)
+        known = slopes
+        slopes = np.zeros((len(moving), *value.shape), value.dtype)
+        slopes[:, exists] = known
+    total = _products(slopes, [tangents[k] for k in moving])
     return total if room == columns else total[..., :columns]
+
+
+@jax.jit
+def _products(slopes: Any, tangents: Sequence[Any]) -> Any:
+    return sum(
+        slope * jnp.broadcast_to(jnp.asarray(tangent)[..., None], slope.shape)
+        for slope, tangent in zip(slopes, tangents, strict=True)
+    )
+
+
+class _Edges(NamedTuple):
+    """Boundaries, one after the other, and the blocks on them."""
+
+    samples: Any
+    form: Any  # of the tree of numbers
+    rows: Any  # (1 + numbers, boundaries): first the values of the quantity
+    toppled: Any
+    search: Search
+
+    @property
+    def subject(self) -> Subject:
+        return eqx.combine(jax.tree.unflatten(self.form, list(self.rows[1:])), self.samples)
+
+    def slopes(self, moving: Sequence[int], until: Any) -> Any:
+        """Derivatives (numbers, boundaries) with respect to the numbers that move."""
+        number = self.rows.shape[1]
+        directions = np.repeat(np.array([0, *(k + 1 for k in moving)], np.int32), number)
+        times = len(moving) + 1
+        traced = is_traced(self.rows)
+        library: Any = jnp if traced else np
+
+        def repeated(entries: Any) -> Any:
+            return library.tile(entries, times)
+
+        columns = (*map(repeated, (self.rows, self.toppled)), directions)
+        if until is not None:
+            columns = (*columns, repeated(until))
+        static = {
+            "form": self.form,
+            "search": self.search._replace(max_boundaries=0, halvings=0, alone=False),
+        }
+        if traced:
+            derivatives = _vanishing_slopes(self.samples, directions.size, *columns, **static)
+        else:
+            derivatives = _shared_out(self.samples, columns, static)
+        to_value, *to_numbers = derivatives.reshape(times, number)
+        return library.stack([-part / to_value for part in to_numbers])
+
+
+def _vanishing_slopes(
+    samples: Any,
+    count: Any,
+    rows: Any,
+    toppled: Any,
+    directions: Any,
+    until: Any = None,
+    *,
+    form: Any,
+    search: Search,
+) -> Any:
+    """Derivatives of what is 0 at a boundary: of each column to the row of its direction."""
+
+    def vanishing(rows: Any) -> Any:
+        at, *numbers = rows
+        subject = eqx.combine(jax.tree.unflatten(form, numbers), samples)
+        response = respond_at(subject, at, search, until, count)
+        margin = response.margin
+        if until is not None:
+            end = subject_at(subject, at, search).motion.end
+            margin = jnp.where(until < end, response.final_rotation, margin)
+        return jnp.where(toppled, TOPPLED_ROTATION - response.peak_rotation, margin)
+
+    # One tangent for many blocks compiles faster than many tangents for one.
+    tangents = (jnp.arange(len(rows), dtype=jnp.int32)[:, None] == directions[None]).astype(
+        rows.dtype
+    )
+    return jax.jvp(vanishing, (rows,), (tangents,))[1]
+
+
+@functools.cache
+def _compiled(platform: str) -> Callable[..., Any]:
+    """`_vanishing_slopes` for a platform."""
+    options = compiler_options(platform)
+    return jax.jit(_vanishing_slopes, static_argnames=("form", "search"), compiler_options=options)
+
+
+def _shared_out(samples: Any, columns: Sequence[Any], static: dict[str, Any]) -> np.ndarray:
+    """`_vanishing_slopes` of all columns, by all processors."""
+    size = columns[0].shape[-1]
+    pieces = -(-size // _ROOM)
+    derive = _compiled(jax.default_backend())
+
+    def of_piece(k: int) -> np.ndarray:
+        parts = [each[..., k::pieces] for each in columns]
+        count = parts[0].shape[-1]
+        # Filled up with the last column, which is not followed again.
+        room = [np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts]
+        return np.asarray(derive(samples, count, *room, **static))[:count]
+
+    whole = np.empty(size, columns[0].dtype)
+    separate = mapped(of_piece, range(pieces), max(1, min(pieces, processors())))
+    for k, part in enumerate(separate):
+        whole[k::pieces] = part
+    return whole
 
 
 # How far motions from both sides of a boundary have come apart when its derivatives are taken, in
@@ -55,9 +182,7 @@ _APART = (0.4, 0.2)
 _SETTLED = 1e-3  # relative difference of the two, at most
 
 
-def _while_balanced(
-    scene: DrivenScene, value: Any, overturns_beyond: Any, search: Search
-) -> list[Any]:
+def _while_balanced(edges: _Edges, overturns_beyond: np.ndarray) -> list[np.ndarray]:
     """Two times up to which the motion at each boundary under a long motion is known.
 
     A block that balances falls to one side or the other before a long motion ends, by what
@@ -65,99 +190,28 @@ def _while_balanced(
     every change grows in the same ratio, from which the boundary follows: it does so until motions
     from both sides of the boundary have come apart.
     """
-    numbers, samples = split(scene)
-    exists = np.isfinite(value)
-    eps = float(jnp.finfo(value.dtype).eps)
-    chosen = eqx.combine(
-        jax.tree.map(
-            lambda leaf: np.broadcast_to(np.asarray(leaf)[..., None], value.shape)[exists], numbers
-        ),
-        samples,
-    )
-    at = value[exists]
-    motion: Any = scene_at(chosen, at, search).motion
-    # In NumPy: under some transformations all that JAX computes here would be traced.
-    if isinstance(motion, Harmonic):
-        number, length = motion._number, 2 * np.pi / motion.frequency
-    else:
-        number, length = motion._last, motion.time_step
-    start = motion.start
-    end = start + np.asarray(number) * length
+    subject = edges.subject
+    at = edges.rows[0]
+    eps = float(np.finfo(at.dtype).eps)
+    motion = subject_at(subject, at, edges.search).motion
+    start = np.broadcast_to(motion.start, at.shape)
+    end = np.broadcast_to(motion.end, at.shape)
     # Both sides of the boundary at once.
-    sides = np.stack([at, at * (1 + np.where(overturns_beyond[exists], 8, -8) * eps)])
+    sides = np.stack([at, at * (1 + np.where(overturns_beyond, 8, -8) * eps)])
 
     def apart(until: Any) -> Any:
-        final, other = np.asarray(respond_at(chosen, sides[:, None], search, until).final_rotation)
+        response = respond_at(subject, sides[:, None], edges.search, until)
+        final, other = np.asarray(response.final_rotation)
         return abs(final - other)
 
     # Bisected for both distances at once.
-    distance = eps ** np.array(_APART)[:, None]
+    distance = (eps ** np.array(_APART)[:, None]).astype(at.dtype)
     low, high = (np.broadcast_to(time, (len(_APART), at.size)) for time in (start, end))
     together = apart(high) < distance
     for _ in range(12):
         middle = 0.5 * (low + high)
         close = apart(middle) < distance
-        low, high = np.where(close, middle, low), np.where(close, high, middle)
-    until = np.full((len(_APART), *value.shape), end.max(initial=1.0))
+        low = np.where(close, middle, low)
+        high = np.where(close, high, middle)
     # Beyond the end by rounding, which no program then takes for a time before it.
-    until[:, exists] = np.where(together, end * (1 + 16 * eps), high)
-    return [*until]
-
-
-def _settled(early: Any, late: Any, unknown: float) -> Any:
-    """The derivatives taken late, where those taken early are the same."""
-    pairs = zip(jax.tree.leaves(early), jax.tree.leaves(late), strict=True)
-    same = np.all([np.abs(b - a) <= _SETTLED * np.abs(b) for a, b in pairs], axis=0)
-    return jax.tree.map(lambda slope: np.where(same, slope, unknown), late)
-
-
-def _widened(leaf: Any, shape: tuple[int, ...]) -> Any:
-    """The number of a block at each of its boundaries."""
-    return jnp.broadcast_to(jnp.asarray(leaf)[..., None], shape)
-
-
-def _slopes(
-    parts: tuple[Any, Any, Any], first: Any, value: Any, toppled: Any, until: Any, search: Search
-) -> Any:
-    """Derivatives of the boundaries with respect to the numbers that move; 0 where none is.
-
-    The parts of the scene are the numbers that move, those that do not, and the samples; `first`
-    is the first of the values that were tried.
-    """
-    exists = jnp.isfinite(value)
-    # Where there is no boundary, any value serves for the derivatives that are thrown away.
-    stand_in = jax.lax.stop_gradient(_widened(first, value.shape))
-    moving, fixed = jax.tree.map(lambda leaf: _widened(leaf, value.shape)[None], parts[:2])
-    numbers, form = jax.tree.flatten(moving)
-    point = [jnp.where(exists, value, stand_in)[None], *numbers]
-
-    def vanishing(shifts: Any) -> Any:
-        """What is 0 at a boundary, where the value and the numbers are shifted."""
-        shifts = shifts.reshape(*shifts.shape, *[1] * value.ndim)
-        at, *moving = (number + shift for number, shift in zip(point, shifts, strict=True))
-        scene = eqx.combine(jax.tree.unflatten(form, moving), fixed, parts[2])
-        response = respond_at(scene, at, search, until)
-        margin = response.margin
-        if until is not None:
-            end = scene_at(scene, at, search).motion.end
-            margin = jnp.where(until[None] < end, response.final_rotation, margin)
-        return jnp.where(toppled[None], TOPPLED_ROTATION - response.peak_rotation, margin)
-
-    # Each derivative is taken on a copy of the block: one tangent for many blocks compiles
-    # faster than many tangents for one.
-    each = jnp.eye(len(point), dtype=value.dtype)
-    to_value, *to_numbers = jax.jvp(vanishing, (jnp.zeros_like(each),), (each,))[1]
-    return jax.tree.unflatten(form, [jnp.where(exists, -s / to_value, 0) for s in to_numbers])
-
-
-@functools.cache
-def _compiled_slopes(platform: str) -> Callable[..., Any]:
-    """`_slopes` for a platform; for "" as a part of another program, whose options apply."""
-    options = compiler_options(platform) if platform else None
-    return jax.jit(_slopes, static_argnames="search", compiler_options=options)
-
-
-@jax.jit
-def _products(slopes: Any, changes: Any) -> Any:
-    products = jax.tree.map(lambda slope, t: slope * _widened(t, slope.shape), slopes, changes)
-    return sum(jax.tree.leaves(products))
+    return [*np.where(together, end * (1 + 16 * eps), high)]

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..block import Block
-from ..dynamics import BatchResponse, DrivenScene, respond_batch
+from ..dynamics import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..validation import (
     AT_LEAST_ONE,
@@ -24,6 +24,7 @@ from ..validation import (
     as_real,
     check,
     check_kind,
+    check_shapes,
     of_one_precision,
 )
 
@@ -39,20 +40,29 @@ class Search(NamedTuple):
     alone: bool = False  # the same bits whatever else is sought at the same time
 
 
-def _strength(scene: Any) -> Any:
-    return scene.motion.scale if isinstance(scene.motion, Record) else scene.motion.amplitude
+class Subject(eqx.Module):
+    """Blocks on moving ground, of which boundaries are sought."""
+
+    block: Block
+    restitution: Any
+    motion: Pulse | Harmonic | GroundMotions
 
 
-# What boundaries are sought along: its domain, the motions that have it, its place in a scene.
+def _strength(subject: Any) -> Any:
+    motion = subject.motion
+    return motion.factor if isinstance(motion, GroundMotions) else motion.amplitude
+
+
+# What boundaries are sought along: its domain, the motions that have it, its place in a subject.
 _QUANTITIES: dict[str, tuple[Domain, Any, Callable[[Any], Any]]] = {
     "amplitude": (FINITE, Pulse | Harmonic, _strength),
-    "duration": (POSITIVE, Pulse, lambda scene: scene.motion.duration),
-    "frequency": (POSITIVE, Harmonic, lambda scene: scene.motion.frequency),
+    "duration": (POSITIVE, Pulse, lambda subject: subject.motion.duration),
+    "frequency": (POSITIVE, Harmonic, lambda subject: subject.motion.frequency),
     "factor": (NON_NEGATIVE, Motion, _strength),  # on what is there
-    "half_width": (POSITIVE, Motion, lambda scene: scene.block.half_width),
-    "slenderness": (POSITIVE, Motion, lambda scene: scene.block.slenderness),
-    "inertia_ratio": (AT_LEAST_ONE, Motion, lambda scene: scene.block.inertia_ratio),
-    "restitution": (UNIT_INTERVAL, Motion, lambda scene: scene.restitution),
+    "half_width": (POSITIVE, Motion, lambda subject: subject.block.half_width),
+    "slenderness": (POSITIVE, Motion, lambda subject: subject.block.slenderness),
+    "inertia_ratio": (AT_LEAST_ONE, Motion, lambda subject: subject.block.inertia_ratio),
+    "restitution": (UNIT_INTERVAL, Motion, lambda subject: subject.restitution),
 }
 
 
@@ -66,38 +76,42 @@ def with_unit(along: str, value: float) -> str:
 
 
 def checked(
-    block: Block, restitution: Number, motion: Motion, along: str, values: Numbers
-) -> tuple[DrivenScene, Array]:
-    """The scene and the values of a search; a `ValueError` if they are not allowed."""
+    block: Block, restitution: Number, motion: Motion | Suite, along: str, values: Numbers
+) -> tuple[Subject, Array]:
+    """The subject and the values of a search; a `ValueError` if they are not allowed."""
+    check_kind("block", block, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
-    allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(motion, has)]
+    single = motion[0] if isinstance(motion, Suite) else motion
+    allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(single, has)]
     if along not in allowed:
         raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")
     places = as_real("values", values)
     check("values", places, _QUANTITIES[along][0])
-    scene = DrivenScene(block, restitution, motion)
-    samples = jax.tree.leaves(split(scene)[1])
-    if any(np.ndim(direction) > 1 for direction in samples):
+    restitution = as_real("restitution", restitution)
+    check("restitution", restitution, UNIT_INTERVAL)
+    if isinstance(single, Record) and single.acceleration.ndim > 1:
         raise ValueError("motion must be one record, got an array of them")
     if places.ndim == 0 or places.shape[-1] < 2:
         raise ValueError(
             f"values must be at least two values, got an array of shape {places.shape}"
         )
+    check_shapes(block=block, restitution=restitution, motion=single, values=places[..., 0])
     if not is_traced(places) and (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("values must be increasing, got values that do not increase")
-    return of_one_precision((scene, places))
+    numbers = of_one_precision((block, restitution, motion, places))
+    block, restitution, motion, places = numbers
+    if isinstance(motion, Record | Suite):
+        batch = Batch.of(block, restitution, motion, axes=places.ndim - 1)
+        return Subject(batch.block, batch.restitution, batch.ground), places
+    return Subject(block, restitution, motion), places
 
 
-def split(scene: DrivenScene) -> tuple[Any, Any]:
-    """The numbers of a scene, one a block, and the samples of its record, which all share.
-
-    How many of these a padded record has goes with them.
-    """
-    samples = ("acceleration", "vertical", "filled")
+def split(subject: Subject) -> tuple[Any, Any]:
+    """The numbers of a subject, one a block, and the samples of records, which all share."""
     is_number = jax.tree.map_with_path(
-        lambda path, _: getattr(path[-1], "name", "") not in samples, scene
+        lambda path, _: all(getattr(step, "name", "") != "parts" for step in path), subject
     )
-    return eqx.partition(scene, is_number)
+    return eqx.partition(subject, is_number)
 
 
 def is_traced(tree: Any) -> bool:
@@ -105,14 +119,17 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def scene_at(scene: DrivenScene, value: Any, search: Search) -> DrivenScene:
-    """The scene at a value of the quantity."""
+def subject_at(subject: Subject, value: Any, search: Search) -> Subject:
+    """The subject at a value of the quantity."""
     *_, place = _QUANTITIES[search.along]
-    value = place(scene) * value if search.along == "factor" else value
-    return eqx.tree_at(place, scene, value)  # unchecked: the values have been
+    value = place(subject) * value if search.along == "factor" else value
+    return eqx.tree_at(place, subject, value)  # unchecked: the values have been
 
 
-def respond_at(scene: DrivenScene, value: Any, search: Search, until: Any = None) -> BatchResponse:
+def respond_at(
+    subject: Subject, value: Any, search: Search, until: Any = None, count: Any = None
+) -> BatchResponse:
     """The response at a value, to a time or to the end of the input."""
-    scene = scene_at(scene, value, search)
-    return respond_batch(scene.block, scene.restitution, scene.motion, until, model=search.model)
+    at = subject_at(subject, value, search)
+    batch = Batch.of(at.block, at.restitution, at.motion, until)
+    return follow_batch(batch, search.model, count=count)
