@@ -4,7 +4,7 @@ Names beside those in ``__all__`` are for the other packages.
 """
 
 from .boundaries import Boundaries, overturning_boundaries
-from .boundaries import searched as searched
+from .boundaries import boundaries_of as boundaries_of
 from .pulse_thresholds import (
     SurvivalWindows,
     critical_amplitude,
@@ -16,6 +16,7 @@ from .pulse_thresholds import each_critical_amplitude as each_critical_amplitude
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search
 from .quantities import checked as checked
+from .quantities import is_traced as is_traced
 
 __all__ = ["Boundaries", "SurvivalWindows"]
 __all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]

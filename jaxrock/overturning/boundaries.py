@@ -140,12 +140,17 @@ def overturning_boundaries(
     return searched(block, restitution, motion, values, Search(along, model, max_boundaries))
 
 
-@with_clock("boundaries")
 def searched(
     block: Block, restitution: Number, motion: Motion | Suite, values: Numbers, search: Search
 ) -> Boundaries:
     """The boundaries in a range; a `ValueError` if an argument is not allowed."""
     subject, places = checked(block, restitution, motion, search.along, values)
+    return boundaries_of(subject, places, search)
+
+
+@with_clock("boundaries")
+def boundaries_of(subject: Subject, places: Reals, search: Search) -> Boundaries:
+    """The boundaries between values, of a subject that has been checked."""
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
     # What is found for a record does not depend on the others.

@@ -76,14 +76,15 @@ def _curves(
     counts: np.ndarray, levels: np.ndarray, number: int, confidence: float
 ) -> dict[str, np.ndarray]:
     """Counted and fitted curves, for counts of shape (levels, thresholds)."""
-    from scipy.stats import binomtest
+    from scipy.special import betaincinv
 
-    def interval(count: int) -> tuple[float, float]:
-        found = binomtest(count, number).proportion_ci(confidence)
-        return found.low, found.high
-
-    of_count = np.array([interval(count) for count in range(number + 1)])
-    low, high = of_count[counts, 0], of_count[counts, 1]
+    # The exact interval of Clopper and Pearson, doi:10.1093/biomet/26.4.404.
+    tail = 0.5 * (1 - confidence)
+    every = np.arange(number + 1)
+    lower = np.append(0.0, betaincinv(every[1:], number - every[1:] + 1, tail))
+    upper = np.append(betaincinv(every[:-1] + 1, number - every[:-1], 1 - tail), 1.0)
+    low = lower[counts]
+    high = upper[counts]
     fits = [fit_lognormal(levels, column, number) for column in counts.T]
     fitted = np.stack([fit.at(levels) for fit in fits], axis=-1)
     remarks = []

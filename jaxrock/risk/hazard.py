@@ -93,7 +93,13 @@ class Hazard(Printed, Checked):
             [1/yr]; NaN outside of the levels of the curve.
         """
         level = as_real("level", level)
-        x, y = jnp.log(self.levels), jnp.log(self.rates)
-        inside = (level >= self.levels[0]) & (level <= self.levels[-1])
-        at = jnp.log(jnp.where(inside, level, self.levels[0]))
-        return jnp.where(inside, jnp.exp(jnp.interp(at, x, y)), jnp.nan)
+        return _interpolate(self.levels, self.rates, level)
+
+
+@jax.jit
+def _interpolate(levels: Reals, rates: Reals, level: Reals) -> Reals:
+    """Rates by straight lines between logarithms; NaN outside."""
+    inside = (level >= levels[0]) & (level <= levels[-1])
+    at = jnp.log(jnp.where(inside, level, levels[0]))
+    rate = jnp.exp(jnp.interp(at, jnp.log(levels), jnp.log(rates)))
+    return jnp.where(inside, rate, jnp.nan)

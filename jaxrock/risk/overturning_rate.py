@@ -1,5 +1,6 @@
 """The yearly rate of overturning, from the boundaries under each record of a suite."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from ..block import Block
 from ..ground_motion import Suite
 from ..host import Printed, shown
-from ..overturning import Boundaries, Search, searched
+from ..overturning import Boundaries, Search, boundaries_of, checked, is_traced
 from ..resonance import ModelLike, Nonlinear
 from ..validation import POSITIVE, Booleans, Number, Numbers, Reals, as_real, check, check_kind
 from .hazard import Hazard
@@ -132,7 +133,6 @@ def overturning_rate(
     >>> print(f"{found.rate:.5f} 1/yr")
     0.00552 1/yr
     """
-    check_kind("block", block, Block)
     check_kind("suite", suite, Suite)
     if measure not in _MEASURES:
         raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
@@ -150,24 +150,57 @@ def overturning_rate(
         if (np.diff(np.asarray(at_levels)) >= 0).any():
             raise ValueError("the rates of the hazard must fall with the level, got others")
     search = Search("factor", model, max_boundaries, drop_unknown=True)
-    found = searched(block, restitution, suite.scaled(suite.factors(1.0, measure)), places, search)
-    exists = jnp.isfinite(found.value)
-    rates = hazard(jnp.where(exists, found.value, places[0]))
-    signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
-    changes = jnp.where(exists, signs * rates, 0).sum(axis=-1)
-    contributions = changes + jnp.where(found.overturns_first, at_levels[0], 0)
-    number = len(suite)
-    scatter = contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
+    subject, factors = checked(block, restitution, suite, search.along, places)
+    strengths = suite.positive_measure(measure)
+    if not is_traced(strengths):
+        strengths = np.asarray(strengths)
+    motion = subject.motion.scaled(1.0 / strengths)
+    found = boundaries_of(dataclasses.replace(subject, motion=motion), factors, search)
+    padded = _padded(found)
+    levels_found = _levels_found(padded.value, places[0])
     return OverturningRate(
-        rate=contributions.mean(),
-        contributions=contributions,
-        standard_error=scatter / math.sqrt(number),
-        unseen=_unseen(jax.lax.stop_gradient((found, at_levels)), places),
+        **_summed(padded, hazard(levels_found), at_levels, places),
         boundaries=found,
-        complete=found.complete.all()
-        & ~found.overturns_first.any()
-        & (found.count <= found.value.shape[-1]).all(),
     )
+
+
+def _padded(found: Boundaries) -> Boundaries:
+    """With room for more boundaries, so that few programs are compiled."""
+    columns = found.value.shape[-1]
+    room = max(8, 1 << (columns - 1).bit_length())
+    library: Any = jnp if is_traced(found) else np
+    missing = {"value": np.nan, "overturns_beyond": False}
+
+    def wide(name: str) -> Any:
+        padding = [(0, 0), (0, room - columns)]
+        return library.pad(getattr(found, name), padding, constant_values=missing[name])
+
+    names = tuple(missing)
+    return eqx.tree_at(lambda f: [getattr(f, n) for n in names], found, [*map(wide, names)])
+
+
+@jax.jit
+def _levels_found(value: Reals, any_level: Reals) -> Reals:
+    return jnp.where(jnp.isfinite(value), value, any_level)
+
+
+@eqx.filter_jit
+def _summed(found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals) -> dict[str, Any]:
+    """The fields of an `OverturningRate` but the boundaries, from hazards at these and levels."""
+    signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
+    changes = jnp.where(jnp.isfinite(found.value), signs * rates, 0).sum(axis=-1)
+    contributions = changes + jnp.where(found.overturns_first, at_levels[0], 0)
+    number = len(contributions)
+    scatter = contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
+    listed = jnp.isfinite(found.value).sum(axis=-1)
+    complete = found.complete.all() & ~found.overturns_first.any()
+    return {
+        "rate": contributions.mean(),
+        "contributions": contributions,
+        "standard_error": scatter / math.sqrt(number),
+        "unseen": _unseen(jax.lax.stop_gradient((found, at_levels)), levels),
+        "complete": complete & (found.count <= listed).all(),
+    }
 
 
 def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
