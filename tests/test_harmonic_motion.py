@@ -10,7 +10,7 @@ import pytest
 from references import stepping
 
 import jaxrock as jr
-from jaxrock.dynamics.batch_input import input_of
+from jaxrock.dynamics import ground_of
 from jaxrock.ground_motion import PULSES, Harmonic, Motion, pulse_class
 from jaxrock.ground_motion.harmonic import _counted
 
@@ -382,5 +382,5 @@ def test_programs_do_not_depend_on_the_number_of_cycles():
     finally:
         jax.monitoring.unregister_event_duration_listener(hear)
     assert names == []
-    forms = [jax.tree.structure(input_of(m)) for m in (Harmonic(1.0, 1.0), jr.Sine(1.0, 1.0))]
+    forms = [jax.tree.structure(ground_of(m)) for m in (Harmonic(1.0, 1.0), jr.Sine(1.0, 1.0))]
     assert forms[0] == forms[1]

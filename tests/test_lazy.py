@@ -13,6 +13,7 @@ from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock import cluster
+from jaxrock.dynamics import follow_batch
 from jaxrock.spectra import resonance
 from jaxrock.spectra.grid import of_few_shapes
 
@@ -170,13 +171,13 @@ def test_several_motions_are_a_suite():
 
 def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):
     lazy = jr.overturning_spectrum(jr.Sine, [1.0, 2.0], 2.0, chunks={"frequency_ratio": 1})
-    monkeypatch.setattr("jaxrock.spectra.driven.respond_batch", incomplete)
+    monkeypatch.setattr("jaxrock.spectra.driven.follow_batch", incomplete)
     with pytest.raises(ValueError, match="could not be followed to its end for every block"):
         lazy.compute(scheduler="synchronous")
 
 
 def incomplete(*arguments, **options):
-    response = jr.respond_batch(*arguments, **options)
+    response = follow_batch(*arguments, **options)
     return eqx.tree_at(lambda r: r.complete, response, response.complete & False)
 
 

@@ -38,7 +38,8 @@ _ROOM = 2048  # for the queue, on a processor
 _ALONE = {PulseInput: 512, RecordInput: 16}
 # Orders of the Taylor polynomials, by the bytes of a number. On records samples keep steps short.
 _ORDERS = {PulseInput: {8: 14, 4: 8}, RecordInput: {8: 10, 4: 8}}
-_SHARE = 0.05  # of the tolerance that a step may take
+# Of the tolerance that a step may take, also from 1e-10 on, where rounding takes a part.
+_SHARE, _SHARE_OF_TIGHT, _TIGHT = 0.05, 0.02, 1e-10
 
 
 class BatchResponse(Printed, eqx.Module):
@@ -255,7 +256,8 @@ def follow_batch(
     dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
-    tolerance = np.asarray(max(_SHARE * rtol, float(jnp.finfo(dtype).eps)), dtype)
+    share = _SHARE if rtol >= _TIGHT else _SHARE_OF_TIGHT
+    tolerance = np.asarray(max(share * rtol, float(jnp.finfo(dtype).eps)), dtype)
     rows, form = batch.rows()
     order = _ORDERS[type(batch.ground.parts[0])][dtype.itemsize]
     static = {"form": form, "model": model, "order": order}

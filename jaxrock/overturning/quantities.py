@@ -95,7 +95,8 @@ def checked(
         raise ValueError(
             f"values must be at least two values, got an array of shape {places.shape}"
         )
-    check_shapes(block=block, restitution=restitution, motion=single, values=places[..., 0])
+    of_each = np.broadcast_to(0.0, places.shape[:-1])
+    check_shapes(block=block, restitution=restitution, motion=single, values=of_each)
     if not is_traced(places) and (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("values must be increasing, got values that do not increase")
     numbers = of_one_precision((block, restitution, motion, places))
