@@ -112,7 +112,7 @@ class Batch(eqx.Module):
             others = jax.tree.leaves((block, restitution, duration))
             axes = max(axes, *(np.ndim(leaf) for leaf in others))
             if isinstance(motion, Suite):
-                axes = max(axes, np.ndim(motion[0].scale))
+                axes = max(axes, np.ndim(motion.records[0].scale))
             ground = ground_of(converted(motion), axes, grouped=library is np)
         until = ground.end if duration is None else converted(duration)
         return cls(converted(block), converted(restitution), ground, until)
@@ -236,7 +236,7 @@ def _of_suite(suite: Suite, axes: int, grouped: bool) -> GroundMotions:
         column([record.time_step for record in suite]),
         column([record.start for record in suite]),
         column(ends),
-        column([np.asarray(k, suite[0].acceleration.dtype) for k in range(len(suite))]),
+        column([np.asarray(k, suite.records[0].acceleration.dtype) for k in range(len(suite))]),
         begins,
     )
 

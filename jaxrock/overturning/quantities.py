@@ -104,6 +104,7 @@ def checked(
     if isinstance(motion, Record | Suite):
         batch = Batch.of(block, restitution, motion, axes=places.ndim - 1)
         return Subject(batch.block, batch.restitution, batch.ground), places
+    assert isinstance(motion, Pulse | Harmonic)
     return Subject(block, restitution, motion), places
 
 

@@ -223,7 +223,7 @@ def _restitution(block: Block) -> Any:
 def _grid(
     title: str,
     axes: Mapping[str, np.ndarray],
-    problem: Callable[..., tuple[Block, Any, Motion]],
+    problem: Callable[..., tuple[Block, Any, Motion | Suite]],
     shared: Any,
     model: ModelLike,
     tolerance: float | None,

@@ -142,16 +142,33 @@ def spectrum():
     return lambda: jr.resonance_spectrum(slenderness, [0.4, 0.8, 1.2], [0.6, 0.8], 0.15)
 
 
-def statue(rate=False):
+def statue():
+    import jaxrock as jr
+
+    return jr.Block.from_size(width=0.6, height=2.4), 0.8, jr.example_suite()
+
+
+def fragility():
     import jax.numpy as jnp
 
     import jaxrock as jr
 
-    block, suite = jr.Block.from_size(width=0.6, height=2.4), jr.example_suite()
-    if rate:
-        hazard = jr.Hazard(levels=[0.1, 0.3, 1.0, 3.0], rates=[2e-2, 2e-3, 1e-4, 4e-6])
-        return lambda: jr.overturning_rate(block, 0.8, suite[:4], hazard).rate
-    return lambda: jr.fragility(block, 0.8, suite, jnp.geomspace(0.1, 3.0, 25))
+    levels = jnp.geomspace(0.1, 3.0, 20)
+    return lambda: jr.fragility(*statue(), levels)
+
+
+def rate(moving=False):
+    import jax
+
+    import jaxrock as jr
+
+    hazard = jr.Hazard(levels=[0.1, 0.3, 1.0, 3.0], rates=[2e-2, 2e-3, 1e-4, 4e-6])
+    block, c, suite = statue()
+
+    def at(block, c):
+        return jr.overturning_rate(block, c, suite, hazard).rate
+
+    return lambda: jax.value_and_grad(at, (0, 1))(block, c) if moving else at(block, c)
 
 
 def fit():
@@ -160,6 +177,27 @@ def fit():
     times = [0.788, 1.483, 1.999, 2.411, 2.755, 3.040, 3.288, 3.502]
     slim = jr.Block(half_width=0.1, slenderness=5.0)
     return lambda: jr.fit_free_rocking(times, slim, model=jr.Nonlinear()).restitution
+
+
+MEASUREMENT = """
+import json, jax
+jax.config.update("jax_enable_x64", True)
+import jaxrock as jr, numpy as np
+block, pulse = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8)
+response = jr.respond(block, 0.85, pulse, 4.0)
+print(json.dumps(response.history(np.linspace(0, 4, 101))[0].tolist()))
+"""
+
+
+def driven_fit():
+    import numpy as np
+
+    import jaxrock as jr
+
+    block, pulse = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8)
+    time = np.linspace(0, 4, 101)
+    rotation = json.loads(run(["-c", MEASUREMENT])[0])  # by another process: nothing is compiled
+    return lambda: jr.fit_driven_rocking(time, rotation, block, pulse).restitution
 
 
 def floor():
@@ -209,9 +247,11 @@ CASES = {
     ),
     "value_and_slopes": Case(slopes),
     "resonance_spectrum": Case(spectrum),
-    "fragility, 20 records": Case(statue),
-    "overturning_rate, 4 records": Case(lambda: statue(True)),
-    "fit_free_rocking": Case(fit),
+    "fragility, 20 records": Case(fragility, (4, 5), (0.15, 0.3)),
+    "overturning_rate, 20 records": Case(rate, (4.5, 7), (1, 2)),
+    "grad of overturning_rate": Case(lambda: rate(True), (9, 14), (2, 4)),
+    "fit_free_rocking": Case(fit, (2, 2.5)),
+    "fit_driven_rocking": Case(driven_fit, (8, 12)),
     "harmonic_orbit": Case(floor),
 }
 
