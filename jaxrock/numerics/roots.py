@@ -15,6 +15,7 @@ _TOGETHER = 2**18  # values at which the margins are computed in one call, at mo
 # As many values as take the time of one: 64 SIMD lanes on each of two cores. A fixed number, so
 # that every machine finds the same sign changes to the last bit.
 _LANES = 128
+_MOST_LEVELS = 5  # of bisections at once
 _ITERATIONS = 200  # bisection alone needs fewer from any bracket of two floating-point numbers
 
 # From indices of cases and values: the margins there, and the modes of the motion.
@@ -183,8 +184,8 @@ def located(
 ) -> tuple[Any, Any, Any]:
     """The values on both sides of each sign change, to rounding.
 
-    Concrete ones are sought in the way that is fastest for so many, unless each is to be found as
-    if it were `alone`.
+    Concrete ones are sought in the way that is fastest for so many; to be found as if each were
+    `alone`, by one method whatever their number.
 
     Returns the value where the margin is not negative, that where it is, and the margin at the
     first: NaN where the search failed.
@@ -208,9 +209,12 @@ def located(
             leaves, structure = jax.tree.flatten(iterate)
             selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
             # Few values take as long as a batch of them, so that all of it is used.
-            parts = _LANES // wide.size // 4 * 4
-            if parts and not alone:
-                better = _multisection(margin, selected, pairs.case[wide], parts)
+            parts = _LANES // wide.size
+            if alone:
+                levels = max((parts + 1).bit_length() - 1, 1)
+                better = _ahead(margin, selected, pairs.case[wide], min(levels, _MOST_LEVELS))
+            elif parts >= 4:
+                better = _multisection(margin, selected, pairs.case[wide], parts // 4 * 4)
             else:
                 better = _chandrupatla(margin, selected, pairs.case[wide], np)
             for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):
@@ -223,9 +227,15 @@ def located(
 
 
 def _chandrupatla(margin: Any, iterate: _Iterate, case: Any, library: Any) -> _Iterate:
-    """A step of Chandrupatla's method.
+    """A step of Chandrupatla's method."""
+    x = _proposed(iterate, library)
+    return _with_margin(iterate, x, margin(case, x), library)
 
-    Inverse quadratic interpolation where that is safe, bisection where not, as at a jump.
+
+def _proposed(iterate: _Iterate, library: Any) -> Any:
+    """Where Chandrupatla's method looks next.
+
+    By inverse quadratic interpolation where that is safe, bisection where not, as at a jump.
     """
     (x1, x2, x3), (f1, f2, f3), tolerance = iterate
     with np.errstate(all="ignore"):
@@ -236,13 +246,47 @@ def _chandrupatla(margin: Any, iterate: _Iterate, case: Any, library: Any) -> _I
         smooth = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi)
         share = library.where(smooth, inner + outer, 0.5)
     share = library.clip(share, least, 1 - least)
-    done = iterate.converged()
-    x = library.where(done, x1, x1 + share * (x2 - x1))
-    f = margin(case, x)
+    return library.where(iterate.converged(), x1, x1 + share * (x2 - x1))
+
+
+def _with_margin(iterate: _Iterate, x: Any, f: Any, library: Any) -> _Iterate:
+    """The sign change in a smaller interval, which ends at a value between the first two."""
+    (x1, x2, _), (f1, f2, _), tolerance = iterate
     same = (f < 0) == (f1 < 0)
     others = [library.where(same, *pair) for pair in ((x2, x1), (x1, x2), (f2, f1), (f1, f2))]
     new = _Iterate((x, *others[:2]), (f, *others[2:]), tolerance)
+    done = iterate.converged()
     return jax.tree.map(lambda old, new: library.where(done, old, new), iterate, new)
+
+
+def _ahead(margin: Any, iterate: _Iterate, case: Any, levels: int) -> _Iterate:
+    """Up to so many steps of Chandrupatla's method at once, to the same bits.
+
+    At a jump nearly all of them are bisections: margins are computed where these would look, and
+    the method is followed as far as they go.
+    """
+    (x1, x2, _), _, _ = iterate
+    x = _proposed(iterate, np)
+    tried = [x]
+    halves = [(x, x2), (x, x1)]
+    for _ in range(levels - 1):
+        middles = [near + 0.5 * (far - near) for near, far in halves]
+        tried += middles
+        halves = [
+            (middle, end)
+            for middle, ends in zip(middles, halves, strict=True)
+            for end in reversed(ends)
+        ]
+    at = np.stack(tried, axis=1)
+    margins = margin(np.repeat(case, at.shape[1]), at.reshape(-1)).reshape(at.shape)
+    rows = np.arange(len(at))
+    for _ in range(levels):
+        x = _proposed(iterate, np)
+        found = at == x[:, None]
+        known = found.any(axis=1)
+        better = _with_margin(iterate, x, margins[rows, found.argmax(axis=1)], np)
+        iterate = jax.tree.map(lambda old, new, k=known: np.where(k, new, old), iterate, better)
+    return iterate
 
 
 def _multisection(margin: Any, iterate: _Iterate, case: Any, parts: int) -> _Iterate:
