@@ -1,8 +1,10 @@
 """Sign changes of margins that are known, found where halving and interpolation should."""
 
+import jax
 import numpy as np
 import pytest
 
+from jaxrock.numerics import roots
 from jaxrock.numerics.roots import brackets, located
 
 pytestmark = pytest.mark.float64
@@ -48,3 +50,29 @@ def test_nothing_hides_without_halving():
     empty = brackets(margin, np.zeros((0, 4)), 3)
     assert empty.count.size == 0
     assert empty.case.size == 0
+
+
+def test_steps_ahead_are_those_of_one_by_one(monkeypatch):
+    """At jumps in fewer calls, and to the same bits whatever else is sought."""
+    values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
+    found = brackets(margin, values, 6)
+    calls = []
+
+    def asked(case, value):
+        calls.append(value.size)
+        return margin(case, value)[0]
+
+    ahead = located(asked, found, traced=False, alone=True)
+    several = len(calls)
+    counts = found._replace(count=None, negative_first=None, complete=None)
+    monkeypatch.setattr(roots, "_MOST_LEVELS", 1)
+    calls.clear()
+    single = located(asked, found, traced=False, alone=True)
+    np.testing.assert_array_equal(ahead, single)
+    assert several < len(calls) / 3
+    monkeypatch.undo()
+    for k in range(found.case.size):
+        one = jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], counts)
+        np.testing.assert_array_equal(
+            located(asked, one, traced=False, alone=True), [[row[k]] for row in single]
+        )

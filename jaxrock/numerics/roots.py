@@ -202,6 +202,7 @@ def located(
             (0, iterate),
         )
     else:
+        iterate = jax.tree.map(np.array, iterate)  # which is then changed in place
         for _ in range(_ITERATIONS):
             wide = np.flatnonzero(~iterate.converged())
             if not wide.size:
