@@ -4,6 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,7 +12,7 @@ from jaxtyping import Array, Float
 from ..block import Block
 from ..host import Printed, listed
 from ..resonance import Linearized, ModelLike, as_model
-from ..validation import Booleans, Integers, Number, Numbers, Reals, as_array
+from ..validation import Booleans, Integers, Number, Numbers, Reals
 from .free_rocking_input import known_of, measurements, noises_of
 from .free_rocking_motion import (
     CHANGE,
@@ -276,7 +277,7 @@ def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
 def _notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str, ...]:
     """Say in sentences what the measurements leave in doubt."""
     notes = []
-    if block is not None:
+    if block is not None and measured.peaks.size:
         angle = float(block.critical_angle)
         above = int((measured.peaks[measured.peak_counts] >= angle).sum())
         if above:
@@ -320,38 +321,32 @@ def _result(
     if not free["first_impact"]:
         values["first_impact"] = np.nan
     errors = np.sqrt(np.diagonal(about.covariance))
-
-    def reals(numbers: Any) -> Array:
-        return as_array(np.asarray(numbers, found.known.dtype))
-
-    return FreeRockingFit(
-        **{name: reals(value) for name, value in values.items()},
-        standard_errors={name: reals(e) for name, e in zip(NUMBERS, errors, strict=True)},
-        covariance=reals(about.covariance),
-        time_residuals=reals(
-            np.where(measured.time_counts, late * found.noises.times, np.nan)[:times]
-        ),
-        rotation_residuals=reals(
-            np.where(measured.peak_counts, high * found.noises.rotations, np.nan)
-        ),
-        time_noise=reals(found.time_noise if times else np.nan),
-        rotation_noise=reals(found.rotation_noise if peaks else np.nan),
-        impact_times=reals(measured.times[:times]),
-        impact_numbers=as_array(measured.impacts),
-        used=as_array(measured.time_counts),
-        velocity_ratios=reals(about.velocity_ratios),
-        restitutions=reals(about.restitutions),
-        restitution_errors=reals(about.restitution_errors),
-        restitution_change=reals(about.restitution_change),
-        restitution_change_error=reals(about.restitution_change_error),
-        restitution_change_p_value=reals(about.restitution_change_p_value),
-        frequency_p_value=reals(about.frequency_p_value),
-        degrees_of_freedom=reals(about.freedom),
-        converged=as_array(np.asarray(True)),
-        block=block,
-        repairs=repairs,
-        notes=notes,
-    )
+    reals: dict[str, Any] = {
+        **values,
+        "standard_errors": dict(zip(NUMBERS, errors, strict=True)),
+        "covariance": about.covariance,
+        "time_residuals": np.where(measured.time_counts, late * found.noises.times, np.nan)[:times],
+        "rotation_residuals": np.where(measured.peak_counts, high * found.noises.rotations, np.nan),
+        "time_noise": found.time_noise if times else np.nan,
+        "rotation_noise": found.rotation_noise if peaks else np.nan,
+        "impact_times": measured.times[:times],
+        "velocity_ratios": about.velocity_ratios,
+        "restitutions": about.restitutions,
+        "restitution_errors": about.restitution_errors,
+        "restitution_change": about.restitution_change,
+        "restitution_change_error": about.restitution_change_error,
+        "restitution_change_p_value": about.restitution_change_p_value,
+        "frequency_p_value": about.frequency_p_value,
+        "degrees_of_freedom": about.freedom,
+    }
+    reals = jax.tree.map(lambda leaf: np.asarray(leaf, found.known.dtype), reals)
+    others = {
+        "impact_numbers": measured.impacts,
+        "used": measured.time_counts,
+        "converged": np.asarray(True),
+    }
+    arrays = jax.device_put({**reals, **others})  # at once, which is ten times faster
+    return FreeRockingFit(**arrays, block=block, repairs=repairs, notes=notes)
 
 
 def _refuse(found: _Found, measured: Measured) -> None:

@@ -1,7 +1,6 @@
 """What is measured in a test of free rocking and what is known of the block, checked."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -89,22 +88,23 @@ def known_of(
     if block is not None:
         check_kind("block", block, Block)
         check_concrete(block)
-    shape = Block(0.2, _ANY_SHAPE) if block is None else block
-    if jnp.ndim(shape.critical_angle):
-        raise ValueError("block must be one block, got several")
     free = [timed, True, True, timed and (block is None or not frequency_known)]
     free += [block is None and peaked, False]
     numbers = np.zeros(6)
     if block is not None:
-        numbers[FREQUENCY] = np.log(float(block.frequency_parameter))
-        numbers[ANGLE] = np.log(float(block.critical_angle))
+        frequency, angle = block.frequency_parameter, block.critical_angle
+        if frequency.ndim:
+            raise ValueError("block must be one block, got several")
+        numbers[FREQUENCY] = np.log(float(frequency))
+        numbers[ANGLE] = np.log(float(angle))
     unknowns = sum(free)
     of_times, of_peaks = measured.times.size * timed, measured.peaks.size
     if of_times + of_peaks <= unknowns:
         name, given = ("impact_times", of_times) if timed else ("peak_rotations", of_peaks)
         least = unknowns + 1 - (of_peaks if timed else 0)
         raise ValueError(f"{name} must be at least {least} to fit {unknowns} numbers, got {given}")
-    shape = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), shape)
+    shape = Block(0.2, _ANY_SHAPE) if block is None else block
+    shape = jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf, dtype), shape))
     return Known(model, shape, numbers, np.array(free))
 
 

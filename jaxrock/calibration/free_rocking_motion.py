@@ -22,7 +22,7 @@ NUMBERS = "first_impact", "launch_ratio", "restitution", "frequency_parameter", 
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
 _LEAST_SHARE = 1e-6  # of the velocity that an impact leaves
-_TOGETHER = 1024  # half-cycles, so that one program computes any number of them
+_TOGETHER = 256  # half-cycles, so that one program computes any number of them
 
 
 class Measured(NamedTuple):
@@ -60,7 +60,7 @@ class Known(NamedTuple):
     @property
     def dtype(self) -> np.dtype:
         """The precision."""
-        return np.asarray(self.shape.half_width).dtype
+        return self.shape.half_width.dtype
 
     def freed(self, place: int, free: bool = True) -> "Known":
         """The same with one more number that is fitted, or one less."""

@@ -18,8 +18,8 @@ Flags = TypeAliasType("Flags", Bool[np.ndarray, "..."])
 Places = TypeAliasType("Places", Int[np.ndarray, "..."])
 
 _ARRIVED = 1e-7  # part of the root of the sum of squares that one more step would take away
-_DAMPING = 1e-3  # to begin with, of the squares of the derivatives
-_LESS, _MORE = 0.1, 10.0  # after a step that lowers the sum of squares, and after another one
+_DAMPING = 1e-5  # to begin with, of the squares of the derivatives
+_LESS, _MORE = 0.01, 10.0  # after a step that lowers the sum of squares, and after another one
 _LEAST_DAMPING, _MOST_DAMPING = 1e-13, 1e6
 
 
