@@ -31,6 +31,10 @@ _ROUNDS = 6  # in which the noises of times and rotations are found beside each 
 _SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
 _NEGLIGIBLE = 1e-6  # change of C, however significant
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
+_NO_SUCH_MOTION = (
+    "{} must be of a block that rocks freely; no such motion was found (are times in seconds,"
+    " rotations in radians?)"
+)
 
 
 class FreeRockingFit(Printed, eqx.Module):
@@ -268,6 +272,8 @@ def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
     if not known.free[FREQUENCY]:
         kinds.append(known.freed(FREQUENCY))
     constant, changing, *others = fit_together([measured] * len(kinds), kinds, noises)
+    if not is_least(constant, measured, known, noises):
+        raise ValueError(_NO_SUCH_MOTION.format(_name_of(measured)))
     tuned = others[0] if others else None
     given = noises.known[0 if timed else 1] or (timed and peaked)
     about = summarize(measured, known, constant, changing, tuned, noises, given)
@@ -349,22 +355,24 @@ def _result(
     return FreeRockingFit(**arrays, block=block, repairs=repairs, notes=notes)
 
 
+def _name_of(measured: Measured) -> str:
+    """The argument that the motion was sought for."""
+    return "impact_times" if measured.times.size > 1 else "peak_rotations"
+
+
 def _refuse(found: _Found, measured: Measured) -> None:
     """Raise `ValueError` for a fit of what is no free rocking."""
     restitution = found.about.values[RESTITUTION]
     error = found.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
-    timed = measured.times.size > 1
-    name = "impact_times" if timed else "peak_rotations"
-    converged = is_least(found.fit, measured, found.known, found.noises)
-    if not converged or not np.isfinite(restitution + error):
-        must = f"{name} must be of a block that rocks freely; no such motion was found"
-        raise ValueError(f"{must} (are times in seconds, rotations in radians?)")
+    name = _name_of(measured)
+    if not np.isfinite(restitution + error):
+        raise ValueError(_NO_SUCH_MOTION.format(name))
     if restitution - 2 * error > 1:
         raise ValueError(
             f"{name} must be of a motion that decays, got one in which each launch is"
             f" {restitution:.4g} times the one before"
         )
-    if timed:
+    if measured.times.size > 1:
         noise = found.time_noise
         typical = float(np.median(np.diff(measured.times[measured.time_counts])))
         if noise > _ROUGH * typical:

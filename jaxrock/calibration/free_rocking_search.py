@@ -24,7 +24,7 @@ from .least_squares import Flags, Places, Values, directions_of, minimize
 
 _FREQUENCIES = 33  # that are tried where p is not known
 _SHORTEST, _LONGEST = 0.02, 6.0  # half of the longest half-cycle times p that is tried
-_MAX_STEPS = 60
+_MAX_STEPS = 100
 _ARRIVED = 0.01  # standard errors from the least squares
 
 

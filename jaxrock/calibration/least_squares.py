@@ -18,8 +18,9 @@ Flags = TypeAliasType("Flags", Bool[np.ndarray, "..."])
 Places = TypeAliasType("Places", Int[np.ndarray, "..."])
 
 _ARRIVED = 1e-7  # part of the root of the sum of squares that one more step would take away
-_DAMPING = 1e-5  # to begin with, of the squares of the derivatives
-_LESS, _MORE = 0.01, 10.0  # after a step that lowers the sum of squares, and after another one
+_DAMPING = 1e-3  # to begin with, of the squares of the derivatives
+_LESS, _MORE = 0.1, 4.0  # after a step that does what it should, and after one that does harm
+_AS_EXPECTED = 0.9  # part of the expected fall, from which on a step does what it should
 _LEAST_DAMPING, _MOST_DAMPING = 1e-13, 1e6
 
 
@@ -56,27 +57,29 @@ def minimize(
     for _ in range(most_steps):
         squares = np.sum(residuals[places] ** 2, axis=1)
         with np.errstate(over="ignore", invalid="ignore"):
-            steps, gain = _steps(residuals[places], jacobian[places], damping[places])
-        searching = ~(gain <= _ARRIVED**2 * squares + negligible)
+            steps, fall, left = _steps(residuals[places], jacobian[places], damping[places])
+        searching = ~(left <= _ARRIVED**2 * squares + negligible)
         # Nothing is found where nothing can be computed, and where no step is short enough.
         searching &= np.isfinite(squares) & (damping[places] <= _MOST_DAMPING)
-        places, squares, steps = places[searching], squares[searching], steps[searching]
+        places = places[searching]
         if not places.size:
             break
-        trials = numbers[places] + steps
-        left, slopes = evaluate(trials, places)
-        better = np.sum(left**2, axis=1) < squares
-        damping[places] *= np.where(better, _LESS, _MORE)
+        trials = numbers[places] + steps[searching]
+        new_residuals, new_jacobian = evaluate(trials, places)
+        gain = squares[searching] - np.sum(new_residuals**2, axis=1)
+        better = gain > 0
+        as_expected = gain >= _AS_EXPECTED * fall[searching]
+        damping[places] *= np.where(better, np.where(as_expected, _LESS, 1), _MORE)
         damping = np.maximum(damping, _LEAST_DAMPING)
         moved = places[better]
         numbers[moved] = trials[better]
-        residuals[moved] = left[better]
-        jacobian[moved] = slopes[better]
+        residuals[moved] = new_residuals[better]
+        jacobian[moved] = new_jacobian[better]
     return Least(numbers, residuals, jacobian)
 
 
-def _steps(residuals: Values, jacobian: Values, damping: Values) -> tuple[Values, Values]:
-    """The next steps, and by how much the sums of squares would fall without damping."""
+def _steps(residuals: Values, jacobian: Values, damping: Values) -> tuple[Values, Values, Values]:
+    """The next steps, by how much the sums of squares should fall, and would without damping."""
     scale = np.sqrt(np.sum(jacobian**2, axis=1))
     scale[scale == 0] = 1
     scaled = jacobian / scale[:, None]
@@ -84,9 +87,11 @@ def _steps(residuals: Values, jacobian: Values, damping: Values) -> tuple[Values
     gradient = transposed @ residuals[..., None]
     normal = transposed @ scaled
     identity = np.eye(scale.shape[1])
-    newton = np.linalg.solve(normal + _LEAST_DAMPING * identity, gradient)
-    damped = np.linalg.solve(normal + damping[:, None, None] * identity, gradient)
-    return -damped[..., 0] / scale, np.sum(newton * gradient, axis=(1, 2))
+    newton = np.linalg.solve(normal + _LEAST_DAMPING * identity, gradient)[..., 0]
+    damped = np.linalg.solve(normal + damping[:, None, None] * identity, gradient)[..., 0]
+    gradient = gradient[..., 0]
+    fall = np.sum(damped * (gradient + damping[:, None] * damped), axis=1)
+    return -damped / scale, fall, np.sum(newton * gradient, axis=1)
 
 
 def directions_of(jacobian: Float[np.ndarray, "measurements free"]) -> Values:
