@@ -27,7 +27,8 @@ _EXACT = 1e-9  # differences of what has no noise
 _ROUNDING = {8: 1e-9, 4: 1e-6}  # part of a rotation, by the bytes of a number
 _MAX_STEPS = 30
 _SEEN = 4.0  # rotations over the noise, from which on they tell the side
-_LEAST_TIMES = 256  # so that few lengths are compiled
+_LEAST_TIMES = 1024  # there is room for, at least
+_PIECE = 16  # times whose rotations are computed together: they take as long as the last of them
 
 
 class ShakingTest(NamedTuple):
@@ -84,8 +85,11 @@ class ShakingTest(NamedTuple):
         values, slopes = self.values(numbers)
         known = self.known | dict(zip(self.parameters, values, strict=True))
         until = int(np.searchsorted(self.time, end, side="right"))
-        room = max(_LEAST_TIMES, 1 << (self.time.size - 1).bit_length())
-        times = np.pad(self.time[:until], (0, room - until))  # at 0 nothing has to be integrated
+        room = _LEAST_TIMES
+        while room < self.time.size:
+            room *= 4  # so that few lengths are compiled
+        times = np.pad(self.time[:until], (0, room - until))
+        pieces = np.asarray(-(-until // _PIECE))
         jacobian = np.empty((until, len(self.parameters)))
         rotation = jacobian[:, 0]
         impacts = 0
@@ -94,7 +98,7 @@ class ShakingTest(NamedTuple):
             parts = (known, along, times, np.asarray(end))
             parts = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), parts)
             fixed = self.gravity, self.motion, self.initial
-            found = _rotations(*parts, *fixed, self.model, room=self.room)
+            found = _rotations(*parts, pieces, *fixed, self.model, room=self.room)
             rotation, slope, impacts = (np.asarray(part) for part in found)
             jacobian[:, k] = slope[:until]
         return rotation[:until].astype(float), jacobian, int(impacts)
@@ -106,6 +110,7 @@ def _rotations(
     along: dict[str, Reals],
     times: Reals,
     end: Reals,
+    pieces: Integers,
     gravity: Reals,
     motion: Motion,
     initial: tuple[Reals, Reals],
@@ -130,7 +135,13 @@ def _rotations(
             max_impacts=room,
         )
         complete = response.status == Status.COMPLETE
-        rotations = response.history(jnp.where(complete, times, 0))[0]
+        asked = jnp.where(complete, times, 0)
+
+        def piece(k: Integers, found: Reals) -> Reals:
+            some = jax.lax.dynamic_slice(asked, (k * _PIECE,), (_PIECE,))
+            return jax.lax.dynamic_update_slice(found, response.history(some)[0], (k * _PIECE,))
+
+        rotations = jax.lax.fori_loop(0, pieces, piece, jnp.zeros_like(times))
         return jnp.where(complete, rotations, jnp.nan), response.impacts
 
     return jax.jvp(rotations, (known,), (along,), has_aux=True)
