@@ -36,7 +36,7 @@ class Measured(NamedTuple):
     arcs: Int[np.ndarray, " peaks"]  # the number of the impact before each peak
 
     @property
-    def count(self) -> int:
+    def counted(self) -> int:
         """How many count."""
         return int(self.time_counts.sum() + self.peak_counts.sum())
 

@@ -77,7 +77,7 @@ def is_least(fit: Fitted, measured: Measured, known: Known, noises: Noises) -> b
     """Whether a further Gauss-Newton step is far below the standard errors, or rounding."""
     if not (np.isfinite(fit.residuals).all() and np.isfinite(fit.jacobian).all()):
         return False
-    freedom = max(measured.count - known.free.sum(), 1)
+    freedom = max(measured.counted - known.free.sum(), 1)
     # Measurements may be better than a noise that is known.
     sigma = max((fit.squares / freedom) ** 0.5, 1.0 if any(noises.known) else 0.0)
     least = _ARRIVED * sigma + rounding_of(known.dtype) * _extent(measured, noises)

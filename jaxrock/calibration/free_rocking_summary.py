@@ -68,7 +68,7 @@ def summarize(
 ) -> Summary:
     """Of fits with a constant C, with one that changes, and if p is known with a free p."""
     numbers, free = constant.numbers, known.free
-    freedom = measured.count - int(free.sum())
+    freedom = measured.counted - int(free.sum())
     variance = 1.0 if noise_known else _mean_square(constant, freedom)
     growth = np.exp(numbers[LAUNCH])
     rest = np.exp(numbers[RESTITUTION : ANGLE + 1])
