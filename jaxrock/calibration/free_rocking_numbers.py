@@ -8,6 +8,8 @@ from .free_rocking_motion import ANGLE, CHANGE, FREQUENCY, Known, Measured, Nois
 from .free_rocking_search import fit_together, rounding_of
 from .impact_numbers import Numbering, choices_of, log_chance, repair
 
+_STEPS = 50  # of each fit: they are many, and only the best one counts
+
 
 def with_numbers(measured: Measured, numbering: Numbering) -> Measured:
     """The measurements with their numbers; peaks count between impacts in succession."""
@@ -35,7 +37,7 @@ def number_impacts(measured: Measured, known: Known, noises: Noises) -> tuple[Nu
     def with_free(kind: Known) -> Numbering:
         def squares_of(numberings: Sequence[Numbering]) -> np.ndarray:
             rows = [with_numbers(silent, numbering) for numbering in numberings]
-            fits = fit_together(rows, [kind] * len(rows), noises)
+            fits = fit_together(rows, [kind] * len(rows), noises, _STEPS)
             return np.array([fit.squares for fit in fits])
 
         unknowns = int(kind.free.sum())

@@ -24,7 +24,6 @@ from .least_squares import Flags, Places, Values, directions_of, minimize
 
 _FREQUENCIES = 33  # that are tried where p is not known
 _SHORTEST, _LONGEST = 0.02, 6.0  # half of the longest half-cycle times p that is tried
-_MAX_STEPS = 100
 _ARRIVED = 0.01  # standard errors from the least squares
 
 
@@ -45,7 +44,9 @@ class Fitted(NamedTuple):
         return float(np.sum(self.residuals**2))
 
 
-def fit_together(tests: Sequence[Measured], kinds: Sequence[Known], noises: Noises) -> list[Fitted]:
+def fit_together(
+    tests: Sequence[Measured], kinds: Sequence[Known], noises: Noises, most_steps: int = 100
+) -> list[Fitted]:
     """Find the best numbers for several numberings of the same measurements, side by side."""
     known, rows = kinds[0], Rows.of(tests, kinds)
 
@@ -57,7 +58,7 @@ def fit_together(tests: Sequence[Measured], kinds: Sequence[Known], noises: Nois
         start = _start(rows, known, noises)
         amplitudes = _amplitudes(start, rows)
         rounding = float(np.finfo(known.dtype).eps) * _extent(rows, noises)
-        least = minimize(evaluate, start, rounding**2, _MAX_STEPS)
+        least = minimize(evaluate, start, rounding**2, most_steps)
     return [Fitted(*parts) for parts in zip(*least, amplitudes, strict=True)]
 
 
