@@ -22,7 +22,7 @@ NUMBERS = "first_impact", "launch_ratio", "restitution", "frequency_parameter", 
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
 _LEAST_SHARE = 1e-6  # of the velocity that an impact leaves
-_TOGETHER = 256  # half-cycles, so that one program computes any number of them
+_TOGETHER = 512  # half-cycles, so that one program computes any number of them
 
 
 class Measured(NamedTuple):
