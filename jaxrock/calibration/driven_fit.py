@@ -221,7 +221,8 @@ def _checked(
             f" got shapes {times.shape} and {angles.shape}"
         )
     check("time", times, FINITE)
-    if (np.diff(np.asarray(times)) <= 0).any() or float(times[0]) < 0:
+    instants = np.asarray(times, float)  # in NumPy, which compiles nothing
+    if (np.diff(instants) <= 0).any() or instants[0] < 0:
         raise ValueError("time must increase from each to the next, from 0 on")
     measured = np.asarray(angles, float)
     counts = ~np.isnan(measured)
@@ -236,12 +237,12 @@ def _checked(
     if restitution is None:
         start = housner_restitution(block)
     tree = of_one_precision((times, start, (first, speed), block, motion))
-    times, start, starts, block, motion = tree
+    _, start, starts, block, motion = tree
     roughly = rough_noise(measured[counts]) if noise is None else float(size)
     if roughly == 0:
         raise ValueError("rotation must be of a block that rocks, got 0 everywhere")
     test = ShakingTest(
-        time=np.asarray(times, float),
+        time=instants,
         measured=np.where(counts, measured, 0),
         counts=counts,
         noise=roughly,
