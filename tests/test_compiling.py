@@ -389,6 +389,32 @@ def test_pulses_of_all_shapes_take_two_programs(compiled):
     assert marches(compiled) == 2
 
 
+def test_free_fits_of_all_kinds_take_one_program(compiled):
+    """Of any number of times and peaks, with repairs and without."""
+    slim = jr.Block(0.1, 5)
+    jr.fit_free_rocking(impact_times(0), slim, frequency_known=False)
+    compiled.clear()
+    for count in (6, 9, 30):
+        times = scenes.impact_times(slim, 0.9, 0.9, count)
+        jr.fit_free_rocking(times, slim)
+        jr.fit_free_rocking(times, slim, frequency_known=False, repair=False)
+        jr.fit_free_rocking(times, slim, peak_rotations=0.1 * 0.8 ** np.arange(count - 1))
+    jr.fit_free_rocking(np.delete(impact_times(0), 5), slim, time_noise=1e-3)
+    assert compiled == []
+
+
+@pytest.mark.thorough
+def test_driven_fits_of_all_parameters_take_one_program(compiled):
+    """And of any number of samples."""
+    time, rotation, slim, pulse = shaking_test(0)
+    rotation = np.asarray(rotation)
+    jr.fit_driven_rocking(time, rotation, slim, pulse)
+    compiled.clear()
+    for names in (("slenderness",), ("restitution", "half_width"), ("inertia_ratio",)):
+        jr.fit_driven_rocking(time[:-9], rotation[:-9], slim, pulse, 0.85, parameters=names)
+    assert compiled == []
+
+
 def respond(restitution):
     return jr.respond(block(0), restitution, pulse(0), 5.0)
 

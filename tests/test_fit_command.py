@@ -377,5 +377,6 @@ def test_picture_of_peaks_alone_and_of_few_points():
 def test_several_fits_are_no_picture():
     one = fit_free_rocking(decay(12)[0], BLOCK)
     fits = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)
+    assert "restitution" in str(fits)
     with pytest.raises(ValueError, match=r"fit must be of one test, got an array of shape \(2,\)"):
         plot_free_rocking_fit(fits)

@@ -1,16 +1,12 @@
 """Restitution, and if need be shape and inertia, of a block from a test on a shaking table."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
-import jax
-import jax.core
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ..block import Block
-from ..dynamics import respond
 from ..ground_motion import Motion
 from ..host import Printed
 from ..impact import housner_restitution
@@ -23,16 +19,18 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
+    as_array,
     as_real,
     check,
     check_kind,
     of_one_precision,
 )
+from .least_squares import Values, check_concrete
 from .shaking_measurement import (
     RESTITUTIONS,
     ShakingTest,
     Stage,
-    fitted_in_parts,
+    fit_in_parts,
     rough_noise,
     sides_of,
 )
@@ -174,21 +172,30 @@ def fit_driven_rocking(
     0.8500 True
     """
     test = _checked(
-        time, rotation, block, motion, restitution, parameters, rotation_noise,
-        (initial_rotation, initial_velocity), as_model(model),
-    )  # fmt: skip
-    return _result(test, fitted_in_parts(test, restitution, rotation_noise))
+        time,
+        rotation,
+        block,
+        motion,
+        restitution,
+        parameters,
+        rotation_noise,
+        (initial_rotation, initial_velocity),
+        as_model(model),
+    )
+    given = None if restitution is None else test.known["restitution"]
+    stage = fit_in_parts(test, given, None if rotation_noise is None else test.noise)
+    return _result(test, stage, block)
 
 
 def _checked(
-    time: Any,
-    rotation: Any,
-    block: Any,
-    motion: Any,
-    restitution: Any,
+    time: Numbers,
+    rotation: Numbers,
+    block: Block,
+    motion: Motion,
+    restitution: Number | None,
     parameters: Sequence[str],
-    noise: Any,
-    initial: tuple[Any, Any],
+    noise: Number | None,
+    initial: tuple[Number, Number],
     model: RockingModel,
 ) -> ShakingTest:
     """The test, all of it concrete and allowed."""
@@ -200,70 +207,99 @@ def _checked(
         if name not in _PARAMETERS or list(parameters).count(name) > 1:
             allowed = ", ".join(_PARAMETERS)
             raise ValueError(f"parameters must be different ones of {allowed}, got {name!r}")
-    times, angles = as_real("time", time), as_real("rotation", rotation)
-    given = housner_restitution(block) if restitution is None else restitution
-    start = as_real("restitution", given)
-    initial = as_real("initial_rotation", initial[0]), as_real("initial_velocity", initial[1])
+    times = as_real("time", time)
+    angles = as_real("rotation", rotation)
+    start = as_real("restitution", 0.5 if restitution is None else restitution)
+    first = as_real("initial_rotation", initial[0])
+    speed = as_real("initial_velocity", initial[1])
     size = as_real("rotation_noise", 1.0 if noise is None else noise)
-    tree = (times, angles, start, initial, size, block, motion)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree)):
-        raise ValueError("arguments must be concrete here: a fit is made outside of jit and vmap")
+    tree = (times, angles, start, (first, speed), size, block, motion)
+    check_concrete(tree)
     if times.ndim != 1 or times.size < 2 or angles.shape != times.shape:
         raise ValueError(
             "time and rotation must be one-dimensional, of one length of at least 2,"
             f" got shapes {times.shape} and {angles.shape}"
         )
     check("time", times, FINITE)
-    if (np.diff(np.asarray(times)) <= 0).any() or float(times[0]) < 0:
+    instants = np.asarray(times, float)  # in NumPy, which compiles nothing
+    if (np.diff(instants) <= 0).any() or instants[0] < 0:
         raise ValueError("time must increase from each to the next, from 0 on")
-    known = ~np.isnan(np.asarray(angles))
-    check("rotation", np.asarray(angles)[known], FINITE)
-    if known.sum() <= len(parameters):
+    measured = np.asarray(angles, float)
+    counts = ~np.isnan(measured)
+    check("rotation", measured[counts], FINITE)
+    if counts.sum() <= len(parameters):
         least = len(parameters) + 1
-        raise ValueError(f"rotation must be known at {least} times at least, got {known.sum()}")
-    if restitution is not None:
-        check("restitution", start, UNIT_INTERVAL)
-    check("initial_rotation", initial[0], FINITE)
-    check("initial_velocity", initial[1], FINITE)
+        raise ValueError(f"rotation must be known at {least} times at least, got {counts.sum()}")
+    check("restitution", start, UNIT_INTERVAL)
+    check("initial_rotation", first, FINITE)
+    check("initial_velocity", speed, FINITE)
     check("rotation_noise", size, POSITIVE)
-    numbers = of_one_precision(tree)
-    times, angles, start, initial, size, block, motion = numbers
-    measured = jnp.where(known, angles, 0)
-    if noise is None:
-        size = jnp.asarray(rough_noise(np.asarray(angles)[known]), times.dtype)
-        if float(size) == 0:
-            raise ValueError("rotation must be of a block that rocks, got 0 everywhere")
-    counts = jnp.asarray(known)
-    begin = {"rotation": initial[0], "velocity": initial[1], "model": model}
-    trials = (*RESTITUTIONS[::8], float(start)) if "restitution" in parameters else (float(start),)
-    impacts = max(int(respond(block, c, motion, times[-1], **begin).impacts) for c in trials)
-    room = _LEAST_ROOM
-    while room < 2 * impacts:
+    if restitution is None:
+        start = housner_restitution(block)
+    tree = of_one_precision((times, start, (first, speed), block, motion))
+    _, start, starts, block, motion = tree
+    roughly = rough_noise(measured[counts]) if noise is None else float(size)
+    if roughly == 0:
+        raise ValueError("rotation must be of a block that rocks, got 0 everywhere")
+    test = ShakingTest(
+        time=instants,
+        measured=np.where(counts, measured, 0),
+        counts=counts,
+        noise=roughly,
+        known={
+            "restitution": float(start),
+            "slenderness": float(block.slenderness),
+            "half_width": float(block.half_width),
+            "inertia_ratio": float(block.inertia_ratio),
+        },
+        gravity=block.gravity,
+        motion=motion.bucketed(),
+        initial=starts,
+        parameters=tuple(parameters),
+        model=model,
+        room=_LEAST_ROOM,
+    )
+    return test._replace(room=_room_for(test))
+
+
+def _room_for(test: ShakingTest) -> int:
+    """For twice as many impacts as the block has with the largest restitution that is tried."""
+    trials = [test.known["restitution"]]
+    if "restitution" in test.parameters:
+        trials.append(RESTITUTIONS[-1])
+    impacts = [test.follow(test.numbers(c), float(test.time[-1]))[2] for c in trials]
+    room = test.room
+    while room < 2 * max(impacts):
         room *= 4  # so that few are compiled
-    scene = size, block, start, motion.bucketed(), initial
-    return ShakingTest(times, measured, counts, *scene, tuple(parameters), model, room)
+    return room
 
 
-def _result(test: ShakingTest, stage: Stage) -> DrivenFit:
-    if not np.isfinite(stage.rotation).all():
+def _result(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit:
+    rotation, _, _ = test.follow(stage.numbers, float(test.time[-1]))
+    if not np.isfinite(rotation).all():
         raise ValueError("the motion of the block could not be followed; see the status of respond")
-    measured, errors = np.asarray(test.measured), np.sqrt(np.diagonal(stage.covariance))
-    against = sides_of(test, measured) * sides_of(test, stage.rotation) < 0
-    residuals = np.where(np.asarray(test.counts), stage.rotation - measured, np.nan)
-    block, restitution = test.scene(jnp.asarray(stage.numbers))
+    against = sides_of(test, test.measured) * sides_of(test, rotation) < 0
     names = test.parameters
+    values = test.known | dict(zip(names, stage.values, strict=True))
+    errors = np.sqrt(np.diagonal(stage.covariance))
+
+    def real(numbers: Values | float) -> Array:
+        return as_array(np.asarray(numbers, test.dtype))
+
+    fitted = {name: real(value) for name, value in values.items()}
+    size = fitted["half_width"], fitted["slenderness"], test.gravity, fitted["inertia_ratio"]
     return DrivenFit(
         parameters=names,
-        values=dict(zip(names, map(jnp.asarray, stage.values), strict=True)),
-        standard_errors=dict(zip(names, map(jnp.asarray, errors), strict=True)),
-        covariance=jnp.asarray(stage.covariance),
-        restitution=restitution if "restitution" in names else test.restitution,
-        block=block,
-        rotation=jnp.asarray(stage.rotation),
-        residuals=jnp.asarray(residuals),
-        rotation_noise=jnp.asarray(stage.noise),
-        used_until=jnp.asarray(stage.end),
-        last_time=test.time[-1],
-        same_order=jnp.asarray(not against.any()),
-        converged=jnp.asarray(stage.converged),
+        values={name: fitted[name] for name in names},
+        standard_errors={name: real(e) for name, e in zip(names, errors, strict=True)},
+        covariance=real(stage.covariance),
+        restitution=fitted["restitution"],
+        block=Block(*size),
+        rotation=real(rotation),
+        residuals=real(np.where(test.counts, rotation - test.measured, np.nan)),
+        rotation_noise=real(stage.noise),
+        used_until=real(stage.end),
+        last_time=real(test.time[-1]),
+        same_order=as_array(not against.any()),
+        converged=as_array(stage.converged),
     )

@@ -1,38 +1,40 @@
 """Restitution and frequency parameter of a block from a test in which it rocks freely."""
 
-import dataclasses
 import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
 from ..host import Printed, listed
-from ..resonance import Linearized, ModelLike, RockingModel, as_model
-from ..validation import Booleans, Number, Numbers, Reals
-from .free_rocking_input import known_of, measurements, noises_of, padded, with_numbers
-from .free_rocking_numbers import fit_together, freed, number_impacts
-from .free_rocking_summary import Summary, reestimated, summary
-from .least_squares import (
+from ..resonance import Linearized, ModelLike, as_model
+from ..validation import Booleans, Integers, Number, Numbers, Reals
+from .free_rocking_input import known_of, measurements, noises_of
+from .free_rocking_motion import (
     CHANGE,
     FREQUENCY,
     NUMBERS,
-    Fitted,
+    RESTITUTION,
     Known,
     Measured,
     Noises,
-    Places,
 )
+from .free_rocking_numbers import number_impacts, with_numbers
+from .free_rocking_search import Fitted, fit_together, is_least
+from .free_rocking_summary import Summary, reestimate, summarize
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
 _SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
 _NEGLIGIBLE = 1e-6  # change of C, however significant
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
+_NO_SUCH_MOTION = (
+    "{} must be of a block that rocks freely; no such motion was found (are times in seconds,"
+    " rotations in radians?)"
+)
 
 
 class FreeRockingFit(Printed, eqx.Module):
@@ -71,7 +73,7 @@ class FreeRockingFit(Printed, eqx.Module):
     degrees_of_freedom : Array
         Measurements less fitted numbers.
     converged : Array of bool
-        Whether the search has; where not, the numbers are NaN.
+        Whether the search has; it has in every fit that is returned.
     block : Block or None
         The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
     repairs : tuple of str
@@ -92,7 +94,7 @@ class FreeRockingFit(Printed, eqx.Module):
     time_noise: Reals
     rotation_noise: Reals
     impact_times: Reals
-    impact_numbers: Places
+    impact_numbers: Integers
     used: Booleans
     velocity_ratios: Reals
     restitutions: Reals
@@ -114,7 +116,7 @@ class FreeRockingFit(Printed, eqx.Module):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before the numbers are used, in sentences; of one concrete fit."""
+        """What to know before the numbers are used, in sentences."""
         said = [*self.repairs, *self.notes]
         change = abs(float(self.restitution_change)) > _NEGLIGIBLE
         if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
@@ -136,7 +138,7 @@ class FreeRockingFit(Printed, eqx.Module):
 
     def __str__(self) -> str:
         units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))
-        if jnp.ndim(self.restitution) or isinstance(self.restitution, jax.core.Tracer):
+        if jnp.ndim(self.restitution):
             return listed(self, **units, converged="")
         order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
         lines = []
@@ -189,7 +191,7 @@ def fit_free_rocking(
         by default estimated from the residuals.
     repair : bool
         Whether to look for impacts that are missing, counted twice or out of line: up to four,
-        each of which chance would suggest once in a thousand tests. Not under `jit` and `vmap`.
+        each of which chance would suggest once in a thousand tests.
 
     Returns
     -------
@@ -198,9 +200,8 @@ def fit_free_rocking(
     Raises
     ------
     ValueError
-        If there are too few measurements, times do not increase or peaks are not positive, if
-        the motion does not decay, or if no free rocking is near the measurements. Traced
-        measurements give NaN instead, and ``converged`` is false.
+        If there are too few measurements, times do not increase or a peak is 0, if an argument
+        is traced, if the motion does not decay, or if no free rocking is near the measurements.
 
     Notes
     -----
@@ -220,31 +221,24 @@ def fit_free_rocking(
     >>> print(f"{fit.restitution:.5f} +- {fit.standard_errors['restitution']:.5f}")
     0.89999 +- 0.00007
     """
-    model = as_model(model)
-    measured, traced = measurements(impact_times, peak_rotations)
-    known = known_of(block, measured, model, frequency_known)
+    measured, dtype = measurements(impact_times, peak_rotations)
+    known = known_of(block, measured, as_model(model), frequency_known, dtype)
     noises = noises_of(measured, time_noise, rotation_noise)
-    counts = measured.times.size, measured.peaks.size
-    if traced:
-        return _result(_search(measured, known, noises, model, 1), measured, counts, block, ())
     repairs: tuple[str, ...] = ()
     before = 0.0
-    measured = padded(measured)
-    lanes = 3 * measured.times.size  # as many as there may be repairs to choose from
-    if repair and counts[0] > 1:
-        numbering, before = number_impacts(measured, counts[0], known, noises, model, lanes)
-        measured, repairs = with_numbers(measured, numbering), numbering.repairs
-    found = _search(measured, known, noises, model, lanes)
-    fit = _result(found, measured, counts, block, repairs)
-    notes = _notes(measured, block, fit, found.noises)
+    if repair and measured.times.size > 1:
+        numbering, before = number_impacts(measured, known, noises)
+        measured = with_numbers(measured, numbering)
+        repairs = numbering.repairs
+    found = _search(measured, known, noises)
+    _refuse(found, measured)
+    notes = _notes(measured, block, found)
     if math.exp(before) < _OTHER_BLOCK:
         notes += (
             "before anything was repaired, another p, or a C that changes, explained the times"
             f" better (p-value {math.exp(before):.2g}); repair=False shows it",
         )
-    fit = dataclasses.replace(fit, notes=notes)
-    _refuse(fit, measured)
-    return fit
+    return _result(found, measured, block, repairs, notes)
 
 
 class _Found(NamedTuple):
@@ -252,45 +246,55 @@ class _Found(NamedTuple):
 
     about: Summary
     fit: Fitted
-    noises: Noises
     known: Known
+    noises: Noises
+
+    @property
+    def time_noise(self) -> float:
+        """Given or estimated [s]."""
+        return self.noises.times * self.about.variance**0.5
+
+    @property
+    def rotation_noise(self) -> float:
+        """Given or estimated [rad]."""
+        return self.noises.rotations * self.about.variance**0.5
 
 
-def _search(
-    measured: Measured, known: Known, noises: Noises, model: RockingModel, lanes: int
-) -> _Found:
+def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
     """The best numbers, with the noises by and by where these are found beside each other."""
-    timed, peaked = measured.times.size > 1, measured.peaks.size > 0
+    timed = measured.times.size > 1
+    peaked = measured.peaks.size > 0
     both = timed and peaked and not all(noises.known)
     for _ in range(_ROUNDS if both else 0):
-        fit = fit_together([measured], [known], noises, model, lanes)
-        noises = reestimated(measured, known, fit, noises)
-    kinds = [known, freed(known, CHANGE)]
+        (fit,) = fit_together([measured], [known], noises)
+        noises = reestimate(measured, known, fit, noises)
+    kinds = [known, known.freed(CHANGE)]
     if not known.free[FREQUENCY]:
-        kinds.append(freed(known, FREQUENCY))
-    fits = fit_together([measured] * len(kinds), kinds, noises, model, lanes)
+        kinds.append(known.freed(FREQUENCY))
+    constant, changing, *others = fit_together([measured] * len(kinds), kinds, noises)
+    if not is_least(constant, measured, known, noises):
+        raise ValueError(_NO_SUCH_MOTION.format(_name_of(measured)))
+    tuned = others[0] if others else None
     given = noises.known[0 if timed else 1] or (timed and peaked)
-    about = summary(measured, known, fits, noises, model, given)
-    return _Found(about, fits, noises, known)
+    about = summarize(measured, known, constant, changing, tuned, noises, given)
+    return _Found(about, constant, known, noises)
 
 
-def _notes(
-    measured: Measured, block: Block | None, fit: FreeRockingFit, noises: Noises
-) -> tuple[str, ...]:
+def _notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str, ...]:
     """Say in sentences what the measurements leave in doubt."""
     notes = []
-    if block is not None:
+    if block is not None and measured.peaks.size:
         angle = float(block.critical_angle)
-        peaks = np.asarray(measured.peaks)[np.asarray(measured.peak_counts)]
-        if above := int((peaks >= angle).sum()):
+        above = int((measured.peaks[measured.peak_counts] >= angle).sum())
+        if above:
             are = "peak rotation is" if above == 1 else "peak rotations are"
             notes.append(
                 f"{above} {are} at or above the critical angle of this block, {angle:.4g} rad,"
                 " from which none comes back: it is another block, or they are not in rad"
             )
-    freedom = int(fit.degrees_of_freedom)
-    timed, peaked = fit.used.size > 1, measured.peaks.size > 0
-    known = [k for k, there in zip(noises.known, (timed, peaked), strict=True) if there]
+    freedom = found.about.freedom
+    there = measured.times.size > 1, measured.peaks.size > 0
+    known = [k for k, given in zip(found.noises.known, there, strict=True) if given]
     if freedom in (1, 2) and not all(known):
         word = "degree" if freedom == 1 else "degrees"
         notes.append(
@@ -302,86 +306,75 @@ def _notes(
 def _result(
     found: _Found,
     measured: Measured,
-    counts: tuple[int, int],
     block: Block | None,
     repairs: tuple[str, ...],
+    notes: tuple[str, ...],
 ) -> FreeRockingFit:
-    """The result of a search, cut to the `counts` of times and peaks that were given."""
-    numpy: Any = jnp if isinstance(found.about.values, jax.core.Tracer) else np
-    about, noises, free = found.about, found.noises, found.known.free
-    times, peaks = counts
-    scale = numpy.sqrt(about.variance)
-    residuals = found.fit.residuals[0]
-    late = residuals[: measured.times.size][:times] * noises.times
-    high = residuals[measured.times.size :][:peaks] * noises.rotations
-    none = numpy.full((), np.nan, residuals.dtype)
-    values: dict[str, Any] = dict(zip(NUMBERS, about.values, strict=True))
-    fits: dict[str, Any] = {name: free[k] for k, name in enumerate(NUMBERS)}
-    for name, unknown in (
-        ("critical_angle", block is None and not fits["critical_angle"]),
-        ("first_impact", not fits["first_impact"]),
-    ):
-        values[name] = none if unknown else values[name]
-    converged = found.fit.converged[0]
-    values = {name: numpy.where(converged, value, none) for name, value in values.items()}
-    errors = dict(zip(NUMBERS, numpy.sqrt(numpy.diagonal(about.covariance)), strict=True))
-    by_impact = slice(max(0, (times if times > 1 else peaks + 1) - 2))
-    if numpy is np and not converged:
-        block = None
-    elif block is None and peaks:
-        block = Block.from_parameters(values["frequency_parameter"], values["critical_angle"])
-    elif block is not None and fits["frequency_parameter"]:
-        p, angle = values["frequency_parameter"], values["critical_angle"]
+    about = found.about
+    times = measured.times.size if measured.times.size > 1 else 0
+    peaks = measured.peaks.size
+    late, high = np.split(found.fit.residuals, [measured.times.size])
+    free = dict(zip(NUMBERS, found.known.free, strict=False))
+    values = dict(zip(NUMBERS, about.values, strict=True))
+    p = values["frequency_parameter"]
+    angle = values["critical_angle"]
+    if block is None and peaks:
+        block = Block.from_parameters(p, angle)
+    elif block is None:
+        values["critical_angle"] = np.nan
+    elif free["frequency_parameter"]:
         block = Block.from_parameters(p, angle, block.gravity, block.inertia_ratio)
-    arrays: dict[str, Any] = {
+    if not free["first_impact"]:
+        values["first_impact"] = np.nan
+    errors = np.sqrt(np.diagonal(about.covariance))
+    reals: dict[str, Any] = {
         **values,
+        "standard_errors": dict(zip(NUMBERS, errors, strict=True)),
         "covariance": about.covariance,
-        "time_residuals": numpy.where(measured.time_counts[:times], late, np.nan)
-        if times > 1
-        else late[:0],
-        "rotation_residuals": numpy.where(measured.peak_counts[:peaks], high, np.nan),
-        "time_noise": noises.times * scale if times > 1 else none,
-        "rotation_noise": noises.rotations * scale if peaks else none,
-        "impact_times": measured.times[: times if times > 1 else 0],
-        "impact_numbers": measured.impacts[:times],
-        "used": measured.time_counts[:times],
-        "velocity_ratios": about.velocity_ratios[by_impact],
-        "restitutions": about.restitutions[by_impact],
-        "restitution_errors": about.restitution_errors[by_impact],
+        "time_residuals": np.where(measured.time_counts, late * found.noises.times, np.nan)[:times],
+        "rotation_residuals": np.where(measured.peak_counts, high * found.noises.rotations, np.nan),
+        "time_noise": found.time_noise if times else np.nan,
+        "rotation_noise": found.rotation_noise if peaks else np.nan,
+        "impact_times": measured.times[:times],
+        "velocity_ratios": about.velocity_ratios,
+        "restitutions": about.restitutions,
+        "restitution_errors": about.restitution_errors,
         "restitution_change": about.restitution_change,
         "restitution_change_error": about.restitution_change_error,
         "restitution_change_p_value": about.restitution_change_p_value,
         "frequency_p_value": about.frequency_p_value,
         "degrees_of_freedom": about.freedom,
-        "converged": converged,
-        "standard_errors": errors,
     }
-    whole = {"impact_times", "impact_numbers", "used", "degrees_of_freedom", "converged"}
+    reals = jax.tree.map(lambda leaf: np.asarray(leaf, found.known.dtype), reals)
+    others = {
+        "impact_numbers": measured.impacts,
+        "used": measured.time_counts,
+        "converged": np.asarray(True),
+    }
+    arrays = jax.device_put({**reals, **others})  # at once, which is ten times faster
+    return FreeRockingFit(**arrays, block=block, repairs=repairs, notes=notes)
 
-    def masked(name: str, value: Any) -> Any:
-        if name in whole:
-            return jnp.asarray(value)
-        return jax.tree.map(lambda leaf: jnp.asarray(numpy.where(converged, leaf, np.nan)), value)
 
-    arrays = {name: masked(name, value) for name, value in arrays.items()}
-    return FreeRockingFit(**arrays, block=block, repairs=repairs)
+def _name_of(measured: Measured) -> str:
+    """The argument that the motion was sought for."""
+    return "impact_times" if measured.times.size > 1 else "peak_rotations"
 
 
-def _refuse(fit: FreeRockingFit, measured: Measured) -> None:
+def _refuse(found: _Found, measured: Measured) -> None:
     """Raise `ValueError` for a fit of what is no free rocking."""
-    restitution, error = float(fit.restitution), float(fit.standard_errors["restitution"])
-    name = "impact_times" if fit.used.size > 1 else "peak_rotations"
-    if not bool(fit.converged) or not np.isfinite(restitution + error):
-        must = f"{name} must be of a block that rocks freely; no such motion was found"
-        raise ValueError(f"{must} (are times in seconds, rotations in radians?)")
+    restitution = found.about.values[RESTITUTION]
+    error = found.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
+    name = _name_of(measured)
+    if not np.isfinite(restitution + error):
+        raise ValueError(_NO_SUCH_MOTION.format(name))
     if restitution - 2 * error > 1:
         raise ValueError(
             f"{name} must be of a motion that decays, got one in which each launch is"
             f" {restitution:.4g} times the one before"
         )
-    if fit.used.size > 1:
-        times = np.asarray(measured.times)[np.asarray(measured.time_counts)]
-        noise, typical = float(fit.time_noise), float(np.median(np.diff(times)))
+    if measured.times.size > 1:
+        noise = found.time_noise
+        typical = float(np.median(np.diff(measured.times[measured.time_counts])))
         if noise > _ROUGH * typical:
             raise ValueError(
                 f"impact_times must be of a block that rocks freely: they are {noise:.2g} s off"

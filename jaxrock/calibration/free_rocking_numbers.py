@@ -1,60 +1,27 @@
 """Number the impacts of a test: repairs compete with other explanations of the times."""
 
 from collections.abc import Sequence
-from typing import Any
 
-import equinox as eqx
-import jax
-import jax.core
-import jax.numpy as jnp
 import numpy as np
 
-from ..resonance import RockingModel
-from .free_rocking_input import with_numbers
-from .impact_numbers import Numbering, choices_of, log_chance, repaired
-from .least_squares import (
-    ANGLE,
-    CHANGE,
-    FREQUENCY,
-    Fitted,
-    Known,
-    Measured,
-    Noises,
-    fitted,
-    rounding_of,
-)
+from .free_rocking_motion import ANGLE, CHANGE, FREQUENCY, Known, Measured, Noises
+from .free_rocking_search import fit_together, rounding_of
+from .impact_numbers import Numbering, choices_of, log_chance, repair
+
+_STEPS = 50  # of each fit: they are many, and only the best one counts
 
 
-def freed(known: Known, place: int) -> Known:
-    """The same with one more number that is fitted."""
-    free = known.free.copy()
-    free[place] = True
-    return eqx.tree_at(lambda k: k.free, known, free)
+def with_numbers(measured: Measured, numbering: Numbering) -> Measured:
+    """The measurements with their numbers; peaks count between impacts in succession."""
+    impacts, used = numbering.impacts, numbering.used
+    renumbered = measured._replace(impacts=impacts, time_counts=used)
+    if not measured.peaks.size:
+        return renumbered
+    whole = used[:-1] & used[1:] & (np.diff(impacts) == 1)
+    return renumbered._replace(arcs=impacts[:-1], peak_counts=measured.peak_counts & whole)
 
 
-def fit_together(
-    measured: Sequence[Measured],
-    known: Sequence[Known],
-    noises: Noises,
-    model: RockingModel,
-    lanes: int,
-) -> Fitted:
-    """Fits side by side, filled up to a number of them for which there is a program."""
-    spare = max(lanes - len(measured), 0)
-
-    def stacked(trees: Sequence[Any]) -> Any:
-        def stack(*leaves: Any) -> Any:
-            traced = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
-            return jnp.stack(leaves) if traced else np.stack(leaves)
-
-        return jax.tree.map(stack, *trees, *[trees[0]] * spare)
-
-    return fitted(stacked(measured), stacked(known), noises, model)
-
-
-def number_impacts(
-    measured: Measured, count: int, known: Known, noises: Noises, model: RockingModel, lanes: int
-) -> tuple[Numbering, float]:
+def number_impacts(measured: Measured, known: Known, noises: Noises) -> tuple[Numbering, float]:
     """Number the impacts by the times alone.
 
     Repairs compete with two other explanations, another p and a C that changes. The explanation
@@ -62,45 +29,46 @@ def number_impacts(
     that chance fits the times as well as these two do without a repair; 0 if nothing is repaired.
     """
     # Peaks would have to be given to other arcs for each numbering.
-    silent = eqx.tree_at(lambda m: m.peak_counts, measured, np.zeros_like(measured.peak_counts))
-    free = known.free.copy()
-    free[ANGLE] = False
-    times = np.asarray(measured.times)[:count]
-    rounding = rounding_of(times.dtype) * float(np.abs(times).max()) / float(noises.times)
+    silent = measured._replace(peak_counts=np.zeros_like(measured.peak_counts))
+    known = known.freed(ANGLE, False)
+    times = measured.times
+    rounding = rounding_of(known.dtype) * float(np.abs(times).max()) / noises.times
 
-    def with_free(*places: int) -> Numbering:
-        now = free.copy()
-        now[list(places)] = True
-        kind = eqx.tree_at(lambda k: k.free, known, now)
-
+    def with_free(kind: Known) -> Numbering:
         def squares_of(numberings: Sequence[Numbering]) -> np.ndarray:
             rows = [with_numbers(silent, numbering) for numbering in numberings]
-            fits = fit_together(rows, [kind] * len(rows), noises, model, lanes)
-            return np.sum(np.asarray(fits.residuals)[: len(rows)] ** 2, axis=1)
+            fits = fit_together(rows, [kind] * len(rows), noises, _STEPS)
+            return np.array([fit.squares for fit in fits])
 
-        return repaired(times, int(now.sum()), squares_of, noises.known[0], rounding)
+        unknowns = int(kind.free.sum())
+        return repair(times, unknowns, squares_of, noises.known[0], rounding)
 
-    best = with_free()
+    best = with_free(known)
     if not best.repairs:
         return best, 0.0
-    unknowns, before = int(free.sum()), best.unrepaired_squares
+    unknowns = int(known.free.sum())
+    before = best.unrepaired_squares
 
     def chance(squares: float, used: int, repairs: int, more: int) -> float:
-        freedom, choices = used - unknowns - more, choices_of(times) ** repairs
+        freedom = used - unknowns - more
         if freedom < 1:
             return 0.0
+        choices = choices_of(times) ** repairs
         return log_chance(before, squares, freedom, repairs + more, choices, noises.known[0])
 
     def of_repaired(numbering: Numbering, more: int) -> float:
         used = int(numbering.used.sum())
         return chance(numbering.squares, used, len(numbering.repairs), more)
 
-    least, otherwise = of_repaired(best, 0), 0.0
+    least = of_repaired(best, 0)
+    otherwise = 0.0
     for place in (FREQUENCY, CHANGE):
-        if free[place]:
+        if known.free[place]:
             continue
-        other = with_free(place)
-        otherwise = min(otherwise, chance(other.unrepaired_squares, count, 0, 1))
-        if (explained := of_repaired(other, 1)) < least:
-            best, least = other, explained
+        other = with_free(known.freed(place))
+        otherwise = min(otherwise, chance(other.unrepaired_squares, times.size, 0, 1))
+        explained = of_repaired(other, 1)
+        if explained < least:
+            best = other
+            least = explained
     return best, otherwise

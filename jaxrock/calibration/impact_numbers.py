@@ -40,7 +40,7 @@ class Numbering(NamedTuple):
         return self._replace(impacts=impacts)
 
 
-def repaired(
+def repair(
     times: np.ndarray,
     unknowns: int,
     squares_of: Callable[[Sequence[Numbering]], np.ndarray],
@@ -97,15 +97,15 @@ def log_chance(
     `numbers` repairs or free numbers lower it from `before` to `after`. They were chosen among
     `choices` sets of as many, and the probability is multiplied by that.
     """
-    from scipy.stats import chi2, f  # which load slowly
+    from scipy.special import chdtrc, fdtrc  # which load slowly
 
     if numbers == 0 or before <= after:
         return 0.0
     if noise_known:
-        chance = chi2.logsf(before - after, numbers)
+        chance = chdtrc(numbers, before - after)
     else:
-        chance = f.logsf((before - after) / numbers / (after / freedom), numbers, freedom)
-    return float(chance) + math.log(choices)
+        chance = fdtrc(numbers, freedom, (before - after) / numbers / (after / freedom))
+    return (math.log(chance) if chance > 0 else -math.inf) + math.log(choices)
 
 
 def _trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:

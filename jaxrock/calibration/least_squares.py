@@ -1,238 +1,114 @@
-"""Free rocking as a function of few numbers, and the numbers that fit measurements best.
+"""Least squares of several sets of measurements side by side, by Levenberg and Marquardt.
 
-The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, velocity after it
-over the critical one, as log(artanh(x)), in which durations are nearly linear; logarithms of
-C, p and alpha_c; and by how much C changes from the largest impact to the smallest.
+The search runs in NumPy; what it calls computes residuals and their derivatives, in a program that
+was compiled once.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
+import jax.core
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int, PyTree
 from typing_extensions import TypeAliasType
 
-from ..block import Block
-from ..resonance import RockingModel
-from ..validation import Booleans, Reals
+Values = TypeAliasType("Values", Float[np.ndarray, "..."])
+Flags = TypeAliasType("Flags", Bool[np.ndarray, "..."])
+Places = TypeAliasType("Places", Int[np.ndarray, "..."])
 
-NUMBERS = "first_impact", "launch_ratio", "restitution", "frequency_parameter", "critical_angle"
-TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
-_FREQUENCIES = 33  # that are tried where p is not known
-_SHORTEST, _LONGEST = 0.02, 6.0  # half of the longest half-cycle times p that is tried
-_MAX_STEPS = 60
-_ARRIVED = 0.01  # standard errors from the least squares
-_LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
+_ARRIVED = 1e-7  # part of the root of the sum of squares that one more step would take away
+_DAMPING = 1e-3  # to begin with, of the squares of the derivatives
+_LESS, _MORE = 0.1, 4.0  # after a step that does what it should, and after one that does harm
+_AS_EXPECTED = 0.9  # part of the expected fall, from which on a step does what it should
+_LEAST_DAMPING, _MOST_DAMPING = 1e-13, 1e6
 
 
-# Measurements are in NumPy where they are concrete, which compiles nothing.
-Values = TypeAliasType("Values", Float[Array | np.ndarray, "..."])
-Flags = TypeAliasType("Flags", Bool[Array | np.ndarray, "..."])
-Places = TypeAliasType("Places", Int[Array | np.ndarray, "..."])
+class Least(NamedTuple):
+    """The best numbers of each set, the residuals there, and their derivatives."""
+
+    numbers: Float[np.ndarray, "sets numbers"]
+    residuals: Float[np.ndarray, "sets measurements"]
+    jacobian: Float[np.ndarray, "sets measurements numbers"]
 
 
-class Measured(eqx.Module):
-    """Measurements, and which of them count."""
-
-    times: Values
-    time_counts: Flags
-    impacts: Places  # which one each time belongs to, from 0 on
-    peaks: Values
-    peak_counts: Flags
-    arcs: Places  # the number of the impact before each peak
-    room: int = eqx.field(static=True)  # for impacts
+def check_concrete(tree: PyTree) -> None:
+    """Raise `ValueError` if any of the numbers is traced."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree)):
+        raise ValueError("arguments must be concrete here: a fit is made outside of jit and vmap")
 
 
-class Noises(eqx.Module):
-    """Standard deviations of times [s] and of rotations [rad], and which of them are known."""
+def minimize(
+    evaluate: Callable[[Values, Places], tuple[Values, Values]],
+    start: Float[np.ndarray, "sets numbers"],
+    negligible: float,
+    most_steps: int,
+) -> Least:
+    """Lower the sum of squares of each set as far as it goes.
 
-    times: Values
-    rotations: Values
-    known: tuple[bool, bool] = eqx.field(static=True)
-
-
-class Known(eqx.Module):
-    """What is given: a block of the right shape, the numbers known, and which ones are free."""
-
-    shape: Block
-    numbers: Values
-    free: Flags
-
-
-class Fitted(NamedTuple):
-    """The best numbers, and there the residuals over their noises and their Jacobian.
-
-    And the amplitudes of impacts, over their range and about their mean, on which C may depend.
+    `evaluate` takes numbers, a row for each of the sets that are named by their places, and
+    returns residuals and their Jacobians; a number that is held has a column of zeros. Sums of
+    squares that differ by `negligible` are the same.
     """
-
-    numbers: Reals
-    residuals: Reals
-    jacobian: Reals
-    amplitudes: Reals
-    converged: Booleans
-
-
-def velocity_ratios(numbers: Reals, amplitudes: Reals) -> Reals:
-    """Launch velocities over the critical one, after each impact."""
-    launch = jnp.tanh(jnp.exp(numbers[LAUNCH]))
-    changing = jnp.exp(numbers[RESTITUTION]) + numbers[CHANGE] * amplitudes[1:]
-    shares = jnp.cumprod(jnp.maximum(changing, 1e-6))
-    ratios = launch * jnp.concatenate([jnp.ones_like(shares[:1]), shares])
-    return jnp.minimum(ratios, _LARGEST)
-
-
-def dimensionless_durations(model: RockingModel, shape: Block, ratios: Reals) -> Reals:
-    """Half-cycle durations times p."""
-    velocities = ratios * model.critical_velocity(shape)
-    return model.half_cycle_duration(shape, velocities) * shape.frequency_parameter
-
-
-def residuals(
-    numbers: Reals,
-    amplitudes: Reals,
-    measured: Measured,
-    noises: Noises,
-    shape: Block,
-    model: RockingModel,
-) -> Reals:
-    """What is computed less what is measured, over the noise; of times, then of peaks."""
-    ratios = velocity_ratios(numbers, amplitudes)
-    durations = dimensionless_durations(model, shape, ratios) * jnp.exp(-numbers[FREQUENCY])
-    sums = jnp.concatenate([jnp.zeros_like(durations[:1]), jnp.cumsum(durations)])
-    late = numbers[TIME] + sums[measured.impacts] - measured.times
-    velocities = ratios[measured.arcs] * model.critical_velocity(shape)
-    rotations = model.peak_rotation(shape, velocities) / shape.critical_angle
-    high = rotations * jnp.exp(numbers[ANGLE]) - measured.peaks
-    late = jnp.where(measured.time_counts, late / noises.times, 0)
-    return jnp.concatenate([late, jnp.where(measured.peak_counts, high / noises.rotations, 0)])
+    numbers = start.copy()
+    places = np.arange(len(start))
+    residuals, jacobian = evaluate(numbers, places)
+    damping = np.full(len(start), _DAMPING)
+    for _ in range(most_steps):
+        squares = np.sum(residuals[places] ** 2, axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps, fall, left = _steps(residuals[places], jacobian[places], damping[places])
+        searching = ~(left <= _ARRIVED**2 * squares + negligible)
+        # Nothing is found where nothing can be computed, and where no step is short enough.
+        searching &= np.isfinite(squares) & (damping[places] <= _MOST_DAMPING)
+        places = places[searching]
+        if not places.size:
+            break
+        trials = numbers[places] + steps[searching]
+        new_residuals, new_jacobian = evaluate(trials, places)
+        gain = squares[searching] - np.sum(new_residuals**2, axis=1)
+        better = gain > 0
+        as_expected = gain >= _AS_EXPECTED * fall[searching]
+        damping[places] *= np.where(better, np.where(as_expected, _LESS, 1), _MORE)
+        damping = np.maximum(damping, _LEAST_DAMPING)
+        moved = places[better]
+        numbers[moved] = trials[better]
+        residuals[moved] = new_residuals[better]
+        jacobian[moved] = new_jacobian[better]
+    return Least(numbers, residuals, jacobian)
 
 
-@eqx.filter_jit
-def fitted(measured: Measured, known: Known, noises: Noises, model: RockingModel) -> Fitted:
-    """The best numbers for each of several sets of measurements, along the first axis."""
-    return jax.vmap(lambda m, k: _fitted(m, k, noises, model))(measured, known)
+def _steps(residuals: Values, jacobian: Values, damping: Values) -> tuple[Values, Values, Values]:
+    """The next steps, by how much the sums of squares should fall, and would without damping."""
+    scale = np.sqrt(np.sum(jacobian**2, axis=1))
+    scale[scale == 0] = 1
+    scaled = jacobian / scale[:, None]
+    transposed = scaled.swapaxes(1, 2)
+    gradient = transposed @ residuals[..., None]
+    normal = transposed @ scaled
+    identity = np.eye(scale.shape[1])
+    newton = np.linalg.solve(normal + _LEAST_DAMPING * identity, gradient)[..., 0]
+    damped = np.linalg.solve(normal + damping[:, None, None] * identity, gradient)[..., 0]
+    gradient = gradient[..., 0]
+    fall = np.sum(damped * (gradient + damping[:, None] * damped), axis=1)
+    return -damped / scale, fall, np.sum(newton * gradient, axis=1)
 
 
-def _fitted(measured: Measured, known: Known, noises: Noises, model: RockingModel) -> Fitted:
-    import optimistix  # which loads slowly
-
-    start = _start(measured, known, noises, model)
-    amplitudes = _amplitudes(start, measured)
-
-    def at(numbers: Reals, _: Any) -> Reals:
-        held = jnp.where(known.free, numbers, jax.lax.stop_gradient(numbers))
-        return residuals(held, amplitudes, measured, noises, known.shape, model)
-
-    tolerance = float(jnp.finfo(start.dtype).eps) ** 0.375
-    solver = optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    found = optimistix.least_squares(at, solver, start, max_steps=_MAX_STEPS, throw=False)
-    left, jacobian = at(found.value, None), jax.jacfwd(at)(found.value, None)
-    converged = _is_least(left, jacobian, measured, known, noises)
-    return Fitted(found.value, left, jacobian, amplitudes, converged)
+def directions_of(jacobian: Float[np.ndarray, "measurements free"]) -> Values:
+    """Orthonormal changes of the residuals that the numbers can make."""
+    return np.linalg.qr(_scaled(jacobian)[0])[0]
 
 
-def rounding_of(dtype: Any) -> float:
-    """Part of a measurement below which no misfit is looked at."""
-    return max(8 * float(jnp.finfo(dtype).eps), 1e-10)
+def covariance_of(jacobian: Float[np.ndarray, "measurements free"]) -> Values:
+    """Covariance of the numbers, of residuals of standard deviation 1; NaN if one has no effect."""
+    scaled, scale = _scaled(jacobian)
+    if not (np.isfinite(jacobian).all() and (scale > 0).all()):
+        return np.full((scale.size, scale.size), np.nan)
+    inverse = np.linalg.pinv(scaled) / scale[:, None]
+    return inverse @ inverse.T
 
 
-def _is_least(
-    left: Reals, jacobian: Reals, measured: Measured, known: Known, noises: Noises
-) -> Booleans:
-    """Whether a further Gauss-Newton step is far below the standard errors, or rounding.
-
-    The search itself goes on to its last step where rounding hides that it has arrived.
-    """
-    scale = jnp.sqrt(jnp.sum(jacobian**2, axis=0))
-    held = jnp.diag(jnp.where(known.free, 0, jnp.ones_like(scale)))
-    scaled = jacobian / jnp.where(scale > 0, scale, 1)[None]
-    directions = jnp.linalg.qr(jnp.concatenate([scaled, held]))[0][: left.size]
-    counts = jnp.sum(measured.time_counts) + jnp.sum(measured.peak_counts)
-    freedom = jnp.maximum(counts - jnp.sum(jnp.asarray(known.free)), 1).astype(left.dtype)
-    extent = jnp.max(jnp.abs(measured.times)) / noises.times
-    if measured.peaks.size:
-        extent = jnp.maximum(extent, jnp.max(measured.peaks) / noises.rotations)
-    rounding = rounding_of(left.dtype) * extent * jnp.sqrt(counts.astype(left.dtype))
-    # Measurements may be better than a noise that is known.
-    sigma = jnp.sqrt(jnp.sum(left**2) / freedom)
-    sigma = jnp.maximum(sigma, 1) if any(noises.known) else sigma
-    least = _ARRIVED * sigma + rounding
-    return jnp.sqrt(jnp.sum((left @ directions) ** 2)) <= least
-
-
-def _amplitudes(numbers: Reals, measured: Measured) -> Reals:
-    """Velocities before all impacts that matter, over their range and about their mean."""
-    ratios = velocity_ratios(numbers, jnp.zeros(measured.room, numbers.dtype))
-    last = jnp.maximum(
-        jnp.max(jnp.where(measured.time_counts, measured.impacts, 0)),
-        jnp.max(jnp.where(measured.peak_counts, measured.arcs + 1, 0), initial=0),
-    )
-    number = jnp.arange(ratios.size)
-    matters = (number > 0) & (number < last)
-    before = jnp.concatenate([ratios[:1], ratios[:-1]])
-    mean = jnp.sum(jnp.where(matters, before, 0)) / jnp.maximum(jnp.sum(matters), 1).astype(
-        ratios.dtype
-    )
-    extent = ratios[0] - ratios[jnp.maximum(last - 2, 0)]
-    wide = extent > 0
-    return jnp.where(matters & wide, (before - mean) / jnp.where(wide, extent, 1), 0)
-
-
-def _start(measured: Measured, known: Known, noises: Noises, model: RockingModel) -> Reals:
-    """Numbers to begin with: a line through log(x) of all half-cycles, linearized.
-
-    Of durations tanh(p duration / 2) = x, of peaks 1 - (1 - peak / alpha_c)^2 = x^2, and the
-    line falls by log(C) from each to the next. Where p is not known, the best of several.
-    """
-    times, impacts, counts = measured.times, measured.impacts, measured.time_counts
-    place = jnp.arange(times.size)
-    last = jax.lax.cummax(jnp.where(counts, place, -1))
-    before = jnp.concatenate([jnp.full_like(last[:1], -1), last[:-1]])
-    there = jnp.maximum(before, 0)
-    whole = counts & (before >= 0) & (impacts - impacts[there] == 1)
-    durations = jnp.where(whole, times - times[there], 0)
-    longest = jnp.max(durations, initial=0)
-    longest = jnp.where(longest > 0, longest, 1)
-    first = times[jnp.argmax(counts)]
-    angle = jnp.exp(known.numbers[ANGLE])
-    square = 1 - (1 - jnp.clip(measured.peaks / angle, 1e-6, 0.999)) ** 2
-
-    def line(log_p: Reals) -> Reals:
-        arcs = jnp.clip(jnp.exp(log_p) * durations, 1e-9, 2 * _LONGEST)
-        timed = jnp.where(whole, jnp.sinh(jnp.minimum(arcs, 3.0)) ** 2, 0)
-        # Peaks count where there are no times.
-        high = jnp.where(jnp.any(whole) | ~measured.peak_counts, 0, square**2)
-        weight = jnp.concatenate([timed, high])
-        number = jnp.concatenate([impacts[there], measured.arcs]).astype(weight.dtype)
-        log_x = jnp.concatenate([jnp.log(jnp.tanh(arcs / 2)), 0.5 * jnp.log(square)])
-        total = jnp.sum(weight)
-        middle, height = jnp.sum(weight * number) / total, jnp.sum(weight * log_x) / total
-        spread = jnp.sum(weight * (number - middle) ** 2)
-        slope = jnp.sum(weight * (number - middle) * (log_x - height)) / spread
-        slope = jnp.clip(jnp.where(spread > 0, slope, -0.1), -3.0, -1e-3)
-        x = jnp.exp(jnp.clip(height - slope * middle, -12.0, -1e-4))
-        guess = jnp.stack([first, jnp.log(jnp.arctanh(x)), slope, log_p, *known.numbers[4:]])
-        return jnp.where(known.free, guess, known.numbers).at[FREQUENCY].set(log_p)
-
-    constant = jnp.zeros(measured.room, times.dtype)
-    tried = jnp.geomspace(_SHORTEST, _LONGEST, _FREQUENCIES, dtype=times.dtype)
-    free = known.free[FREQUENCY]
-    tried = jnp.where(free, jnp.log(2 * tried / longest), known.numbers[FREQUENCY])
-    guesses = jax.vmap(line)(tried)
-
-    def misfit(guess: Reals) -> Reals:
-        return jnp.sum(residuals(guess, constant, measured, noises, known.shape, model) ** 2)
-
-    misfits = jax.vmap(misfit)(guesses)
-    best = guesses[jnp.argmin(jnp.where(jnp.isnan(misfits), jnp.inf, misfits))]
-    # The critical angle of a body of which nothing is known: by the largest peak.
-    ratios = velocity_ratios(best, constant)[measured.arcs]
-    rotations = 1 - jnp.sqrt((1 - ratios) * (1 + ratios))
-    rotations = jnp.where(measured.peak_counts, rotations, 0)
-    fits = known.free[ANGLE] & jnp.any(rotations > 0)
-    square = jnp.sum(rotations**2)
-    scale = jnp.sum(rotations * measured.peaks) / jnp.where(fits, square, 1)
-    angle = jnp.where(fits, jnp.log(jnp.where(fits, scale, 1)), best[ANGLE])
-    return best.at[ANGLE].set(angle)
+def _scaled(jacobian: Values) -> tuple[Values, Values]:
+    """Columns of length 1, and how long they were."""
+    scale = np.sqrt(np.sum(jacobian**2, axis=0))
+    return jacobian / np.where(scale > 0, scale, 1), scale

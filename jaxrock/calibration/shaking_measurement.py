@@ -1,17 +1,19 @@
 """A test on a shaking table, fitted to one more part of the motion after another."""
 
-from typing import Any, NamedTuple
+import functools
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
 from ..block import Block
 from ..dynamics import Status, respond
 from ..ground_motion import Motion
 from ..resonance import RockingModel
-from ..validation import Booleans, Reals
+from ..validation import Integers, Reals
+from .least_squares import Flags, Places, Values, covariance_of, minimize
 
 RESTITUTIONS = tuple(0.5 + 0.0025 * k for k in range(193))  # to begin with
 _STARTS = 4  # of them from which the first part is fitted
@@ -22,117 +24,139 @@ _ROUGHER = 1.3  # times the noise of the part before: then it is another motion
 _MOVED = 5.0  # standard errors of the part before, too
 _OFF = 1.5  # times the noise that is seen in the measurements: then it is not their motion
 _EXACT = 1e-9  # differences of what has no noise
+_ROUNDING = {8: 1e-9, 4: 1e-6}  # part of a rotation, by the bytes of a number
 _MAX_STEPS = 30
 _SEEN = 4.0  # rotations over the noise, from which on they tell the side
+_LEAST_TIMES = 1024  # there is room for, at least
+_PIECE = 16  # times whose rotations are computed together: they take as long as the last of them
 
 
-class ShakingTest(eqx.Module):
-    """A test: what is measured, what is known, and which numbers are fitted."""
+class ShakingTest(NamedTuple):
+    """A test: what is measured, what is known, and which numbers are fitted.
 
-    time: Reals
-    measured: Reals
-    counts: Booleans
-    noise: Reals
-    block: Block
-    restitution: Reals
+    The search runs in numbers without bounds: logarithms, of C / (1 - C), of the inertia ratio
+    less 1, and of lengths.
+    """
+
+    time: Float[np.ndarray, " times"]
+    measured: Float[np.ndarray, " times"]
+    counts: Bool[np.ndarray, " times"]
+    noise: float
+    known: dict[str, float]  # by the names that can be fitted
+    gravity: Reals
     motion: Motion
     initial: tuple[Reals, Reals]
-    parameters: tuple[str, ...] = eqx.field(static=True)
-    model: RockingModel = eqx.field(static=True)
-    room: int = eqx.field(static=True)  # for impacts
+    parameters: tuple[str, ...]
+    model: RockingModel
+    room: int  # for impacts
 
-    def scene(self, numbers: Reals) -> tuple[Block, Reals]:
-        """The block and its restitution by the numbers."""
-        values = dict(zip(self.parameters, numbers, strict=True))
-        restitution = jax.nn.sigmoid(values.pop("restitution", _logit(self.restitution)))
-        block = self.block
-        for name, value in values.items():
-            known = 1 + jnp.exp(value) if name == "inertia_ratio" else jnp.exp(value)
-            block = eqx.tree_at(lambda b, name=name: getattr(b, name), block, known)
-        return block, restitution
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision in which the motion is computed."""
+        return self.gravity.dtype
 
-    def numbers(self, restitution: Any) -> np.ndarray:
+    def numbers(self, restitution: float) -> Values:
         """The numbers of the block that is given, with some restitution."""
-        found = []
-        for name in self.parameters:
-            value = float(restitution if name == "restitution" else getattr(self.block, name))
-            if name == "restitution":
-                value = min(max(value, 0.01), 0.999)
-                found.append(np.log(value / (1 - value)))
-            else:
-                least = max(value - 1, 0.01)  # a point mass would never move away from 1
-                found.append(np.log(least if name == "inertia_ratio" else value))
-        return np.asarray(found, self.time.dtype)
+        restitution = min(max(restitution, 0.01), 0.999)
+        known = self.known | {
+            "restitution": restitution / (1 - restitution),
+            # From a point mass the search would never move away.
+            "inertia_ratio": max(self.known["inertia_ratio"] - 1, 0.01),
+        }
+        return np.log([known[name] for name in self.parameters])
 
-    def rotations(self, numbers: Reals) -> Reals:
-        """Rotations computed [rad], at the times of the measured ones."""
-        block, restitution = self.scene(numbers)
-        rotation, velocity = self.initial
+    def values(self, numbers: Values) -> tuple[Values, Values]:
+        """The parameters themselves, and their slopes along the numbers."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            growth = np.exp(numbers)
+            shares = growth / (1 + growth)
+        values = growth.copy()
+        slopes = growth.copy()
+        for k, name in enumerate(self.parameters):
+            if name == "restitution":
+                values[k] = shares[k]
+                slopes[k] = shares[k] * (1 - shares[k])
+            elif name == "inertia_ratio":
+                values[k] = 1 + growth[k]
+        return values, slopes
+
+    def follow(self, numbers: Values, end: float) -> tuple[Values, Values, int]:
+        """Rotations at the times up to an end [rad], their Jacobian, and how many impacts."""
+        values, slopes = self.values(numbers)
+        known = self.known | dict(zip(self.parameters, values, strict=True))
+        until = int(np.searchsorted(self.time, end, side="right"))
+        room = _LEAST_TIMES
+        while room < self.time.size:
+            room *= 4  # so that few lengths are compiled
+        times = np.pad(self.time[:until], (0, room - until))
+        pieces = np.asarray(-(-until // _PIECE))
+        jacobian = np.empty((until, len(self.parameters)))
+        rotation = jacobian[:, 0]
+        impacts = 0
+        for k, name in enumerate(self.parameters):
+            along = {other: slopes[k] if other == name else 0.0 for other in known}
+            parts = (known, along, times, np.asarray(end))
+            parts = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), parts)
+            fixed = self.gravity, self.motion, self.initial
+            found = _rotations(*parts, pieces, *fixed, self.model, room=self.room)
+            rotation, slope, impacts = (np.asarray(part) for part in found)
+            jacobian[:, k] = slope[:until]
+        return rotation[:until].astype(float), jacobian, int(impacts)
+
+
+@functools.partial(jax.jit, static_argnames="room")
+def _rotations(
+    known: dict[str, Reals],
+    along: dict[str, Reals],
+    times: Reals,
+    end: Reals,
+    pieces: Integers,
+    gravity: Reals,
+    motion: Motion,
+    initial: tuple[Reals, Reals],
+    model: RockingModel,
+    room: int,
+) -> tuple[Reals, Reals, Integers]:
+    """Rotations [rad], their slopes along a change of what is known, and how many impacts.
+
+    One direction at a time: a Jacobian would be another program for each set of parameters.
+    """
+
+    def rotations(known: dict[str, Reals]) -> tuple[Reals, Integers]:
+        size = known["half_width"], known["slenderness"], gravity, known["inertia_ratio"]
         response = respond(
-            block,
-            restitution,
-            self.motion,
-            self.time[-1],
-            rotation=rotation,
-            velocity=velocity,
-            model=self.model,
-            max_impacts=self.room,
+            Block(*size),
+            known["restitution"],
+            motion,
+            end,
+            rotation=initial[0],
+            velocity=initial[1],
+            model=model,
+            max_impacts=room,
         )
         complete = response.status == Status.COMPLETE
-        rotations = response.history(jnp.where(complete, self.time, 0))[0]
-        return jnp.where(complete, rotations, jnp.nan)
+        asked = jnp.where(complete, times, 0)
 
-    def residuals(self, numbers: Reals) -> Reals:
-        """Computed less measured, over the noise, where it counts."""
-        off = (self.rotations(numbers) - self.measured) / self.noise
-        return jnp.where(self.counts, off, 0)
+        def piece(k: Integers, found: Reals) -> Reals:
+            some = jax.lax.dynamic_slice(asked, (k * _PIECE,), (_PIECE,))
+            return jax.lax.dynamic_update_slice(found, response.history(some)[0], (k * _PIECE,))
 
+        rotations = jax.lax.fori_loop(0, pieces, piece, jnp.zeros_like(times))
+        return jnp.where(complete, rotations, jnp.nan), response.impacts
 
-def _logit(share: Reals) -> Reals:
-    return jnp.log(share) - jnp.log1p(-share)
+    return jax.jvp(rotations, (known,), (along,), has_aux=True)
 
 
 class Stage(NamedTuple):
     """The fit to a part of the motion."""
 
     end: float
-    numbers: Any
-    values: np.ndarray
-    covariance: np.ndarray
-    rotation: np.ndarray
+    numbers: Values
+    values: Values
+    covariance: Values
     noise: float
     off: float  # root of the mean square of the residuals
     converged: bool
-
-    @classmethod
-    def of(cls, test: ShakingTest, numbers: Any, end: float, noise: Any) -> "Stage":
-        """What the numbers are worth, by the measurements up to a time."""
-        values, slopes, rotation, jacobian = map(np.asarray, _natural(test, numbers))
-        counts = np.asarray(test.counts & (test.time <= end))
-        off, steep = (rotation - np.asarray(test.measured))[counts], jacobian[counts]
-        known = noise is not None
-        noise = (
-            float(noise) if known else float(np.sqrt(off @ off / max(1, off.size - values.size)))
-        )
-        scale = np.sqrt(np.sum(steep**2, axis=0))
-        covariance, converged = np.full((values.size,) * 2, np.nan), False
-        if np.isfinite(scale).all() and (scale > 0).all() and np.isfinite(off).all():
-            inverse = np.linalg.pinv(steep / scale)
-            inverse = inverse / scale[:, None]
-            covariance = noise**2 * inverse @ inverse.T
-            errors = np.sqrt(np.diagonal(covariance))
-            straight = all(
-                _bending(test, numbers, k, errors[k], counts, rotation, steep[:, k])
-                for k in range(values.size)
-            )
-            exact = errors <= 64 * np.finfo(values.dtype).eps
-            converged = bool(np.all(exact | (abs(inverse @ off) <= _STEP_LEFT * errors)))
-            converged = converged and (straight or bool(exact.all()))
-            seen = noise if known else _seen_noise(np.asarray(test.measured)[counts])
-            converged = converged and float(np.sqrt(np.mean(off**2))) <= _OFF * seen
-        covariance = covariance * slopes * slopes[:, None] if converged else covariance * np.nan
-        off = float(np.sqrt(np.mean(off**2)))
-        return cls(end, numbers, values, covariance, rotation, noise, off, converged)
 
     def follows(self, last: "Stage") -> bool:
         """Whether it is the same motion as that of the part before, and still tells something."""
@@ -149,71 +173,77 @@ class Stage(NamedTuple):
         return not self.off >= other.off
 
 
-def _bending(
+def _fit(test: ShakingTest, start: Values, end: float, noise: float | None) -> Stage:
+    """Fit a part of the motion, up to a time; the noise is that which is known."""
+    counts = test.counts[test.time <= end]
+    measured = test.measured[: counts.size][counts]
+
+    def evaluate(numbers: Values, places: Places) -> tuple[Values, Values]:
+        rotation, jacobian, _ = test.follow(numbers[0], end)
+        off = rotation[counts] - measured
+        return off[None] / test.noise, jacobian[counts][None] / test.noise
+
+    rounding = _ROUNDING[test.dtype.itemsize] * np.abs(measured).max(initial=0)
+    negligible = counts.sum() * (rounding / test.noise) ** 2
+    least = minimize(evaluate, start[None], negligible, _MAX_STEPS)
+    numbers = least.numbers[0]
+    values, slopes = test.values(numbers)
+    off = least.residuals[0] * test.noise
+    steep = least.jacobian[0] * test.noise
+    mean_square = float(np.mean(off**2))
+    sigma = noise
+    if sigma is None:
+        sigma = float(np.sqrt(np.sum(off**2) / max(1, off.size - values.size)))
+    covariance = sigma**2 * covariance_of(steep)
+    converged = False
+    if np.isfinite(covariance).all() and np.isfinite(off).all():
+        step = np.linalg.lstsq(steep, off)[0]
+        errors = np.sqrt(np.diagonal(covariance))
+        exact = (errors <= 64 * np.finfo(test.dtype).eps) | (mean_square**0.5 <= rounding)
+        seen = _seen_noise(measured) if noise is None else noise
+        converged = bool(np.all(exact | (np.abs(step) <= _STEP_LEFT * errors)))
+        converged = converged and mean_square**0.5 <= _OFF * seen
+        converged = converged and (
+            bool(exact.all())
+            or all(
+                _is_straight(test, numbers, k, errors[k], end, counts, off + measured, steep[:, k])
+                for k in range(values.size)
+            )
+        )
+    covariance = covariance * np.outer(slopes, slopes) if converged else covariance * np.nan
+    return Stage(end, numbers, values, covariance, sigma, mean_square**0.5, converged)
+
+
+def _is_straight(
     test: ShakingTest,
-    numbers: Any,
+    numbers: Values,
     place: int,
     error: float,
-    counts: np.ndarray,
-    rotation: np.ndarray,
-    slope: np.ndarray,
+    end: float,
+    counts: Flags,
+    rotation: Values,
+    slope: Values,
 ) -> bool:
     """Whether a change of one standard error does what the derivative says."""
-    moved = jnp.asarray(numbers).at[place].add(error)
-    change = (np.asarray(_rotations(test, moved)) - rotation)[counts]
+    moved = numbers.copy()
+    moved[place] += error
+    change = test.follow(moved, end)[0][counts] - rotation
     expected = slope * error
     return bool(np.linalg.norm(change - expected) <= _BENDING * np.linalg.norm(expected))
 
 
-@eqx.filter_jit
-def _rotations(test: ShakingTest, numbers: Any) -> Reals:
-    return test.rotations(numbers)
-
-
-@eqx.filter_jit
-def _natural(test: ShakingTest, numbers: Any) -> tuple[Reals, Reals, Reals, Reals]:
-    """The parameters themselves and their slopes, the rotations and their Jacobian."""
-
-    def parameters(at: Any) -> Reals:
-        block, restitution = test.scene(at)
-        values = {"restitution": restitution, **vars(block)}
-        return jnp.stack([values[name] for name in test.parameters])
-
-    jacobian = jax.jacfwd(test.rotations)(numbers)
-    slopes = jnp.diagonal(jax.jacfwd(parameters)(numbers))
-    return parameters(numbers), slopes, test.rotations(numbers), jacobian
-
-
-@eqx.filter_jit
-def _improved(test: ShakingTest, numbers: Any) -> Reals:
-    """The numbers that fit best, as far as the search gets."""
-    import optimistix  # which loads slowly
-
-    solver = optimistix.LevenbergMarquardt(rtol=1e-6, atol=1e-6)
-    found = optimistix.least_squares(
-        lambda at, _: test.residuals(at), solver, numbers, max_steps=_MAX_STEPS, throw=False
-    )
-    return found.value
-
-
-@eqx.filter_jit
-def _residuals(test: ShakingTest, numbers: Any) -> Reals:
-    return test.residuals(numbers)
-
-
-def _first_numbers(test: ShakingTest, restitution: Any) -> list[np.ndarray]:
-    """Numbers to begin with, those with restitutions that fit best first."""
+def _first_numbers(test: ShakingTest, restitution: float | None, end: float) -> list[Values]:
+    """Numbers to begin with, those with restitutions that fit best up to a time first."""
     if restitution is not None or "restitution" not in test.parameters:
-        return [test.numbers(test.restitution)]
+        return [test.numbers(test.known["restitution"])]
     trials = [test.numbers(value) for value in RESTITUTIONS]
-    squares = [float(jnp.sum(_residuals(test, trial) ** 2)) for trial in trials]
+    squares = []
+    for trial in trials:
+        rotation, _, _ = test.follow(trial, end)
+        off = (rotation - test.measured[: rotation.size])[test.counts[: rotation.size]]
+        squares.append(float(np.sum(off**2)))
     order = np.argsort(np.nan_to_num(squares, nan=np.inf))
     return [trials[k] for k in order[:_STARTS]]
-
-
-def _part(test: ShakingTest, end: float) -> ShakingTest:
-    """The test up to a time."""
-    return eqx.tree_at(lambda t: t.counts, test, test.counts & (test.time <= end))
 
 
 def _ends(time: np.ndarray, sides: np.ndarray) -> list[float]:
@@ -228,8 +258,8 @@ def _ends(time: np.ndarray, sides: np.ndarray) -> list[float]:
 
 def sides_of(test: ShakingTest, rotation: np.ndarray) -> np.ndarray:
     """The side on which a block is seen at each time, 0 where it is not."""
-    seen = np.abs(rotation) > _SEEN * float(test.noise)
-    return np.where(seen & np.asarray(test.counts), np.sign(rotation), 0)
+    seen = np.abs(rotation) > _SEEN * test.noise
+    return np.where(seen & test.counts, np.sign(rotation), 0)
 
 
 def rough_noise(rotation: np.ndarray) -> float:
@@ -244,17 +274,17 @@ def _seen_noise(rotation: np.ndarray) -> float:
     return max(by_bends, 1e-6 * float(np.max(np.abs(rotation))))
 
 
-def fitted_in_parts(test: ShakingTest, restitution: Any, noise: Any) -> Stage:
-    """The fit to as much of the motion as can be followed from one part to the next."""
-    first, *ends = _ends(np.asarray(test.time), sides_of(test, np.asarray(test.measured)))
-    begin, last = _part(test, first), None
-    for numbers in _first_numbers(begin, restitution):
-        stage = Stage.of(test, _improved(begin, numbers), first, noise)
-        if last is None or stage.closer(last):
+def fit_in_parts(test: ShakingTest, restitution: float | None, noise: float | None) -> Stage:
+    """Fit as much of the motion as can be followed from one part to the next."""
+    first, *ends = _ends(test.time, sides_of(test, test.measured))
+    start, *others = _first_numbers(test, restitution, first)
+    last = _fit(test, start, first, noise)
+    for numbers in others:
+        stage = _fit(test, numbers, first, noise)
+        if stage.closer(last):
             last = stage
-    assert last is not None
     for end in ends:
-        stage = Stage.of(test, _improved(_part(test, end), last.numbers), end, noise)
+        stage = _fit(test, last.numbers, end, noise)
         if not stage.follows(last):
             break
         last = stage

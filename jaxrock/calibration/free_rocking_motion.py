@@ -1,0 +1,191 @@
+"""Free rocking as a function of few numbers, beside measurements of it.
+
+The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, velocity after it
+over the critical one, as log(artanh(x)), in which durations are nearly linear; logarithms of
+C, p and alpha_c; and by how much C changes from the largest impact to the smallest.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..block import Block
+from ..resonance import RockingModel
+from ..validation import Reals
+from .least_squares import Places, Values
+
+NUMBERS = "first_impact", "launch_ratio", "restitution", "frequency_parameter", "critical_angle"
+TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
+_LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
+_LEAST_SHARE = 1e-6  # of the velocity that an impact leaves
+_TOGETHER = 512  # half-cycles, so that one program computes any number of them
+
+
+class Measured(NamedTuple):
+    """Measurements, and which of them count."""
+
+    times: Float[np.ndarray, " times"]
+    time_counts: Bool[np.ndarray, " times"]
+    impacts: Int[np.ndarray, " times"]  # which one each time belongs to, from 0 on
+    peaks: Float[np.ndarray, " peaks"]
+    peak_counts: Bool[np.ndarray, " peaks"]
+    arcs: Int[np.ndarray, " peaks"]  # the number of the impact before each peak
+
+    @property
+    def counted(self) -> int:
+        """How many count."""
+        return int(self.time_counts.sum() + self.peak_counts.sum())
+
+
+class Noises(NamedTuple):
+    """Standard deviations of times [s] and of rotations [rad], and which of them are known."""
+
+    times: float
+    rotations: float
+    known: tuple[bool, bool]
+
+
+class Known(NamedTuple):
+    """What is given: the model, a block of the right shape, numbers, and which ones are free."""
+
+    model: RockingModel
+    shape: Block  # in the precision in which the motion is computed
+    numbers: Float[np.ndarray, "6"]
+    free: Bool[np.ndarray, "6"]
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision."""
+        return self.shape.half_width.dtype
+
+    def freed(self, place: int, free: bool = True) -> "Known":
+        """The same with one more number that is fitted, or one less."""
+        flags = self.free.copy()
+        flags[place] = free
+        return self._replace(free=flags)
+
+
+class HalfCycles(NamedTuple):
+    """Durations times p, peak rotations over alpha_c, and their slopes along the ratio."""
+
+    durations: Values
+    rotations: Values
+    duration_slopes: Values
+    rotation_slopes: Values
+
+
+@jax.jit
+def _half_cycles(model: RockingModel, shape: Block, ratios: Reals) -> Reals:
+    def quantities(ratios: Reals) -> tuple[Reals, Reals]:
+        velocities = ratios * model.critical_velocity(shape)
+        durations = model.half_cycle_duration(shape, velocities) * shape.frequency_parameter
+        return durations, model.peak_rotation(shape, velocities) / shape.critical_angle
+
+    values, slopes = jax.jvp(quantities, (ratios,), (jnp.ones_like(ratios),))
+    return jnp.stack([*values, *slopes])
+
+
+def half_cycles(known: Known, ratios: Values) -> HalfCycles:
+    """Half-cycles after launches at so many times the critical velocity."""
+    rows = np.resize(ratios.astype(known.dtype), (-(-ratios.size // _TOGETHER), _TOGETHER))
+    found = [np.asarray(_half_cycles(known.model, known.shape, row)) for row in rows]
+    joined = np.concatenate(found, axis=1)[:, : ratios.size].astype(float)
+    return HalfCycles(*joined.reshape(4, *ratios.shape))
+
+
+class Rows(NamedTuple):
+    """Several numberings of the same measurements, a row each, and which numbers are free."""
+
+    times: Float[np.ndarray, " times"]
+    time_counts: Bool[np.ndarray, "sets times"]
+    impacts: Int[np.ndarray, "sets times"]
+    peaks: Float[np.ndarray, " peaks"]
+    peak_counts: Bool[np.ndarray, "sets peaks"]
+    arcs: Int[np.ndarray, "sets peaks"]
+    free: Bool[np.ndarray, "sets 6"]
+
+    @classmethod
+    def of(cls, tests: Sequence[Measured], kinds: Sequence[Known]) -> "Rows":
+        """Stack them."""
+        first = tests[0]
+        columns = (np.stack(column) for column in zip(*tests, strict=True))
+        _, time_counts, impacts, _, peak_counts, arcs = columns
+        free = np.stack([kind.free for kind in kinds])
+        return cls(first.times, time_counts, impacts, first.peaks, peak_counts, arcs, free)
+
+    def at(self, places: Places) -> "Rows":
+        """Some of them."""
+        parts = self.time_counts, self.impacts, self.peak_counts, self.arcs, self.free
+        time_counts, impacts, peak_counts, arcs, free = (part[places] for part in parts)
+        return Rows(self.times, time_counts, impacts, self.peaks, peak_counts, arcs, free)
+
+    @property
+    def room(self) -> int:
+        """For impacts."""
+        return 1 + int(max(self.impacts.max(initial=0), self.arcs.max(initial=0) + 1))
+
+
+def velocity_ratios(numbers: Values, amplitudes: Values) -> tuple[Values, Values]:
+    """Launch velocities over the critical one, after each impact; and the shares left by each."""
+    changing = np.exp(numbers[..., RESTITUTION, None])
+    changing = changing + numbers[..., CHANGE, None] * amplitudes[..., 1:]
+    shares = np.maximum(changing, _LEAST_SHARE)
+    launch = np.tanh(np.exp(numbers[..., LAUNCH, None]))
+    ratios = np.concatenate([launch, launch * np.cumprod(shares, axis=-1)], axis=-1)
+    return np.minimum(ratios, _LARGEST), shares
+
+
+def _sums(steps: Values) -> Values:
+    """Sums of all before each."""
+    return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+
+
+def compute_residuals(
+    numbers: Values,
+    amplitudes: Values,
+    rows: Rows,
+    known: Known,
+    noises: Noises,
+    with_jacobian: bool = True,
+) -> tuple[Values, Values]:
+    """What is computed less what is measured, over the noise; of times, then of peaks.
+
+    And the Jacobian of that, empty if it is not asked for.
+    """
+    take = np.take_along_axis
+    ratios, shares = velocity_ratios(numbers, amplitudes)
+    motion = half_cycles(known, ratios)
+    unit = np.exp(-numbers[:, FREQUENCY, None])
+    angle = np.exp(numbers[:, ANGLE, None])
+    durations = take(_sums(motion.durations * unit), rows.impacts, 1)
+    rotations = take(motion.rotations, rows.arcs, 1) * angle
+    late = numbers[:, TIME, None] + durations - rows.times
+    weights = [rows.time_counts / noises.times, rows.peak_counts / noises.rotations]
+    weights = np.concatenate(weights, axis=1)
+    residuals = np.concatenate([late, rotations - rows.peaks], axis=1) * weights
+    jacobian = np.zeros((*residuals.shape, 6))
+    if not with_jacobian:
+        return residuals, jacobian
+    of_times, of_peaks = np.split(jacobian, [rows.times.size], axis=1)
+    of_times[..., TIME] = 1
+    of_times[..., FREQUENCY] = -durations
+    of_peaks[..., ANGLE] = rotations
+    # Of the logarithm of each ratio: 1 / (sinh cosh) = (1 - x^2) / x for the launch, then sums.
+    growth = np.exp(numbers[:, LAUNCH, None])
+    launch = np.tanh(growth)
+    of_launch = np.broadcast_to(growth * (1 - launch**2) / launch, ratios.shape)
+    constant = np.exp(numbers[:, RESTITUTION, None])
+    moves = shares > _LEAST_SHARE
+    of_restitution = _sums(np.where(moves, constant / shares, 0))
+    of_change = _sums(np.where(moves, amplitudes[:, 1:] / shares, 0))
+    free_ratios = np.where(ratios < _LARGEST, ratios, 0)
+    slopes = {LAUNCH: of_launch, RESTITUTION: of_restitution, CHANGE: of_change}
+    for place, slope in slopes.items():
+        change = slope * free_ratios
+        of_times[..., place] = take(_sums(motion.duration_slopes * change * unit), rows.impacts, 1)
+        of_peaks[..., place] = take(motion.rotation_slopes * change * angle, rows.arcs, 1)
+    return residuals, np.where(rows.free[:, None], jacobian * weights[..., None], 0)
