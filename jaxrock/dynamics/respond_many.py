@@ -312,11 +312,15 @@ def _shared_out(
         share = -(-share // -(-share // _ROOM))
         room, lanes = _ROOM, _LANES
     march = _compiled(devices[0].platform)
-
     pieces = max(1, -(-size // share))
+    order = np.arange(size)
+    if isinstance(ground, RecordInput):
+        # Long records first, so that no lane begins one when the others have nothing left.
+        intervals = np.asarray(ground.intervals)[rows[-1].astype(int)]
+        order = np.argsort(-intervals, kind="stable")
 
     def on_device(k: int) -> BatchResponse:
-        part = rows[:, k::pieces]  # long records and short ones for each worker
+        part = rows[:, order[k::pieces]]
         count = part.shape[1]
         queue = np.ones((len(rows), room), rows.dtype)
         queue[:, :count] = part
@@ -331,7 +335,7 @@ def _shared_out(
     def put_together(*parts: np.ndarray) -> np.ndarray:
         whole = np.empty(size, parts[0].dtype)
         for k, part in enumerate(parts):
-            whole[k::pieces] = part
+            whole[order[k::pieces]] = part
         return whole
 
     return jax.tree.map(put_together, *separate)

@@ -214,6 +214,9 @@ class Suite(Printed, eqx.Module):
         if factors.ndim and len(factors) != len(self):
             got = f"got an array of shape {factors.shape}"
             raise ValueError(f"factors must be one, or one for each of {len(self)} records, {got}")
-        each = [factors] * len(self) if factors.ndim == 0 else factors
+        each: Any = [factors] * len(self)
+        if factors.ndim:
+            # JAX would compile how an array is taken apart.
+            each = factors if isinstance(factors, jax.core.Tracer) else np.asarray(factors)
         scaled = [record.scaled(factor) for record, factor in zip(self.records, each, strict=True)]
         return Suite(scaled, self.names)
