@@ -135,7 +135,7 @@ def test_what_is_made_of_what_is_stored(tmp_path, monkeypatch):
         same_bits_but_attributes(opened(path), whole)
         for name in ("remark/0", "exceedance/1.0"):
             (path / name).unlink()
-        monkeypatch.setattr("jaxrock.risk.fragility_curves.respond_within", None)
+        monkeypatch.setattr("jaxrock.risk.fragility_curves.follow_within", None)
         again = write_zarr(lazy, path)
     assert again.taken_over == first.chunks - 2
     same_bits_but_attributes(opened(path), whole)
