@@ -483,3 +483,26 @@ def test_never_lifted_and_traced_bad_values():
 def test_bad_input(c, duration, words):
     with pytest.raises(ValueError, match=words):
         jr.respond_batch(jr.Block(0.3, 5.0), c, jr.Sine(4.0, 0.5), duration)
+
+
+@pytest.mark.float64
+def test_slope_to_a_sample_alone():
+    """Of a record, and of one in a suite, where nothing else is traced."""
+    samples = np.array([0.0, 3.0, 3.0, -3.0, -3.0, 0.0])
+    bump = np.eye(6)[2]
+    other = jr.Record(0.9 * samples[:5], 0.1)
+    block = jr.Block(0.4, 5.0)
+
+    def peaks(size):
+        motion = jr.Record(samples + size * bump, 0.1)
+        single = jr.respond_batch(block, 0.7, motion)
+        both = jr.respond_batch(block, 0.7, jr.Suite([motion, other]))
+        return jnp.append(both.peak_rotation, single.peak_rotation)
+
+    _, slopes = jax.jvp(peaks, (0.0,), (1.0,))
+    step = 1e-5
+    differences = (peaks(step) - peaks(-step)) / (2 * step)
+    assert abs(float(slopes[0])) > 1e-3
+    assert slopes[2] == slopes[0]
+    assert slopes[1] == 0
+    np.testing.assert_allclose(slopes, differences, rtol=1e-6)

@@ -56,7 +56,7 @@ class GroundMotions(eqx.Module):
 
     @property
     def numbers(self) -> tuple[Any, ...]:
-        """Those of each block."""
+        """What differs from block to block, in the order of the fields."""
         return self.factor, self.length, self.start, self.end, self.motion
 
     def with_numbers(self, numbers: tuple[Any, ...]) -> "GroundMotions":
@@ -93,7 +93,7 @@ class Batch(eqx.Module):
         duration: Number | None = None,
         axes: int = 0,
     ) -> "Batch":
-        """What is to be followed; without a duration to the end of the motion.
+        """Make the batch, to be followed to the end of the motion or for a duration.
 
         The answers have as many `axes` at least, behind that of the records of a suite.
         """
@@ -129,7 +129,7 @@ class Batch(eqx.Module):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """That of the answers."""
+        """The shape of the answers."""
         return np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(self._numbers)))
 
     @property
@@ -164,7 +164,7 @@ class Batch(eqx.Module):
 
 
 def ground_of(motion: Motion | Suite, axes: int = 0, grouped: bool = False) -> GroundMotions:
-    """What the batch takes a motion or a suite for; of arrays of one type.
+    """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
 
     The records of a suite make the leading axis of the numbers, followed by `axes` others. Outside
     of a transformation they may be `grouped`.

@@ -263,6 +263,8 @@ def follow_batch(
     static = {"form": form, "model": model, "order": order}
     if batch.traced:
         (part,) = batch.ground.parts
+        # The samples of a record may be all that is traced.
+        part, rows = jax.tree.map(jnp.asarray, (part, rows))
         count = rows.shape[1] if count is None else count
         result = _march(part, rows, count, tolerance, lanes=_LANES, **static)
     else:

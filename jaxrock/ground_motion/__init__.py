@@ -11,14 +11,13 @@ from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import pulse_class as pulse_class
 from .record import Record
-from .record import padded as padded
-from .record import room_for as room_for
 from .record_files import example_record, from_obspy, read_record
 from .record_units import speeds_in_name as speeds_in_name
 from .record_units import times_in as times_in
 from .record_units import units_in_name as units_in_name
 from .still import Still
 from .suite import Suite
+from .suite import positive_measures as positive_measures
 from .suite_files import example_suite, read_suite
 
 __all__ = [

@@ -178,9 +178,10 @@ class Padded(Record):
 
     filled: Reals = quantity(NON_NEGATIVE)  # index of the last sample of the record itself
 
-    def __init__(self, record: Record, room: int | None = None):
+    def __init__(self, record: Record):
         # In NumPy: JAX would compile the padding for every length.
-        room, vertical = room or room_for(record.samples), record.vertical
+        room = room_for(record.samples)
+        vertical = record.vertical
         self.acceleration = as_real("acceleration", padded(record.acceleration, room))
         self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
         self.time_step = record.time_step

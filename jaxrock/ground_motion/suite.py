@@ -136,32 +136,6 @@ class Suite(Printed, eqx.Module):
             return jnp.stack(each)
         return jax.device_put(np.stack(each))  # compiles nothing
 
-    def positive_measure(self, measure: str, block: Block | None = None) -> Reals:
-        """As `measure`, of records that can be scaled to a level of it.
-
-        Parameters
-        ----------
-        measure, block
-            As in `intensity_measure`.
-
-        Returns
-        -------
-        Array, shape (records, ...)
-            In the unit of the measure.
-
-        Raises
-        ------
-        ValueError
-            If a record has none of the measure.
-        """
-        measures = self.measure(measure, block)
-        if not isinstance(measures, jax.core.Tracer):
-            for name, value in zip(self.names, np.asarray(measures), strict=True):
-                if not (value > 0).all():
-                    must = f"every record must have a {measure} greater than 0 to be scaled"
-                    raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
-        return measures
-
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
         """The factors that bring each record to levels of an intensity measure.
 
@@ -187,7 +161,7 @@ class Suite(Printed, eqx.Module):
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
             raise ValueError(f"levels must be one where scales are arrays, of shape {shape} here")
-        measures = self.positive_measure(measure, block)
+        measures = positive_measures(self, measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
         )
@@ -220,3 +194,14 @@ class Suite(Printed, eqx.Module):
             each = factors if isinstance(factors, jax.core.Tracer) else np.asarray(factors)
         scaled = [record.scaled(factor) for record, factor in zip(self.records, each, strict=True)]
         return Suite(scaled, self.names)
+
+
+def positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
+    """Return `Suite.measure`; a `ValueError` if a record has none, so that no factor scales it."""
+    measures = suite.measure(measure, block)
+    if not isinstance(measures, jax.core.Tracer):
+        for name, value in zip(suite.names, np.asarray(measures), strict=True):
+            if not (value > 0).all():
+                must = f"every record must have a {measure} greater than 0 to be scaled"
+                raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
+    return measures

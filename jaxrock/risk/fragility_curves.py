@@ -10,7 +10,7 @@ import numpy as np
 from ..accuracy import follow_within
 from ..block import Block
 from ..dynamics import Batch
-from ..ground_motion import MEASURES, Suite
+from ..ground_motion import MEASURES, Suite, positive_measures
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..spectra import Grid, along
 from ..validation import POSITIVE, UNIT_INTERVAL, Number, Numbers, as_real, check, check_kind
@@ -118,7 +118,7 @@ def fragility(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     names = threshold_names(thresholds)
     model = as_model(model)
-    strengths = np.asarray(suite.positive_measure(measure, block))
+    strengths = np.asarray(positive_measures(suite, measure, block))
     axes = {"record": along(list(zip(suite, strengths, strict=True))), "level": places}
     variables = {
         name: (("record", "level"), dtype, about(long_name, units))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..ground_motion import Suite
+from ..ground_motion import Suite, positive_measures
 from ..host import Printed, shown
 from ..overturning import Boundaries, Search, boundaries_of, checked, is_traced
 from ..resonance import ModelLike, Nonlinear
@@ -151,7 +151,7 @@ def overturning_rate(
             raise ValueError("the rates of the hazard must fall with the level, got others")
     search = Search("factor", model, max_boundaries, drop_unknown=True)
     subject, factors = checked(block, restitution, suite, search.along, places)
-    strengths = suite.positive_measure(measure)
+    strengths = positive_measures(suite, measure)
     if not is_traced(strengths):
         strengths = np.asarray(strengths)
     motion = subject.motion.scaled(1.0 / strengths)
