@@ -7,7 +7,6 @@ import contextlib
 import importlib
 import io
 import os
-import re
 from pathlib import Path
 from typing import ClassVar
 
@@ -58,8 +57,8 @@ class CommandHelp(Directive):
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             main([self.arguments[0], "--help"])
-        text = re.sub(r"\x1b\[[\d;]*m", "", printed.getvalue()).strip()
-        if "usage" not in text:
+        text = printed.getvalue().strip()
+        if "Usage" not in text:
             raise self.error(f"{self.arguments[0]} has no help")
         block = nodes.literal_block(text, text)
         block["language"] = "text"

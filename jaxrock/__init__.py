@@ -19,148 +19,26 @@ Processes beside each other are started with "spawn" or "forkserver", as in
 ``multiprocessing.get_context("spawn").Pool()``.
 """
 
-import importlib
-import warnings
-from typing import TYPE_CHECKING, Any
+import importlib.metadata
+from typing import Any
 
-from .host import signals  # before JAX, so that a command can be interrupted while that loads
+import lazy_loader
 
-# isort: split
-from . import (
-    accuracy,
-    calibration,
-    dynamics,
-    ground_motion,
-    overturning,
-    reports,
-    resonance,
-    risk,
-    sensitivity,
-    spectra,
-)
-from .accuracy import choose, model_error, respond_within
-from .block import Block
-from .calibration import fit_driven_rocking, fit_free_rocking
-from .dynamics import (
-    DrivenScene,
-    Status,
-    critical_pulsed_amplitude,
-    harmonic_orbit,
-    pulsed_phase,
-    respond,
-    respond_batch,
-)
-from .ground_motion import (
-    Cosine,
-    HalfSine,
-    Harmonic,
-    Record,
-    Rectangular,
-    Ricker,
-    Sine,
-    Still,
-    Suite,
-    example_record,
-    example_suite,
-    read_record,
-    read_suite,
-)
-from .host import optional
-from .host import version as _version
-from .impact import housner_restitution
-from .overturning import (
-    critical_amplitude,
-    critical_duration,
-    overturning_boundaries,
-    survival_windows,
-)
-from .reports import assess
-from .resonance import (
-    Linearized,
-    Nonlinear,
-    Scene,
-    amplification,
-    critical_intensity,
-    critical_restitution,
-    critical_slenderness,
-    critical_width,
-    half_cycle_velocity,
-    launch_velocity,
-    next_velocity,
-    overturning_half_cycle,
-    overturning_margin,
-    respond_to_train,
-    rotation_ratio,
-    stabilized_period,
-    stabilized_rotation,
-    stabilized_velocity,
-    worst_train,
-)
-from .risk import Hazard, fragility, overturning_rate, read_hazard
-from .sensitivity import sensitivities, tornado, value_and_slopes
-from .spectra import (
-    harmonic_spectrum,
-    overturning_map,
-    overturning_spectrum,
-    resonance_spectrum,
-    rocking_spectrum,
-    write_table,
-)
-
-if TYPE_CHECKING:
-    from . import cluster as cluster
-    from . import plot
-
-    __version__: str
-
-__all__ = ["accuracy", "calibration", "dynamics", "ground_motion", "overturning", "plot"]
-__all__ += ["reports", "resonance", "risk", "sensitivity", "signals", "spectra"]
-__all__ += ["Block", "DrivenScene", "Linearized", "Nonlinear", "Scene", "Status"]
-__all__ += ["Cosine", "HalfSine", "Harmonic", "Rectangular", "Ricker", "Sine", "Still"]
-__all__ += ["Record", "example_record", "read_record"]
-__all__ += ["Suite", "example_suite", "read_suite"]
-__all__ += ["amplification", "overturning_half_cycle", "overturning_margin", "rotation_ratio"]
-__all__ += ["stabilized_period", "stabilized_rotation", "stabilized_velocity"]
-__all__ += ["half_cycle_velocity", "housner_restitution", "launch_velocity", "next_velocity"]
-__all__ += ["critical_intensity", "critical_restitution", "critical_slenderness", "critical_width"]
-__all__ += ["critical_pulsed_amplitude", "pulsed_phase", "respond_to_train", "worst_train"]
-__all__ += ["respond", "respond_batch", "respond_within"]
-__all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]
-__all__ += ["Hazard", "fragility", "overturning_rate", "read_hazard"]
-__all__ += ["assess", "choose", "model_error", "sensitivities", "tornado", "value_and_slopes"]
-__all__ += ["fit_driven_rocking", "fit_free_rocking", "harmonic_orbit", "harmonic_spectrum"]
-__all__ += ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
-__all__ += ["write_table"]
-
-_RENAMED = {  # since version 0.1
-    "GlobalSensitivities": "DerivativeBasedMeasures",
-    "Probability": "ReliabilityResult",
-    "PulsedVerge": "PulsedThreshold",
-    "Scatter": "MomentEstimate",
-    "Swing": "TornadoBars",
-    "Within": "EstimatedResponse",
-    "fate_margin": "free_motion_margin",
-    "global_sensitivities": "derivative_based_measures",
-}
+# What is listed in `__init__.pyi` is imported when it is used first: JAX takes a second.
+_find, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return _version()
-    if name == "plot":  # imports matplotlib
-        return importlib.import_module(".plot", __package__)
+        return importlib.metadata.version(__name__)
     if name == "cluster":  # imports Dask, which not every user has
+        from .host import optional
+
         try:
             return optional(name)
         except ModuleNotFoundError as error:  # which `hasattr` would let through
             raise AttributeError(str(error)) from error
-    new = _RENAMED.get(name, name)  # what version 0.1 had here is in the packages now
-    for room in (accuracy, dynamics, ground_motion, overturning, resonance, sensitivity):
-        if new in room.__all__:
-            where = f"{room.__name__}.{new}"
-            warnings.warn(f"jaxrock.{name} is now {where}", DeprecationWarning, stacklevel=2)
-            return getattr(room, new)
-    raise AttributeError(f"module 'jaxrock' has no attribute {name!r}")
+    return _find(name)
 
 
 def __dir__() -> list[str]:

@@ -16,7 +16,8 @@ from tools.command import run
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.cli import COMMANDS, main
+from jaxrock.cli import main
+from jaxrock.cli.commands import COMMANDS
 from jaxrock.cli.options import Answer
 
 pytestmark = pytest.mark.float64
@@ -83,7 +84,7 @@ def test_spectrum(capsys, tmp_path):
         (("spectrum", "--slenderness", "3:inf:5"), "got '3:inf:5'"),
         (("spectrum", "--intensity", 0.1, 0.1), "intensity must not have a value twice"),
         (("spectrum", "--restitution", 0.5, 2), "restitution must be between 0 and 1, got 2"),
-        ((), "spectrum"),
+        ((), "a command must be given"),
     ],
 )
 def test_bad_input_ends_with_one_clear_sentence(capsys, tmp_path, monkeypatch, arguments, message):
@@ -217,7 +218,8 @@ def test_standard_output_that_cannot_be_written(capsys, monkeypatch, arguments):
     with open(writer, "w") as pipe:
         monkeypatch.setattr("sys.stdout", pipe)
         code, _, err = run(capsys, *arguments)
-        assert (code, err) == (141, "")
+        # Help is printed by a library, which ends with a code of its own.
+        assert (code, err) == (1 if "--help" in arguments else 141, "")
 
 
 @pytest.mark.thorough

@@ -241,34 +241,42 @@ def test_one_column_needs_no_name(tmp_path):
     assert jr.read_record(path).time_step == 0.02
 
 
+CANNOT, UNABLE = "Invalid value for", "unable to convert"
 WORDS = {
-    "no command": ("", "command must be one of assess, spectrum, respond, "),
-    "no such command": ("asess", "command must be one of assess, spectrum, respond, "),
+    "no command": ("", "a command must be given; --help lists them"),
+    "no such command": ("asess", 'Unknown command "asess". Did you mean "assess"?'),
     "a misspelled option": (
         "assess --widht 0.8",
-        "--widht is no option of assess, perhaps --width is meant",
+        "Unknown option: --widht. Did you mean --width?",
     ),
-    "no such option": ("assess --colour=red", "--colour is no option of assess, --help lists them"),
-    "a word for a number": ("assess --width broad", "--width must be a number, got 'broad'"),
-    "the same with =": ("assess --width=broad", "--width must be a number, got 'broad'"),
+    "no such option": ("assess --colour=red", "Unknown option: --colour"),
+    "a word for a number": (
+        "assess --width broad",
+        f'{CANNOT} --width: {UNABLE} "broad" into float',
+    ),
+    "the same with =": ("assess --width=broad", f'{CANNOT} --width: {UNABLE} "broad" into float'),
     "a fraction for a count": (
         "tradeoff --repeats 1.5",
-        "--repeats must be a whole number, got '1.5'",
+        f"{CANNOT} --repeats: '1.5' is not a whole number",
     ),
-    "a word among numbers": ("critical --half-cycles 1 two", "--half-cycles must be a number, got"),
-    "no number": ("assess --height --json", "--height must be a number, got nothing"),
+    "a word among numbers": (
+        "critical --half-cycles 1 two",
+        f'{CANNOT} --half-cycles: {UNABLE} "two" into float',
+    ),
+    "no number": ("assess --height --json", 'Command "assess" parameter --height requires an arg'),
     "no choice": (
         "critical --model cubic",
-        "--model must be one of linearized, nonlinear, got 'cubic'",
+        'Invalid value "cubic" for --model. Choose from: "linearized", "nonlinear"',
     ),
     "a name that another option has": (
         "critical --pulse sine --pulse-duration 0.5 --along width",
-        "--along must be one of amplitude, duration, factor, half_width, slenderness,"
-        " inertia_ratio, restitution, got 'width'",
+        'Invalid value "width" for --along. Choose from: "amplitude", "duration", "factor",'
+        ' "half_width", "slenderness", "inertia_ratio", "restitution"',
     ),
-    "a number too many": ("assess --width 0.8 0.9", "'0.9' belongs to no option of assess"),
-    "a flag with a word": ("assess --json yes", "'yes' belongs to no option of assess"),
-    "a file too few": ("fit", "FILE must be given to fit: The file with the times"),
+    "a number too many": ("assess --width 0.8 0.9", "Unused Tokens: ['0.9']"),
+    "a flag with a word": ("assess --json yes", "Unused Tokens: ['yes']"),
+    "an option twice": ("assess --width 1 --width 2", "Parameter --width specified multiple times"),
+    "a file too few": ("fit", 'Command "fit" parameter --file requires an argument'),
     "the unit of the example": (
         "respond --record example --unit g",
         'record "example" has its unit and time step: leave out --unit',
@@ -300,8 +308,9 @@ def test_a_wrong_call_of_the_command_line(capsys, name):
 def test_help_is_grouped_and_hides_what_is_none(capsys):
     main(["critical", "--help"])
     said = capsys.readouterr().out
-    titles = re.findall(r"^([a-z ]+):$", said, re.M)
-    assert titles == ["options of critical", "block", "ground motion", "output"]
+    titles = re.findall(r"^╭─ ([A-Za-z ]+) ─", said, re.M)
+    assert titles == ["Parameters", "Block", "Ground motion", "Output"]
     assert "None" not in said
-    assert "--width NUMBER" in said.partition("\nblock:")[2].partition("\nground motion:")[0]
+    assert "--width FLOAT" in said.partition("─ Block")[2].partition("─ Ground motion")[0]
+    assert "Full width 2b of the base [m]" in said
     assert max(map(len, said.splitlines())) <= 100

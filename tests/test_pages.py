@@ -15,7 +15,8 @@ import xarray
 from benchmarks import first_calls
 
 import jaxrock as jr
-from jaxrock.cli import COMMANDS, Run
+from jaxrock.cli.commands import COMMANDS
+from jaxrock.cli.study import Run
 from jaxrock.reports import paper
 
 ROOT = Path(__file__).parent.parent

@@ -3,6 +3,8 @@
 import contextlib
 import itertools
 import os
+import random
+import re
 import signal
 import subprocess
 import sys
@@ -11,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from jaxrock.host import signals
 from jaxrock.host.files import CannotWrite, written_whole
 
 HERE = Path(__file__).parent
 SLOW = pytest.mark.thorough
 DONE = ["done", "done/first", "done/second", "done/third"]
+FILES = ("first", "second", "third")
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
@@ -33,12 +35,7 @@ def _no_signal_is_ignored():
 
 
 def started(folder, situation):
-    arguments = [
-        HERE / "tools" / "writing_until_a_signal.py",
-        HERE.parent / "jaxrock",
-        folder,
-        situation,
-    ]
+    arguments = [HERE / "tools" / "writing_until_a_signal.py", folder, situation]
     process = subprocess.Popen(
         [sys.executable, *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -64,10 +61,10 @@ def entries(folder):
 @pytest.mark.parametrize(
     ("situation", "name", "line", "code"),
     [
-        ("compute", "SIGTERM", "jaxrock: ended by SIGTERM\n", 143),
+        ("write", "SIGTERM", "jaxrock: ended by SIGTERM\n", 143),
         pytest.param("collect", "SIGINT", "jaxrock: interrupted\n", 130, marks=SLOW),
         pytest.param("share", "SIGINT", "jaxrock: interrupted\n", 130, marks=SLOW),
-        pytest.param("write", "SIGHUP", "jaxrock: ended by SIGHUP\n", 129, marks=SLOW),
+        pytest.param("sleep", "SIGHUP", "jaxrock: ended by SIGHUP\n", 129, marks=SLOW),
     ],
 )
 def test_nothing_half_written_is_left(tmp_path, situation, name, line, code):
@@ -75,15 +72,6 @@ def test_nothing_half_written_is_left(tmp_path, situation, name, line, code):
     assert len(entries(tmp_path)) > len(DONE)
     assert ended(process, name) == (line, code)
     assert entries(tmp_path) == DONE
-
-
-def test_files_are_moved_all_or_none(tmp_path):
-    process = started(tmp_path, "move")
-    while not (tmp_path / "deep" / "er" / "first").exists():
-        time.sleep(0.01)
-    assert ended(process, "SIGTERM")[1] == 143
-    moved = ["deep", *(f"deep/er{name}" for name in ("", "/first", "/second", "/third"))]
-    assert entries(tmp_path) == sorted([*moved, *DONE])
 
 
 @pytest.mark.thorough
@@ -115,18 +103,6 @@ def test_what_killed_processes_left_is_named_and_removed(tmp_path):
     assert ended(alive, "SIGTERM")[1] == 143
 
 
-FILES = (".lock", "first", "second", "third")
-
-
-@pytest.mark.thorough
-def test_once_the_exit_code_is_known_nothing_is_taken_apart(tmp_path):
-    """Meanwhile nobody would hear of signals."""
-    with started(tmp_path, "finish") as process:
-        assert process.communicate(timeout=60) == ("", "")
-    assert process.returncode == 3
-    assert entries(tmp_path) == DONE
-
-
 @pytest.mark.thorough
 def test_what_is_to_be_ignored_stays_ignored(tmp_path):
     """As under nohup."""
@@ -138,38 +114,58 @@ def test_what_is_to_be_ignored_stays_ignored(tmp_path):
     assert ended(process, "SIGTERM") == ("jaxrock: ended by SIGTERM\n", 143)
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="sees handlers in /proc")
-def test_the_command_hears_before_it_imports_anything_else(tmp_path):
-    command = [sys.executable, "-m", "jaxrock", "critical", "--out", str(tmp_path / "out")]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    bit = 1 << (signal.SIGTERM - 1)
-    while True:
-        status = Path(f"/proc/{process.pid}/status").read_text()
-        caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
-        if int(caught.split()[1], 16) & bit:
-            break
-        time.sleep(0.001)
-    assert "jaxlib" not in Path(f"/proc/{process.pid}/maps").read_text()
-    assert ended(process, "SIGINT") == ("jaxrock: interrupted\n", 130)
-    assert not (tmp_path / "out").exists()
+def test_the_package_starts_nothing():
+    """No thread, no handler, no file: only `main` does."""
+    code = (
+        "import signal, threading; kinds = range(1, signal.NSIG);"
+        "before = [signal.getsignal(k) for k in kinds]; import jaxrock, jaxrock.cli;"
+        "[getattr(jaxrock, name) for name in jaxrock.__all__];"
+        "assert threading.active_count() == 1;"
+        "assert [signal.getsignal(k) for k in kinds] == before"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize(
-    ("program", "given", "is_command"),
-    [
-        ("-m", ["python", "-W", "error", "-m", "jaxrock", "run"], True),
-        ("-m", ["python", "-m", "other", "-m", "jaxrock"], False),
-        ("/usr/bin/jaxrock", ["python", "/usr/bin/jaxrock"], True),
-        ("study.py", ["python", "study.py"], False),
-        ("", ["python"], False),
-        ("/usr/bin/jaxrock", ["python", "-c", "spawn", "--multiprocessing-fork"], False),
-    ],
-)
-def test_only_the_command_takes_signals(monkeypatch, program, given, is_command):
-    monkeypatch.setattr("sys.argv", [program])
-    monkeypatch.setattr("sys.orig_argv", given)
-    assert signals._is_command() == is_command
-    assert not signals._heard  # in this process nothing has
+SMALL = ("--slenderness", "3:10:15", "--width", "0.4:1.2:9")
+STORED = ("--store", "s.zarr", "--chunks", "slenderness=20")
+COMMANDS = {  # with the seconds that they take, about
+    "a spectrum": (5, ["spectrum", *SMALL]),
+    "curves": (5, ["fragility"]),
+    "a response": (5, ["respond", "--record", "example"]),
+    "a store": (9, ["spectrum", "--slenderness", "3:10:400", *STORED]),
+    "a store by workers": (9, ["spectrum", "--slenderness", "3:10:400", *STORED, "--workers", "2"]),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("how", ["Ctrl-C", "SIGTERM"])
+def test_signals_at_random_moments(request, tmp_path, name, how):
+    """A terminal sends Ctrl-C to workers as well, among them those that are just starting."""
+    seconds, words = COMMANDS[name]
+    moments = random.Random(f"{name} {how}")
+    for number in range(3):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jaxrock", *words],
+            cwd=folder,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        # Not in the first moments, in which Python itself starts, and would be interrupted.
+        time.sleep(moments.uniform(0.3, seconds))
+        if process.poll() is None:
+            if how == "Ctrl-C":
+                os.killpg(process.pid, signal.SIGINT)
+            else:
+                process.send_signal(signal.SIGTERM)
+            _, said = process.communicate(timeout=60)
+            assert process.returncode != 0
+            assert re.fullmatch(r"(jaxrock: (interrupted|ended by SIGTERM)\n)?", said)
+        assert not list(folder.rglob(".unfinished*"))
 
 
 def test_too_few_file_descriptors(tmp_path):

@@ -23,7 +23,8 @@ HEAVY = {
         "netCDF4",
         "matplotlib",
         "PIL",
-        "tyro",
+        "cyclopts",
+        "rich",
         "platformdirs",
     ),
 }

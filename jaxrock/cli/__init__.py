@@ -1,7 +1,18 @@
 """The command line; a command is a class: its options as fields, `check`, `run`."""
 
-from .commands import COMMANDS
-from .main_program import main
-from .study import Run
+import signal
+from collections.abc import Sequence
 
-__all__ = ["COMMANDS", "Run", "main"]
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command; what is not allowed or cannot be done ends it with exit code 2.
+
+    Without arguments it is the command of this process, which signals may end and which starts
+    from what others have compiled. With them, Ctrl-C raises `SystemExit` with exit code 130.
+    """
+    if arguments is None and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        # While JAX is imported, which takes a second, Ctrl-C ends the process without a word.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from .main_program import run_main
+
+    run_main(arguments)

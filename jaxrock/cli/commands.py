@@ -25,6 +25,8 @@ from .options import (
     Answer,
     BlockOptions,
     Command,
+    Count,
+    Folder,
     Grid,
     MotionOptions,
     RecordOptions,
@@ -45,17 +47,23 @@ class Spectrum(Storing):
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
     """
 
-    slenderness: Grid = ("3:10:141",)  # Height over width [-].
-    width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2)  # Full widths 2b of the base [m].
-    restitution: Grid = (0.6, 0.7, 0.8)  # Coefficients of restitution [-], 0 to 1.
-    intensity: Grid = (0.15,)  # Change of ground velocity in each pulse [m/s].
-    gravity: float = 9.81  # Acceleration of gravity [m/s2].
+    slenderness: Grid = ("3:10:141",)
+    """Height over width [-]."""
+    width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2)
+    """Full widths 2b of the base [m]."""
+    restitution: Grid = (0.6, 0.7, 0.8)
+    """Coefficients of restitution [-], 0 to 1."""
+    intensity: Grid = (0.15,)
+    """Change of ground velocity in each pulse [m/s]."""
+    gravity: float = 9.81
+    """Acceleration of gravity [m/s2]."""
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
     model: Literal["linearized", "nonlinear", "auto"] = "linearized"
     """Equation of free rocking; auto takes at each point the cheapest within the tolerance."""
-    tolerance: float = 1e-3  # Relative error that is allowed; for the model auto.
-    out: Path = Path("spectrum")
+    tolerance: float = 1e-3
+    """Relative error that is allowed; for the model auto."""
+    out: Folder = Path("spectrum")
 
     def _steps(self) -> Steps:
         grid: dict[str, Any] = {name: axis(name, self.numbers(name)) for name in RESONANCE_AXES}
@@ -104,12 +112,15 @@ class RockingSpectrum(RecordOptions, Storing):
     """
 
     record: str | None = "example"
-    period: Grid = ("1:4:241", "4.05:8:80")  # 2 pi / p of the blocks [s].
-    slenderness: Grid = (4.0, 6.0, 8.0)  # Height over width [-].
-    restitution: Grid = (0.9,)  # Velocity after an impact over velocity before it [-].
+    period: Grid = ("1:4:241", "4.05:8:80")
+    """2 pi / p of the blocks [s]."""
+    slenderness: Grid = (4.0, 6.0, 8.0)
+    """Height over width [-]."""
+    restitution: Grid = (0.9,)
+    """Velocity after an impact over velocity before it [-]."""
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
-    out: Path = Path("rocking_spectrum")
+    out: Folder = Path("rocking_spectrum")
 
     def _steps(self) -> Steps:
         motion = self.motion
@@ -147,9 +158,11 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
     Example: jaxrock tradeoff --record example
     """
 
-    intensity: float | None = None  # Change of ground velocity in each instantaneous pulse [m/s].
-    repeats: int = 15  # How many times each setting is timed.
-    out: Path = Path("tradeoff")
+    intensity: float | None = None
+    """Change of ground velocity in each instantaneous pulse [m/s]."""
+    repeats: Count = 15
+    """How many times each setting is timed."""
+    out: Folder = Path("tradeoff")
 
     def _steps(self) -> Steps:
         if self.repeats < 1:
@@ -182,7 +195,7 @@ class Paper(Writing):
     Example: jaxrock paper --out paper
     """
 
-    out: Path = Path("paper")
+    out: Folder = Path("paper")
 
     def _steps(self) -> Steps:
         folder = yield paper.FILES
@@ -212,7 +225,7 @@ class Conformance(Writing):
     Example: jaxrock conformance --out conformance
     """
 
-    out: Path = Path("conformance")
+    out: Folder = Path("conformance")
 
     def _steps(self) -> Steps:
         count = conformance.write((yield conformance.FILES))

@@ -7,7 +7,7 @@ import numpy as np
 from ..block import RECTANGLE_INERTIA_RATIO
 from ..spectra import axis, harmonic_spectrum, write_table
 from ..validation import AT_LEAST_ONE, COUNT, POSITIVE, UNIT_INTERVAL, as_real, check
-from .options import Answer, Grid, ModelName, Steps, Writing, picture
+from .options import Answer, Count, Folder, Grid, ModelName, Steps, Writing, picture
 
 
 class Harmonic(Writing):
@@ -20,17 +20,21 @@ class Harmonic(Writing):
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
     """
 
-    slenderness: float = 5.0  # Height over width [-].
+    slenderness: float = 5.0
+    """Height over width [-]."""
     restitution: float | None = None
     """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution."""
-    frequency_ratio: Grid = ("1:12:45",)  # Frequency of the floor over p [-].
+    frequency_ratio: Grid = ("1:12:45",)
+    """Frequency of the floor over p [-]."""
     amplitude_ratio: Grid | None = None
     """Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if not given."""
-    model: ModelName = "nonlinear"  # Equation of motion.
-    cycles: int = 100  # Periods for which blocks are followed.
-    out: Path = Path("harmonic")
+    model: ModelName = "nonlinear"
+    """Equation of motion."""
+    cycles: Count = 100
+    """Periods for which blocks are followed."""
+    out: Folder = Path("harmonic")
 
     def _steps(self) -> Steps:
         frequencies = axis("frequency_ratio", self.numbers("frequency_ratio"))

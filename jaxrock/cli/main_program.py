@@ -13,21 +13,22 @@ from typing import Any
 
 import jax
 
-from ..host import signals, with_clock
-from .arguments import command_of
+from ..host import with_clock
+from .arguments import parser_of, read_words
+from .commands import COMMANDS
 from .compilation_cache import cached
 from .options import Command, read
+from .signals import end_on_signals
 from .storing import Storing
+from .study import Run
+
+_PARSER = parser_of({**COMMANDS, "run": Run})
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command; what is not allowed or cannot be done ends it with exit code 2.
-
-    Without arguments it is the command of this process, which signals may end and which starts
-    from what others have compiled. With them, Ctrl-C raises `SystemExit` with exit code 130.
-    """
+def run_main(arguments: Sequence[str] | None) -> None:
+    """Run `main`."""
     if arguments is None:
-        signals.watch()
+        end_on_signals()
         gc.freeze()  # what was imported stays
         gc.set_threshold(100_000, 20, 50)  # tracing makes many objects, of which few are garbage
     jax.config.update("jax_enable_x64", True)
@@ -41,15 +42,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
         _complain(f"error: {error}")
         code = 2
-    if arguments is None:
-        signals.finish(code)
     if code:
         raise SystemExit(code)
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     with _standard_output():
-        command = command_of(sys.argv[1:] if arguments is None else arguments)
+        command = read_words(_PARSER, sys.argv[1:] if arguments is None else arguments)
     keeps = arguments is None and not command.no_cache
     with _surroundings(), cached() if keeps else contextlib.nullcontext():
         _leave_lost_folder(command)

@@ -1,17 +1,17 @@
 """The command about measurements."""
 
 import math
+from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..calibration import FreeRockingFit, fit_free_rocking, read_impact_times
 from ..host import write_csv
 from ..validation import POSITIVE, check
-from .options import Answer, ModelName, Steps, Writing, picture
+from .options import Answer, Folder, ModelName, Steps, Writing, picture
 
 
 class Fit(Writing):
@@ -27,22 +27,29 @@ class Fit(Writing):
     Example: jaxrock fit times.csv --width 0.2 --height 1
     """
 
-    file: Annotated[Path, tyro.conf.Positional]  # The file with the times of the impacts.
-    width: float | None = None  # Full width 2b of the base [m]; if not given, the block is unknown.
+    file: Path = field(kw_only=False)
+    """The file with the times of the impacts."""
+    width: float | None = None
+    """Full width 2b of the base [m]; if not given, the block is unknown."""
     height: float | None = None
     """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
-    slenderness: float | None = None  # Height over width [-].
-    gravity: float = 9.81  # Acceleration of gravity [m/s2].
+    slenderness: float | None = None
+    """Height over width [-]."""
+    gravity: float = 9.81
+    """Acceleration of gravity [m/s2]."""
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
-    frequency_unknown: bool = False  # Fit p although the block is given, of which the shape stays.
-    model: ModelName = "linearized"  # Equation of motion; nonlinear for a block that is given.
+    frequency_unknown: bool = False
+    """Fit p although the block is given, of which the shape stays."""
+    model: ModelName = "linearized"
+    """Equation of motion; nonlinear for a block that is given."""
     time_noise: float | None = None
     """Standard deviation of a measured time [s]; by default from the residuals."""
     rotation_noise: float | None = None
     """Standard deviation of a measured rotation [rad]; by default from the residuals."""
-    no_repair: bool = False  # Do not look for impacts that are missing, or times that are wrong.
-    out: Path = Path("fit")
+    no_repair: bool = False
+    """Do not look for impacts that are missing, or times that are wrong."""
+    out: Folder = Path("fit")
 
     def _steps(self) -> Steps:
         block = self._block()

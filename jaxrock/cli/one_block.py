@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,18 @@ from ..reports import assessment
 from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
 from ..spectra import write_table
 from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
-from .options import Answer, BlockOptions, Grid, ModelName, MotionOptions, Steps, Writing, picture
+from .options import (
+    OF_OUTPUT,
+    Answer,
+    BlockOptions,
+    Folder,
+    Grid,
+    ModelName,
+    MotionOptions,
+    Steps,
+    Writing,
+    picture,
+)
 
 Quantity = Literal[
     "amplitude", "duration", "factor", "half_width", "slenderness", "inertia_ratio", "restitution"
@@ -42,7 +53,8 @@ class Assess(BlockOptions):
     Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7
     """
 
-    intensity: float = 0.15  # Change of ground velocity in each pulse [m/s].
+    intensity: float = 0.15
+    """Change of ground velocity in each pulse [m/s]."""
     tolerance: float | None = None
     """Name the equation and the precision that are good enough for this relative error."""
 
@@ -64,10 +76,13 @@ class Respond(MotionOptions, BlockOptions, Writing):
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
 
-    duration: float | None = None  # Time to follow the block [s]; by default 10 s beyond the input.
-    model: ModelName = "nonlinear"  # Equation of motion.
-    animate: bool = False  # Write response.gif as well.
-    out: Path = Path("response")
+    duration: float | None = None
+    """Time to follow the block [s]; by default 10 s beyond the input."""
+    model: ModelName = "nonlinear"
+    """Equation of motion."""
+    animate: bool = False
+    """Write response.gif as well."""
+    out: Folder = Path("response")
 
     def _steps(self) -> Steps:
         if self.duration is not None:
@@ -141,10 +156,11 @@ class Critical(MotionOptions, BlockOptions, Writing):
     Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
     """
 
-    intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
+    intensity: float = 0.15
+    """Change of ground velocity in each instantaneous pulse [m/s]."""
     half_cycles: tuple[float, ...] = (1.0, 2.0, 5.0, math.inf)
     """Numbers of half-cycles in which instantaneous pulses are to overturn the block."""
-    out: Path | None = None
+    out: Annotated[Path | None, OF_OUTPUT] = None
     """Folder for critical.csv; none is written if not given."""
     along: Quantity | None = None
     """What to seek, instead of giving it: by default a pulse's amplitude, a record's factor."""
@@ -237,6 +253,7 @@ def _in_words(value: Any) -> str:
 
 
 _UNITS_OF_ANSWERS = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}
+_OF_BARS = ("low", "high", "at_low", "at_high")
 _UNITS_OF_NUMBERS = {**UNITS, "intensity": "m/s", "pulse_duration": "s"}
 
 
@@ -253,12 +270,15 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
     answer: AnswerName | None = None
     """What to examine; by default the critical intensity, under a pulse or record the ratio."""
-    intensity: float = 0.15  # Change of ground velocity in each instantaneous pulse [m/s].
+    intensity: float = 0.15
+    """Change of ground velocity in each instantaneous pulse [m/s]."""
     model: ModelName | None = None
     """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
-    relative_change: float = 0.1  # Share by which the tornado lowers and raises numbers.
-    coefficient_of_variation: float = 0.05  # Coefficient of variation of each number.
-    out: Path = Path("sensitivity")
+    relative_change: float = 0.1
+    """Share by which the tornado lowers and raises numbers."""
+    coefficient_of_variation: float = 0.05
+    """Coefficient of variation of each number."""
+    out: Folder = Path("sensitivity")
 
     @property
     def _answer(self) -> AnswerName:
@@ -319,8 +339,6 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     def _steps(self) -> Steps:
         at, names = self._at(), ("sensitivity.csv", "tornado.png")
         folder = yield names if self.shaken else (*names, "map.png")
-        import pandas
-
         from ..plot import plot_tornado
 
         slopes = sensitivities(self._question, at)
@@ -337,14 +355,19 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
         variation = dict.fromkeys(at, self.coefficient_of_variation)
         scatter = propagate(self._question, at, variation, samples)
-        columns = {"value": slopes.at, "slope": slopes.gradient, "elasticity": slopes.elasticity}
-        table = pandas.DataFrame(columns, index=pandas.Index(slopes.names, name="quantity"))
-        for name in ("low", "high", "at_low", "at_high"):
-            table[name] = pandas.Series(getattr(bars, name), bars.names)
-        table["share_of_variance"] = pandas.Series(scatter.shares)
-        table = table.reset_index()
-        table.insert(1, "unit", [_UNITS_OF_NUMBERS.get(name, "-") for name in table["quantity"]])
-        write_csv(folder / "sensitivity.csv", table.to_dict("list"), {}, self.about)
+        order = [bars.names.index(name) for name in slopes.names]  # bars begin with the longest
+        columns = {
+            "quantity": list(slopes.names),
+            "unit": [_UNITS_OF_NUMBERS.get(name, "-") for name in slopes.names],
+            "value": slopes.at,
+            "slope": slopes.gradient,
+            "elasticity": slopes.elasticity,
+            **{name: np.asarray(getattr(bars, name))[order] for name in _OF_BARS},
+            "share_of_variance": [scatter.shares[name] for name in slopes.names],
+        }
+        columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        write_csv(folder / "sensitivity.csv", columns, {}, self.about)
         label = self._answer.replace("-", " ")
         unit = _UNITS_OF_ANSWERS.get(self._answer, "-")
         picture(plot_tornado(bars, label=f"{label} [{unit}]"), folder / "tornado.png")
@@ -359,7 +382,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             text += ", NOT to be trusted: samples differ"
         moments = {name: getattr(scatter, name) for name in ("mean", "standard_deviation", "valid")}
         data = {"answer": self._answer, "model": self._model, "value": slopes.value, **moments}
-        return Answer(text, data | {"rows": table.to_dict("records")})
+        return Answer(text, data | {"rows": rows})
 
     def _draw_map(self, at: dict[str, float], path: Path, label: str) -> None:
         """The elasticity with respect to the restitution, over restitution and slenderness."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, dataclass_transform
 
 import numpy as np
-import tyro
+from cyclopts import Group, Parameter, Token
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import PULSES, Motion, Record, example_record, read_record
@@ -18,8 +18,26 @@ from ..host import check_free, version, written_whole
 from ..impact import housner_restitution
 from ..validation import POSITIVE, UNIT_INTERVAL, check
 
+# Titles of options in help, under which those stand that several commands have.
+OF_BLOCK = Parameter(group=Group("Block", sort_key=1))
+OF_MOTION = Parameter(group=Group("Ground motion", sort_key=2))
+OF_OUTPUT = Parameter(group=Group("Output", sort_key=3))
+OF_STORE = Parameter(group=Group("Store", sort_key=4))
+
 GridValue = float | str
 Grid = tuple[GridValue, ...]  # numbers, and texts START:STOP:COUNT
+Folder = Annotated[Path, OF_OUTPUT]
+
+
+def as_count(_: type, tokens: Sequence[Token]) -> int:
+    """Convert a word to a whole number; cyclopts itself would round 1.5."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
+
+
+Count = Annotated[int, Parameter(converter=as_count)]
 ModelName = Literal["linearized", "nonlinear"]
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 
@@ -45,9 +63,10 @@ class Command(abc.ABC):
     What it does is a generator: above the `yield` all is checked, below it is computed.
     """
 
-    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    as_json: Annotated[bool, OF_OUTPUT, Parameter(name="--json")] = False
     """Print JSON; null stands for what does not exist or never happens."""
-    no_cache: bool = False  # Compile everything afresh: neither use nor keep compiled programs.
+    no_cache: Annotated[bool, OF_OUTPUT] = False
+    """Compile everything afresh: neither use nor keep compiled programs."""
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
@@ -110,6 +129,11 @@ class Command(abc.ABC):
             if isinstance(value, Path) or str(value).lower().endswith((".at2", ".csv"))
         }
 
+    @classmethod
+    def names_of_options(cls) -> list[str]:
+        """Name the options that a job of a study may have."""
+        return [field.name for field in fields(cls) if not hasattr(Command, field.name)]
+
 
 def _span(name: str, value: GridValue) -> list[float]:
     with contextlib.suppress(ValueError):
@@ -125,9 +149,10 @@ def _span(name: str, value: GridValue) -> list[float]:
 class Writing(Command):
     """A command that writes files, all or none."""
 
-    out: Path | None
+    out: Annotated[Path | None, OF_OUTPUT]
     """Folder to write to; made if it is missing."""
-    force: bool = False  # Overwrite existing files.
+    force: Annotated[bool, OF_OUTPUT] = False
+    """Overwrite existing files."""
 
     @property
     def about(self) -> dict[str, Any]:
@@ -186,14 +211,17 @@ def _words(value: Any) -> str | int | float:
 class BlockOptions(Command):
     """Options that describe one block."""
 
-    width: float = 0.8  # Full width 2b of the base [m].
-    height: float | None = None
+    width: Annotated[float, OF_BLOCK] = 0.8
+    """Full width 2b of the base [m]."""
+    height: Annotated[float | None, OF_BLOCK] = None
     """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
-    slenderness: float | None = None  # Height over width [-]. 5 if neither is given.
-    restitution: float | None = None
+    slenderness: Annotated[float | None, OF_BLOCK] = None
+    """Height over width [-]. 5 if neither is given."""
+    restitution: Annotated[float | None, OF_BLOCK] = None
     """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
-    gravity: float = 9.81  # Acceleration of gravity [m/s2].
-    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
+    gravity: Annotated[float, OF_BLOCK] = 9.81
+    """Acceleration of gravity [m/s2]."""
+    inertia_ratio: Annotated[float, OF_BLOCK] = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
 
     @functools.cached_property
@@ -236,13 +264,18 @@ class BlockOptions(Command):
 class RecordOptions(Command):
     """Options that describe a record."""
 
-    record: str | None = None
+    record: Annotated[str | None, OF_MOTION] = None
     """A file .AT2 or .csv, or "example" for the one that comes with jaxrock."""
-    unit: str | None = None  # Unit of the record.
-    column: str | None = None  # Column of the horizontal acceleration in a .csv.
-    vertical: str | None = None  # Column, or file .AT2, of the vertical acceleration.
-    time_step: float | None = None  # Time between samples of a .csv without times [s].
-    scale: float = 1.0  # Factor on the ground motion.
+    unit: Annotated[str | None, OF_MOTION] = None
+    """Unit of the record."""
+    column: Annotated[str | None, OF_MOTION] = None
+    """Column of the horizontal acceleration in a .csv."""
+    vertical: Annotated[str | None, OF_MOTION] = None
+    """Column, or file .AT2, of the vertical acceleration."""
+    time_step: Annotated[float | None, OF_MOTION] = None
+    """Time between samples of a .csv without times [s]."""
+    scale: Annotated[float, OF_MOTION] = 1.0
+    """Factor on the ground motion."""
 
     @property
     def motion(self) -> Motion:
@@ -287,9 +320,12 @@ def leave_out(example: str, options: Mapping[str, Any]) -> None:
 class MotionOptions(RecordOptions):
     """Options that describe a pulse or a record."""
 
-    pulse: PulseShape | None = None  # Shape of a pulse. Give this or a record.
-    amplitude: float | None = None  # Largest acceleration of the pulse [m/s2].
-    pulse_duration: float | None = None  # Duration of the pulse [s].
+    pulse: Annotated[PulseShape | None, OF_MOTION] = None
+    """Shape of a pulse. Give this or a record."""
+    amplitude: Annotated[float | None, OF_MOTION] = None
+    """Largest acceleration of the pulse [m/s2]."""
+    pulse_duration: Annotated[float | None, OF_MOTION] = None
+    """Duration of the pulse [s]."""
 
     @property
     def shaken(self) -> bool:

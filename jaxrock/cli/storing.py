@@ -4,10 +4,11 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..host import optional
-from .options import Answer, Writing
+from .options import OF_STORE, Answer, Count, Writing
+from .signals import started_deaf
 
 if TYPE_CHECKING:
     import xarray
@@ -16,13 +17,13 @@ if TYPE_CHECKING:
 class Storing(Writing):
     """A command that writes files, or a Zarr store that another run of it can go on with."""
 
-    store: Path | None = None
+    store: Annotated[Path | None, OF_STORE] = None
     """Zarr store to write instead of the files; one that this command has begun is continued."""
-    chunks: tuple[str, ...] = ()
+    chunks: Annotated[tuple[str, ...], OF_STORE] = ()
     """Points along a dimension in one task, as NAME=COUNT; some seconds of work if not given."""
-    workers: int | None = None
+    workers: Annotated[Count | None, OF_STORE] = None
     """Processes of this machine that compute the store; one for each processor if not given."""
-    scheduler: str | None = None
+    scheduler: Annotated[str | None, OF_STORE] = None
     """Address of a Dask scheduler, whose workers compute the store then."""
 
     def check(self) -> None:
@@ -86,7 +87,8 @@ class Storing(Writing):
 
         with contextlib.ExitStack() as stack:
             if self.scheduler is None:
-                where = stack.enter_context(cluster.local_cluster(self.workers))
+                with started_deaf():
+                    where = stack.enter_context(cluster.local_cluster(self.workers))
             else:
                 where = self.scheduler
             client = stack.enter_context(Client(where))

@@ -3,15 +3,16 @@
 import functools
 import tomllib
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
-
-import tyro
+from typing import Any
 
 from ..host import read_regular, with_progress
+from .arguments import parser_of, read_words
 from .commands import COMMANDS
-from .options import Answer, Command, GridValue, Steps, Writing
+from .options import Answer, Command, Steps, Writing
+
+_PARSER = parser_of(COMMANDS)
 
 Table = dict[str, Any]  # of TOML
 Jobs = dict[str, Command]  # by the names that errors and answers give them
@@ -28,7 +29,8 @@ class Run(Command):
     Example: jaxrock run study.toml
     """
 
-    study: Annotated[Path, tyro.conf.Positional]  # The study file.
+    study: Path = field(kw_only=False)
+    """The study file."""
 
     @functools.cached_property
     def jobs(self) -> Jobs:
@@ -70,8 +72,9 @@ def _read(path: Path) -> Table:
 
 
 def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
-    """The jobs that can be made; `faults` gets what is wrong with the others."""
-    common, tables = study.pop("common", {}), study.pop("job", [])
+    """Make the jobs that can be made; `faults` gets what is wrong with the others."""
+    common = study.pop("common", {})
+    tables = study.pop("job", [])
     faults += [f"{key} is unknown; allowed are common, job" for key in study]
     if not isinstance(common, dict):
         faults.append("common must be a table [common]")
@@ -81,96 +84,57 @@ def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
         tables = []
     elif not tables:
         faults.append("job is missing: there must be at least one table [[job]]")
-    unused, jobs = dict(common), Jobs()
+    unused = dict(common)
+    jobs = Jobs()
     for number, table in with_progress(list(enumerate(tables, 1)), "checking jobs"):
         kind = table.pop("command", None)
         if not isinstance(kind, str) or kind not in COMMANDS:
             got = f"only {', '.join(table) or 'nothing'}" if kind is None else repr(kind)[:60]
-            allowed = ", ".join(COMMANDS)
-            faults.append(f"job {number}: command must be one of {allowed}, got {got}")
+            faults.append(f"job {number}: command must be one of {', '.join(COMMANDS)}, got {got}")
             continue
-        name, types = f"job {number} ({kind})", types_of(COMMANDS[kind])
-        unused = {key: value for key, value in unused.items() if _option(key) not in types}
+        name = f"job {number} ({kind})"
+        options = COMMANDS[kind].names_of_options()
+        shared = {key: value for key, value in common.items() if _option(key) in options}
+        unused = {key: value for key, value in unused.items() if key not in shared}
         try:
-            job = _job(COMMANDS[kind], table, common, folder)
+            job = _job(kind, shared, table, folder)
             job.check()
             jobs[name] = job
         except ValueError as error:
-            faults += [f"{name}: {fault}" for fault in str(error).splitlines()]
+            faults.append(f"{name}: {error}")
     faults += [f"common: {key} is an option of no job" for key in unused]
     return jobs
 
 
-def _job(command: type[Command], table: Table, common: Table, folder: Path) -> Command:
-    """A command with the options of a job; a `ValueError` names all faults of these."""
-    types = types_of(command)
-    given = [("common: ", key, common[key]) for key in common if _option(key) in types]
-    given += [("", key, value) for key, value in table.items()]
-    options, keys, faults = Table(), dict[tuple[str, str], str](), list[str]()
-    for where, key, value in given:
-        option = _option(key)
-        if option not in types:
-            faults.append(f"{where}{key} is unknown; allowed are {', '.join(types)}")
-        elif keys.setdefault((where, option), key) != key:
-            faults.append(f"{where}{key} and {keys[where, option]} are the same")
-        else:
-            try:
-                options[option] = as_type(types[option], value)
-            except ValueError as error:
-                faults.append(f"{where}{key} must be {error}, got {value!r:.60}")
-    if faults:
-        raise ValueError("\n".join(faults))
-    job = command(**options)
+def _job(kind: str, common: Table, table: Table, folder: Path) -> Command:
+    """Make a command from the options of a job, which are read as words of a command line."""
+    options = Table()
+    for given in (common, table):
+        named = {_option(key): value for key, value in given.items()}
+        if len(named) < len(given):
+            raise ValueError("an option is given twice, with dashes and with underscores")
+        options |= named
+    for name in ("json", "no_cache"):
+        if name in options:
+            raise ValueError(f"{name} is no option of a job")
+    words = [word for name, value in options.items() for word in _words(name, value)]
+    job = read_words(_PARSER, [kind, *words])
     return replace(job, **{name: type(path)(folder / path) for name, path in job.paths().items()})
 
 
-@functools.cache
-def types_of(command: type[Command]) -> dict[str, Any]:
-    """The types of the options that a job may have, by name."""
-    hints = get_type_hints(command)
-    names = [field.name for field in fields(command)]
-    return {name: hints[name] for name in names if not hasattr(Command, name)}
+def _words(name: str, value: Any) -> list[str]:
+    """Write an option of a study as words of a command line."""
+    option = f"--{name.replace('_', '-')}"
+    if value is False:
+        return []
+    if value is True or value == []:
+        return [option]
+    values = value if isinstance(value, list) else [value]
+    return [f"{option}={each}" for each in values]
 
 
 def _option(key: str) -> str:
     return key.replace("-", "_")
-
-
-# How an option is written in TOML: in words, its types there, and what makes the option of it.
-_WRITTEN: dict[Any, tuple[str, tuple[type, ...], type]] = {
-    float: ("a number", (int, float), float),
-    int: ("a whole number", (int,), int),
-    bool: ("true or false", (bool,), bool),
-    str: ("text", (str,), str),
-    Path: ("text", (str,), Path),
-    GridValue: ('numbers or "START:STOP:COUNT"', (int, float, str), str),
-}
-
-
-def as_type(kind: Any, value: Any, from_word: bool = False) -> Any:
-    """A value of a study as the type of an option; a `ValueError` says what is allowed.
-
-    From a word of a command line it is converted, whatever type it would have in TOML.
-    """
-    parts = get_args(kind)
-    if type(None) in parts:  # an option that may be left out: TOML has no None
-        return as_type(parts[0], value)
-    if get_origin(kind) is tuple:
-        values = value if isinstance(value, list) else [value]
-        return tuple(as_type(parts[0], each) for each in values)
-    if get_origin(kind) is Literal:
-        if value in parts:
-            return value
-        raise ValueError(f"one of {', '.join(parts)}")
-    allowed, types, convert = _WRITTEN[kind]
-    if type(value) not in types and not from_word:
-        raise ValueError(allowed)
-    try:
-        return convert(value)
-    except OverflowError:
-        raise ValueError("a number that is not too large") from None
-    except ValueError:
-        raise ValueError(allowed) from None
 
 
 def _collisions(jobs: Jobs) -> Iterator[str]:

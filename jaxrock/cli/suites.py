@@ -11,7 +11,16 @@ from ..host import table
 from ..risk import Hazard, fragility, rate_elasticities, read_hazard, threshold_names
 from ..spectra import write_table
 from ..validation import POSITIVE, as_real, check
-from .options import Answer, BlockOptions, Grid, ModelName, Steps, leave_out, picture
+from .options import (
+    Answer,
+    BlockOptions,
+    Folder,
+    Grid,
+    ModelName,
+    Steps,
+    leave_out,
+    picture,
+)
 from .storing import Storing
 
 
@@ -26,21 +35,27 @@ class Fragility(BlockOptions, Storing):
 
     records: str = "example"
     """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
-    unit: str | None = None  # Unit of the records, where the files do not state it.
-    time_step: float | None = None  # Time between samples of .csv files without times [s].
-    with_vertical: bool = False  # Include the vertical component of each record.
+    unit: str | None = None
+    """Unit of the records, where the files do not state it."""
+    time_step: float | None = None
+    """Time between samples of .csv files without times [s]."""
+    with_vertical: bool = False
+    """Include the vertical component of each record."""
     measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv"
     """Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the block."""
     levels: Grid | None = None
     """Increasing levels of the measure for the curves; by default by the size of the block."""
     threshold: tuple[str, ...] = ("uplift", "0.5", "1", "overturning")
     """Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning"."""
-    tolerance: float = 1e-3  # Relative error of peak rotations that is allowed.
+    tolerance: float = 1e-3
+    """Relative error of peak rotations that is allowed."""
     hazard: Path | None = None
     """A .csv file with two columns, level of the measure and yearly rate of exceedance."""
-    hazard_unit: str | None = None  # Unit of these levels, where the file does not state it.
-    model: ModelName = "nonlinear"  # Equation of motion.
-    out: Path = Path("fragility")
+    hazard_unit: str | None = None
+    """Unit of these levels, where the file does not state it."""
+    model: ModelName = "nonlinear"
+    """Equation of motion."""
+    out: Folder = Path("fragility")
 
     def _steps(self) -> Steps:
         block, c, suite = self.block, self.coefficient, self._suite()

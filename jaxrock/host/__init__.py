@@ -1,12 +1,12 @@
-"""The machine outside: files, signals, threads, progress, printing."""
+"""The machine outside: files, threads, progress, printing."""
 
-from . import signals as signals
 from .datasets import labelled as labelled
 from .datasets import with_names as with_names
 from .extras import optional as optional
 from .files import CannotWrite as CannotWrite
 from .files import check_free as check_free
 from .files import read_regular as read_regular
+from .files import remove_unfinished as remove_unfinished
 from .files import sync as sync
 from .files import written_whole as written_whole
 from .printing import Printed as Printed

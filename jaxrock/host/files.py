@@ -3,22 +3,15 @@
 import contextlib
 import errno
 import os
+import platform
 import stat
 import tempfile
-import threading
-import time
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # on Windows, where scratch folders of killed processes stay
-    fcntl = None
-
-_PREFIX, _LOCK = ".unfinished-", ".lock"
-_changing = threading.RLock()  # held while a scratch folder is made, moved or removed
-_unfinished: list[contextlib.ExitStack] = []  # what removes them
+_PREFIX = ".unfinished-"  # of scratch folders; then the machine and the number of the process
+_unfinished: dict[int, list[Path]] = {}  # what this process is to remove, of each call
 
 
 def read_regular(path: Path) -> bytes:
@@ -74,106 +67,76 @@ def written_whole(
     if anything cannot be written.
     """
     check_free(argument, folder, names, overwrite)
-    undo = contextlib.ExitStack()
-    made: list[Path] = []  # new folders, and files moved into them, the innermost first
-    _unfinished.append(undo)
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    begun = list(made)
+    _unfinished[id(begun)] = begun
     try:
-        with _changing:
-            undo.callback(_unmake, made)
-            made += [path for path in (folder, *folder.parents) if not path.exists()]
-            folder.mkdir(parents=True, exist_ok=True)
-            _sweep(folder)
-            scratch = _scratch(folder, undo)
+        folder.mkdir(parents=True, exist_ok=True)
+        _remove_left(folder)
+        mark = f"{_PREFIX}{platform.node()}-{os.getpid()}-"
+        scratch = Path(tempfile.mkdtemp(prefix=mark, dir=folder))
+        begun.insert(0, scratch)
         yield scratch
         for name in names:
             sync(scratch / name)
-        with _changing:  # all or none, even if `abandon` is called meanwhile
-            for name in names:
-                os.replace(scratch / name, folder / name)
-                made[:0] = [folder / name] if made else []
-            made.clear()
+        for name in names:
+            os.replace(scratch / name, folder / name)
+            if made:  # a new folder goes with all that is in it
+                begun.insert(0, folder / name)
+        begun[:] = [scratch]
     except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
             raise  # netCDF4 reports a full disk, among others, as "NetCDF: ..."
         raise CannotWrite(argument, folder, error) from error
     finally:
-        with _changing:
-            _unfinished.remove(undo)
-            undo.close()
+        _remove(begun)
+        del _unfinished[id(begun)]
 
 
-def abandon() -> None:
-    """Remove what this process has not finished writing, and let it write nothing from now on.
-
-    For a process that is about to end, from any thread: others wait at the next scratch folder
-    that they would make, move or remove. A move that has begun is completed.
-    """
-    _changing.acquire(timeout=10)  # seconds; a file system that hangs must not keep it alive
-    for undo in reversed(_unfinished):
-        undo.close()
+def remove_unfinished() -> None:
+    """Remove what this process has not finished writing; for one that is about to end."""
+    for begun in list(_unfinished.values()):
+        _remove(begun)
 
 
-def _unmake(made: list[Path]) -> None:
-    for path in made:
-        with contextlib.suppress(OSError):
+def _remove(paths: Sequence[Path]) -> None:
+    """Remove files, scratch folders with their content, and other folders if they are empty."""
+    for path in paths:
+        for _ in range(5 if path.name.startswith(_PREFIX) else 0):
+            _remove_tree(path)  # another thread may still write into it
+        with contextlib.suppress(OSError):  # not empty, gone already, or not ours to remove
             path.rmdir() if path.is_dir() else path.unlink()
 
 
-def _scratch(folder: Path, undo: contextlib.ExitStack) -> Path:
-    """A new folder in `folder`, with a lock that tells others that its process is alive."""
-    scratch = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
-    # Twice: with the lock, and without, when no file in it is open, which a network needs.
-    undo.callback(_remove, scratch)
-    if fcntl is not None:
-        lock = undo.enter_context((scratch / ".new").open("x"))
-        undo.callback(_removed, scratch)
-        with contextlib.suppress(OSError):  # where there are no locks
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.rename(lock.name, scratch / _LOCK)  # which others look for
-    return scratch
+def _remove_tree(path: Path) -> None:
+    """Remove a file or a folder with its content, with one file descriptor or, if empty, none."""
+    if path.is_dir() and not path.is_symlink():
+        with contextlib.suppress(OSError):
+            for inner in path.iterdir():
+                _remove_tree(inner)
+        with contextlib.suppress(OSError):
+            path.rmdir()
+    else:
+        path.unlink(missing_ok=True)
 
 
-def _sweep(folder: Path) -> None:
-    """Remove the scratch folders of processes that were killed, and name them."""
-    if fcntl is None:
-        return
-    for path in sorted(folder.glob(_PREFIX + 8 * "[a-z0-9_]")):  # as `tempfile` names them
-        try:
-            with open(path / _LOCK, "r+") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                os.stat(lock.name)
-                _removed(path)
-        except OSError:  # its process is alive, or another one has just removed it
-            continue
-        reason = _removed(path)
-        how = f"could not be removed: {reason}" if reason else "is now removed"
-        warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=4)
+def _remove_left(folder: Path) -> None:
+    """Remove the scratch folders of processes of this machine that were killed, and name them."""
+    for path in folder.glob(f"{_PREFIX}{platform.node()}-*-*"):
+        number = path.name.split("-")[-2]
+        if number.isdecimal() and not _is_alive(int(number)):
+            _remove([path])
+            how = "could not be removed" if path.exists() else "is now removed"
+            warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=4)
 
 
-def _remove(scratch: Path) -> None:
-    """Remove a scratch folder, for seconds, as another thread may still write into it."""
-    # Under another name that thread finds it no more; one by which it can still be swept.
-    renamed = scratch.with_name(_PREFIX + scratch.name[: len(_PREFIX) - 1 : -1])
-    with contextlib.suppress(OSError):  # gone already, or open, where that forbids it
-        if not renamed.exists():
-            scratch = scratch.rename(renamed)
-    until = time.monotonic() + 2
-    while (reason := _removed(scratch)) and time.monotonic() < until:
-        time.sleep(0.01)
-    if reason:
-        warnings.warn(f"{str(scratch)!r} cannot be removed: {reason}", stacklevel=4)
-
-
-def _removed(folder: Path) -> str | None:
-    """Remove a folder with its content, or say why that is not possible."""
+def _is_alive(process: int) -> bool:
+    if os.name == "nt":  # where signal 0 is not a question; what is left there stays
+        return True
     try:
-        # Takes one file descriptor at a time, unlike `shutil.rmtree`: they may have run out.
-        for path, folders, files in os.walk(folder, topdown=False):
-            for name in files:
-                os.unlink(os.path.join(path, name))
-            for name in folders:
-                os.rmdir(os.path.join(path, name))
-        os.rmdir(folder)
-    except OSError as error:
-        return error.strerror if folder.exists() else None
-    return None
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # of another user
+        return True
+    return True

@@ -11,7 +11,8 @@ import sys
 import time
 from pathlib import Path
 
-from jaxrock.cli import COMMANDS, Run
+from jaxrock.cli.commands import COMMANDS
+from jaxrock.cli.study import Run
 
 # Times of the impacts of a block 0.2 m wide and 1 m high whose restitution is 0.9, to 1 ms.
 IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503)
