@@ -20,7 +20,6 @@ Processes beside each other are started with "spawn" or "forkserver", as in
 """
 
 import importlib
-import warnings
 from typing import TYPE_CHECKING, Any
 
 from .host import signals  # before JAX, so that a command can be interrupted while that loads
@@ -132,17 +131,6 @@ __all__ += ["fit_driven_rocking", "fit_free_rocking", "harmonic_orbit", "harmoni
 __all__ += ["overturning_map", "overturning_spectrum", "resonance_spectrum", "rocking_spectrum"]
 __all__ += ["write_table"]
 
-_RENAMED = {  # since version 0.1
-    "GlobalSensitivities": "DerivativeBasedMeasures",
-    "Probability": "ReliabilityResult",
-    "PulsedVerge": "PulsedThreshold",
-    "Scatter": "MomentEstimate",
-    "Swing": "TornadoBars",
-    "Within": "EstimatedResponse",
-    "fate_margin": "free_motion_margin",
-    "global_sensitivities": "derivative_based_measures",
-}
-
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
@@ -154,12 +142,6 @@ def __getattr__(name: str) -> Any:
             return optional(name)
         except ModuleNotFoundError as error:  # which `hasattr` would let through
             raise AttributeError(str(error)) from error
-    new = _RENAMED.get(name, name)  # what version 0.1 had here is in the packages now
-    for room in (accuracy, dynamics, ground_motion, overturning, resonance, sensitivity):
-        if new in room.__all__:
-            where = f"{room.__name__}.{new}"
-            warnings.warn(f"jaxrock.{name} is now {where}", DeprecationWarning, stacklevel=2)
-            return getattr(room, new)
     raise AttributeError(f"module 'jaxrock' has no attribute {name!r}")
 
 

@@ -59,27 +59,6 @@ def test_what_is_listed_is_there_and_nothing_of_the_inside():
     assert len(named) <= 64
 
 
-def test_former_names_lead_to_the_new_ones():
-    with pytest.warns(DeprecationWarning, match=r"jaxrock\.sensitivity\.MomentEstimate"):
-        assert jr.Scatter is jr.sensitivity.MomentEstimate
+def test_what_is_not_there_is_said():
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = jr.nothing
-
-
-FORMER = {  # names that the package itself had in version 0.1, by where they are now
-    "accuracy": "Choice ModelError Tradeoff Within measure_tradeoff",
-    "dynamics": "BatchResponse PulsedPhase PulsedVerge Response fate_margin pulsed_next_velocity",
-    "ground_motion": "Motion Pulse from_obspy",
-    "overturning": "Boundaries SurvivalWindows",
-    "resonance": "Oscillator TrainResponse WorstTrain damping_from_decay equivalent_damping"
-    " equivalent_damping_as_printed timing_costs",
-    "sensitivity": "GlobalSensitivities Probability Scatter Sensitivities Swing"
-    " failure_probability global_sensitivities monte_carlo propagate",
-}
-
-
-@pytest.mark.parametrize("room", FORMER)
-def test_no_former_name_is_lost(room):
-    for name in FORMER[room].split():
-        with pytest.warns(DeprecationWarning, match=rf"jaxrock\.{name} is now jaxrock\.{room}\."):
-            assert getattr(jr, name).__module__.startswith(f"jaxrock.{room}.")
