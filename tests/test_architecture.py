@@ -2,6 +2,8 @@
 
 import ast
 import re
+import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -62,3 +64,34 @@ def test_what_is_listed_is_there_and_nothing_of_the_inside():
 def test_what_is_not_there_is_said():
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = jr.nothing
+
+
+MODULES = {"netcdf4": "netCDF4"}  # by distribution, where the name is another
+NOT_YET_USED = {"optax"}  # by a notebook alone
+COMES_WITH_OTHERS = {"pandas"}  # which xarray needs
+
+
+def test_what_is_imported_is_declared_and_the_other_way_round():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+
+    def modules(requirements):
+        names = {re.match(r"[\w-]+", each)[0].lower() for each in requirements}
+        return {MODULES.get(name, name) for name in names}
+
+    imported = set()
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(node.module.partition(".")[0])
+    imported -= sys.stdlib_module_names | {"jaxrock"}
+    needed = modules(project["dependencies"])
+    assert needed - imported == NOT_YET_USED
+    assert imported - needed - modules(extras["cluster"]) == COMES_WITH_OTHERS
+    # What each is for is written down.
+    table = PLAN.partition("## What it is built on\n")[2].partition("\n## ")[0]
+    described = set(re.findall(r"^\| (\w+) \|", table, re.M)) - {"package"}
+    assert described <= needed
+    assert needed - described == {"optax", "tyro", "platformdirs"}
