@@ -2,6 +2,8 @@
 
 import ast
 import re
+import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -59,27 +61,39 @@ def test_what_is_listed_is_there_and_nothing_of_the_inside():
     assert len(named) <= 64
 
 
-def test_former_names_lead_to_the_new_ones():
-    with pytest.warns(DeprecationWarning, match=r"jaxrock\.sensitivity\.MomentEstimate"):
-        assert jr.Scatter is jr.sensitivity.MomentEstimate
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+def test_what_is_not_there_is_said():
+    with pytest.raises(AttributeError, match="nothing"):
         _ = jr.nothing
 
 
-FORMER = {  # names that the package itself had in version 0.1, by where they are now
-    "accuracy": "Choice ModelError Tradeoff Within measure_tradeoff",
-    "dynamics": "BatchResponse PulsedPhase PulsedVerge Response fate_margin pulsed_next_velocity",
-    "ground_motion": "Motion Pulse from_obspy",
-    "overturning": "Boundaries SurvivalWindows",
-    "resonance": "Oscillator TrainResponse WorstTrain damping_from_decay equivalent_damping"
-    " equivalent_damping_as_printed timing_costs",
-    "sensitivity": "GlobalSensitivities Probability Scatter Sensitivities Swing"
-    " failure_probability global_sensitivities monte_carlo propagate",
-}
+MODULES = {
+    "netcdf4": "netCDF4",
+    "lazy-loader": "lazy_loader",
+}  # by distribution, where the name is another
+NOT_YET_USED = {"optax"}  # by a notebook alone
 
 
-@pytest.mark.parametrize("room", FORMER)
-def test_no_former_name_is_lost(room):
-    for name in FORMER[room].split():
-        with pytest.warns(DeprecationWarning, match=rf"jaxrock\.{name} is now jaxrock\.{room}\."):
-            assert getattr(jr, name).__module__.startswith(f"jaxrock.{room}.")
+def test_what_is_imported_is_declared_and_the_other_way_round():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+
+    def modules(requirements):
+        names = {re.match(r"[\w-]+", each)[0].lower() for each in requirements}
+        return {MODULES.get(name, name) for name in names}
+
+    imported = set()
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(node.module.partition(".")[0])
+    imported -= sys.stdlib_module_names | {"jaxrock"}
+    needed = modules(project["dependencies"])
+    assert needed - imported == NOT_YET_USED
+    assert imported - needed - modules(extras["cluster"]) == set()
+    # What each is for is written down.
+    table = PLAN.partition("## What it is built on\n")[2].partition("\n## ")[0]
+    described = set(re.findall(r"^\| (\w+) \|", table, re.M)) - {"package"}
+    assert described <= needed
+    assert needed - described == {"optax"}

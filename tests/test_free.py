@@ -1,4 +1,6 @@
-"""Laws that free rocking has to obey, in both models."""
+"""Laws that free rocking has to obey, in both models, and between pulses."""
+
+import math
 
 import jax
 import jax.numpy as jnp
@@ -6,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from references import stepping
+from scipy.integrate import solve_ivp
 
 import jaxrock as jr
 
@@ -145,3 +149,100 @@ def test_released_on_still_ground():
     np.testing.assert_allclose(response.impact_times[:3], times, rtol=1e-11)
     with pytest.raises(ValueError, match="duration must be given for still ground"):
         jr.respond(block, c, jr.Still(), rotation=tilt)
+
+
+def follow_with_scipy(rocker, jump, times, intensities, samples):
+    """Rotation and velocity at samples: SciPy between pulses and impacts, which change velocity."""
+    alpha = velocity = now = 0.0
+    side, found = 0, []
+    stops = list(zip(times, intensities, strict=True))
+    stops += [(time, None) for time in samples]
+    for time, intensity in sorted(stops, key=lambda stop: (stop[0], stop[1] is None)):
+        while side and now < time:
+
+            def field(t, y, side=side):
+                return [y[1], rocker.acceleration(y[0], side, (0.0, 0.0))]
+
+            def lands(t, y, side=side, begin=now):
+                return side * y[0] if t > begin + 1e-9 else 1.0
+
+            lands.terminal, lands.direction = True, -1
+            path = solve_ivp(
+                field, (now, time), [alpha, velocity], "DOP853",
+                rtol=1e-11, atol=1e-14, events=lands,
+            )  # fmt: skip
+            now, (alpha, velocity) = path.t[-1], path.y[:, -1]
+            if path.t_events[0].size:
+                alpha, velocity, side = 0.0, rocker.c * velocity, -side
+        now = time
+        if intensity is None:
+            found.append((alpha, velocity))
+            continue
+        side = side or math.copysign(1, intensity)
+        turned = math.cos(rocker.angle - abs(alpha)) / math.cos(rocker.angle)
+        velocity += jump * intensity * (1.0 if rocker.linearized else turned)
+    return np.transpose(found)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+def test_the_history_of_a_train_is_scipys(model):
+    """Outward and inward, on the way up and down, through impacts, until it has overturned."""
+    block, c = jr.Block(0.4, 3.0), 0.8
+    rocker = stepping.Rocker(0.4, 3.0, c, linearized=model == jr.Linearized())
+    times, intensities = np.array([0.2, 0.35, 0.9, 1.9, 2.0]), np.array([0.5, 0.3, 0.4, -0.3, -1.4])
+    train = jr.respond_to_train(block, c, times, intensities, model)
+    assert bool(train.overturned)
+    samples = np.append(np.linspace(0, 2.8, 42), times)
+    ours = np.array(train.history(samples))
+    order = np.argsort(samples, kind="stable")
+    jump = float(block.pulse_velocity(1.0))
+    theirs = follow_with_scipy(rocker, jump, times, intensities, samples)
+    assert 1.2 < abs(theirs[0]).max() / rocker.angle < 2
+    assert theirs[0].max() > 0
+    np.testing.assert_allclose(ours[:, order], theirs, rtol=1e-6, atol=1e-9)
+    # Alone, of another shape and traced it says the same.
+    np.testing.assert_array_equal(ours[:, 7], np.array(train.history(samples[7])))
+    traced = jax.jit(lambda time: train.history(time))(samples.reshape(1, -1))
+    np.testing.assert_allclose(np.squeeze(traced), ours, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+def test_a_history_before_the_first_pulse_and_after_overturning(model):
+    train = jr.respond_to_train(jr.Block(0.4, 5.0), 0.7, [0.5, 1.5], [1.5, -5.0], model)
+    rotation, velocity = np.array(train.history([0.0, 0.499, 0.5, 9.0, 99.0, np.nan]))
+    assert (rotation[:3] == 0).all()
+    assert (velocity[:2] == 0).all()
+    assert velocity[2] == pytest.approx(float(train.rocker.block.pulse_velocity(1.5)), rel=1e-5)
+    assert np.isnan([rotation[3:], velocity[3:]]).all()
+    # A later pulse does not catch it: it passes the critical angle and rises up to twice that.
+    ratio = np.array(train.history(np.linspace(0.5, 9, 400))[0]) / float(
+        train.rocker.block.critical_angle
+    )
+    followed = ratio[: int(np.isnan(ratio).argmax())]
+    assert (np.diff(followed) > 0).all()
+    assert 1.9 < followed[-1] < 2.01
+    assert np.isnan(ratio[followed.size :]).all()
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+def test_derivatives_of_a_train_and_its_history(model):
+    def respond(intensity):
+        pulses = jnp.stack([jnp.asarray(0.3), intensity])
+        return jr.respond_to_train(jr.Block(0.4, 5.0), 0.7, [0.0, 0.25], pulses, model)
+
+    def rotation(intensity, time):
+        return respond(intensity).history(time)
+
+    times = jnp.asarray([0.1, 0.3, 0.6, 0.8])
+    slope, rate = jax.jacfwd(lambda i, t: rotation(i, t)[0], (0, 1))(0.2, times)
+    np.testing.assert_allclose(np.diagonal(rate), rotation(0.2, times)[1], rtol=1e-9)
+    step = 1e-6
+    numeric = (rotation(0.2 + step, times)[0] - rotation(0.2 - step, times)[0]) / (2 * step)
+    np.testing.assert_allclose(slope, numeric, rtol=1e-5, atol=1e-9)
+    assert slope[0] == 0
+    assert (np.asarray(slope[1:]) != 0).all()
+    peak = [float(respond(0.2 + by).peak_rotation) for by in (step, -step)]
+    slope = jax.jacfwd(lambda intensity: respond(intensity).peak_rotation)(0.2)
+    assert float(slope) == pytest.approx((peak[0] - peak[1]) / (2 * step), rel=1e-6)

@@ -514,6 +514,18 @@ def test_train(model):
 
 
 @pytest.mark.thorough
+@pytest.mark.float64
+def test_a_pulse_right_before_an_impact_is_drawn_there():
+    worst = jr.worst_train(WALL.block, 0.7, 4, latest=1.2, starts=6)
+    assert worst.delays.max() > 0.999
+    ax = plot_train(WALL.block, 0.7, worst)
+    ratio = ax.get_lines()[0].get_ydata()
+    side = np.sign(worst.intensities[0]) * (-1) ** worst.impacts_between.sum()
+    assert side * ratio[-1] == pytest.approx(1, rel=1e-2)
+    assert abs(ratio).max() == abs(ratio[-1])
+
+
+@pytest.mark.thorough
 def test_animation(response, tmp_path, monkeypatch):
     animate(response, tmp_path / "block.gif", frames_per_second=5)
     with Image.open(tmp_path / "block.gif") as film:

@@ -18,9 +18,10 @@ from ..spectra import (
     write_table,
 )
 from ..validation import AT_LEAST_ONE, POSITIVE, check
+from .dependence import Sensitivity
 from .harmonic import Harmonic
 from .measurements import Fit
-from .one_block import Assess, Critical, Respond, Sensitivity
+from .one_block import Assess, Critical, Respond
 from .options import (
     Answer,
     BlockOptions,

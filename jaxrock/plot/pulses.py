@@ -1,10 +1,7 @@
 """Pulses: the rotation under trains of them, how the worst was found, what single ones do."""
 
 import itertools
-from collections.abc import Sequence
-from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray
@@ -14,16 +11,20 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from .. import resonance
 from ..block import Block
-from ..impact import velocity_after_impact
-from ..resonance import Linearized, ModelLike, Rocker, RockingModel, Scene, WorstTrain
+from ..resonance import (
+    Linearized,
+    ModelLike,
+    RockingModel,
+    Scene,
+    TrainResponse,
+    WorstTrain,
+)
+from ..validation import as_real
 from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
 
-_POINTS = 60  # of a half-cycle
+_POINTS = 600  # of a half-cycle
 _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
-
-# Motion on one side: launch velocity over the critical one, the time since the launch from which
-# and until which it lasts [s] (None: the impact or, where there is none, overturning), the side.
-_Flight = tuple[float, float, float | None, float]
+_LONGEST = 6.0  # how long a half-cycle is drawn at the end, times p
 
 
 @draws()
@@ -53,16 +54,25 @@ def plot_resonance(
     intensity = float(scene.intensity)
     if intensity == 0:
         raise ValueError("intensity must be greater than 0, or there is nothing to draw")
-    critical = float(model.critical_velocity(scene.block))
-    x = np.asarray(resonance.half_cycle_velocity(scene, np.arange(1, half_cycles + 1))) / critical
+    block = scene.block
+    launches = np.asarray(resonance.half_cycle_velocity(scene, np.arange(1, half_cycles + 1)))
+    overturns = launches >= float(model.critical_velocity(block))
     # Up to the first half-cycle that overturns.
-    x = x[: 1 + int(np.argmax(x >= 1))] if (x >= 1).any() else x
-    side = (-1.0) ** np.arange(x.size)
-    flights = [(float(ratio), 0.0, None, float(each)) for ratio, each in zip(x, side, strict=True)]
-    motion = _rotation(scene.block, model, flights)
+    count = int(np.argmax(overturns)) + 1 if overturns.any() else half_cycles
+    launches = launches[:count, None]
+    durations = np.array(model.half_cycle_duration(block, launches), float)
+    longest = _LONGEST / float(block.frequency_parameter)
+    durations[-1] = np.fmin(durations[-1], longest)  # NaN if it overturns
+    starts = np.cumsum(durations)[:, None] - durations
+    sides = (-1.0) ** np.arange(count)[:, None]
+    # From launch to launch: of a train at fixed times every error grows from impact to impact.
+    since = durations * np.linspace(0, 1, _POINTS)
+    rotation = sides * np.asarray(model.motion(block, launches, since)[0])
+    motion = _cut((starts + since).ravel(), rotation.ravel() / float(block.critical_angle))
+    pulses = intensity * sides.ravel()
     level = float(resonance.rotation_ratio(scene, model))
     limit = (1.0, "critical angle") if np.isnan(level) else (level, "stabilized peak")
-    return _draw_under_pulses(ax, motion, motion[2], intensity * side, *limit)
+    return _draw_under_pulses(ax, motion, starts.ravel(), pulses, *limit)
 
 
 @draws()
@@ -83,26 +93,20 @@ def plot_train(
         What `jaxrock.worst_train` took and found.
     """
     model = resonance.as_model(model)
-    rocker = Rocker(block, jnp.asarray(restitution, float), model)
-    unit, flights = float(rocker.unit), list[_Flight]()
-    x, since = abs(float(train.intensities[0])) / unit, 0.0
-    side = float(np.sign(train.intensities[0]))
-    pulses = zip(train.intensities[1:], train.impacts_between[1:], train.delays[1:], strict=True)
-    for intensity, impacts, delay in pulses:
-        for _ in range(int(impacts)):
-            flights.append((x, since, None, side))
-            x, since, side = velocity_after_impact(restitution, x), 0.0, -side
-        now = _struck(rocker, x, float(delay), side * float(intensity) / unit)
-        after, launch, passed = map(float, now)
-        flights.append((x, since, after, side))
-        x, since = launch, passed
-    flights.append((x, since, None, side))
-    if since > 0.5 * float(model.half_cycle_duration(block, x * model.critical_velocity(block))):
-        # The block falls towards the ground: it may go higher on the other side.
-        flights.append((velocity_after_impact(restitution, x), 0.0, None, -side))
-    pulses = np.asarray(train.times), np.asarray(train.intensities)
-    motion = _rotation(block, model, flights)
-    return _draw_under_pulses(ax, motion, *pulses, 1.0, "critical angle")
+    times = np.asarray(train.times)
+    response = _respond(block, restitution, train, model)
+    launch = response.velocity_ratio[-1] * model.critical_velocity(block)
+    longest = _LONGEST / float(block.frequency_parameter)
+    duration = np.fmin(model.half_cycle_duration(block, launch), longest)  # NaN if it overturns
+    rotation, velocity = response.history(times[-1])
+    # A block that falls towards the ground may go higher on the other side.
+    impacts = 2 if float(rotation * velocity) < 0 else 1
+    time, ratio = _follow(response, times[-1] + impacts * float(duration))
+    later = np.diff(np.sign(ratio), append=0) * (time > times[-1])
+    crossings = np.flatnonzero(later)[:impacts]
+    end = crossings[-1] + 1 if crossings.size == impacts else time.size
+    motion, pulses = (time[:end], ratio[:end]), np.asarray(train.intensities)
+    return _draw_under_pulses(ax, motion, times, pulses, 1.0, "critical angle")
 
 
 @draws("train : WorstTrain\n    From `jaxrock.worst_train`.")
@@ -185,39 +189,47 @@ def strip_above(ax: Axes, low: float, high: float) -> Axes:
     return above
 
 
-@jax.jit
-def _struck(rocker: Rocker, x: Any, delay: Any, impulse: Any) -> tuple[Any, Any, Any]:
-    """When a pulse comes after the launch, the flight after it, and time since its launch."""
-    duration = rocker.duration(x)
-    after = delay * duration
-    flight = rocker.struck(rocker.on_flight(x, after, duration), impulse)
-    return after, flight.x, rocker.since_launch(flight, rocker.duration(flight.x))
+def _respond(
+    block: Block, restitution: float, train: WorstTrain, model: RockingModel
+) -> TrainResponse:
+    """Follow a worst train with each pulse on its side of the impacts."""
+    pulses = np.asarray(train.intensities)
+    sides = np.sign(pulses[0]) * (-1.0) ** np.cumsum(train.impacts_between)
+    # The times are those of a train that was raised, whose impacts come a little later.
+    raised = max(1e-6, float(jnp.finfo(as_real("times", train.times).dtype).eps) ** 0.5)
+    for by in (raised, 1.01 * raised):
+        stronger = pulses * (1 + by)
+        response = resonance.respond_to_train(block, restitution, train.times, stronger, model)
+        if (np.asarray(response.side) == sides)[1:].all():
+            return response
+    return resonance.respond_to_train(block, restitution, train.times, pulses, model)
 
 
-def _rotation(block: Block, model: RockingModel, flights: Sequence[_Flight]) -> list[np.ndarray]:
-    """Times and rotation ratios of flights that follow each other, and when each begins."""
-    critical, longest = float(model.critical_velocity(block)), 6 / float(block.frequency_parameter)
-    times, ratios, starts = [], [], [0.0]
-    for x, since, until, side in flights:
-        duration = float(model.half_cycle_duration(block, x * critical))  # NaN if it overturns
-        end = np.fmin(duration, longest) if until is None else until
-        after = np.linspace(since, end, _POINTS if end < longest else 20 * _POINTS)
-        rotation = np.asarray(model.motion(block, x * critical, after)[0])
-        ratio = rotation / float(block.critical_angle)
-        beyond = ~(ratio < _LAST)
-        last = int(np.argmax(beyond)) if beyond.any() else ratio.size
-        times.append(starts[-1] + after[:last] - since)
-        ratios.append(side * ratio[:last])
-        starts.append(float(times[-1][-1]))
-    return [np.concatenate(times), np.concatenate(ratios), np.asarray(starts[:-1])]
+def _follow(response: TrainResponse, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sample the rotation ratio up to a time."""
+    time = np.union1d(np.linspace(0, end, 4 * _POINTS), np.asarray(response.times))
+    angle = float(response.rocker.block.critical_angle)
+    return _cut(time, np.asarray(response.history(time)[0]) / angle)
+
+
+def _cut(time: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """End where a block that overturns is followed no longer."""
+    beyond = ~(abs(ratio) < _LAST)
+    last = int(np.argmax(beyond)) if beyond.any() else ratio.size
+    return time[:last], ratio[:last]
 
 
 def _draw_under_pulses(
-    ax: Axes | None, motion: Any, times: np.ndarray, pulses: np.ndarray, level: float, name: str
+    ax: Axes | None,
+    motion: tuple[np.ndarray, np.ndarray],
+    times: np.ndarray,
+    pulses: np.ndarray,
+    level: float,
+    name: str,
 ) -> Axes:
     """Draw the motion below, with a named level on both sides, and the pulses in a strip above."""
     ax = axes_or_new(ax)
-    time, ratio, _ = motion
+    time, ratio = motion
     ax.plot(time, ratio, color=INK, linewidth=1.1)
     ax.axhline(0, color=LINE, linewidth=0.6)
     limit = 1.1 * float(abs(ratio).max())

@@ -31,7 +31,6 @@ from .inverse_design import (
     critical_slenderness,
     critical_width,
 )
-from .pulse_train import Rocker as Rocker
 from .pulse_train import TrainResponse, respond_to_train
 from .train_timing import timing_costs
 from .worst_trains import WorstTrain, worst_train

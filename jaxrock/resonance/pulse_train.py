@@ -1,5 +1,7 @@
 """Trains of instantaneous pulses: the block rocks freely, and through impacts, between them."""
 
+import functools
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -7,6 +9,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..block import Block
 from ..host import Printed, listed
@@ -17,117 +20,35 @@ from ..validation import (
     NON_NEGATIVE,
     UNIT_INTERVAL,
     Booleans,
+    Integers,
     Number,
     Numbers,
     Reals,
+    as_array,
     as_real,
     check,
     check_kind,
     of_one_precision,
 )
-from .free_rocking import Linearized, ModelLike, RockingModel, as_model
+from .free_rocking import Linearized, ModelLike, as_model
+from .rocker import Flight, Rocker
 
 _MAX_IMPACTS = 10**5
+_TIMES = 512  # of a history at once
+
+_Samples = Float[Array | np.ndarray, "..."]
 
 
-class Flight(NamedTuple):
-    """The state of a block between two impacts, velocities over the critical one.
+class Motion(NamedTuple):
+    """A block in its half-cycle, and what it has done so far."""
 
-    The squares of the two add up to its energy.
-    """
-
-    drop: Reals  # outward velocity lost to gravity since the ground, 0 there
-    q: Reals  # outward velocity
-
-    @property
-    def x(self) -> Reals:
-        """Velocity with which it left the ground and lands."""
-        energy = self.drop**2 + self.q**2
-        moves = energy > 0
-        return jnp.where(moves, jnp.sqrt(jnp.where(moves, energy, 1)), 0)
-
-
-class Rocker(NamedTuple):
-    """A block between pulses; x is the launch velocity over the critical one."""
-
-    block: Block
-    restitution: Reals
-    model: RockingModel
-
-    @property
-    def unit(self) -> Reals:
-        """Intensity of the single pulse that just overturns [m/s]."""
-        return self.model._critical_velocity(self.block) / self.block.pulse_velocity(1.0)
-
-    def duration(self, x: Reals) -> Reals:
-        """Duration of a half-cycle [s]; a long one where the block does not come back."""
-        x = jnp.minimum(x, _largest_subcritical(x))
-        return self.model._half_cycle_duration(self.block, x, x * self.unit)
-
-    def on_flight(self, x: Reals, since: Reals, duration: Reals) -> Flight:
-        """The state at a time since the launch [s] in a half-cycle; see `since_launch`."""
-        left = duration - since
-        falls = left < since
-        # The way down is the way up reversed.
-        velocity = jax.jvp(
-            lambda time: self.model._rotation(self.block, x, time),
-            (jnp.where(falls, left, since),),
-            (jnp.ones_like(since),),
-        )[1]
-        q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
-        return Flight(jnp.sqrt((x - q) * (x + q)), jnp.where(falls, -q, q))
-
-    def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
-        """The velocity `on_flight`, strictly between launch and impact, with short derivatives.
-
-        Those of Jacobi's functions take a minute to compile: they are of one step of Newton's.
-        """
-        if isinstance(self.model, Linearized):
-            return self.on_flight(x, since, duration).q
-        still, *at = jax.lax.stop_gradient((self, x, since, duration))
-        q = jnp.clip(abs(still.on_flight(*at).q), 0, at[0] * (1 - jnp.finfo(x.dtype).eps))
-        flight, falls = Flight(jnp.sqrt((x - q) * (x + q)), q), duration - since < since
-        late = self.ground_time(flight) - jnp.where(falls, duration - since, since)
-        lever = jnp.sin(still.block.critical_angle - still.rotation(flight))
-        slowing = lever * still.block.frequency_parameter**2
-        q = q + jax.lax.stop_gradient(slowing) / still.model._critical_velocity(still.block) * late
-        return jnp.where(falls, -q, q)
-
-    def rotation(self, flight: Flight) -> Reals:
-        """Rotation from its side [rad]: the peak of a launch with the velocity lost."""
-        drop = jnp.minimum(flight.drop, _largest_subcritical(flight.drop))
-        return self.model._peak_rotation(self.block, drop, drop * self.unit)
-
-    def ground_time(self, flight: Flight) -> Reals:
-        """Time since the launch or, on the way down, to the impact [s]."""
-        rotation = self.rotation(flight)
-        return self.model._time_from_ground(self.block, rotation, flight.x, abs(flight.q))
-
-    def since_launch(self, flight: Flight, duration: Reals) -> Reals:
-        """Time since the launch [s], in a half-cycle of a duration.
-
-        A block that falls faster than critical was never launched from the ground: on the
-        way down, what counts is the time to the impact.
-        """
-        time = self.ground_time(flight)
-        return jnp.where(flight.q < 0, duration - time, time)
-
-    def struck(self, flight: Flight, impulse: Reals) -> Flight:
-        """The state after an outward pulse, its intensity over `unit`.
-
-        Linearized, a pulse acts the same at all rotations (Eq. 2). In the full equation it
-        turns the block the more, the more upright the diagonal to the corner is.
-        """
-        if isinstance(self.model, Linearized):
-            return flight._replace(q=flight.q + impulse)
-        angle = self.block.critical_angle
-        factor = jnp.cos(angle - self.rotation(flight)) / jnp.cos(angle)
-        return flight._replace(q=flight.q + impulse * factor)
-
-
-def _largest_subcritical(x: Reals) -> float:
-    """The largest x of which a duration is computed: at 1 it is infinite."""
-    return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6
+    x: Reals  # launch velocity of the half-cycle, over the critical one
+    duration: Reals  # of the half-cycle
+    since: Reals  # time since its launch
+    side: Reals
+    peak: Reals  # rotation
+    overturned: Booleans
+    impacts: Integers
 
 
 class TrainResponse(Printed, eqx.Module):
@@ -144,6 +65,8 @@ class TrainResponse(Printed, eqx.Module):
         Whether it has ever moved outward with more energy than the barrier, even if a later
         pulse would have caught it. False if there were too many impacts to follow: then the
         numbers are NaN.
+    times, after_pulses, rocker
+        From which `history` follows the block.
     """
 
     velocity_ratio: Reals
@@ -151,6 +74,46 @@ class TrainResponse(Printed, eqx.Module):
     overturned: Booleans
     side: Reals
     complete: Booleans
+    times: Reals
+    after_pulses: Motion
+    rocker: Rocker
+
+    def history(self, time: Numbers) -> tuple[Reals, Reals]:
+        """Compute rotation and angular velocity over time.
+
+        Parameters
+        ----------
+        time : array_like
+            [s]
+
+        Returns
+        -------
+        rotation, velocity : Array, shape (...)
+            alpha [rad] and its rate [rad/s], at the time of a pulse right after it. A block that
+            overturns is followed, without any later pulse, up to twice the critical angle, or to
+            pi / 2 if that is less; after that, and after too many impacts, both are NaN.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> train = jr.respond_to_train(jr.Block(0.4, 5.0), 0.7, [0.0, 0.6], [0.3, -0.3])
+        >>> rotation, velocity = train.history([0.0, 0.1, 0.5])
+        >>> print(rotation.round(4), velocity.round(4))
+        [ 0.      0.0073 -0.0019] [0.1082 0.0385 0.0556]
+        """
+        wanted = as_real("time", time)
+        shape = wanted.shape
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((self, wanted))):
+            flat = wanted.astype(self.times.dtype).reshape(-1)
+            found = _sample(self.rocker, *_select(jnp, flat, self.times, self.after_pulses))
+            return found[0].reshape(shape), found[1].reshape(shape)
+        # One program for all numbers of times and pulses; in NumPy, which compiles nothing.
+        times, after_pulses = jax.device_get((self.times, self.after_pulses))
+        pieces = max(1, -(-wanted.size // _TIMES))
+        flat = np.resize(np.asarray(wanted, times.dtype), (pieces, _TIMES))
+        parts = [_sample(self.rocker, *_select(np, at, times, after_pulses)) for at in flat]
+        joined = np.concatenate(parts, axis=-1)[:, : wanted.size]
+        return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
 
     def __str__(self) -> str:
         return listed(self, overturned="", peak_rotation="rad", velocity_ratio="", complete="")
@@ -211,21 +174,13 @@ def respond_to_train(
     return follow(Rocker(block, c, as_model(model)), t, pulses)
 
 
-class _Motion(NamedTuple):
-    x: Any  # launch velocity of the half-cycle, over the critical one
-    duration: Any  # of the half-cycle
-    since: Any  # time since its launch
-    side: Any
-    peak: Any  # rotation
-    overturned: Any
-    impacts: Any  # so far
-
-
 @eqx.filter_jit
 def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     """`respond_to_train`, with nothing checked."""
 
-    def pulse(motion: _Motion, interval_and_intensity: Any) -> Any:
+    def pulse(
+        motion: Motion, interval_and_intensity: tuple[Reals, Reals]
+    ) -> tuple[Motion, tuple[Reals, Reals, Motion]]:
         interval, intensity = interval_and_intensity
         now = _rocked(rocker, motion, interval)
         flight = rocker.on_flight(now.x, now.since, now.duration)
@@ -235,19 +190,21 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
         x = flight.x
         duration = rocker.duration(x)
         after = now._replace(
-            x=jnp.where(now.overturned, now.x, x),
+            x=x,
             duration=duration,
             since=rocker.since_launch(flight, duration),
             side=side.astype(x.dtype),
             peak=peak,
             overturned=now.overturned | ((x >= 1) & (flight.q >= 0)),
         )
-        return after, (x, now.side)
+        # A block that has overturned goes on as if no pulse came any more.
+        after = jax.tree.map(lambda new, old: jnp.where(now.overturned, old, new), after, now)
+        return after, (x, now.side, after)
 
     zero = jnp.zeros_like(times[0])
-    at_rest = _Motion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
+    at_rest = Motion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
     intervals = jnp.diff(times, prepend=times[:1])
-    last, (ratios, sides) = jax.lax.scan(pulse, at_rest, (intervals, intensities))
+    last, (ratios, sides, after_pulses) = jax.lax.scan(pulse, at_rest, (intervals, intensities))
     # A block that falls after the last pulse may leave the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))
@@ -259,15 +216,45 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
         overturned=overturned & complete,
         side=sides,
         complete=complete,
+        times=times,
+        after_pulses=after_pulses,
+        rocker=rocker,
     )
 
 
-def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
+def _select(
+    namespace: ModuleType, time: _Samples, times: _Samples, after_pulses: Motion
+) -> tuple[Motion, Reals]:
+    """Take the motion after the last pulse that has come at each time, and the time since [s]."""
+    pulse = namespace.searchsorted(times, time, side="right") - 1
+    pulse = namespace.maximum(pulse, 0)
+    motion = jax.tree.map(lambda part: part[pulse], after_pulses)
+    # Before the first pulse the block rests.
+    motion = motion._replace(x=namespace.where(time < times[0], 0, motion.x))
+    return jax.tree.map(as_array, (motion, time - times[pulse]))
+
+
+@eqx.filter_jit
+@functools.partial(jax.vmap, in_axes=(None, 0, 0))
+def _sample(rocker: Rocker, motion: Motion, interval: Reals) -> tuple[Reals, Reals]:
+    """Compute rotation [rad] and velocity [rad/s] at an interval after a motion."""
+    now = _rocked(rocker, motion, interval)
+    # A block that has overturned never falls back.
+    duration = jnp.where(now.overturned, jnp.inf, now.duration)
+    rotation, velocity, falls = rocker.motion(now.x, now.since, duration)
+    # The pendulum of the full equation would go round, and come back.
+    lies = (now.since > 2 * rocker.passing_time(now.x)) | (rotation > 0.5 * jnp.pi)
+    unknown = (now.overturned & lies) | (now.impacts >= _MAX_IMPACTS) | jnp.isnan(rotation)
+    side = jnp.where(unknown, jnp.nan, now.side)
+    return side * rotation, jnp.where(falls, -side, side) * velocity
+
+
+def _rocked(rocker: Rocker, motion: Motion, interval: Reals) -> Motion:
     """Free rocking over an interval, through impacts."""
     # Below this velocity the block counts as resting: its impacts would never end.
     rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
 
-    def highest(motion: _Motion, until: Any) -> Any:
+    def highest(motion: Motion, until: Any) -> Any:
         """With the peak of this half-cycle, if the block passes it until then."""
         half = 0.5 * motion.duration
         passes = (motion.since <= half) & (until >= half)
@@ -281,7 +268,7 @@ def _rocked(rocker: Rocker, motion: _Motion, interval: Reals) -> _Motion:
     def impact(carry: Any) -> Any:
         motion, left = carry
         x = velocity_after_impact(rocker.restitution, motion.x)
-        after = _Motion(
+        after = Motion(
             x=x,
             duration=rocker.duration(x),
             since=jnp.zeros_like(x),
