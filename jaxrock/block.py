@@ -95,7 +95,8 @@ class Block(Printed, Checked):
         ValueError
             If a concrete value is not finite and greater than 0.
         """
-        width, height = as_real("width", width), as_real("height", height)
+        width = as_real("width", width)
+        height = as_real("height", height)
         check("width", width, POSITIVE)
         check("height", height, POSITIVE)
         return cls(width / 2, height / width, gravity)

@@ -117,7 +117,8 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
         part = batch.part(open_)
         before = followed(part.scaled(slip), levels[first + 1])
         after = followed(part, levels[-1])
-        error[open_], rtol[open_] = bound(before, after, levels[-1]), levels[-1]
+        error[open_] = bound(before, after, levels[-1])
+        rtol[open_] = levels[-1]
         cheapest[open_[error[open_] <= tolerance]] = levels[first + 1]
         for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
             leaf[open_] = new

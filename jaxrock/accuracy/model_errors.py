@@ -39,9 +39,12 @@ from ..validation import (
 
 # The estimate of what a duration costs is known up to this ratio of the acceleration that just
 # lifts the block to the mean one of the pulse, and from this slenderness on.
-_MAX_UPLIFT_RATIO, _MIN_SLENDERNESS = 0.8, 0.5
+_MAX_UPLIFT_RATIO = 0.8
+_MIN_SLENDERNESS = 0.5
 # Bounds on its remainder; the largest values found by a search are 0.239, 0.267 and 0.159.
-_VELOCITY, _TIME, _CRITICAL = 0.3, 0.35, 0.2
+_VELOCITY = 0.3
+_TIME = 0.35
+_CRITICAL = 0.2
 # Of pulses of duration and intensity 1: the centroid, the integral of the pulse times its second
 # integral, and a slack for those that start weakly. Under a half-sine a block launched with less
 # than 3 e^2 (1 - C) / (4 pi^2) of the velocity comes back at once; that velocity may be half of
@@ -118,7 +121,8 @@ class ModelError(Printed, eqx.Module):
         Answers
         """
         own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)
-        roundings, share = [self.rounding[model][bits]], self.linearization
+        roundings = [self.rounding[model][bits]]
+        share = self.linearization
         if model == "linearized":
             roundings += [by_bits[own_bits] for by_bits in self.rounding.values()]
         else:
@@ -288,7 +292,9 @@ def _shift(
     scene: Scene, velocity: Reals, duration: Reals, centroid: Number, work: Number, slack: Number
 ) -> tuple[Reals, Reals, Booleans]:
     """Relative change of the velocity due to the duration, unit of its bounds, whether known."""
-    block, c, intensity = scene.block, scene.restitution, scene.intensity
+    block = scene.block
+    c = scene.restitution
+    intensity = scene.intensity
     lasts = (duration > 0) & (intensity > 0)
     e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
     # A pulse that starts weak lets a slow block fall back to the ground before it pushes.
@@ -302,7 +308,8 @@ def _shift(
 
 def _relative(value: Reals, reference: Reals) -> Reals:
     """``value / reference - 1``: 0 where neither exists, inf where one does, 0 for 0 / 0."""
-    exists, reference_exists = jnp.isfinite(value), jnp.isfinite(reference)
+    exists = jnp.isfinite(value)
+    reference_exists = jnp.isfinite(reference)
     compared = exists & reference_exists & (reference != 0)
     ratio = jnp.where(compared, value, 1) / jnp.where(compared, reference, 1)
     same = (exists == reference_exists) & (compared | (value == reference) | ~exists)
@@ -325,7 +332,8 @@ def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
     """
     one = jnp.ones_like(scene.block.slenderness)
     block = eqx.tree_at(lambda b: (b.half_width, b.gravity), scene.block, (one, one))
-    linearized, nonlinear = Linearized(), Nonlinear()
+    linearized = Linearized()
+    nonlinear = Nonlinear()
     critical = nonlinear.critical_velocity(block)
     over = critical / linearized.critical_velocity(block)
     single = critical / block.pulse_velocity(1.0)

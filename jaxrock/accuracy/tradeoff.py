@@ -134,7 +134,8 @@ class Tradeoff(Printed):
         -------
         list of str
         """
-        rows, lines = self.dataset.to_dataframe(), []
+        rows = self.dataset.to_dataframe()
+        lines = []
         for dial, name, front in (
             ("level", "the level of fidelity", "front"),
             ("solver", "the solver", "front_of_level"),
@@ -258,7 +259,8 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
         response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
         return np.where(response.overturned, np.nan, response.peak_rotation)
     zero = jnp.zeros_like(scene.restitution)  # after the stabilized half-cycle there is no other
-    still, velocity = Rectangular(zero, zero + 1), stabilized_velocity(scene)
+    still = Rectangular(zero, zero + 1)
+    velocity = stabilized_velocity(scene)
     settings = {"rtol": dials.tolerance, "solver": dials.solver}
     found = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
     return np.stack([found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]])

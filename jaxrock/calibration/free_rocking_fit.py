@@ -28,7 +28,9 @@ from .free_rocking_search import Fitted, fit_together, is_least
 from .free_rocking_summary import Summary, reestimate, summarize
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
-_SIGNIFICANT, _OTHER_BLOCK = 0.05, 0.01  # p-values below which there is a remark
+# p-values below which there is a remark
+_SIGNIFICANT = 0.05
+_OTHER_BLOCK = 0.01
 _NEGLIGIBLE = 1e-6  # change of C, however significant
 _ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
 _NO_SUCH_MOTION = (
@@ -143,7 +145,8 @@ class FreeRockingFit(Printed, eqx.Module):
         order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
         lines = []
         for name in order:
-            value, error = float(getattr(self, name)), float(self.standard_errors[name])
+            value = float(getattr(self, name))
+            error = float(self.standard_errors[name])
             if not np.isnan(value):
                 known = f"+- {error:.2g}" if error else "given"
                 lines.append(

@@ -80,7 +80,8 @@ def known_of(
     dtype: np.dtype,
 ) -> Known:
     """What need not be fitted."""
-    timed, peaked = measured.times.size > 1, measured.peaks.size > 0
+    timed = measured.times.size > 1
+    peaked = measured.peaks.size > 0
     if block is None and not isinstance(model, Linearized):
         raise ValueError("block must be given for the nonlinear model, which depends on its shape")
     if block is None and not timed:
@@ -92,13 +93,15 @@ def known_of(
     free += [block is None and peaked, False]
     numbers = np.zeros(6)
     if block is not None:
-        frequency, angle = block.frequency_parameter, block.critical_angle
+        frequency = block.frequency_parameter
+        angle = block.critical_angle
         if frequency.ndim:
             raise ValueError("block must be one block, got several")
         numbers[FREQUENCY] = np.log(float(frequency))
         numbers[ANGLE] = np.log(float(angle))
     unknowns = sum(free)
-    of_times, of_peaks = measured.times.size * timed, measured.peaks.size
+    of_times = measured.times.size * timed
+    of_peaks = measured.peaks.size
     if of_times + of_peaks <= unknowns:
         name, given = ("impact_times", of_times) if timed else ("peak_rotations", of_peaks)
         least = unknowns + 1 - (of_peaks if timed else 0)

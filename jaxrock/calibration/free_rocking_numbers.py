@@ -13,7 +13,8 @@ _STEPS = 50  # of each fit: they are many, and only the best one counts
 
 def with_numbers(measured: Measured, numbering: Numbering) -> Measured:
     """The measurements with their numbers; peaks count between impacts in succession."""
-    impacts, used = numbering.impacts, numbering.used
+    impacts = numbering.impacts
+    used = numbering.used
     renumbered = measured._replace(impacts=impacts, time_counts=used)
     if not measured.peaks.size:
         return renumbered

@@ -23,7 +23,9 @@ from .free_rocking_motion import (
 from .least_squares import Flags, Places, Values, directions_of, minimize
 
 _FREQUENCIES = 33  # that are tried where p is not known
-_SHORTEST, _LONGEST = 0.02, 6.0  # half of the longest half-cycle times p that is tried
+# half of the longest half-cycle times p that is tried
+_SHORTEST = 0.02
+_LONGEST = 6.0
 _ARRIVED = 0.01  # standard errors from the least squares
 
 
@@ -48,7 +50,8 @@ def fit_together(
     tests: Sequence[Measured], kinds: Sequence[Known], noises: Noises, most_steps: int = 100
 ) -> list[Fitted]:
     """Find the best numbers for several numberings of the same measurements, side by side."""
-    known, rows = kinds[0], Rows.of(tests, kinds)
+    known = kinds[0]
+    rows = Rows.of(tests, kinds)
 
     def evaluate(numbers: Values, places: Places) -> tuple[Values, Values]:
         return compute_residuals(numbers, amplitudes[places], rows.at(places), known, noises)

@@ -67,7 +67,8 @@ def summarize(
     noise_known: bool,
 ) -> Summary:
     """Of fits with a constant C, with one that changes, and if p is known with a free p."""
-    numbers, free = constant.numbers, known.free
+    numbers = constant.numbers
+    free = known.free
     freedom = measured.counted - int(free.sum())
     variance = 1.0 if noise_known else _mean_square(constant, freedom)
     growth = np.exp(numbers[LAUNCH])
@@ -135,7 +136,8 @@ def _by_impact(
     room = 1 + int(max(measured.impacts.max(), measured.arcs.max(initial=0)))
     ratios, _ = velocity_ratios(numbers, np.zeros(room))
     if timed:
-        counts, impacts = measured.time_counts, measured.impacts
+        counts = measured.time_counts
+        impacts = measured.impacts
         exists = counts[1:] & counts[:-1] & (np.diff(impacts) == 1)
         unit = np.exp(-numbers[FREQUENCY])
         noise = noises.times

@@ -27,7 +27,8 @@ class Numbering(NamedTuple):
 
     def without(self, place: int, again: bool) -> "Numbering":
         """Leave out a time, which counts the impact before it again or is wrong."""
-        used, impacts = self.used.copy(), self.impacts.copy()
+        used = self.used.copy()
+        impacts = self.impacts.copy()
         used[place] = False
         if again:
             impacts[place:] -= 1
@@ -110,7 +111,8 @@ def log_chance(
 
 def _trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:
     """All numberings with one more repair."""
-    places, trials = np.flatnonzero(numbering.used).tolist(), list[Numbering]()
+    places = np.flatnonzero(numbering.used).tolist()
+    trials = list[Numbering]()
 
     def add(trial: Numbering, said: str) -> None:
         trials.append(trial._replace(repairs=(*numbering.repairs, said)))

@@ -19,9 +19,12 @@ Places = TypeAliasType("Places", Int[np.ndarray, "..."])
 
 _ARRIVED = 1e-7  # part of the root of the sum of squares that one more step would take away
 _DAMPING = 1e-3  # to begin with, of the squares of the derivatives
-_LESS, _MORE = 0.1, 4.0  # after a step that does what it should, and after one that does harm
+# after a step that does what it should, and after one that does harm
+_LESS = 0.1
+_MORE = 4.0
 _AS_EXPECTED = 0.9  # part of the expected fall, from which on a step does what it should
-_LEAST_DAMPING, _MOST_DAMPING = 1e-13, 1e6
+_LEAST_DAMPING = 1e-13
+_MOST_DAMPING = 1e6
 
 
 class Least(NamedTuple):

@@ -114,7 +114,8 @@ def _radians(name: str) -> float | None:
 def _time_and_peak(
     path: Path, number: int, line: str, fields: list[str], units: tuple[float, float]
 ) -> tuple[float, float]:
-    time, peak = fields[0], "nan" if fields[1:] in ([], [""]) else fields[1]
+    time = fields[0]
+    peak = "nan" if fields[1:] in ([], [""]) else fields[1]
     must = "the time of an impact was expected, and perhaps after a comma the peak rotation"
     if is_number(time) and is_number(peak):
         pair = units[0] * float(time), units[1] * float(peak)

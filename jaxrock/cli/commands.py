@@ -170,7 +170,8 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
             raise ValueError(f"repeats must be at least 1, got {self.repeats}")
         if self.shaken and self.intensity is not None:
             raise ValueError("intensity excludes a pulse or a record")
-        block, c = self.block, self.coefficient
+        block = self.block
+        c = self.coefficient
         if self.intensity is not None:
             scene = Scene(block, c, self.intensity)
         else:

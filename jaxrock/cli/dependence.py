@@ -91,7 +91,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     def _question(self, at: Mapping[str, Any]) -> Any:
         """The answer as a function of the numbers that it depends on."""
         block = Block(at["half_width"], at["slenderness"], self.gravity, self.inertia_ratio)
-        c, model = at["restitution"], self._model
+        c = at["restitution"]
+        model = self._model
         if not self.shaken:
             if self._answer == "critical-intensity":
                 return resonance.critical_intensity(block, c, math.inf, model)
@@ -108,7 +109,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return peak / block.critical_angle if self._answer == "rotation-ratio" else peak
 
     def _steps(self) -> Steps:
-        at, names = self._at(), ("sensitivity.csv", "tornado.png")
+        at = self._at()
+        names = ("sensitivity.csv", "tornado.png")
         folder = yield names if self.shaken else (*names, "map.png")
         from ..plot import plot_tornado
 
@@ -119,7 +121,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             raise ValueError(
                 f"answer {self._answer} does not exist here: the block overturns at {given}"
             )
-        low, high = 1 - self.relative_change, 1 + self.relative_change
+        low = 1 - self.relative_change
+        high = 1 + self.relative_change
         ranges = {name: (value * low, value * high) for name, value in at.items()}
         ranges["restitution"] = (at["restitution"] * low, min(at["restitution"] * high, 1.0))
         bars = tornado(self._question, at, ranges)
@@ -164,7 +167,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         def question(c: Any, slenderness: Any) -> Any:
             return self._question(at | {"restitution": c, "slenderness": slenderness})
 
-        c, slenderness = np.linspace(0.3, 0.95, 521), np.linspace(3, 10, 561)
+        c = np.linspace(0.3, 0.95, 521)
+        slenderness = np.linspace(3, 10, 561)
         value, slope = value_and_slopes(question, mask_beyond=True)(c[:, None], slenderness[None])
         elasticity = np.asarray(slope * c[:, None] / value)
         axes = [("restitution", c), ("slenderness", slenderness)]

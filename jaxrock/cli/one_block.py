@@ -77,7 +77,9 @@ class Respond(MotionOptions, BlockOptions, Writing):
     def _steps(self) -> Steps:
         if self.duration is not None:
             check("duration", self.duration, POSITIVE)
-        block, c, motion = self.block, self.coefficient, self.motion
+        block = self.block
+        c = self.coefficient
+        motion = self.motion
         names = "response.csv", "impacts.csv", "response.nc", "response.png"
         folder = yield (*names, "response.gif") if self.animate else names
         import matplotlib.pyplot as plt
@@ -200,7 +202,9 @@ class Critical(MotionOptions, BlockOptions, Writing):
         return motion, along, values
 
     def _boundaries(self, motion: Any, along: str, values: Any) -> tuple[dict[str, Any], str]:
-        block, c, model = self.block, self.coefficient, self.model or "nonlinear"
+        block = self.block
+        c = self.coefficient
+        model = self.model or "nonlinear"
         if values is None:
             found = critical_amplitude(block, c, type(motion), motion.duration, model=model)
         else:
@@ -214,7 +218,9 @@ class Critical(MotionOptions, BlockOptions, Writing):
         return {along: found.value, **columns}, f"{found}{others}"
 
     def _closed_form(self) -> tuple[dict[str, Any], str]:
-        block, c, pulse = self.block, self.coefficient, self.intensity
+        block = self.block
+        c = self.coefficient
+        pulse = self.intensity
         cases = list(itertools.product(self.half_cycles, ("linearized", "nonlinear")))
         given = {
             resonance.critical_intensity: (block, c),

@@ -89,7 +89,8 @@ class Command(abc.ABC):
             answer: Answer = end.value
         if not (remark := self._remark()):
             return answer
-        text, data = f"{answer.text}\nremark: {remark}", {**answer.data, "remark": remark}
+        text = f"{answer.text}\nremark: {remark}"
+        data = {**answer.data, "remark": remark}
         return replace(answer, text=text, data=data)
 
     def _remark(self) -> str:
@@ -184,13 +185,15 @@ class Writing(Command):
     def run(self) -> Answer:
         """Compute and write; the answer tells the paths of the files."""
         if self.out is None:
-            files, writing = [], contextlib.nullcontext()
+            files = []
+            writing = contextlib.nullcontext()
         else:
             files = [str(self.out / name) for name in self.names]
             writing = written_whole("out", self.out, self.names, self.force)
         with writing as folder:
             answer = self._ended(folder)
-        text, data = "\n".join([answer.text, *files]), {**answer.data, "files": files}
+        text = "\n".join([answer.text, *files])
+        data = {**answer.data, "files": files}
         return replace(answer, text=text, data=data)
 
 
@@ -299,7 +302,8 @@ def read(record: str | None, **options: Any) -> Record | str:
         if record != "example":
             return read_record(record, **options)
         leave_out('record "example" has its', options)
-        column, vertical = options["column"] or "north", options["vertical"]
+        column = options["column"] or "north"
+        vertical = options["vertical"]
         if column not in ("north", "east") or vertical not in (None, "up"):
             got = f"got {column!r}" + (f" and {vertical!r}" if vertical else "")
             must = "must be north or east, and vertical up if given"

@@ -69,7 +69,8 @@ class Storing(Writing):
         """Write a lazy dataset to the store; what is said of that, and how much there was."""
         import xarray
 
-        cluster, dataset = optional("cluster"), lazy.assign_attrs(self.about)
+        cluster = optional("cluster")
+        dataset = lazy.assign_attrs(self.about)
         with self._client(cluster):
             stored = cluster.write_zarr(dataset, self.store)
             with xarray.open_zarr(self.store, zarr_format=2) as found:

@@ -43,7 +43,8 @@ class Run(Command):
         return jobs
 
     def _steps(self) -> Steps:
-        jobs, answers = self.jobs, list[tuple[str, Answer]]()
+        jobs = self.jobs
+        answers = list[tuple[str, Answer]]()
         yield ()
         for name, command in with_progress(jobs.items(), "jobs"):
             try:

@@ -58,7 +58,9 @@ class Fragility(BlockOptions, Storing):
     out: Folder = Path("fragility")
 
     def _steps(self) -> Steps:
-        block, c, suite = self.block, self.coefficient, self._suite()
+        block = self.block
+        c = self.coefficient
+        suite = self._suite()
         check("tolerance", as_real("tolerance", self.tolerance), POSITIVE)
         thresholds = [_number_or_word(word) for word in self.threshold]
         threshold_names(thresholds)
@@ -126,7 +128,8 @@ class Fragility(BlockOptions, Storing):
             "share_within_tolerance": 1 - chaotic,
         }
         if hazard is not None:
-            block, c = self.block, self.coefficient
+            block = self.block
+            c = self.coefficient
             about = rate_elasticities(block, c, suite, hazard, self.measure, model=self.model)
             found = about.found
             lines.append(f"{found}\n{about}")

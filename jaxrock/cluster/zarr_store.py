@@ -26,7 +26,9 @@ from distributed import Client, progress
 
 from ..host import CannotWrite, Printed, sync, written_whole
 
-_IDENTITY, _UNFINISHED, _MADE_BY = "identity", "unfinished", "computed_with"
+_IDENTITY = "identity"
+_UNFINISHED = "unfinished"
+_MADE_BY = "computed_with"
 _FORMAT = 2  # of Zarr: the one whose metadata of a whole dataset every reader knows
 Index = tuple[int, ...]
 
@@ -93,7 +95,8 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     0
     2
     """
-    path, arrays = Path(path), _lazy_arrays(dataset)
+    path = Path(path)
+    arrays = _lazy_arrays(dataset)
     if set("#?") & set(str(path)):
         raise ValueError(f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address")
     identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
@@ -114,7 +117,8 @@ def _filled(path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array])
     first = {name: array for name, array in arrays.items() if not _depends(array, arrays)}
     later = {name: array for name, array in arrays.items() if name not in first}
     for stage, before in ((first, {}), (later, first)):
-        graphs, keys = list[Any](), list[Any]()
+        graphs = list[Any]()
+        keys = list[Any]()
         for dims in dict.fromkeys(dataset[name].dims for name in stage):
             group = {name: a for name, a in stage.items() if dataset[name].dims == dims}
             written = _written(path, group)
@@ -147,7 +151,9 @@ def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
 def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
     """Whether an array is made of others of these."""
     others = {other.name for other in arrays.values()} - {array.name}
-    dependencies, seen, left = array.dask.dependencies, set[str](), [array.name]
+    dependencies = array.dask.dependencies
+    seen = set[str]()
+    left = [array.name]
     while left:
         if (layer := left.pop()) not in seen:
             seen.add(layer)
@@ -160,7 +166,8 @@ def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
     about = {_IDENTITY: identity, _MADE_BY: _versions(), _UNFINISHED: "chunks are missing"}
     try:
         with written_whole("store", path.parent, [path.name], overwrite=False) as scratch:
-            target, named = scratch / path.name, dataset.assign_attrs(about)
+            target = scratch / path.name
+            named = dataset.assign_attrs(about)
             # With a checksum, by which a chunk that is cut or has lost a bit is told.
             codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
             encoding = {name: codec for name in named.variables}
@@ -200,7 +207,8 @@ def _equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool:
     """Compare a variable of the store with that of the dataset, which is in memory."""
     if name not in there.variables:
         return False
-    ours, theirs = dataset[name].values, there[name].values
+    ours = dataset[name].values
+    theirs = there[name].values
     return ours.shape == theirs.shape and bool(np.array_equal(ours, theirs))
 
 
@@ -214,7 +222,8 @@ def _difference(
         if there.attrs.get(name) != made_by:
             return f"was begun by {there.attrs.get(name)}, and this is {made_by}"
     for name in dataset.coords:
-        ours, theirs = dataset[name].values, there[name].values if name in there else np.empty(0)
+        ours = dataset[name].values
+        theirs = there[name].values if name in there else np.empty(0)
         if ours.shape != theirs.shape or not (ours == theirs).all():
             return f"belongs to another grid: its {name} differs"
     for name, array in arrays.items():
@@ -294,7 +303,8 @@ def _read(path: str, name: str, region: tuple[slice, ...]) -> np.ndarray:
 
 def _with_stored(graph: Any, path: Path, stored: Mapping[str, da.Array]) -> Any:
     """A graph in which some arrays are read from the store, instead of computed."""
-    layers, dependencies = dict(graph.layers), dict(graph.dependencies)
+    layers = dict(graph.layers)
+    dependencies = dict(graph.dependencies)
     for name, array in stored.items():
         if array.name in layers:
             places = zip(np.ndindex(*array.numblocks), _regions(array), strict=True)
@@ -312,7 +322,8 @@ def _run(graph: Any, keys: Sequence[Any]) -> None:
     """Compute some keys of a graph, with Dask's own progress on a terminal."""
     get = get_scheduler(cls=da.Array)
     optimized = da.Array.__dask_optimize__(graph, list(keys))
-    shows, client = sys.stderr.isatty(), getattr(get, "__self__", None)
+    shows = sys.stderr.isatty()
+    client = getattr(get, "__self__", None)
     if not isinstance(client, Client):
         with ProgressBar(out=sys.stderr, minimum=2) if shows else contextlib.nullcontext():
             get(optimized, list(keys))

@@ -21,7 +21,8 @@ LONGEST = 0.9
 # How far a function is at most from the cubic with its values and slopes at both ends of an
 # interval, over the fourth power of the length and the largest fourth derivative; and how far their
 # slopes are, over the third power.
-_FROM_CUBIC, _FROM_ITS_SLOPE = 1 / 384, 1 / 120
+_FROM_CUBIC = 1 / 384
+_FROM_ITS_SLOPE = 1 / 120
 
 
 class _Cubic(NamedTuple):
@@ -56,7 +57,8 @@ class _Cubic(NamedTuple):
         a = sign * self.slope
         b = sign * (3 * mean - 2 * self.slope - self.end_slope)
         c = sign * 3 * (self.slope + self.end_slope - 2 * mean)
-        square, up = b * b - a * c, b > 0
+        square = b * b - a * c
+        up = b > 0
         root = jnp.sqrt(jnp.maximum(square, 0))
         # -(root + b) / c, without cancellation
         above = jnp.where(up, -(root + b), a)
@@ -120,7 +122,8 @@ def _fourth_derivative(path: Coefficients, step: Any) -> Any:
 
 def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Any, lowest: Any) -> Booleans:
     """Certify that a rotation stays above the ground in a step; `lowest` is that of its dip."""
-    step, (_, c1, c2, c3) = cubic.step, path[:4]
+    step = cubic.step
+    _, c1, c2, c3 = path[:4]
     # Because the chords from its beginning rise: Bernstein coefficients of their slope, with
     # less than a 24th of the fourth derivative for all terms beyond the third.
     third = step * (1 / 3)
@@ -149,11 +152,13 @@ def _is_top(slope: Coefficients, time: Any, missing: Any) -> Booleans:
 
 def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
     """Certify that a rotation rises, or falls, throughout a step."""
-    step, (_, c1, c2, c3) = cubic.step, path[:4]
+    step = cubic.step
+    _, c1, c2, c3 = path[:4]
     # Bernstein coefficients of the slope, with a sixth of the fourth derivative for what follows.
     third = step * (1 / 3)
     middle = c1 + 2 * third * c2, c1 + third * (4 * c2 + 3 * step * c3)
-    last, rest = c1 + step * (2 * c2 + step * 3 * c3), step**3 * fourth * (1 / 6)
+    last = c1 + step * (2 * c2 + step * 3 * c3)
+    rest = step**3 * fourth * (1 / 6)
     rises = jnp.minimum(jnp.minimum(c1, middle[0]), jnp.minimum(middle[1], last - rest)) >= 0
     falls = jnp.maximum(jnp.maximum(c1, middle[0]), jnp.maximum(middle[1], last + rest)) <= 0
     # Or the slope of the cubic is not further away than this.

@@ -20,7 +20,9 @@ from ..ground_motion import Harmonic, Motion, Pulse, Record, Sine, Suite
 from ..validation import Number
 from .batch_input import GRADES, STRIDE, PulseInput, RecordInput
 
-_LEAST, _MOST = 2**14, 2**20  # samples that there is room for, in steps of a factor of 4
+# samples that there is room for, in steps of a factor of 4
+_LEAST = 2**14
+_MOST = 2**20
 _RECORDS = 64  # that there is room for, at least
 
 

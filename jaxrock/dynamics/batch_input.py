@@ -48,7 +48,8 @@ class PulseInput(eqx.Module):
 
     def series(self, case: Any, _: Any, along: Any, order: int) -> tuple[Coefficients, ...]:
         """Horizontal and vertical acceleration over g in powers of the time from `along` on."""
-        phase, rate = self.phase(case.rate, along), case.rate
+        phase = self.phase(case.rate, along)
+        rate = case.rate
         c: list[Any]
         if self.harmonic is not None:
             sine, cosine = _periodic(phase)
@@ -62,7 +63,8 @@ class PulseInput(eqx.Module):
             bell.append(-2 * phase * bell[0])
             for k in range(1, order):
                 bell.append((phase * bell[k] + bell[k - 1]) * (-2 / (k + 1)))
-            c, unit = [], 1.0
+            c = []
+            unit = 1.0
             for k in range(order - 1):
                 c.append(bell[k + 2] * unit * (-0.5 * (k + 1) * (k + 2)))
                 unit = unit * rate
@@ -93,11 +95,13 @@ class PulseInput(eqx.Module):
         at_once = jnp.abs(horizontal[0]) > case.equation.tangent * (
             1 + negligible(lanes.rotation.dtype)
         )
-        time, side = jnp.full_like(lanes.along, jnp.inf), jnp.ones_like(lanes.along)
+        time = jnp.full_like(lanes.along, jnp.inf)
+        side = jnp.ones_like(lanes.along)
         first = 1.0 if self.harmonic is not None else -1.0  # sign of the first, and of the third
         for rise, sign in reversed(list(zip(case.uplifts, (first, -first, first), strict=True))):
             sooner = (rise >= lanes.along) & (rise <= time)
-            time, side = jnp.where(sooner, rise, time), jnp.where(sooner, sign, side)
+            time = jnp.where(sooner, rise, time)
+            side = jnp.where(sooner, sign, side)
         side = jnp.where(at_once, horizontal[0], side * case.strength) < 0
         lifted = at_once | (time < case.length)
         wait = jnp.where(at_once | ~lifted, 0, time - lanes.along)
@@ -177,7 +181,8 @@ class RecordInput(eqx.Module):
 
     def series(self, case: Any, interval: Any, along: Any, _: int) -> tuple[Coefficients, ...]:
         """Horizontal and vertical acceleration over g in powers of the time from `along` on."""
-        index, share = case.first + interval, along * case.rate
+        index = case.first + interval
+        share = along * case.rate
 
         def line(powers: tuple[Any, ...]) -> Coefficients:
             c = tuple(power.at[index].get(mode="clip") * case.strength for power in powers)

@@ -56,7 +56,8 @@ def work_off(
     step: Callable[[Lanes, Case], Lanes],
 ) -> Ends:
     """What became of the first `count` blocks of a queue, which `step` takes further."""
-    dtype, size = queue.duration.dtype, queue.duration.size
+    dtype = queue.duration.dtype
+    size = queue.duration.size
 
     def refilled(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""

@@ -61,7 +61,8 @@ class Case(NamedTuple):
         block, restitution, factor, length, start, duration, motion = arguments
         motion = motion.astype(jnp.int32)
         equation = Equation.of(block, model)
-        angle, strength = equation.critical_angle, factor / equation.gravity
+        angle = equation.critical_angle
+        strength = factor / equation.gravity
         rate = ground.rate(length)
         natural = fastest = jnp.sqrt(equation.p_squared)
         if isinstance(ground, PulseInput):
@@ -108,7 +109,8 @@ class Case(NamedTuple):
 
     def valid(self) -> Booleans:
         """Whether all arguments are allowed."""
-        equation, restitution = self.equation, self.restitution
+        equation = self.equation
+        restitution = self.restitution
         total = equation.p_squared + equation.tangent + self.strength + self.start
         finite = jnp.isfinite(total + restitution + self.length + self.duration) & self.finite
         positive = (equation.p_squared > 0) & (self.length > 0) & (self.duration > 0)
@@ -134,7 +136,8 @@ class Lanes(NamedTuple):
     @classmethod
     def at_rest(cls, interval: Any, dtype: Any) -> "Lanes":
         """Blocks that have not moved, in an interval."""
-        zero, count = jnp.zeros(interval.shape, dtype), jnp.zeros_like(interval)
+        zero = jnp.zeros(interval.shape, dtype)
+        count = jnp.zeros_like(interval)
         fields = dict.fromkeys(cls._fields, zero) | dict.fromkeys(("impacts", "steps"), count)
         fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
         return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
@@ -232,7 +235,8 @@ def _settles(
     Their time is bounded by that of bounces to the side where the ground presses less, under an
     acceleration that must not change much meanwhile, whatever the input does.
     """
-    equation, (sine, cosine) = case.equation, case.on_ground
+    equation = case.equation
+    sine, cosine = case.on_ground
     sideways = jnp.abs(evaluate(push, flight))
     upward = evaluate(lift, flight) if lift else 0.0
     down = -equation.right_hand_side(sine, cosine, sideways, upward)

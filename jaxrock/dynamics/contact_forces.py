@@ -82,7 +82,8 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
     refined = [_at_shares(segment, times, states, accelerations, shares[k]) for k in range(2)]
     horizontal, normal = map(jnp.stack, zip((horizontal, normal), *refined, strict=True))
     # In the shortest steps, which change nothing, the velocity between the ends is rounding.
-    eps, step = float(jnp.finfo(nodes.dtype).eps), times[1] - times[0]
+    eps = float(jnp.finfo(nodes.dtype).eps)
+    step = times[1] - times[0]
     long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(segment.equation.p_squared)
     counts = (long | (nodes == 0) | (nodes == 1))[None]
     demand = jnp.where(counts, friction(horizontal, normal), 0).max()
@@ -110,8 +111,10 @@ def _at_shares(
     segment: Segment, times: Reals, states: Reals, accelerations: Reals, share: Reals
 ) -> tuple[Reals, Reals]:
     """Horizontal and normal force over weight at shares of a step, on its quintic."""
-    begin, step = times[0], times[1] - times[0]
-    drift, bend = step * states[1], 0.5 * step**2 * accelerations
+    begin = times[0]
+    step = times[1] - times[0]
+    drift = step * states[1]
+    bend = 0.5 * step**2 * accelerations
     excess = states[0, 1] - states[0, 0] - drift[0] - bend[0]
     missed = jnp.stack([excess, drift[1] - drift[0] - 2 * bend[0], bend[1] - bend[0]])
     higher: Any = (jnp.asarray(_QUINTIC, missed.dtype) * missed[None]).sum(axis=1)
@@ -125,10 +128,12 @@ def _at_shares(
     velocity = (exponents * terms).sum(axis=0) / jnp.where(step > 0, step, 1)
     inside = jnp.stack([rotation, velocity])
     # At the ends the states themselves, which rounding would not return.
-    first, last = share[None] == 0, share[None] == 1
+    first = share[None] == 0
+    last = share[None] == 1
     y = jnp.where(first, states[:, :1], jnp.where(last, states[:, 1:], inside))
     # From the acceleration of the centre of mass.
-    equation, (push, lift) = segment.equation, segment.ground(begin + share * step)
+    equation = segment.equation
+    push, lift = segment.ground(begin + share * step)
     acceleration = equation.acceleration(y[0], push, lift)
     sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
     # In this order, so that forces on a rectangle and their derivatives keep all bits.

@@ -19,7 +19,9 @@ from .overturning_criterion import TOPPLED_ROTATION
 from .respond_many import compiler_options
 
 _LANES = 64
-_ORDER, _TOLERANCE = 14, 5e-11  # those of `respond_batch` at its usual tolerance
+# those of `respond_batch` at its usual tolerance
+_ORDER = 14
+_TOLERANCE = 5e-11
 
 
 def peak_after_launch(
@@ -56,7 +58,8 @@ def _follow(ground: PulseInput, rows: Any, groups: Any, form: Any, model: Rockin
     def group(number: Any, peaks: Reals) -> Reals:
         arguments, time, velocity = jax.tree.unflatten(form, list(rows[number]))
         case = Case.of(ground, arguments, model)
-        dtype, steps_of = time.dtype, case.for_steps()
+        dtype = time.dtype
+        steps_of = case.for_steps()
         tolerance = jnp.asarray(max(_TOLERANCE, float(jnp.finfo(dtype).eps)), dtype)
         begin = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)._replace(
             along=time / case.unit,

@@ -65,10 +65,13 @@ class LinearizedPath(eqx.Module):
 
     def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
         """Rotation, velocity and acceleration."""
-        length, frequency = self.half_period, math.pi / self.half_period
-        gone, left = jnp.expm1(-share * length), jnp.expm1((share - 1) * length)
+        length = self.half_period
+        frequency = math.pi / self.half_period
+        gone = jnp.expm1(-share * length)
+        left = jnp.expm1((share - 1) * length)
         whole = jnp.expm1(-length)
-        odd, even = -jnp.cos(math.pi * share), jnp.sin(math.pi * share)
+        odd = -jnp.cos(math.pi * share)
+        even = jnp.sin(math.pi * share)
         hyperbolic = (gone - left) / whole
         free = gone * left / (2 + whole)
         rotation = free - self.sine * (hyperbolic - odd) - self.cosine * even
@@ -83,9 +86,11 @@ class LinearizedPath(eqx.Module):
 
 def linearized_steady(scene: HarmonicScene) -> Steady:
     """The steady motion on the upper branch."""
-    c, w = scene.restitution, scene.frequency
+    c = scene.restitution
+    w = scene.frequency
     t, loss, squares = _coefficients(c, w)
-    strength, least = scene.amplitude / (1 + w**2), t**2 * loss / jnp.sqrt(squares)
+    strength = scene.amplitude / (1 + w**2)
+    least = t**2 * loss / jnp.sqrt(squares)
     exists = strength > least
     above = jnp.where(exists, (strength - least) * (strength + least), 1)
     root = jnp.sqrt(squares * above)
@@ -113,7 +118,8 @@ def least_amplitude(restitution: Reals, frequency: Reals) -> Reals:
 
 def _coefficients(c: Reals, w: Reals) -> tuple[Reals, Reals, Reals]:
     """t, 1 - C, and (1 + C)^2 + (w t (1 - C))^2."""
-    t, loss = jnp.tanh(0.5 * math.pi / w), 1 - c
+    t = jnp.tanh(0.5 * math.pi / w)
+    loss = 1 - c
     return t, loss, (1 + c) ** 2 + (w * t * loss) ** 2
 
 
@@ -175,7 +181,8 @@ def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Nu
     amplitude : Array, shape (...)
         Of the acceleration [m/s2].
     """
-    c, w = jnp.asarray(restitution), jnp.divide(frequency, block.frequency_parameter)
+    c = jnp.asarray(restitution)
+    w = jnp.divide(frequency, block.frequency_parameter)
     t, loss, _ = _coefficients(c, w)
     # Where the trace is -(1 + C^2).
     from_parts, from_landing = _trace_terms(c, w)

@@ -52,9 +52,11 @@ def _maps() -> _Collocation:
     unit = np.eye(_NODES)
     once = np.stack([chebyshev.chebint(row, lbnd=-1) for row in unit], axis=1)
     twice = np.stack([chebyshev.chebint(row, 2, lbnd=-1) for row in unit], axis=1)
-    end, integral = twice.sum(axis=0), once.sum(axis=0)
+    end = twice.sum(axis=0)
+    integral = once.sum(axis=0)
     # Less the line to the end, half of it times 1 + x.
-    path, velocity = twice.copy(), once.copy()
+    path = twice.copy()
+    velocity = once.copy()
     path[:2] -= 0.5 * end
     velocity[0] -= 0.5 * end
 
@@ -136,8 +138,10 @@ def _(primals: Any, tangents: Any) -> Any:
 
 def _equations(scene: HarmonicScene, amplitude: Reals, unknowns: Reals) -> tuple[Reals, Reals]:
     """What is 0 in a steady motion, and its Jacobian matrix."""
-    maps, half = _maps_in(unknowns.dtype), 0.5 * scene.half_period
-    acceleration, (sine, cosine) = unknowns[:-2], unknowns[-2:]
+    maps = _maps_in(unknowns.dtype)
+    half = 0.5 * scene.half_period
+    acceleration = unknowns[:-2]
+    sine, cosine = unknowns[-2:]
     to_rotation = half**2 * maps.between
     to_impact = half * (maps.first_slope + scene.restitution * maps.last_slope)
     needed, (by_rotation, by_push) = _acceleration(scene, unknowns)
@@ -154,10 +158,12 @@ def _equations(scene: HarmonicScene, amplitude: Reals, unknowns: Reals) -> tuple
 
 def _acceleration(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
     """That of the equation of motion at the nodes; its derivatives by rotation and push."""
-    maps, half = _maps_in(unknowns.dtype), 0.5 * scene.half_period
+    maps = _maps_in(unknowns.dtype)
+    half = 0.5 * scene.half_period
     rotation = half**2 * _times(maps.between, unknowns[:-2])
     push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
-    one, zero = jnp.ones_like(push), jnp.zeros_like(push)
+    one = jnp.ones_like(push)
+    zero = jnp.zeros_like(push)
     # Elementwise, so that each derivative is a diagonal.
     return jax.vmap(
         lambda *direction: jax.jvp(scene.acceleration, (rotation, push), direction),
@@ -175,7 +181,8 @@ class _Newton(NamedTuple):
 
 def _search(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     """The unknowns, arbitrary where there is no steady motion, and whether there is one."""
-    maps, dtype = _maps_in(scene.amplitude.dtype), scene.amplitude.dtype
+    maps = _maps_in(scene.amplitude.dtype)
+    dtype = scene.amplitude.dtype
     times, beyond = _ABOVE
     first = times * least_amplitude(scene.restitution, scene.frequency) + beyond
     # A stocky block takes more, in proportion to what lifts it.
@@ -219,11 +226,14 @@ def _search(scene: HarmonicScene) -> tuple[Reals, Booleans]:
 
 def _steady(scene: HarmonicScene, unknowns: Reals, found: Booleans) -> Steady:
     """What the unknowns say of the motion."""
-    maps, half = _maps_in(unknowns.dtype), 0.5 * scene.half_period
-    acceleration, (sine, cosine) = unknowns[:-2], unknowns[-2:]
+    maps = _maps_in(unknowns.dtype)
+    half = 0.5 * scene.half_period
+    acceleration = unknowns[:-2]
+    sine, cosine = unknowns[-2:]
     coefficients = _times(maps.coefficients, acceleration)
     landing = -half * _times(maps.last_slope, acceleration)
-    size, rest = jnp.abs(coefficients).max(), jnp.abs(coefficients[-2:]).max()
+    size = jnp.abs(coefficients).max()
+    rest = jnp.abs(coefficients[-2:]).max()
     resolved = rest <= 0.1 * float(jnp.finfo(size.dtype).eps) ** 0.5 * size
     exists = found & resolved & (landing > 0)
     path = PolynomialPath(
@@ -241,9 +251,12 @@ def _trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Reals:
     A later launch, and a faster one, change rotation and velocity at the time of the next
     impact by solutions of the linear equation along the motion.
     """
-    maps, half, c = _maps_in(unknowns.dtype), 0.5 * scene.half_period, scene.restitution
+    maps = _maps_in(unknowns.dtype)
+    half = 0.5 * scene.half_period
+    c = scene.restitution
     _, along = _acceleration(scene, unknowns)
-    stiffness, one = along[0][:, None], jnp.ones_like(along[0])
+    stiffness = along[0][:, None]
+    one = jnp.ones_like(along[0])
     begun = jnp.stack([one, half * maps.elapsed], axis=1)  # of unit rotation, of unit velocity
     matrix = jnp.eye(one.size, dtype=one.dtype) - stiffness * (half**2 * maps.onward)
     bent = jnp.linalg.solve(matrix, stiffness * begun)

@@ -143,10 +143,13 @@ def _quantities(
 ) -> tuple[Any, ...]:
     """The real fields that do not follow from others, and the acceleration that lifts."""
     equation = Equation.of(block, model)
-    rate, angle = block.frequency_parameter, equation.critical_angle
+    rate = block.frequency_parameter
+    angle = equation.critical_angle
     equation = eqx.tree_at(lambda e: e.p_squared, equation, jnp.ones_like(equation.p_squared))
-    restitution, amplitude = jnp.asarray(restitution), jnp.asarray(amplitude)
-    strength, ratio = amplitude / (block.gravity * angle), jnp.divide(frequency, rate)
+    restitution = jnp.asarray(restitution)
+    amplitude = jnp.asarray(amplitude)
+    strength = amplitude / (block.gravity * angle)
+    ratio = jnp.divide(frequency, rate)
     scenes = HarmonicScene(equation, restitution, ratio, strength)
     leaves, form = jax.tree.flatten(of_one_precision(scenes))
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
@@ -177,7 +180,8 @@ def _steady(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]
     shares = jnp.asarray(shares, scene.amplitude.dtype)
     rotations = steady.path.at(shares)[0]
     peak = _peak(steady.path, scene.half_period, shares, rotations)
-    sine, cosine = steady.sine, steady.cosine
+    sine = steady.sine
+    cosine = steady.cosine
     toppled = scene.equation.critical_angle * peak >= TOPPLED_ROTATION
     exists = steady.exists & (rotations.min() > 0) & ~toppled
     moves = (sine != 0) | (cosine != 0)
@@ -197,7 +201,8 @@ def _peak(path: Any, half_period: Reals, shares: Reals, rotations: Reals) -> Rea
         step = velocity / (half_period * jnp.where(falling, acceleration, -1))
         return jnp.clip(jnp.where(falling, share - step, share), low, high)
 
-    share, fixed = shares[top], jax.lax.stop_gradient((path, half_period))
+    share = shares[top]
+    fixed = jax.lax.stop_gradient((path, half_period))
     for _ in range(_NEWTONS):
         share = better(*fixed, share)
     # Only the last step has a derivative, which the second derivative of the peak needs.
@@ -216,7 +221,8 @@ def _with_stability(
 ) -> HarmonicOrbit:
     """The orbit, whose existence the launch velocity says."""
     exists = ~jnp.isnan(launch)
-    known, share = jnp.where(exists, trace, 0), jnp.where(exists, determinant, 0)
+    known = jnp.where(exists, trace, 0)
+    share = jnp.where(exists, determinant, 0)
     multipliers = _multipliers(known, share)
     return HarmonicOrbit(
         launch_velocity=launch,

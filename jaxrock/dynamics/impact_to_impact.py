@@ -63,8 +63,10 @@ def run(
     """
     with guarding():
         driven, valid = within(driven)
-        equation, valid = Equation.of(driven.block, model), jnp.all(valid)
-    uplifts, dtype = Uplifts.of(equation, driven.motion), driven.duration.dtype
+        equation = Equation.of(driven.block, model)
+        valid = jnp.all(valid)
+    uplifts = Uplifts.of(equation, driven.motion)
+    dtype = driven.duration.dtype
     problem = Problem(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
 
     def goes_on(carry: _Carry) -> Booleans:
@@ -85,7 +87,8 @@ def run(
             lists = events, update(lists[1], state.last_impact[None], (place, 0))
         return state, lists
 
-    zero, none = jnp.zeros((), dtype), jnp.zeros((), int)
+    zero = jnp.zeros((), dtype)
+    none = jnp.zeros((), int)
     fields: dict[str, Any] = dict.fromkeys(State._fields, zero)
     fields |= dict.fromkeys(("phase", "events", "impacts"), none)
     infinite = jnp.full_like(zero, jnp.inf)
@@ -144,10 +147,13 @@ def _response(
 
 def _step(problem: Problem, before: State) -> State:
     """From an event to the next."""
-    driven, motion = problem.driven, problem.driven.motion
-    begins, acts = before.events == 0, motion.acts(before.time)
+    driven = problem.driven
+    motion = problem.driven.motion
+    begins = before.events == 0
+    acts = motion.acts(before.time)
     # The next edge of the input, or the end; of those that coincide, the end.
-    stop, latest = driven.duration, driven.duration - close_to(motion, driven.duration)
+    stop = driven.duration
+    latest = driven.duration - close_to(motion, driven.duration)
     for edge in (motion.end, motion.start):
         stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
     state = jax.lax.switch(
@@ -176,7 +182,8 @@ def _start(problem: Problem, state: State) -> State:
     driven = problem.driven
     towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
     side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
-    rotation, velocity = side * driven.rotation, side * driven.velocity
+    rotation = side * driven.rotation
+    velocity = side * driven.velocity
     phase = jnp.where(velocity < 0, FALLING, RISING)
     phase = jnp.where((rotation == 0) & (velocity == 0), REST, phase)
     crossed = rotation >= problem.equation.critical_angle
@@ -210,7 +217,9 @@ def _with_corner(problem: Problem, state: State, acted: Booleans) -> State:
     This changes derivatives only. Up to the corner the block moves for a time that is 0 but
     has a derivative, under the input as it is before the corner.
     """
-    motion, duration, time = problem.driven.motion, problem.driven.duration, state.time
+    motion = problem.driven.motion
+    duration = problem.driven.duration
+    time = state.time
     near = close_to(motion, time)
     kink = motion.next_kink(time - near)
     corner = jnp.where(kink <= time + near, kink, time)

@@ -83,7 +83,8 @@ class Ends(eqx.Module):
 
     def left(self, y: Reals) -> Reals:
         """What is positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
-        unit, none = 1 / self.equation.critical_angle, jnp.zeros_like(self.hold)
+        unit = 1 / self.equation.critical_angle
+        none = jnp.zeros_like(self.hold)
         contact = jnp.where(self.rising, TOPPLED_ROTATION * unit, 0)
         critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
         return jnp.stack([none, contact, critical]) + self.change(y)
@@ -125,8 +126,10 @@ def flown(
     forces: Forces | None = None,
 ) -> Flight:
     """From the state at its beginning to the end of a segment, or for its whole length."""
-    zero, none = jnp.zeros_like(length), jnp.zeros((), int)
-    until, solver_state = first_step(segment, length, y, lifted), stepper.begin(segment, y)
+    zero = jnp.zeros_like(length)
+    none = jnp.zeros((), int)
+    until = first_step(segment, length, y, lifted)
+    solver_state = stepper.begin(segment, y)
     begin = Flight(zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state)
     return jax.lax.while_loop(
         lambda flight: ~flight.done & (flight.steps < _MAX_STEPS),
@@ -140,8 +143,10 @@ def _advance(
 ) -> Flight:
     """One step, or one more repetition of the last."""
     step = stepper.step(segment, flight.elapsed, flight.until, flight.y, flight.solver_state)
-    repeats, event = flight.repetitions > 0, flight.event
-    goes_on, found = step.accepted & ~repeats, jnp.array(False)
+    repeats = flight.repetitions > 0
+    event = flight.event
+    goes_on = step.accepted & ~repeats
+    found = jnp.array(False)
     if ends is not None:
         left = jax.lax.stop_gradient(ends).left(jax.lax.stop_gradient(step.y))
         found = goes_on & (flight.until > ends.hold) & (left.min() <= 0)
@@ -154,7 +159,8 @@ def _advance(
     elapsed = jnp.where(counts, flight.until, flight.elapsed)
     y = jnp.where(counts, step.y, flight.y)
     wanted = jnp.where(goes_on, jnp.maximum(step.next_length, flight.wanted), step.next_length)
-    forces, fixed = flight.forces, jax.lax.stop_gradient(segment)
+    forces = flight.forces
+    fixed = jax.lax.stop_gradient(segment)
     if forces is None:
         acceleration = fixed.field(*jax.lax.stop_gradient((elapsed, y)))[1]
     else:
@@ -175,8 +181,10 @@ def _advance(
             ],
         )
     stuck = ~done & ~repeats & ~found & ~(until > elapsed)
-    y, wanted = jnp.where(stuck, jnp.nan, y), jnp.where(goes_on, wanted, 0)
-    done, steps = done | stuck, flight.steps + 1
+    y = jnp.where(stuck, jnp.nan, y)
+    wanted = jnp.where(goes_on, wanted, 0)
+    done = done | stuck
+    steps = flight.steps + 1
     states = step.solver_state, flight.solver_state
     solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *states)
     return Flight(elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state)
@@ -245,12 +253,14 @@ def _balance(
 
 def fly(problem: Problem, state: State, stop: Reals) -> State:
     """Through a segment and the event at its end, unless the block has come to rest."""
-    motion, critical_angle = problem.driven.motion, problem.equation.critical_angle
+    motion = problem.driven.motion
+    critical_angle = problem.equation.critical_angle
     segment = problem.segment(state.time, state.side, motion.acts(state.time))
     fixed, y = jax.lax.stop_gradient((segment, state.y))
     acceleration = fixed.field(jnp.zeros_like(stop), y)[1]
     # A block that has stopped at an edge of the input may turn.
-    still, lifted = state.velocity == 0, (state.rotation == 0) & (state.velocity == 0)
+    still = state.velocity == 0
+    lifted = (state.rotation == 0) & (state.velocity == 0)
     on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
     down = jnp.where(state.rotation > 0, FALLING, on_ground)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
@@ -285,7 +295,8 @@ def fly(problem: Problem, state: State, stop: Reals) -> State:
 
 def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     """From the end of a segment to what follows it: a peak, an impact, rest."""
-    equation, restitution = problem.equation, problem.driven.restitution
+    equation = problem.equation
+    restitution = problem.driven.restitution
     rising = state.phase == RISING
     time = jnp.where(flight.event == STOP, stop, state.time + flight.elapsed)
     rotation, velocity = flight.y

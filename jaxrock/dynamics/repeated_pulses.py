@@ -193,7 +193,8 @@ def checked(
     check_kind("pulse", pulse, Pulse)
     if not 0 < rtol <= 1e-3:
         raise ValueError(f"rtol must be greater than 0 and at most 0.001, got {rtol:g}")
-    restitution, velocity = as_real("restitution", restitution), as_real("velocity", velocity)
+    restitution = as_real("restitution", restitution)
+    velocity = as_real("velocity", velocity)
     check("restitution", restitution, UNIT_INTERVAL)
     check("velocity", velocity, NON_NEGATIVE)
     block.check()
@@ -237,7 +238,8 @@ def _landing(
 
 def landing_of(followed: Followed) -> tuple[Reals, tuple[Any, Reals, Reals]]:
     """The landing velocity at the end of a half-cycle; outcome, time of the impact and peak."""
-    response, landed = followed.response, followed.response.impacts > 0
+    response = followed.response
+    landed = followed.response.impacts > 0
     time, arriving = followed.struck
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
     over = jnp.where(response.status <= Status.LIST_FULL, _OVERTURNS, _FAILS)
@@ -282,7 +284,8 @@ class _Search(NamedTuple):
 def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
     """The fixed point reached from rest; where the motion dies out, the largest stable one."""
     block, _, pulse = scene
-    critical, p = model.critical_velocity(block), block.frequency_parameter
+    critical = model.critical_velocity(block)
+    p = block.frequency_parameter
     # No block lands faster than by all that gravity and the pulse can give.
     top = critical + p**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
     bottom = 0.02 * jnp.minimum(p * (pulse.end - pulse.start), 1) * critical
@@ -292,9 +295,11 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
         return top * (bottom / top) ** (index / (_POINTS - 1))
 
     def step(state: tuple[_Search, Any]) -> tuple[_Search, Any]:
-        search, velocity = state[0], state[0].scan.trial
+        search = state[0]
+        velocity = state[0].scan.trial
         gap, values, outcome = _residual(scene, velocity, model=model, rtol=rtol)
-        lands, size = outcome == LANDS, tolerance * velocity
+        lands = outcome == LANDS
+        size = tolerance * velocity
         kind = jnp.where(lands & (gap >= 0), ABOVE, BELOW)
         new = Sample(velocity, gap, values[0] - 1, jnp.where(outcome > RESTS, NOWHERE, kind))
         # Within a few tolerances, a gap that no longer shrinks is the error of the map.
@@ -307,7 +312,8 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
         scanned = search._replace(scan=scan, goes_on=goes_on, exists=stands)
         return chosen(search.scan.point < 0, from_rest, scanned), values
 
-    zero, no = jnp.zeros_like(top), jnp.zeros((), bool)
+    zero = jnp.zeros_like(top)
+    no = jnp.zeros((), bool)
     begin = _Search(Scan.beginning(zero), zero + 1, no, zero, ~no, no, no)
     start = begin, (zero, zero, zero)
     end, values = jax.lax.while_loop(lambda state: state[0].goes_on, step, start)
@@ -325,8 +331,10 @@ def _from_rest(
     search: _Search, new: Sample, outcome: Int[Array, ""], stands: Booleans, top: Reals
 ) -> _Search:
     """The map itself, in longer steps while it is nearly linear, which it often is."""
-    scan, old = search.scan, search.scan.last
-    width, shrinks = new.place - old.place, 0.5 * jnp.abs(old.value)
+    scan = search.scan
+    old = search.scan.last
+    width = new.place - old.place
+    shrinks = 0.5 * jnp.abs(old.value)
     linear = (
         (outcome == LANDS)
         & (jnp.abs(new.value - (old.value + width * old.slope)) <= shrinks)
@@ -335,7 +343,8 @@ def _from_rest(
     )
     accepted = linear | ~search.extrapolates
     at = chosen(accepted, new, old)
-    gap, rate = at.value, 1 + at.slope
+    gap = at.value
+    rate = 1 + at.slope
     reach = jnp.where(linear, 4 * search.reach, 1)
     newton = jnp.where(rate < 1, jnp.abs(at.newton), jnp.inf)
     step = jnp.sign(gap) * jnp.minimum(newton, reach * jnp.abs(gap))
@@ -376,7 +385,8 @@ def phase_of(scene: PulsedScene, model: RockingModel, rtol: float) -> PulsedPhas
     """`pulsed_phase`, compiled."""
     block, restitution, _ = scene
     root = _fixed_point(scene, model=model, rtol=rtol)
-    (rate, time, peak), (from_rest, settles, overturns) = root.values, root.flags
+    rate, time, peak = root.values
+    from_rest, settles, overturns = root.flags
     stands = root.exists | settles
 
     def where_it_stands(value: Reals) -> Reals:

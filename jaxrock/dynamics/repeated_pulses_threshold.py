@@ -150,7 +150,8 @@ def _margin(
     def margin(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans, Any]]:
         stronger = block, restitution, pulse.scaled(jnp.exp(logarithm))
         if count is None:
-            response, early = half_cycle(stronger, velocity, 0.0, model, rtol).response, False
+            response = half_cycle(stronger, velocity, 0.0, model, rtol).response
+            early = False
         else:
             response, early = _last_of(count, stronger, velocity, model, rtol)
         side = jnp.where(response.final_rotation < 0, -1, 1)
@@ -218,13 +219,15 @@ def _search(
     eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
     below = 0.4 * math.log(eps) if count is None else 0.0
     first = jnp.log(uplift_acceleration(block, model)) + below
-    no, zero = jnp.zeros((), bool), jnp.zeros_like(first)
+    no = jnp.zeros((), bool)
+    zero = jnp.zeros_like(first)
 
     def points(index: Any) -> Reals:
         return -first - _STEP * index
 
     def step(search: _Search) -> _Search:
-        scan, one = search.scan, zero + 1
+        scan = search.scan
+        one = zero + 1
         # Once the threshold is found, along the velocity, for the rate of the map.
         along = jnp.where(search.found, zero, one), jnp.where(search.found, one, zero)
         margin, slope, (velocity, lands, early) = _margin(
@@ -234,7 +237,8 @@ def _search(
         kind = jnp.where(overturns, ABOVE, BELOW)
         new = Sample(scan.trial, -margin, jnp.where(lands | early, 0, slope), kind)
         # Newton's steps that no longer shrink are the error of the integration.
-        size, last = jnp.abs(new.newton), jnp.abs(scan.last.newton)
+        size = jnp.abs(new.newton)
+        last = jnp.abs(scan.last.newton)
         close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
         found = close & (overturns | (scan.since > 0))
         following = scan.after(new, found, points)
@@ -264,7 +268,8 @@ def _threshold(
     """The threshold, pulses a little weaker; how fast the block should land then, and how near."""
     block, _, pulse = scene
     root = _root(scene, count=count, model=model, rtol=rtol)
-    (rate,), (gain,) = root.values, root.flags
+    (rate,) = root.values
+    (gain,) = root.flags
     rate = rate if count is None else jnp.full_like(rate, jnp.nan)
     amplitude = jnp.exp(root.root)
     stable = root.exists & ((count is not None) | (jnp.abs(rate) <= 1))

@@ -39,7 +39,9 @@ _ALONE = {PulseInput: 512, RecordInput: 16}
 # Orders of the Taylor polynomials, by the bytes of a number. On records samples keep steps short.
 _ORDERS = {PulseInput: {8: 14, 4: 8}, RecordInput: {8: 10, 4: 8}}
 # Of the tolerance that a step may take, also from 1e-10 on, where rounding takes a part.
-_SHARE, _SHARE_OF_TIGHT, _TIGHT = 0.05, 0.02, 1e-10
+_SHARE = 0.05
+_SHARE_OF_TIGHT = 0.02
+_TIGHT = 1e-10
 
 
 class BatchResponse(Printed, eqx.Module):
@@ -303,16 +305,19 @@ def _shared_out(
         named = isinstance(default, str)
         devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
-    workers, size = processors() if on_processor else len(devices), rows.shape[1]
+    workers = processors() if on_processor else len(devices)
+    size = rows.shape[1]
     alone = _ALONE[type(ground)] if on_processor else 1
     if isinstance(ground, PulseInput):
         alone = max(alone // int(ground.intervals), 1)
     share = max(-(-size // workers), alone)
-    room, lanes = 1 << (share - 1).bit_length(), share
+    room = 1 << (share - 1).bit_length()
+    lanes = share
     if on_processor:
         # One shape, so that one program is compiled; the same share for each worker.
         share = -(-share // -(-share // _ROOM))
-        room, lanes = _ROOM, _LANES
+        room = _ROOM
+        lanes = _LANES
     march = _compiled(devices[0].platform)
     pieces = max(1, -(-size // share))
     order = np.arange(size)

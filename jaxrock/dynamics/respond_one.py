@@ -142,7 +142,8 @@ def respond(
 
 def _with_all_impacts(driven: Driven, settings: dict[str, Any]) -> Response:
     """The response with lists of just the right length; of concrete numbers."""
-    bucketed, max_impacts = driven.bucketed(), _MAX_IMPACTS
+    bucketed = driven.bucketed()
+    max_impacts = _MAX_IMPACTS
     response = follow(bucketed, max_impacts=max_impacts, **settings).response
     # Hardly ever: each length of the lists is a program of its own.
     while int(response.status) == Status.LIST_FULL:

@@ -116,7 +116,9 @@ class Response(Printed, eqx.Module):
             If the response was computed without events, with ``max_impacts=0``.
         """
         times = as_real("time", time)
-        driven, events, shape = self.scene, self.events, times.shape
+        driven = self.scene
+        events = self.events
+        shape = times.shape
         if events.time.size == 0:
             raise ValueError("max_impacts must be at least 1 in `respond` for a history, got 0")
         leaves = jax.tree.leaves((driven, events, times))
@@ -129,7 +131,8 @@ class Response(Printed, eqx.Module):
         flat = np.resize(np.asarray(times, events.time.dtype), (pieces, _TIMES))
         room = max(_EVENTS, 1 << (events.time.size - 1).bit_length()) - events.time.size
         rows = (np.pad(part, (0, room), constant_values=np.nan) for part in jax.tree.leaves(events))
-        events, driven = Events(*map(as_array, rows)), driven.bucketed()
+        events = Events(*map(as_array, rows))
+        driven = driven.bucketed()
         found = [_history_program(driven, events, self.model, as_array(piece)) for piece in flat]
         joined = np.concatenate(found, axis=-1)[:, : times.size]
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))

@@ -58,7 +58,8 @@ def rotation_series(
     tilt = equation.critical_angle - rotation
     rate: list[Any] = [-velocity]  # coefficients of q'
     if equation.linearized:
-        sine, cosine = [tilt], [1.0]
+        sine = [tilt]
+        cosine = [1.0]
     else:
         # A barrier: both enter every coefficient, as do those of higher order below.
         sine, cosine = ([part] for part in materialized(sine_cosine(tilt)))

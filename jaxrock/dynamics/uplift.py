@@ -46,11 +46,13 @@ class Uplifts(eqx.Module):
     def following(self, time: Reals, stop: Reals) -> tuple[Booleans, Reals, Reals]:
         """Whether, when and to which side a block that rests at `time` is lifted before `stop`."""
         later = self.lifted.any(axis=0) & (self.knots > time) & (self.knots <= self.motion.end)
-        index, found = jnp.argmax(later), later.any()
+        index = jnp.argmax(later)
+        found = later.any()
         upper = self.knots[index]
         lower = larger(time, self.knots[jnp.maximum(index - 1, 0)])
         sides = jnp.asarray(_SIDES, self.knots.dtype)
-        both, inputs = jnp.ones_like(sides), (self.equation, self.motion)
+        both = jnp.ones_like(sides)
+        inputs = (self.equation, self.motion)
         fixed, (now, begin, end) = jax.lax.stop_gradient((inputs, (time, lower, upper)))
         excess_now = _excess(*fixed, both * now)
         at_once = (excess_now > 0).any()

@@ -76,7 +76,8 @@ def _measured(record: Record, measure: str, block: Block | None) -> Reals:
 
 def _peak_velocity(samples: Reals, last: Any) -> Reals:
     """The largest velocity of one motion, over its time step."""
-    before, after = samples[..., :-1], samples[..., 1:]
+    before = samples[..., :-1]
+    after = samples[..., 1:]
     inside = jnp.arange(before.shape[-1], dtype=samples.dtype) < jnp.asarray(last)
     velocity = jnp.cumsum(jnp.where(inside, 0.5 * (before + after), 0), axis=-1)
     # Where the acceleration changes its sign, the velocity has an extreme between two samples.

@@ -24,7 +24,9 @@ from ..validation import (
 )
 from .motion import Motion
 
-_SHORT, _LONG = 2**14, 2**16  # samples: to the one, or multiples of the other, records are padded
+# samples: to the one, or multiples of the other, records are padded
+_SHORT = 2**14
+_LONG = 2**16
 
 
 class Record(Motion):
@@ -79,7 +81,8 @@ class Record(Motion):
         self.vertical = None if vertical is None else as_real("vertical", vertical)
         self.scale = as_real("scale", scale)
         self.start = as_real("start", start)
-        shape, got = self.acceleration.shape, "got an array of shape"
+        shape = self.acceleration.shape
+        got = "got an array of shape"
         if shape[-1:] < (2,):
             raise ValueError(f"acceleration must have at least two samples, {got} {shape}")
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):

@@ -80,7 +80,8 @@ def read_record(
     6001 samples, 0.01 s apart
     """
     path = Path(path)
-    units, steps = Statements(), Statements()
+    units = Statements()
+    steps = Statements()
     if time_step is not None:
         check("time_step", as_real("time_step", time_step), POSITIVE)
         steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
@@ -182,7 +183,8 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
     """
     if component not in ("north", "east"):
         raise ValueError(f"component must be 'north' or 'east', got {component!r}")
-    column, upward = f"{component}_g", "up_g" if vertical else None
+    column = f"{component}_g"
+    upward = "up_g" if vertical else None
     with as_file(files("jaxrock") / "data" / "ridgecrest_2019_clc.csv") as path:
         return read_record(path, unit="g", column=column, vertical=upward, time_step=0.01)
 

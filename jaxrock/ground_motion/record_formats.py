@@ -219,7 +219,8 @@ def read_csv(
     for argument, name in (("column", column), ("vertical", vertical)):
         if name is None:
             continue
-        given, count = f"{argument} is {name!r}", names.count(name)
+        given = f"{argument} is {name!r}"
+        count = names.count(name)
         text.refuse(name in times, f"{given}, which is taken for the times", top)
         among = f"but there are {count} such columns among {_quoted(names)}"
         text.refuse(count != 1, f"{given}, {among}", top)

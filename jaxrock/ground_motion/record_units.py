@@ -33,7 +33,8 @@ _KNOWN = (
     r"|(?P<milli>milli[\s_-]*g|mg)|(?P<g>g(?:'?s)?)|(?P<gal>gals?))"
 )
 _ANY = rf"(?:{_KNOWN}|counts?|volts?|mv|[ck]m|[mck]?m{_GAP}(?:/|per|p|_){_GAP}{_S})"
-_START, _END = r"(?<![a-z0-9])", r"(?![a-z0-9/^*])"
+_START = r"(?<![a-z0-9])"
+_END = r"(?![a-z0-9/^*])"
 _SPEED = (
     rf"{_START}{_LENGTH}(?:{_GAP}{_PER}{_GAP}{_S}|_{_S}"
     rf"|[\s_.*]+{_S}{_GAP}\^?{_GAP}[({{]?-1[)}}]?){_END}"
@@ -129,10 +130,12 @@ def times_in(name: str) -> float | None:
 
 def steps_in_text(line: str) -> list[Stated]:
     """The time steps [s] that a line of text states, also as a number of samples per second."""
-    line, stated = _plain(line), []
+    line = _plain(line)
+    stated = []
     for pattern in (_STEP, _RATE):
         if match := re.search(pattern, line, re.I):
-            number, tail = as_number(match["number"]), match["tail"]
+            number = as_number(match["number"])
+            tail = match["tail"]
             key = match["inside"] or match["after"]
             words, seconds = unit_after(tail)
             step = number * (_seconds(key) if key else seconds)

@@ -68,7 +68,8 @@ class Suite(Printed, eqx.Module):
                 raise ValueError(f"records must be single ones, number {k + 1} is an array of them")
             if np.shape(record.time_step) or np.shape(record.start):
                 raise ValueError(f"records must have one time step and start, not number {k + 1}")
-            shape, first = np.shape(record.scale), np.shape(self.records[0].scale)
+            shape = np.shape(record.scale)
+            first = np.shape(self.records[0].scale)
             if shape != first:
                 differs = f"got {first} and, in number {k + 1}, {shape}"
                 raise ValueError(f"records must have scales of one shape, {differs}")

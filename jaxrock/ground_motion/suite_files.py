@@ -73,7 +73,8 @@ def read_suite(
     >>> print(suite.names)
     ('ridgecrest_2019_clc east', 'ridgecrest_2019_clc north')
     """
-    paths, faults = _paths(source), []
+    paths = _paths(source)
+    faults = []
     parts: list[_Part] = []
     for path in paths:
         try:
@@ -168,7 +169,8 @@ def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part
     names = columns_of(path)
     names = [name for name in names if units_in_name(name)] or names
     plain = {name: _without_unit(name) for name in names}
-    rises, level = [], []
+    rises = []
+    level = []
     for name, words in plain.items():
         if _has(_UPWARD, words):
             rises.append(name)

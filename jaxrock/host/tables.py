@@ -45,7 +45,8 @@ def is_number(word: str) -> bool:
 
 def heading(name: str, unit: str = "") -> str:
     """The head of a column: its name, and its unit in brackets, as CF or as one writes it."""
-    above, below = re.sub(r"\S+-\d", "", unit).split(), re.findall(r"(\S+)-(\d)", unit)
+    above = re.sub(r"\S+-\d", "", unit).split()
+    below = re.findall(r"(\S+)-(\d)", unit)
     for word, power in below:
         above = [f"{''.join(above) or '1'}/{word}{power if power != '1' else ''}"]
     plain = "-" if unit == "1" else " ".join(above)

@@ -59,9 +59,11 @@ _ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
 def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
     """``arctan2`` for numbers from 0 on: the angle of a right triangle, from 0 to pi/2."""
     # XLA does not vectorize its own arctan2 on processors.
-    short, long = jnp.minimum(opposite, adjacent), jnp.maximum(opposite, adjacent)
+    short = jnp.minimum(opposite, adjacent)
+    long = jnp.maximum(opposite, adjacent)
     # arctan(s / l) = pi/4 + arctan((s - l) / (s + l)), where s - l is exact
-    near_diagonal, steep = short > 0.5 * long, opposite > adjacent
+    near_diagonal = short > 0.5 * long
+    steep = opposite > adjacent
     numerator = jnp.where(near_diagonal, short - long, short)
     u = quotient(numerator, jnp.where(near_diagonal, short + long, long))
     square = u * u
@@ -73,7 +75,8 @@ def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
 
 @angle.defjvp
 def _angle_jvp(primals, tangents):
-    (opposite, adjacent), (turned, stretched) = primals, tangents
+    opposite, adjacent = primals
+    turned, stretched = tangents
     slope = 1 / (opposite**2 + adjacent**2)
     return angle(opposite, adjacent), (adjacent * turned - opposite * stretched) * slope
 
@@ -178,7 +181,8 @@ def _share_of_one_jvp(dratio, share, ratio, count):
     n = jnp.where(several, count, 2)
     # From the definition where C is small, from the logarithm elsewhere.
     small = ratio < 0.4
-    low, high = jnp.where(small, ratio, 0.25), jnp.where(small, 0.5, ratio)
+    low = jnp.where(small, ratio, 0.25)
+    high = jnp.where(small, 0.5, ratio)
     from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)
     from_logarithm = -_logarithmic_slope(-jnp.log(high), n) / high
     slope = share * jnp.where(small, from_definition, from_logarithm)
@@ -207,7 +211,8 @@ _decaying_share_of_one.defjvps(_decaying_share_of_one_jvp, None)
 def _logarithmic_slope(decay: Array, count: Array) -> Array:
     """``1 / expm1(decay) - count / expm1(count decay)``, (count - 1) / 2 at decay 0."""
     near = decay < 1
-    low, high = jnp.where(near, decay, 0), jnp.where(near, 1, decay)
+    low = jnp.where(near, decay, 0)
+    high = jnp.where(near, 1, decay)
     far_slope = _over_expm1(high) - count * _over_expm1(count * high)
     return jnp.where(near, count * _gap(count * low) - _gap(low), far_slope)
 
@@ -220,7 +225,8 @@ _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600, 1 / 47900160, -691 / 13
 def _gap(x: Array) -> Array:
     """``1 / x - 1 / expm1(x)`` for x >= 0; 1/2 at 0."""
     near = x < 1
-    low, high = jnp.where(near, x, 0), jnp.where(near, 1, x)
+    low = jnp.where(near, x, 0)
+    high = jnp.where(near, 1, x)
     series = jnp.polyval(jnp.asarray(_BERNOULLI[::-1], x.dtype), low**2)
     return jnp.where(near, 0.5 - low * series, 1 / high - _over_expm1(high))
 

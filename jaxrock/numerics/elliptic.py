@@ -55,9 +55,11 @@ def _duplicated(
 def _rf_series(x: Array, y: Array, z: Array) -> Array:
     """R_F of almost equal arguments (DLMF 19.36.1)."""
     mean = (x + y + z) / 3
-    dx, dy = (mean - x) / mean, (mean - y) / mean
+    dx = (mean - x) / mean
+    dy = (mean - y) / mean
     dz = -dx - dy
-    e2, e3 = dx * dy - dz * dz, dx * dy * dz
+    e2 = dx * dy - dz * dz
+    e3 = dx * dy * dz
     in_e2 = e2 * (-1 / 10 + e2 * (1 / 24 - e2 * (5 / 208) + e3 / 16) - e3 * (3 / 44))
     return (in_e2 + e3 * (1 / 14 + e3 * (3 / 104)) + 1) / jnp.sqrt(mean)
 
@@ -65,10 +67,15 @@ def _rf_series(x: Array, y: Array, z: Array) -> Array:
 def _rd_series(x: Array, y: Array, z: Array) -> Array:
     """R_D of almost equal arguments (DLMF 19.36.2)."""
     mean = (x + y + 3 * z) / 5
-    dx, dy = (mean - x) / mean, (mean - y) / mean
+    dx = (mean - x) / mean
+    dy = (mean - y) / mean
     dz = -(dx + dy) / 3
-    xy, zz = dx * dy, dz * dz
-    e2, e3, e4, e5 = xy - 6 * zz, (3 * xy - 8 * zz) * dz, 3 * (xy - zz) * zz, xy * zz * dz
+    xy = dx * dy
+    zz = dz * dz
+    e2 = xy - 6 * zz
+    e3 = (3 * xy - 8 * zz) * dz
+    e4 = 3 * (xy - zz) * zz
+    e5 = xy * zz * dz
     series = (
         1
         + e2 * (-3 / 14 + e2 * (9 / 88 - e2 / 16) - e3 * (9 / 52 - e2 * (45 / 272)))
@@ -134,7 +141,8 @@ def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
 
     def averaged(means: tuple, _: Any) -> tuple:
         mean, root = means
-        root, gap = jnp.sqrt(mean * root), (mean - root) / 2
+        gap = (mean - root) / 2
+        root = jnp.sqrt(mean * root)
         return (mean - gap, root), (root, gap)
 
     def halved(phase: Array, stage: tuple) -> tuple:
@@ -147,7 +155,8 @@ def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
     (mean, _), stages = jax.lax.scan(averaged, means, length=_STAGES)
     phase = 2.0**_STAGES * mean * stretch * argument
     phase, _ = jax.lax.scan(halved, phase, stages, reverse=True)
-    sn, cn = jnp.sin(phase), jnp.cos(phase)
+    sn = jnp.sin(phase)
+    cn = jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
     cn, dn = jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
     limits = _jacobi_near_one(*(jnp.where(parabolic, x, 0) for x in (argument, complement)))
@@ -158,7 +167,9 @@ def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
 
 def _jacobi_near_one(argument: Array, complement: Array) -> tuple[Array, Array, Array]:
     """sn, cn and dn to first order in the complement (DLMF 22.10(ii))."""
-    tanh, sech = jnp.tanh(argument), 1 / jnp.cosh(argument)
-    even, odd = jnp.sinh(argument) * tanh / 4, argument * tanh * sech / 4
+    tanh = jnp.tanh(argument)
+    sech = 1 / jnp.cosh(argument)
+    even = jnp.sinh(argument) * tanh / 4
+    odd = argument * tanh * sech / 4
     sn = tanh + complement * (tanh - argument * sech**2) / 4
     return sn, sech - complement * (even - odd), sech + complement * (even + odd)

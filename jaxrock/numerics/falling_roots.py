@@ -46,7 +46,8 @@ class Scan(NamedTuple):
     @classmethod
     def beginning(cls, trial: Reals) -> "Scan":
         """Before the first sample, at `trial`; at 0 the function counts as above 0."""
-        zero, count = jnp.zeros_like(trial), jnp.zeros((), int)
+        zero = jnp.zeros_like(trial)
+        count = jnp.zeros((), int)
         above = Sample(zero, zero, zero, count + ABOVE)
         return cls(trial, above, above, above, count - 1, count)
 
@@ -80,11 +81,14 @@ def chosen(condition: Any, first: Any, second: Any) -> Any:
 
 def _between(left: Sample, right: Sample, last: Sample, halve: Booleans) -> tuple[Booleans, Reals]:
     """Whether a falling root may hide in an interval, and where to look for it."""
-    low, high, width = left.place, right.place, right.place - left.place
+    low = left.place
+    high = right.place
+    width = right.place - left.place
     crosses = (left.kind == ABOVE) & (right.kind != ABOVE)
     edge = (left.kind == NOWHERE) & (right.kind == BELOW)
     # A hump, where the tangents meet above 0; of an open one the right side is not known.
-    closed, bend = right.kind == BELOW, left.slope - right.slope
+    closed = right.kind == BELOW
+    bend = left.slope - right.slope
     along = (right.value - left.value - right.slope * width) / jnp.where(bend > 0, bend, 1)
     top = left.value + left.slope * jnp.where(closed, along, width)
     climbs = (left.kind == BELOW) & (left.slope > 0) & (right.kind != ABOVE)

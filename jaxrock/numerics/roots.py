@@ -65,7 +65,8 @@ def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Bracke
         value = 0.5 * (samples.value[left] + samples.value[left + 1])
         columns = zip(samples, sampled(samples.case[left], place, value), strict=True)
         samples = _Samples(*(np.insert(old, left + 1, new) for old, new in columns))
-    case, margin = samples.case, samples.margin
+    case = samples.case
+    margin = samples.margin
     complete = np.bincount(case, np.isnan(margin), cases) == 0
     change = (case[1:] == case[:-1]) & ((margin[1:] < 0) != (margin[:-1] < 0))
     left = np.flatnonzero(change & complete[case[:-1]])
@@ -103,15 +104,18 @@ def _suspicious(samples: _Samples, width: int) -> Any:
     same_case = case[1:] == case[:-1]
     rise = np.where(same_case, np.diff(margin), 0.0)
     slope = rise / np.where(same_case, np.diff(value), 1)
-    before, after = np.roll(slope, 1), np.roll(slope, -1)
+    before = np.roll(slope, 1)
+    after = np.roll(slope, -1)
     before[:1] = after[-1:] = 0
     own = abs(slope)
     # Straight: the slopes on either side are between half and twice this one.
-    low, high = np.minimum(before * slope, after * slope), np.maximum(abs(before), abs(after))
+    low = np.minimum(before * slope, after * slope)
+    high = np.maximum(abs(before), abs(after))
     straight = (low > slope**2 / 2) & (high < 2 * own)
     straight[1:] &= same_case[:-1]
     straight[:-1] &= same_case[1:]
-    first, second = margin[:-1], margin[1:]
+    first = margin[:-1]
+    second = margin[1:]
     own = np.where(straight, 0, own)
     from_first = np.maximum(own, np.where(before * first < 0, abs(before), 0))
     from_second = np.maximum(own, np.where(after * second > 0, abs(after), 0))
@@ -127,9 +131,11 @@ def _suspicious(samples: _Samples, width: int) -> Any:
 
 def _with_neighbour(left: Any, exists: Callable[[Any], Any], library: Any) -> tuple[Any, Any, Any]:
     """Places of both ends of intervals, and of a neighbour beyond the first of the two."""
-    before, behind = (left > 0) & exists(left - 1), exists(left + 2)
+    before = (left > 0) & exists(left - 1)
+    behind = exists(left + 2)
     beyond = library.where(behind, left + 2, left)
-    first, second = library.where(before, left, left + 1), library.where(before, left + 1, left)
+    first = library.where(before, left, left + 1)
+    second = library.where(before, left + 1, left)
     return first, second, library.where(before, left - 1, beyond)
 
 
@@ -152,7 +158,8 @@ def brackets_traced(
     numbers = jnp.pad(numbers, ((0, 0), (0, max_boundaries)), constant_values=none)
     left = jnp.sort(numbers, axis=1)[:, :max_boundaries].reshape(-1)
     valid = left < none
-    case, left = jnp.repeat(jnp.arange(cases), max_boundaries), jnp.where(valid, left, 0)
+    case = jnp.repeat(jnp.arange(cases), max_boundaries)
+    left = jnp.where(valid, left, 0)
     ends = _with_neighbour(left, lambda at: at < places, jnp)
     # A bracket of no width where there is none.
     ends = [jnp.where(valid, at, left) for at in ends]
@@ -191,7 +198,8 @@ def located(
     first: NaN where the search failed.
     """
     library: Any = jnp if traced else np
-    ends, margins = pairs.ends, pairs.margins
+    ends = pairs.ends
+    margins = pairs.margins
     eps = float(jnp.finfo(ends[0].dtype).eps)
     tolerance = 4 * eps * library.maximum(abs(ends[0]), abs(ends[1]))
     iterate = _Iterate(ends, margins, tolerance)
@@ -220,10 +228,12 @@ def located(
                 better = _chandrupatla(margin, selected, pairs.case[wide], np)
             for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):
                 leaf[wide] = new
-    (x1, x2, _), (f1, f2, _) = iterate.x, iterate.f
+    x1, x2, _ = iterate.x
+    f1, f2, _ = iterate.f
     first = f1 >= 0
     success = iterate.converged() & library.isfinite(f1 + f2)
-    stands, falls = library.where(first, x1, x2), library.where(first, x2, x1)
+    stands = library.where(first, x1, x2)
+    falls = library.where(first, x2, x1)
     return stands, falls, library.where(success, library.where(first, f1, f2), library.nan)
 
 
@@ -240,7 +250,8 @@ def _proposed(iterate: _Iterate, library: Any) -> Any:
     """
     (x1, x2, x3), (f1, f2, f3), tolerance = iterate
     with np.errstate(all="ignore"):
-        xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
+        xi = (x1 - x2) / (x3 - x2)
+        phi = (f1 - f2) / (f3 - f2)
         inner = f1 / (f2 - f1) * f3 / (f2 - f3)
         outer = (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
         least = tolerance / (2 * abs(x2 - x1))
@@ -298,7 +309,8 @@ def _multisection(margin: Any, iterate: _Iterate, case: Any, parts: int) -> _Ite
     (x1, x2, _), (f1, f2, _), tolerance = iterate
     span = x2 - x1
     with np.errstate(all="ignore"):
-        guess, least = f1 / (f1 - f2), tolerance / (4 * abs(span))
+        guess = f1 / (f1 - f2)
+        least = tolerance / (4 * abs(span))
     guess = np.where(np.isfinite(guess), guess, 0.5)
     even = (np.arange(parts // 2) + 1) / (parts // 2 + 1)
     # In a geometric sequence, down to where floating-point numbers no longer differ.

@@ -167,7 +167,8 @@ def _boundaries(subject: Subject, values: Any, *, search: Search) -> Boundaries:
     numbers, samples = split(subject)
     numbers, values = jax.tree.map(library.asarray, (numbers, values))
     shape = np.broadcast_shapes(*(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1])
-    size, places = math.prod(shape), values.shape[-1]
+    size = math.prod(shape)
+    places = values.shape[-1]
     numbers = jax.tree.map(lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), numbers)
     values = library.broadcast_to(values, (*shape, places)).reshape(size, places)
 

@@ -10,7 +10,11 @@ from matplotlib.axes import Axes
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-INK, ACCENT, LIGHT, NEUTRAL, LINE = "#00204d", "#b5651d", "#d9b44a", "#7c7b78", "0.2"
+INK = "#00204d"
+ACCENT = "#b5651d"
+LIGHT = "#d9b44a"
+NEUTRAL = "#7c7b78"
+LINE = "0.2"
 RATIO = r"rotation ratio $\alpha/\alpha_c$ [-]"
 
 # Where a legend hides nothing: on the right, or in a row above.
@@ -89,7 +93,8 @@ def add_level(ax: Axes, level: float, name: str | None) -> None:
 
 def label_of(variable: xarray.DataArray) -> str:
     """Name, symbol and unit, for an axis or a legend."""
-    name, attributes = str(variable.name), variable.attrs
+    name = str(variable.name)
+    attributes = variable.attrs
     symbols = _DIMENSIONS if variable.name in variable.dims else _VARIABLES
     named = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
     return _with_unit(named[0], attributes.get("units", named[1]))

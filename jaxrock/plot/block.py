@@ -37,7 +37,8 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     critical = float(block.critical_angle)
     rotation = 0.5 * critical if rotation is None else float(rotation)
     side = 1 if rotation >= 0 else -1
-    b, a = float(block.half_width), float(block.half_height)
+    b = float(block.half_width)
+    a = float(block.half_height)
     ax = axes_or_new(ax, figsize=(4.2, 4.4))
     reach = max(2 * b + 0.6 * a, 1.1 * (b + 2 * a * abs(np.sin(rotation))))
     shape = _block_on(ax, block, reach, max(2.2 * a, 2.1 * float(block.half_diagonal)))
@@ -70,7 +71,8 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
         by = (side * right, up)  # mirrored with the block
         ax.annotate(symbol, (x, y), by, color=colour, ha="center", va="center", **offset)
     # This push of the ground rotates the block to the right: accelerations count to the left.
-    tail, below = (-1.6 * b if side > 0 else 1.6 * b + 0.4 * a), -0.1 * a
+    tail = -1.6 * b if side > 0 else 1.6 * b + 0.4 * a
+    below = -0.1 * a
     ax.annotate("", (tail - 0.4 * a, below), (tail, below), arrowprops={"arrowstyle": "->"})
     ax.annotate(r"$\ddot y$", (tail, below), (3, -4), **offset)
     return ax
@@ -179,7 +181,8 @@ def animate(
     ValueError
         If the span is not within the time that the response was followed for.
     """
-    block, end = response.scene.block, float(response.scene.duration)
+    block = response.scene.block
+    end = float(response.scene.duration)
     angle = float(block.critical_angle)
     first, last = _moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
     if not 0 <= first < last <= end:
@@ -224,7 +227,8 @@ def animate(
 
 def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
     """How far right the ground is of its mean over two seconds [m], at increasing times."""
-    step, around = 0.005, 200
+    step = 0.005
+    around = 200
     fine = np.arange(0, times[-1] + 1 + step, step)
     # Accelerations count to the left.
     place = -np.cumsum(np.cumsum(np.asarray(motion.horizontal(fine)))) * step**2
@@ -234,14 +238,16 @@ def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
 
 
 def _corners(block: Block) -> np.ndarray:
-    b, height = float(block.half_width), 2 * float(block.half_height)
+    b = float(block.half_width)
+    height = 2 * float(block.half_height)
     return np.array([[-b, 0], [b, 0], [b, height], [-b, height]])
 
 
 def _rotated(points: np.ndarray, block: Block, rotation: float) -> np.ndarray:
     """Points of the upright block after its rotation about a corner."""
     pivot = np.array([float(block.half_width) * (1 if rotation > 0 else -1), 0.0])
-    cosine, sine = np.cos(rotation), np.sin(rotation)
+    cosine = np.cos(rotation)
+    sine = np.sin(rotation)
     return (points - pivot) @ np.array([[cosine, -sine], [sine, cosine]]) + pivot
 
 

@@ -51,7 +51,8 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
 
 
 def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
-    used, numbers = np.asarray(fit.used), np.asarray(fit.impact_numbers)
+    used = np.asarray(fit.used)
+    numbers = np.asarray(fit.impact_numbers)
     measured = np.asarray(fit.impact_times)
     computed = measured + np.asarray(fit.time_residuals)
     whole = np.diff(numbers[used]) == 1
@@ -89,7 +90,8 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     name = "each impact, with standard\nerror by the noise of this fit"
     ax.plot(velocities, each, "o", color=INK, label=name)
     ax.errorbar(velocities, each, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2)
-    constant, error = float(fit.restitution), float(fit.standard_errors["restitution"])
+    constant = float(fit.restitution)
+    error = float(fit.standard_errors["restitution"])
     name = f"constant: {constant:.4g},\n$\\pm$ {error:.2g} in grey"
     ax.axhline(constant, color=ACCENT, label=name)
     ax.axhspan(constant - error, constant + error, color=NEUTRAL, alpha=0.3, linewidth=0)

@@ -31,11 +31,13 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     bars of several thresholds stand side by side around their level.
     """
     ax = axes_or_new(ax, figsize=(8, 4.5))
-    levels, count = dataset.level.values, dataset.threshold.size
+    levels = dataset.level.values
+    count = dataset.threshold.size
     step = np.diff(np.log(levels)).min(initial=0.2) / (count + 1)
     for k, threshold in enumerate(dataset.threshold.values):
         curves = dataset.sel(threshold=threshold)
-        colour, look = _COLOURS[k % len(_COLOURS)], CURVES[k % len(CURVES)]
+        colour = _COLOURS[k % len(_COLOURS)]
+        look = CURVES[k % len(CURVES)]
         ratio = str(threshold).replace(".", "").isdigit()
         name = rf"$\alpha_{{max}} > {threshold}\,\alpha_c$" if ratio else str(threshold)
         middle, low, high = (
@@ -60,7 +62,8 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         ax.plot([], [], label=name, **line, **mark)
     about = dataset.attrs
     if "half_width" in about:
-        width, c = 2 * about["half_width"], about["restitution"]
+        width = 2 * about["half_width"]
+        c = about["restitution"]
         size = f"{width:.3g} m wide, {width * about['slenderness']:.3g} m high"
         ax.set_title(f"{size}, $C$ = {c:.3g}, {dataset.record.size} records")
     ax.set(xscale="log", ylim=(-0.03, 1.03))

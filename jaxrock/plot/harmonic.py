@@ -26,10 +26,14 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, figsize=(7.2, 4.8))
     found = found.sortby(["frequency_ratio", "amplitude_ratio"])
     found = found.transpose("amplitude_ratio", "frequency_ratio")
-    across, up, about = found.frequency_ratio.values, found.amplitude_ratio.values, found.attrs
+    across = found.frequency_ratio.values
+    up = found.amplitude_ratio.values
+    about = found.attrs
     # Amplitudes of 0 have no place on a logarithmic axis.
-    found, up = found.isel(amplitude_ratio=up > 0), up[up > 0]
-    sides, levels = _edges(across), np.exp(_edges(np.log(up)))
+    found = found.isel(amplitude_ratio=up > 0)
+    up = up[up > 0]
+    sides = _edges(across)
+    levels = np.exp(_edges(np.log(up)))
     for number, (colour, hatch, label) in enumerate(_LOOKS, 1):
         cells = [
             [(sides[j], levels[i]), (sides[j + 1], levels[i]),
@@ -72,5 +76,6 @@ def _edges(values: np.ndarray) -> np.ndarray:
     if values.size == 1:
         return values + np.array([-0.05, 0.05]) * np.maximum(np.abs(values), 1)
     middle = 0.5 * (values[1:] + values[:-1])
-    first, last = 2 * values[0] - middle[0], 2 * values[-1] - middle[-1]
+    first = 2 * values[0] - middle[0]
+    last = 2 * values[-1] - middle[-1]
     return np.concatenate([[first], middle, [last]])

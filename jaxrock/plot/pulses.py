@@ -105,7 +105,8 @@ def plot_train(
     later = np.diff(np.sign(ratio), append=0) * (time > times[-1])
     crossings = np.flatnonzero(later)[:impacts]
     end = crossings[-1] + 1 if crossings.size == impacts else time.size
-    motion, pulses = (time[:end], ratio[:end]), np.asarray(train.intensities)
+    motion = (time[:end], ratio[:end])
+    pulses = np.asarray(train.intensities)
     return _draw_under_pulses(ax, motion, times, pulses, 1.0, "critical angle")
 
 
@@ -131,7 +132,9 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """
     ax = axes_or_new(ax, figsize=(7.2, 4.4))
     found = found.sortby("frequency_ratio")
-    ratios, edges, about = found.frequency_ratio.values, found.amplitude_ratio.values, found.attrs
+    ratios = found.frequency_ratio.values
+    edges = found.amplitude_ratio.values
+    about = found.attrs
     limits = about["lowest_amplitude_ratio"], about["highest_amplitude_ratio"]
     # Every column reaches halfway to its neighbours.
     step = np.diff(ratios) if ratios.size > 1 else 0.1 * ratios

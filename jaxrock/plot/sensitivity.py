@@ -39,7 +39,8 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
         (bars.at_high, bars.at_low, bars.high, LIGHT, "high"),
     ):
         # Where there is no answer, on the side that the other end leaves free.
-        missing, nothing = ~np.isfinite(ends), np.where(others < bars.value, 1e-300, -1e-300)
+        missing = ~np.isfinite(ends)
+        nothing = np.where(others < bars.value, 1e-300, -1e-300)
         width = np.where(missing, nothing, ends - bars.value)
         look = {"height": 0.6, "color": colour, "label": f"at the {name} end"}
         texts = zip(limits, np.where(missing, ": no answer", ""), strict=True)

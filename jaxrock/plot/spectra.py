@@ -52,7 +52,8 @@ def plot_curves(
         limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
         if limit > x[last][-1]:
             # What is missing to 1 goes with the root of what is missing to the threshold.
-            rest, k = np.linspace(0, 1, 30)[::-1], int(np.flatnonzero(last)[-1])
+            rest = np.linspace(0, 1, 30)[::-1]
+            k = int(np.flatnonzero(last)[-1])
             missing = limit - (limit - x[k]) * rest**2, 1 - (1 - y[k]) * rest
             curve.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
             ends = [limit], [1.0]
@@ -81,9 +82,11 @@ def _curves(
         raise ValueError(
             f"variable must have the dimensions {along} and {hue}, got {variable.dims}"
         )
-    ax, curves = axes_or_new(ax), []
+    ax = axes_or_new(ax)
+    curves = []
     variable = variable.sortby(along)
-    x, levels = variable[along].values, variable[hue].values
+    x = variable[along].values
+    levels = variable[hue].values
     # From dark to light, stopping short of what is too pale to read.
     colours = matplotlib.colormaps["cividis"](np.linspace(0, 0.85, levels.size))
     looks = itertools.cycle(CURVES if x.size > 1 else POINTS)

@@ -139,7 +139,8 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     block = scene.block
     ratio, slopes = jax.value_and_grad(resonance.rotation_ratio)(scene, model)
     margin = resonance.overturning_margin(scene, model)
-    derivatives, elasticities = {}, {}
+    derivatives = {}
+    elasticities = {}
     for name in _PARAMETERS:
         value, slope = (
             getattr(tree if hasattr(tree, name) else tree.block, name) for tree in (scene, slopes)
@@ -175,7 +176,8 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
 
 def text(result: dict[str, Any]) -> str:
     """The answers of `assess` as a page to read."""
-    scene, models = result["scene"], result["models"]
+    scene = result["scene"]
+    models = result["models"]
     columns = ({"scene": scene} | models["linearized"], models["nonlinear"])
     *columns, errors = map(_by_place, (*columns, result["linearization_error"]))
     outline = f"{scene['height']:.6g} m high (slenderness {scene['slenderness']:.6g})"

@@ -43,7 +43,8 @@ def table() -> dict[str, Any]:
 
 def records() -> dict[str, Record]:
     """The ground motions that are written as files, by name."""
-    north, east = example_record("north"), example_record("east", vertical=True)
+    north = example_record("north")
+    east = example_record("east", vertical=True)
     time = np.arange(201) * 0.01
     decaying = 6.0 * np.exp(-1.5 * time) * np.sin(2 * np.pi * time / 0.8)
     piece = np.asarray(north.acceleration)[1200:1401]

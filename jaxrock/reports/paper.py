@@ -128,7 +128,9 @@ def finding(row: Mapping[str, Any], numbers: Mapping[str, np.ndarray]) -> Findin
     """Whether the numbers that a claim is about are within their bounds."""
     valid = True
     for name, bounds in row["within"].items():
-        value, (low, high) = numbers[name], np.asarray(bounds, float).T  # NaN where there is none
+        # NaN where there is none
+        value = numbers[name]
+        low, high = np.asarray(bounds, float).T
         valid &= bool(np.all(np.isfinite(value) & ~(value <= low) & ~(value >= high)))
     return Finding(row["where"], row["statement"], valid, row["figure"].format_map(numbers))
 
@@ -163,7 +165,8 @@ def write(report: Report, folder: Path) -> None:
             writer = csv.writer(file)
             writer.writerow([*(field.name for field in fields(Entry)[1:]), "agrees"])
             writer.writerows([*astuple(entry)[1:], entry.agrees] for entry in entries)
-    scene, pulses = _scene(3.0, 0.8, 0.7), f"$I$ = {_INTENSITY} m/s"
+    scene = _scene(3.0, 0.8, 0.7)
+    pulses = f"$I$ = {_INTENSITY} m/s"
     size = r"$\lambda$ = 3, $2b$ = 0.8 m"
     drawings = {
         "figure_1": (f"a block, {size}", functools.partial(plot_block, scene.block)),
@@ -186,7 +189,8 @@ def _thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
     """The slenderness from which on each block overturns, where rotation ratios are drawn."""
     if variable.name != "rotation_ratio":
         return None
-    blocks, c = Block(variable.width.values / 2, 1.0), float(variable.restitution)
+    blocks = Block(variable.width.values / 2, 1.0)
+    c = float(variable.restitution)
     limits = resonance.critical_slenderness(blocks, c, _INTENSITY)
     return variable.width.copy(data=np.asarray(limits))
 
@@ -232,7 +236,8 @@ def _cells(entry: Entry) -> tuple[str, ...]:
         return missing if math.isnan(value) else f"{value + 0.0:.5g}"  # no "-0"
 
     agrees = "yes" if entry.agrees else f"**no**: {entry.fault or 'unexplained'}"
-    computed, nonlinear = shown(entry.computed, "overturns"), shown(entry.nonlinear, "")
+    computed = shown(entry.computed, "overturns")
+    nonlinear = shown(entry.nonlinear, "")
     return entry.quantity, entry.row, entry.column, entry.printed, computed, agrees, nonlinear
 
 
@@ -274,7 +279,8 @@ def _of_tables() -> dict[str, Any]:
 def _of_one_pulse() -> dict[str, Any]:
     """Eq. 2, Tables I and II: axis 0 is the slenderness, axis 1 the width."""
     scene = _scene(_SLENDERNESS[:, None], _WIDTHS[None], 0.6)
-    block, launch = scene.block, np.asarray(resonance.launch_velocity(scene))
+    block = scene.block
+    launch = np.asarray(resonance.launch_velocity(scene))
     peak = np.asarray(_LINEARIZED.peak_rotation(block, launch))
     duration = np.asarray(_LINEARIZED.half_cycle_duration(block, launch))
     doubled = np.asarray(resonance.launch_velocity(Scene(block, 0.6, 2 * _INTENSITY)))
@@ -368,7 +374,8 @@ def _of_linearizing() -> dict[str, Any]:
     velocity = np.append(np.linspace(1e-3, 0.9, 200), 0.995) * critical
     peak, true_peak = (np.asarray(model.peak_rotation(block, velocity)) for model in _MODELS)
     time, true_time = (np.asarray(model.half_cycle_duration(block, velocity)) for model in _MODELS)
-    peak, time = 100 * (1 - peak / true_peak), 100 * (1 - time / true_time)
+    peak = 100 * (1 - peak / true_peak)
+    time = 100 * (1 - time / true_time)
     return {
         "short_peak": _range(peak[:-1]),
         "short_duration": _range(time[:-1]),

@@ -100,7 +100,8 @@ class Oscillator(Printed, Checked):
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
         decay = jnp.exp(-loss * time) * velocity
-        sine, cosine = jnp.sin(frequency * time), jnp.cos(frequency * time)
+        sine = jnp.sin(frequency * time)
+        cosine = jnp.cos(frequency * time)
         return decay * sine / frequency, decay * (cosine - loss / frequency * sine)
 
     @elementwise(intensity=NON_NEGATIVE, half_cycle=COUNT)

@@ -103,7 +103,8 @@ class RockingModel(eqx.Module):
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1
-        x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
+        x = jnp.where(stands, x, 0)
+        growth = jnp.where(stands, growth, 0)
         return jnp.where(stands, self._peak_amplification(block, x, growth), jnp.nan)
 
     def _where_standing(
@@ -111,7 +112,8 @@ class RockingModel(eqx.Module):
     ) -> Reals:
         x = velocity / self._critical_velocity(block)
         stands = x < 1
-        x, velocity = jnp.where(stands, x, 0), jnp.where(stands, velocity, 0)
+        x = jnp.where(stands, x, 0)
+        velocity = jnp.where(stands, velocity, 0)
         intensity = velocity / block.pulse_velocity(1.0)
         return jnp.where(stands, quantity(block, x, intensity), jnp.nan)
 
@@ -139,7 +141,8 @@ class Linearized(RockingModel):
         return x**2 / (1 + _barrier(x))
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
-        slower, faster = _barrier(x), _barrier(x * (1 + growth))
+        slower = _barrier(x)
+        faster = _barrier(x * (1 + growth))
         return 1 + growth * (2 + growth) * (1 + slower) / (slower + faster)
 
     def _half_cycle_duration(self, block: Block, x: Reals, intensity: Reals) -> Reals:
@@ -184,8 +187,10 @@ class Nonlinear(RockingModel):
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
         faster = x * (1 + growth)
-        k, k_faster = _barrier(x), _barrier(faster)
-        (tau, w), (_, w_faster) = _stiffening(block, x), _stiffening(block, faster)
+        k = _barrier(x)
+        k_faster = _barrier(faster)
+        tau, w = _stiffening(block, x)
+        _, w_faster = _stiffening(block, faster)
         gain = growth * (2 + growth)
         crossed = k * w_faster + k_faster * w
         peak = arcsin_ratio(tau * x**2 / (w + k))
@@ -210,7 +215,8 @@ class Nonlinear(RockingModel):
         fall = sn * (x * cosine * cn - ((1 - m1) / (1 + dn) - x**2) * sn) / denominator
         subcritical = r > 0
         r_beyond = jnp.where(subcritical, 0, r)
-        r, fall = jnp.where(subcritical, r, 1), jnp.where(subcritical, fall, 0)
+        r = jnp.where(subcritical, r, 1)
+        fall = jnp.where(subcritical, fall, 0)
         sum_of_roots = jnp.sqrt(1 - sine**2 * r**2) + r * cosine
         rotation = 2 * jnp.arcsin(sine * fall * (1 + r) / sum_of_roots)
         beyond = block.critical_angle - 2 * jnp.arcsin(sine * r_beyond)
@@ -224,8 +230,10 @@ class Nonlinear(RockingModel):
         scale = jnp.where(moves, x, 1)
         sine, cosine = _of_half(block)
         half_to_go = 0.5 * (block.critical_angle - rotation)
-        sine_up, cosine_up = jnp.sin(half_to_go), jnp.cos(half_to_go)
-        root, root_up = sine, sine * jnp.where(moves, q / scale, 1)
+        sine_up = jnp.sin(half_to_go)
+        cosine_up = jnp.cos(half_to_go)
+        root = sine
+        root_up = sine * jnp.where(moves, q / scale, 1)
         fall = jnp.sin(block.critical_angle - 0.5 * rotation) * jnp.sin(0.5 * rotation)
         integral = carlson_rf(
             (sine * cosine * root_up + sine_up * cosine_up * root) ** 2,
@@ -263,7 +271,8 @@ def _weight_of(intensity: Reals, block: Block) -> Reals:
 
 def _of_half(block: Block) -> tuple[Reals, Reals]:
     """Sine and cosine of half the critical angle."""
-    h, slenderness = diagonal_ratio(block), block.slenderness
+    h = diagonal_ratio(block)
+    slenderness = block.slenderness
     return jnp.sqrt(0.5 / (h * (h + slenderness))), jnp.sqrt(0.5 * (1 + slenderness / h))
 
 

@@ -166,7 +166,8 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     stands = limited & (x_limit < 1) & (scene.restitution < 1)
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
     growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
-    x, growth = jnp.where(stands, x, 0), jnp.where(stands, growth, 0)
+    x = jnp.where(stands, x, 0)
+    growth = jnp.where(stands, growth, 0)
     return jnp.where(stands, model._peak_amplification(scene.block, x, growth), jnp.nan)
 
 
@@ -194,9 +195,12 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
     Returns smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
     floating-point number; inf where there is none. Its derivative is zero.
     """
-    scene, model = jax.lax.stop_gradient(scene), as_model(model)
-    launch, critical = launch_velocity(scene), model._critical_velocity(scene.block)
-    x, restitution = launch / critical, scene.restitution
+    scene = jax.lax.stop_gradient(scene)
+    model = as_model(model)
+    launch = launch_velocity(scene)
+    critical = model._critical_velocity(scene.block)
+    x = launch / critical
+    restitution = scene.restitution
 
     def reaches(half_cycle: Reals) -> Booleans:
         return launch / share_of_one(restitution, half_cycle) >= critical

@@ -73,7 +73,8 @@ def critical_slenderness(
     floating-point numbers; 0 for C = 1 and n = inf.
     """
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
-    half_width, gravity = block.half_width, block.gravity * block.inertia_ratio
+    half_width = block.half_width
+    gravity = block.gravity * block.inertia_ratio
     # The pulse as a pure number, on which alone the slenderness depends: b g kappa is 1 with it.
     weight = quotient(pulse, jnp.sqrt(half_width) * jnp.sqrt(gravity))
     number = jnp.finfo(weight.dtype)
@@ -128,7 +129,8 @@ def critical_restitution(
 
     # C (1 - C^(n-1)) / (1 - C^n) is the gap. It is concave, so that Newton's method converges
     # from below to C, which is between the gap and twice the gap.
-    count, finite_gap = jnp.where(finite, half_cycles, 2), jnp.where(finite, gap, 0.25)
+    count = jnp.where(finite, half_cycles, 2)
+    finite_gap = jnp.where(finite, gap, 0.25)
     factor = _root(excess, jnp.ones_like(share), count, finite_gap)
     restitution = jnp.where(finite, factor, 1) * gap
     # Above 1 only by rounding, which has no derivative.

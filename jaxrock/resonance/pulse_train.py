@@ -156,7 +156,8 @@ def respond_to_train(
     >>> print(train.overturned, f"{train.peak_rotation:.4f} rad")
     False 0.0084 rad
     """
-    c, t = as_real("restitution", restitution), as_real("times", times)
+    c = as_real("restitution", restitution)
+    t = as_real("times", times)
     pulses = as_real("intensities", intensities)
     check("restitution", c, UNIT_INTERVAL)
     check("times", t, NON_NEGATIVE)
@@ -208,7 +209,8 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     # A block that falls after the last pulse may leave the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))
-    overturned, peak = last.overturned | (x >= 1), larger(last.peak, _peak(rocker, x))
+    overturned = last.overturned | (x >= 1)
+    peak = larger(last.peak, _peak(rocker, x))
     complete = last.impacts < _MAX_IMPACTS
     return TrainResponse(
         velocity_ratio=jnp.where(complete, ratios, jnp.nan),

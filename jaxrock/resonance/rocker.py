@@ -74,7 +74,8 @@ class Rocker(NamedTuple):
             return self.on_flight(x, since, duration).q
         still, *at = jax.lax.stop_gradient((self, x, since, duration))
         q = jnp.clip(abs(still.on_flight(*at).q), 0, at[0] * (1 - jnp.finfo(x.dtype).eps))
-        flight, falls = Flight(jnp.sqrt((x - q) * (x + q)), q), duration - since < since
+        flight = Flight(jnp.sqrt((x - q) * (x + q)), q)
+        falls = duration - since < since
         late = self.ground_time(flight) - jnp.where(falls, duration - since, since)
         lever = jnp.sin(still.block.critical_angle - still.rotation(flight))
         slowing = lever * still.block.frequency_parameter**2

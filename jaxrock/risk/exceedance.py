@@ -31,13 +31,16 @@ def with_curves(
 
     Lazy if the responses are.
     """
-    ratio, overturned = responses.rotation_ratio.data, responses.overturned.data > 0
+    ratio = responses.rotation_ratio.data
+    overturned = responses.overturned.data > 0
     beyond = [_exceeds(threshold, ratio, overturned) for threshold in thresholds]
     counts = np.stack([exceeded.sum(axis=0) for exceeded in beyond], axis=-1)
     within = responses.within_tolerance.data.mean(axis=0)
-    levels, number = responses.level.values, responses.sizes["record"]
+    levels = responses.level.values
+    number = responses.sizes["record"]
     ends = f"of the interval with a confidence of {confidence:g}"
-    plane, line = ("level", "threshold"), ("threshold",)
+    plane = ("level", "threshold")
+    line = ("threshold",)
     entries: dict[str, tuple[Any, Any, str, str]] = {
         "exceedance": (plane, float, "share of records beyond the threshold", "1"),
         "exceedance_low": (plane, float, f"lower end {ends}", "1"),

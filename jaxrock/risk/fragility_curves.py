@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from ..cluster import Chunks
 
 _WORDS = ("uplift", "overturning")
-_LARGEST, _USUAL = 2**14, 2**11  # responses at once, and in a chunk of a lazy dataset
+# responses at once, and in a chunk of a lazy dataset
+_LARGEST = 2**14
+_USUAL = 2**11
 # Type, long name and unit of what is said of every record at every level.
 _RESPONSES: dict[str, tuple[Any, str, str]] = {
     "factor": (float, "factor on the record", "1"),

@@ -52,7 +52,8 @@ class Hazard(Printed, Checked):
         self.measure = measure
         self.levels = as_real("levels", levels)
         self.rates = as_real("rates", rates)
-        shape, of_rates = self.levels.shape, self.rates.shape
+        shape = self.levels.shape
+        of_rates = self.rates.shape
         if len(shape) != 1 or shape[0] < 2:
             must = "levels must be one-dimensional, of at least two values"
             raise ValueError(f"{must}, got an array of shape {shape}")
@@ -72,10 +73,8 @@ class Hazard(Printed, Checked):
                 raise ValueError(f"{name} must {does} from each to the next, {got}")
 
     def __str__(self) -> str:
-        (low, high), (often, seldom) = (
-            self.levels[:: len(self.levels) - 1],
-            self.rates[:: len(self.rates) - 1],
-        )
+        low, high = self.levels[:: len(self.levels) - 1]
+        often, seldom = self.rates[:: len(self.rates) - 1]
         of = f" of {self.measure}" if self.measure else ""
         return f"hazard{of} from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
 

@@ -45,12 +45,14 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         where = "around one level" if len(partly) else "between two levels"
         return LognormalFit(float(median), 0.0, f"from none to all {where}")
     x = np.log(levels)
-    middle, width = x.mean(), x.std()
+    middle = x.mean()
+    width = x.std()
     scaled = (x - middle) / width
 
     def minus_log_likelihood(parameters: Any) -> tuple[float, np.ndarray]:
         z = parameters[0] + parameters[1] * scaled
-        above, below = log_ndtr(z), log_ndtr(-z)
+        above = log_ndtr(z)
+        below = log_ndtr(-z)
         value = -(exceeded * above + (trials - exceeded) * below).sum()
         density = -0.5 * z * z - 0.5 * np.log(2 * np.pi)
         pull = exceeded * np.exp(density - above) - (trials - exceeded) * np.exp(density - below)

@@ -224,7 +224,8 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
     if (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")
     slack = 8 * float(jnp.finfo(places.dtype).eps)
-    low, high = float(places[0]), float(places[-1])
+    low = float(places[0])
+    high = float(places[-1])
     if ends and (low < ends[0] * (1 - slack) or high > ends[1] * (1 + slack)):
         must = f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g}"
         raise ValueError(f"{must}, got {low:.6g} to {high:.6g}")

@@ -123,9 +123,11 @@ def _rates(
     hazard: Hazard | Callable[[Any], Any], levels: np.ndarray, response: BatchResponse
 ) -> np.ndarray:
     """The rates of responses (records, ..., levels), in the mean over the records."""
-    over, margin = np.asarray(response.overturned), np.asarray(response.margin)
+    over = np.asarray(response.overturned)
+    margin = np.asarray(response.margin)
     changes = over[..., 1:] != over[..., :-1]
-    before, after = margin[..., :-1], margin[..., 1:]
+    before = margin[..., :-1]
+    after = margin[..., 1:]
     # Margins of blocks that have toppled need not change their sign with the outcome.
     between = changes & (before * after < 0)
     share = np.where(between, before / np.where(between, before - after, 1), 0.5)

@@ -98,7 +98,8 @@ def _in_chunks(at: Callable[[Any], Any], size: int, many: Any) -> Any:
     points = jax.vmap(at, axis_size=chunk)
     if chunk == size:
         return points(many)
-    slice_of, update = jax.lax.dynamic_slice_in_dim, jax.lax.dynamic_update_slice_in_dim
+    slice_of = jax.lax.dynamic_slice_in_dim
+    update = jax.lax.dynamic_update_slice_in_dim
 
     def step(number: Array, result: Any) -> Any:
         start = jnp.minimum(number * chunk, size - chunk)

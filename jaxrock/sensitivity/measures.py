@@ -204,8 +204,10 @@ def derivative_based_measures(
     finite = np.isfinite(values) & np.isfinite(gradients).all(axis=1)
     if not finite.any():
         raise ValueError("answer is NaN everywhere in these ranges")
-    values, gradients = values[finite], gradients[finite]
-    slope, measure = abs(gradients).mean(axis=0), (gradients**2).mean(axis=0)
+    values = values[finite]
+    gradients = gradients[finite]
+    slope = abs(gradients).mean(axis=0)
+    measure = (gradients**2).mean(axis=0)
     variance = values.var()
     bound = measure * (high - low) ** 2 / (np.pi**2 * variance) if variance else 0 * measure
     moments = float(values.mean()), float(values.std()), float(1 - finite.mean())

@@ -85,7 +85,8 @@ def propagate(
     0.1311 +- 0.0419
     """
     function, z = under_scatter(answer, at, coefficients_of_variation, samples, seed)
-    series, (answers,) = function.series(np.zeros(z.shape[1]), 2), function.series(z)
+    series = function.series(np.zeros(z.shape[1]), 2)
+    (answers,) = function.series(z)
     return _estimate(tuple(coefficients_of_variation), series, z, answers)
 
 
@@ -112,14 +113,16 @@ def _estimate(names: tuple[str, ...], series: Any, z: np.ndarray, answers: Any) 
     value, gradient, hessian = series
     first_variance = float((gradient**2).sum())
     variance = first_variance + 0.5 * float((hessian**2).sum())
-    mean, deviation = float(value + 0.5 * np.trace(hessian)), variance**0.5
+    mean = float(value + 0.5 * np.trace(hessian))
+    deviation = variance**0.5
     finite = np.isfinite(answers)
     errors = (np.inf, np.inf)
     if finite.all() and np.isfinite(mean + variance):
         quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
         errors = _errors(quadratic, answers - quadratic, mean, deviation)
     shares = dict(zip(names, (gradient**2 / (first_variance or 1.0)).tolist(), strict=True))
-    moments, left_out = (float(value), first_variance**0.5, mean, deviation), 1 - finite.mean()
+    moments = (float(value), first_variance**0.5, mean, deviation)
+    left_out = 1 - finite.mean()
     return MomentEstimate(*moments, shares, max(errors) <= _ALLOWED, *errors, float(left_out))
 
 
@@ -216,16 +219,19 @@ def failure_probability(
     # the part of z in that plane.
     tangent = np.linalg.svd(normal[None])[2][1:]
     curvature = tangent @ hessian @ tangent.T / (steepness or 1.0)
-    mean, variance = 0.5 * float(np.trace(curvature)), 0.5 * float((curvature**2).sum())
+    mean = 0.5 * float(np.trace(curvature))
+    variance = 0.5 * float((curvature**2).sum())
     second_order = float(norm.cdf(-(beta + mean) / (1 + variance) ** 0.5))
 
-    fails, u = function.series(z)[0] < 0, z @ tangent.T
+    fails = function.series(z)[0] < 0
+    u = z @ tangent.T
     judged = z @ normal > beta + 0.5 * np.einsum("ij,jk,ik->i", u, curvature, u)
     misjudged = float((fails != judged).mean())
     noise = 3 * (max(misjudged, 1 / samples) / samples) ** 0.5
     agrees = misjudged < 0.05 and bool(abs(fails.mean() - judged.mean()) < 0.01 + noise)
     parameters = np.asarray(function.parameters(jnp.asarray(point))).tolist()
-    likely, first_order = dict(zip(function.names, parameters, strict=True)), float(norm.cdf(-beta))
+    likely = dict(zip(function.names, parameters, strict=True))
+    first_order = float(norm.cdf(-beta))
     valid = converged and agrees
     return ReliabilityResult(second_order, first_order, beta, likely, misjudged, valid)
 
@@ -246,7 +252,9 @@ def _most_likely(function: ParametricAnswer, z: np.ndarray) -> tuple[np.ndarray,
             return z, True
         weight = 2 * max(float(np.linalg.norm(z)) / square**0.5, 1e-3)
         merit = 0.5 * float(z @ z) + weight * abs(float(margin))
-        share, start, lower = 1.0, z, False
+        share = 1.0
+        start = z
+        lower = False
         while not lower:
             z = start + share * step
             margin, gradient = function.series(z, 1)

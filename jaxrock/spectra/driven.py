@@ -115,7 +115,8 @@ def rocking_spectrum(
     values = {"period": period, "slenderness": slenderness, "restitution": restitution}
     values["factor"] = factor
     axes = {name: axis(name, given) for name, given in values.items() if given is not None}
-    gravity, inertia_ratio = float(gravity), float(inertia_ratio)
+    gravity = float(gravity)
+    inertia_ratio = float(inertia_ratio)
     about = {"motion": records[0].name, "gravity": gravity, "inertia_ratio": inertia_ratio}
     problem = functools.partial(_blocks_of_periods, (*axes,), gravity, inertia_ratio)
     grid = _grid("Rocking spectrum", axes, problem, motion, model, tolerance, about)
@@ -233,17 +234,20 @@ def _grid(
 
     If what is shared is a suite, its records make an axis.
     """
-    model, table = as_model(model), _VARIABLES
+    model = as_model(model)
+    table = _VARIABLES
     attributes = {"model": model.name, **about, "gravity_units": "m s-2"}
     if tolerance is not None:
         check("tolerance", as_real("tolerance", tolerance), POSITIVE)
         attributes["tolerance"] = tolerance
         table = _VARIABLES | _ESTIMATES
-    compute, names = functools.partial(_responses, problem, model, tolerance, (*table,)), {}
+    compute = functools.partial(_responses, problem, model, tolerance, (*table,))
+    names = {}
     if isinstance(shared, Suite):
         names["record"] = (shared.names, "ground motion")
         axes = {"record": along([*shared]), **axes}
-        compute, shared = functools.partial(_of_records, compute), None
+        compute = functools.partial(_of_records, compute)
+        shared = None
     variables = {
         name: (tuple(axes), dtype, {"long_name": long_name, "units": units})
         for name, (dtype, long_name, units) in table.items()

@@ -149,7 +149,8 @@ class Grid:
         import netCDF4
         import xarray
 
-        path, coordinates = Path(store), self.coordinates()
+        path = Path(store)
+        coordinates = self.coordinates()
         scalars = " ".join(name for name, (dims, *_) in coordinates.items() if not dims)
         with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
             bare = labelled(self.title, {}, coordinates, self.attributes)

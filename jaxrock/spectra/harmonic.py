@@ -121,7 +121,8 @@ def harmonic_spectrum(
     if restitution is None:
         restitution = max(float(housner_restitution(block)), 0.0)
     check("restitution", as_real("restitution", restitution), UNIT_INTERVAL)
-    uplift, rate = float(uplift_acceleration(block, model)), float(block.frequency_parameter)
+    uplift = float(uplift_acceleration(block, model))
+    rate = float(block.frequency_parameter)
     critical = float(model.critical_velocity(block))
     Harmonic(1.0, 1.0, cycles)  # a `ValueError` before any work
 
@@ -162,8 +163,10 @@ def _of_floors(
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Orbits and regions over a part of the plane."""
-    (block, restitution), (shape, (ratios, strengths)) = shared, flat(*parts)
-    amplitude, frequency = strengths * uplift, ratios * rate
+    block, restitution = shared
+    shape, (ratios, strengths) = flat(*parts)
+    amplitude = strengths * uplift
+    frequency = ratios * rate
 
     def of_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
         with _turns:
@@ -193,7 +196,8 @@ def _region(
     model: RockingModel,
 ) -> np.ndarray:
     """Numbers of the regions, as in `_FLAGS`."""
-    region, exists = np.asarray(orbit.stable, np.int8), np.asarray(orbit.exists)
+    region = np.asarray(orbit.stable, np.int8)
+    exists = np.asarray(orbit.exists)
     unstable = np.flatnonzero(exists & (region == 0))
     if unstable.size:
         # Some more than once, so that few sizes are compiled.

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 _USUAL = 2**8  # frequencies in a chunk of a lazy dataset
 _LISTED = 16  # boundaries at each frequency in a lazy dataset
-_PLANE, _LINE = ("frequency_ratio", "boundary"), ("frequency_ratio",)
+_PLANE = ("frequency_ratio", "boundary")
+_LINE = ("frequency_ratio",)
 _BOUNDARIES: dict[str, tuple[Sequence[str], Any, str]] = {  # dimensions, type, long name
     "amplitude_ratio": (_PLANE, float, "amplitude of the pulse over what just lifts the block"),
     "overturns_beyond": (_PLANE, np.int8, "1 where the block overturns beyond the boundary"),
@@ -76,7 +77,8 @@ def overturning_map(
     ValueError
         If an argument is outside of what is allowed.
     """
-    model, ratios = as_model(model), axis("frequency_ratio", frequency_ratio)
+    model = as_model(model)
+    ratios = axis("frequency_ratio", frequency_ratio)
     if max_boundaries is not None and max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
     kind = pulse_class(shape)
@@ -86,7 +88,8 @@ def overturning_map(
     rate = float(block.frequency_parameter)
     search = (lows_and_highs, resolution, model)
     compute = functools.partial(_boundaries, kind, uplift, rate, search)
-    shared, found = (block, as_real("restitution", c)), None
+    shared = (block, as_real("restitution", c))
+    found = None
     if max_boundaries is None and chunks is None:  # as many as there are, which is known then
         found = compute(0, shared, ratios)
         max_boundaries = found["amplitude_ratio"].shape[1]

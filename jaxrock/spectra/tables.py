@@ -48,5 +48,6 @@ def overturned_share(dataset: "xarray.Dataset") -> float:
 
 def parts_of(dataset: "xarray.Dataset", largest: int = 2**18) -> list[dict[Any, slice]]:
     """Parts of at most `largest` points, in the order of the rows."""
-    names, sizes = tuple(dataset.sizes), tuple(dataset.sizes.values())
+    names = tuple(dataset.sizes)
+    sizes = tuple(dataset.sizes.values())
     return [dict(zip(names, at, strict=True)) for at in chunks_of(sizes, largest)]
