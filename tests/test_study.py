@@ -246,6 +246,7 @@ def test_a_study_is_a_regular_file(tmp_path, capsys):
             "[[job]]\ncommand = 'spectrum'\nout = 'd/critical.csv'",
             "job 2 (spectrum): out:",
         ),
+        ("[[job]]\ncommand = 'assess'\nhelp = true", "help is no option of a job"),
         ("job = 3", "job must be tables [[job]]"),
         ("common = 3\n[[job]]\ncommand = 'assess'", "common must be a table"),
         (

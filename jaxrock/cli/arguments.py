@@ -8,7 +8,7 @@ from ..host import version
 from .options import Command
 
 
-def parser_of(commands: Mapping[str, type[Command]]) -> App:
+def make_parser(commands: Mapping[str, type[Command]]) -> App:
     """Make a parser of commands, by their names."""
     parser = App(
         name="jaxrock",

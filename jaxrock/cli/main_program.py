@@ -14,7 +14,7 @@ from typing import Any
 import jax
 
 from ..host import with_clock
-from .arguments import parser_of, read_words
+from .arguments import make_parser, read_words
 from .commands import COMMANDS
 from .compilation_cache import cached
 from .options import Command, read
@@ -22,7 +22,7 @@ from .signals import end_on_signals
 from .storing import Storing
 from .study import Run
 
-_PARSER = parser_of({**COMMANDS, "run": Run})
+_PARSER = make_parser({**COMMANDS, "run": Run})
 
 
 def run_main(arguments: Sequence[str] | None) -> None:

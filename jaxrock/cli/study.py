@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ..host import read_regular, with_progress
-from .arguments import parser_of, read_words
+from .arguments import make_parser, read_words
 from .commands import COMMANDS
 from .options import Answer, Command, Steps, Writing
 
-_PARSER = parser_of(COMMANDS)
+_PARSER = make_parser(COMMANDS)
 
 Table = dict[str, Any]  # of TOML
 Jobs = dict[str, Command]  # by the names that errors and answers give them
@@ -36,8 +36,8 @@ class Run(Command):
     def jobs(self) -> Jobs:
         """The jobs, checked; a `ValueError` names all faults of the study."""
         faults: list[str] = []
-        jobs = _jobs(_read(self.study), self.study.parent, faults)
-        faults += _collisions(jobs)
+        jobs = _make_jobs(_read(self.study), self.study.parent, faults)
+        faults += _find_collisions(jobs)
         if faults:
             raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
         return jobs
@@ -72,7 +72,7 @@ def _read(path: Path) -> Table:
         raise ValueError(f"study: {str(path)!r} is nested too deeply") from None
 
 
-def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
+def _make_jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
     """Make the jobs that can be made; `faults` gets what is wrong with the others."""
     common = study.pop("common", {})
     tables = study.pop("job", [])
@@ -98,7 +98,7 @@ def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
         shared = {key: value for key, value in common.items() if _option(key) in options}
         unused = {key: value for key, value in unused.items() if key not in shared}
         try:
-            job = _job(kind, shared, table, folder)
+            job = _make_job(kind, shared, table, folder)
             job.check()
             jobs[name] = job
         except ValueError as error:
@@ -107,7 +107,7 @@ def _jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
     return jobs
 
 
-def _job(kind: str, common: Table, table: Table, folder: Path) -> Command:
+def _make_job(kind: str, common: Table, table: Table, folder: Path) -> Command:
     """Make a command from the options of a job, which are read as words of a command line."""
     options = Table()
     for given in (common, table):
@@ -115,15 +115,15 @@ def _job(kind: str, common: Table, table: Table, folder: Path) -> Command:
         if len(named) < len(given):
             raise ValueError("an option is given twice, with dashes and with underscores")
         options |= named
-    for name in ("json", "no_cache"):
+    for name in ("help", "json", "no_cache", "version"):
         if name in options:
             raise ValueError(f"{name} is no option of a job")
-    words = [word for name, value in options.items() for word in _words(name, value)]
+    words = [word for name, value in options.items() for word in _write_words(name, value)]
     job = read_words(_PARSER, [kind, *words])
     return replace(job, **{name: type(path)(folder / path) for name, path in job.paths().items()})
 
 
-def _words(name: str, value: Any) -> list[str]:
+def _write_words(name: str, value: Any) -> list[str]:
     """Write an option of a study as words of a command line."""
     option = f"--{name.replace('_', '-')}"
     if value is False:
@@ -138,7 +138,7 @@ def _option(key: str) -> str:
     return key.replace("-", "_")
 
 
-def _collisions(jobs: Jobs) -> Iterator[str]:
+def _find_collisions(jobs: Jobs) -> Iterator[str]:
     """Faults of jobs whose files are also files of other jobs, or their folders.
 
     By dictionaries, so that the time is in proportion to the number of jobs.
