@@ -5,5 +5,6 @@ import tomllib
 
 with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
-for requirement in project["dependencies"] + project["optional-dependencies"]["cluster"]:
+extras = project["optional-dependencies"]
+for requirement in project["dependencies"] + extras["cluster"] + extras["notebooks"]:
     print(re.sub(r"\[.*\]", "", requirement).replace(">=", "=="))

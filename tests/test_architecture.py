@@ -83,7 +83,6 @@ MODULES = {
     "netcdf4": "netCDF4",
     "lazy-loader": "lazy_loader",
 }  # by distribution, where the name is another
-NOT_YET_USED = {"optax"}  # by a notebook alone
 
 
 def test_what_is_imported_is_declared_and_the_other_way_round():
@@ -103,10 +102,9 @@ def test_what_is_imported_is_declared_and_the_other_way_round():
                 imported.add(node.module.partition(".")[0])
     imported -= sys.stdlib_module_names | {"jaxrock"}
     needed = modules(project["dependencies"])
-    assert needed - imported == NOT_YET_USED
+    assert needed - imported == set()
     assert imported - needed - modules(extras["cluster"]) == set()
     # What each is for is written down.
     table = PLAN.partition("## What it is built on\n")[2].partition("\n## ")[0]
     described = set(re.findall(r"^\| (\w+) \|", table, re.M)) - {"package"}
-    assert described <= needed
-    assert needed - described == {"optax"}
+    assert needed == described

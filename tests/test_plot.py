@@ -1,7 +1,6 @@
 """What the figures show: their lines against the answers, limits, labels and legends."""
 
 import dataclasses
-import functools
 import inspect
 import re
 
@@ -496,7 +495,7 @@ def test_train(model):
     skips, weights = np.array([0, 0, 1, 2]), np.array([1.0, 0.4, 0.7, -0.3])
     phases = np.array([0.0, 0.3, 0.6, 0.2])
     shape = Train(*(jnp.asarray(part) for part in (phases, 0.5 * weights, skips)))
-    outcome = jax.jit(functools.partial(shot, timed=True))(rocker, shape)
+    outcome = jax.jit(shot)(rocker, shape)
     intensities = 0.5 * float(rocker.unit) * weights * np.asarray(outcome.sides)
     times = np.asarray(outcome.times)
     ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.delays), model)

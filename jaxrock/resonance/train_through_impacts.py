@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from ..impact import velocity_after_impact
 from .pulse_train import Flight, Rocker
 
-MAX_IMPACTS = 3  # between two pulses, as long as they need not be apart
+MAX_IMPACTS = 20  # between two pulses
 
 
 class Train(NamedTuple):
@@ -35,21 +35,35 @@ class Outcome(NamedTuple):
     required: Any  # impacts within the spacing
 
 
-def shot(
-    rocker: Rocker,
-    train: Train,
-    *,
-    timed: bool,
-    spacing: Any = 0.0,
-    count: Any = None,
-    max_impacts: int = MAX_IMPACTS,
-) -> Outcome:
-    """What a train does.
+@jax.jit
+def evaluate(
+    numbers: Any, impacts: Any, count: Any, rocker: Rocker, spacing: Any
+) -> tuple[Outcome, Any, Any]:
+    """What the train of optimised numbers does; what is limited in that, and its derivatives.
 
-    Only `timed` it has times, which cost most of it, and keeps the pulses `spacing` [s] apart.
-    Pulses from the number `count` on do not come; `max_impacts` lie between two at most.
+    The numbers are the phases, the impulses over a bound and the logarithm of that bound. Limited
+    are the logarithm of x, what is lacking for each pulse, and the time of the last.
     """
-    number = jnp.arange(max_impacts + 1)
+
+    def limited(numbers: Any) -> tuple[Any, tuple[Outcome, Any]]:
+        phases, weights, log_bound = jnp.split(numbers, [impacts.size, 2 * impacts.size])
+        train = Train(phases, jnp.exp(log_bound) * weights, impacts)
+        outcome = shot(rocker, train, spacing, count)
+        log_x = jnp.log(jnp.maximum(outcome.x, 1e-30))
+        values = jnp.concatenate([log_x[None], outcome.lacking, outcome.times[-1:]])
+        return values, (outcome, values)
+
+    numbers = numbers.astype(rocker.restitution.dtype)
+    slopes, (outcome, values) = jax.jacfwd(limited, has_aux=True)(numbers)
+    return outcome, values, slopes
+
+
+def shot(rocker: Rocker, train: Train, spacing: Any = 0.0, count: Any = None) -> Outcome:
+    """What a train does whose pulses come at least `spacing` apart [s].
+
+    Pulses from the number `count` on do not come.
+    """
+    number = jnp.arange(MAX_IMPACTS + 1)
     powers = rocker.restitution ** number.astype(train.impulse.dtype)
 
     def pulse(carry: Any, each: Any) -> Any:
@@ -59,19 +73,18 @@ def shot(
         x = jnp.where(number == impacts, xs, 0).sum()
         moves = x > 0
         earliest = jnp.where((impacts == 0) & moves, flight.q / jnp.where(moves, x, 1), 1)
-        delay = duration = passed = lacking = jnp.zeros_like(x)
-        required = jnp.zeros_like(impacts)
-        if timed:
-            durations = rocker.duration(xs)
-            launched = jnp.where(flight.q < 0, durations[0] - ground_time, ground_time)
-            duration = jnp.where(number == impacts, durations, 0).sum()
-            # Time from the pulse before to the launch of this half-cycle.
-            passed = jnp.where(number < impacts, durations, 0).sum() - launched
-            wait = spacing - passed
-            lacking = wait - duration
-            waits = wait > jnp.where(impacts == 0, launched, 0)
-            earliest = _cosine_after(rocker, x, wait, duration, waits, earliest)
-            required = (jnp.cumsum(durations) - launched < spacing).sum()
+        durations = rocker.duration(xs)
+        launched = jnp.where(flight.q < 0, durations[0] - ground_time, ground_time)
+        duration = jnp.where(number == impacts, durations, 0).sum()
+        # Time from the pulse before to the launch of this half-cycle.
+        passed = jnp.where(number < impacts, durations, 0).sum() - launched
+        wait = spacing - passed
+        lacking = wait - duration
+        waits = wait > jnp.where(impacts == 0, launched, 0)
+        earliest = _cosine_after(rocker, x, wait, duration, waits, earliest)
+        # No cumulative sum: on CPUs it takes as long as all else.
+        ends = jnp.where(number[:, None] >= number[None], durations[None], 0).sum(axis=1)
+        required = (ends - launched < spacing).sum()
         # 1 + cosine and 1 - cosine of the phase of the flight, each without cancellation.
         rise = (1 + earliest) * jnp.cos(0.5 * jnp.pi * phase) ** 2
         fall = (1 - earliest) + (1 + earliest) * jnp.sin(0.5 * jnp.pi * phase) ** 2
@@ -79,13 +92,12 @@ def shot(
         drop = x * jnp.where(inside, jnp.sqrt(jnp.where(inside, rise * fall, 1)), 0)
         before = Flight(drop, x * (rise - 1))
         after = rocker.struck(before, impulse)
-        if timed:
-            # Both in one call, since to have each compiled for itself takes long.
-            both = jax.tree.map(lambda *parts: jnp.stack(parts), before, after)
-            since, ground_time = rocker.ground_time(both)
-            since = jnp.where(before.q < 0, duration - since, since)
-            time = time + passed + since
-            delay = since / jnp.where(duration > 0, duration, 1)
+        # Both in one call, since to have each compiled for itself takes long.
+        both = jax.tree.map(lambda *parts: jnp.stack(parts), before, after)
+        since, ground_time = rocker.ground_time(both)
+        since = jnp.where(before.q < 0, duration - since, since)
+        time = time + passed + since
+        delay = since / jnp.where(duration > 0, duration, 1)
         new = (after, ground_time, time, jnp.where(impacts % 2 == 1, -side, side))
         carry = jax.tree.map(lambda new, old: jnp.where(comes, new, old), new, carry)
         lacking = jnp.where(comes, lacking, -1)

@@ -83,7 +83,7 @@ def timing_costs(
 
 @jax.jit
 def _followed(rocker: Rocker, train: Train) -> tuple[jax.Array, jax.Array]:
-    outcome = shot(rocker, train, timed=True)
+    outcome = shot(rocker, train)
     return outcome.x, outcome.delays
 
 

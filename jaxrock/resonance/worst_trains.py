@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -22,20 +22,8 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow
-from .train_optimization import (
-    PENALTY,
-    Goal,
-    Problem,
-    Search,
-    feasible,
-    outcomes,
-    searched,
-    solved,
-    tolerance,
-)
+from .train_optimization import MOST_IMPACTS, Candidate, Goal, Problem, descend, search
 from .train_through_impacts import MAX_IMPACTS
-
-_MAX_IMPACTS_APART = 20  # between two pulses, if they have to be apart
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,9 +98,9 @@ def worst_train(
     """The worst train of instantaneous pulses, over their times, signs and intensities.
 
     Between the pulses the block moves freely, and through impacts. Random trains descend by
-    BFGS, and then try what descent cannot do: to strike a pulse the other way, before or after
-    the peak, or a half-cycle earlier or later. The best is verified over time, raised and
-    lowered a little.
+    sequential quadratic programming, and then try what descent cannot do: to strike a pulse the
+    other way, before or after the peak, or a half-cycle earlier or later. The best is verified
+    over time, raised and lowered a little.
 
     Parameters
     ----------
@@ -174,8 +162,8 @@ def worst_train(
         raise ValueError('largest must be given for the goal "most rotation", and only for it')
     if largest is not None:
         check("largest", as_real("largest", largest), POSITIVE)
-    if not 0 <= impacts_between <= MAX_IMPACTS:
-        raise ValueError(f"impacts_between must be from 0 to {MAX_IMPACTS}, got {impacts_between}")
+    if not 0 <= impacts_between <= MOST_IMPACTS:
+        raise ValueError(f"impacts_between must be from 0 to {MOST_IMPACTS}, got {impacts_between}")
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
     if not latest >= 0:
         raise ValueError(f"latest must be at least 0, got {latest:g}")
@@ -187,101 +175,89 @@ def worst_train(
     block, restitution = of_one_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
-    dtype, rocker = restitution.dtype, Rocker(block, restitution, as_model(model))
+    rocker = Rocker(block, restitution, as_model(model))
     problem = Problem(
         rocker=rocker,
         goal=goal,
-        max_impacts=_MAX_IMPACTS_APART if spacing > 0 else MAX_IMPACTS,
-        constrained=bool(spacing > 0 or latest < math.inf),
-        spacing=jnp.asarray(spacing, dtype),
-        # In a Lagrangian even a constraint that is not there must not be infinite.
-        latest=jnp.asarray(min(latest, 1e6 * count / float(block.frequency_parameter)), dtype),
+        largest=largest / float(rocker.unit) if largest is not None else 1.0,
+        fewest_impacts=impacts_between,
+        spacing=float(spacing),
+        latest=float(latest),
+        rate=float(block.frequency_parameter),
+        eps=float(np.finfo(restitution.dtype).eps),
     )
-
-    bound = 0.5 if goal == "smallest total" else 0.9 / count
-    bounds = np.full(starts, largest / float(rocker.unit) if largest else bound)
-    if spacing > 0 and goal == "smallest largest":
-        # A weak train comes to rest where a stronger one has its impacts just in time.
-        bounds = np.geomspace(bound, 0.97, starts)
-    begin = _random_starts(np.log(bounds), count, impacts_between, seed, dtype)
-    searches, history = searched(begin, problem, impacts_between)
-    train = _result(searches, problem, history, spacing, latest)
+    candidates = search(_random_candidates(problem, count, starts, seed), problem)
+    train = _result(candidates, problem, latest)
     for _ in range(3):
         # The times are those of a train that is raised, whose impacts come later: by how much
         # depends on the train, and any more would make the pulses larger than need be.
         late = float(train.times[-1]) - latest
         if late <= 0:
             break
-        # As exactly as the multipliers keep the limit.
-        late += tolerance(searches) / (PENALTY * float(block.frequency_parameter))
-        earlier = max(float(problem.latest) - late, (count - 1) * spacing)
-        problem = problem._replace(latest=jnp.asarray(earlier, dtype))
-        searches, _ = solved(searches, problem)
-        train = _result(searches, problem, history, spacing, latest)
+        earlier = problem.latest - late - problem.accuracy / problem.rate
+        problem = problem._replace(latest=max(earlier, (count - 1) * spacing))
+        candidates = [descend(candidate, problem) for candidate in candidates]
+        train = _result(candidates, problem, latest)
     return train
 
 
-def _random_starts(
-    log_bounds: np.ndarray, count: int, fewest: int, seed: int, dtype: Any
-) -> Search:
-    random, starts = np.random.default_rng(seed), log_bounds.size
-    impacts = random.integers(fewest, min(fewest + 2, MAX_IMPACTS) + 1, (starts, count))
-    angles, sizes = (random.uniform(*ends, impacts.shape) for ends in ((0, np.pi), (-1.5, 1.5)))
-    zeros = np.zeros(starts, dtype)
-    return Search(
-        free=np.column_stack([angles, sizes, log_bounds]).astype(dtype),
-        impacts=impacts,
-        count=np.full(starts, count),
-        multipliers=np.zeros((starts, count + 1), dtype),
-        loss=zeros,
-        violation=zeros,
-        ended=zeros > 0,
-    )
+def _random_candidates(problem: Problem, count: int, starts: int, seed: int) -> list[Candidate]:
+    random, fewest = np.random.default_rng(seed), problem.fewest_impacts
+    impacts = random.integers(fewest, min(fewest + 2, MOST_IMPACTS) + 1, (starts, count))
+    impacts[:, 0] = 0
+    phases = random.uniform(0, 1, impacts.shape)
+    weights = random.uniform(-1, 1, impacts.shape)
+    # A weak train comes to rest where a stronger one has its impacts just in time.
+    log_bounds = np.log(np.geomspace(0.9 / count, 0.97, starts))
+    numbers = np.column_stack([phases, weights, log_bounds])
+    return [Candidate(*each, count) for each in zip(numbers, impacts, strict=True)]
 
 
-def _result(
-    searches: Search, problem: Problem, history: np.ndarray, spacing: float, latest: float
-) -> WorstTrain:
-    """The best train of all searches, verified."""
-    trains, outcome = jax.device_get(outcomes(searches, problem))
-    unit, sign = (float(problem.rocker.unit), 1) if problem.seeks_bound else (1.0, -1)
-    reached = np.exp(searches.free[:, -1]) * unit if problem.seeks_bound else outcome.x
-    objectives = np.where(feasible(searches), reached, np.nan)
+def _result(candidates: list[Candidate], problem: Problem, latest: float) -> WorstTrain:
+    """The best train of all candidates, verified."""
+    unit = float(problem.rocker.unit)
+    losses = np.array([c.loss if c.feasible(problem) else np.inf for c in candidates])
+    objectives = {
+        "smallest largest": np.exp(losses) * unit,
+        "smallest total": losses * unit,
+        "most rotation": np.exp(-losses),
+    }[problem.goal]
     # Of equally good ones, one whose search has ended.
-    losses = np.nan_to_num(sign * objectives, nan=np.inf)
-    equal = losses <= losses.min() + tolerance(searches) * abs(losses.min())
-    ended = equal & searches.ended
-    best = int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))
+    equal = losses <= losses.min() + problem.tolerance
+    ended = equal & np.array([candidate.ended for candidate in candidates])
+    best = candidates[int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))]
 
-    count = int(searches.count[best])
-    impulses = np.append(abs(trains.impulse[best, :1]), trains.impulse[best, 1:count])
-    intensities = outcome.sides[best, :count] * impulses * float(problem.rocker.unit)
-    impacts = searches.impacts[best, 1:count]
-    overturns = problem.seeks_bound or bool(outcome.x[best] >= 1)
-    top = Flight(jnp.asarray(outcome.x[best]), jnp.zeros_like(outcome.x[best]))
+    count, outcome = best.used, jax.device_get(best.outcome(problem))
+    impulses = best.weights[:count] * np.exp(best.numbers[-1])
+    intensities = outcome.sides[:count] * impulses * unit
+    impacts = best.impacts[1:count]
+    overturns = problem.seeks_pulses or bool(outcome.x >= 1)
+    top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
-    times, verified = _verified(searches, problem, best, intensities, peak)
-    in_time = (np.diff(times) >= spacing * (1 - 1e-9)).all() and times[-1] <= latest
+    times, verified = _verified(best, problem, intensities, peak)
+    in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all() and times[-1] <= latest
     # At the limit, even more impacts between two pulses might be worse.
-    in_time = in_time and (impacts < _MAX_IMPACTS_APART).all()
+    in_time = in_time and (impacts < MAX_IMPACTS).all()
+    steps = max(len(candidate.path) for candidate in candidates)
+    paths = [np.pad(c.path, (0, steps - len(c.path)), mode="edge") for c in candidates]
     return WorstTrain(
         times=times,
         intensities=intensities,
         impacts_between=np.append(0, impacts),
-        delays=outcome.delays[best, :count],
+        delays=outcome.delays[:count],
         largest=float(abs(intensities).max()),
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
         overturns=overturns,
-        converged=bool(np.isfinite(losses[best]) and searches.ended[best] and verified and in_time),
-        objectives=objectives,
-        history=history * unit,
+        converged=bool(best.feasible(problem) and best.ended and verified and in_time),
+        objectives=np.where(np.isfinite(losses), objectives, np.nan),
+        history=np.array(paths) * (unit if problem.seeks_pulses else 1),
         goal=problem.goal,
     )
 
 
 def _verified(
-    searches: Search, problem: Problem, best: int, intensities: np.ndarray, peak: float
+    best: Candidate, problem: Problem, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, bool]:
     """When the pulses come, and whether the train, followed over time, does what it should.
 
@@ -290,28 +266,24 @@ def _verified(
     way. The times are those of the raised train, with a margin: a little later where a pulse
     comes right after an impact, a little earlier where it comes right before.
     """
-    count, dtype = intensities.size, searches.free.dtype
-    trial = max(1e-6, float(np.finfo(dtype).eps) ** 0.5)
-    early = np.cos(searches.free[best, :count]) < 0
+    trial = max(1e-6, problem.eps**0.5)
+    early = best.phases[: best.used] > 0.5
 
     def times_of(raised: float) -> np.ndarray:
-        free = searches.free + np.append(np.zeros(searches.free.shape[1] - 1), raised)
-        _, outcome = outcomes(searches._replace(free=free.astype(dtype)), problem)
-        return np.asarray(outcome.times)[best, :count]
+        return np.asarray(best.outcome(problem, raised).times)[: best.used]
 
     def followed(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
         times = np.where(early, times_of(by - margin), times_of(by + margin))
         times = np.maximum.accumulate(times)
-        return times, follow(
-            problem.rocker, jnp.asarray(times), jnp.asarray(intensities * (1 + by))
-        )
+        raised = jnp.asarray(intensities * (1 + by), times.dtype)
+        return times, follow(problem.rocker, jnp.asarray(times), raised)
 
     times, verified = np.zeros(0), False
     for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
         times, higher = followed(trial, margin)
         _, lower = followed(-trial, margin)
         verified = bool(higher.overturned)
-        if problem.seeks_bound:
+        if problem.seeks_pulses:
             verified &= not lower.overturned
         elif not math.isnan(peak):
             verified = float(lower.peak_rotation) <= peak <= float(higher.peak_rotation)
