@@ -19,7 +19,9 @@ Goal = Literal["smallest largest", "smallest total", "most rotation"]
 
 MOST_IMPACTS = 3  # between two pulses, as long as they need not be apart
 _STEPS = 50  # of a descent, far more than most take
-_EARLY, _LATE = 0.1, 0.9  # phases; no descent begins closer to the ends, where the slope is 0
+# phases; no descent begins closer to the ends, where the slope is 0
+_EARLY = 0.1
+_LATE = 0.9
 _LEAST = 0.1  # over the bound, of a pulse that is moved
 _NO_GAIN = 1e-9  # improvement that is none
 # Of the logarithm of the bound. Over 0 even the first pulse overturns the block; as if it came
@@ -126,16 +128,20 @@ def _evaluate(candidate: Candidate, problem: Problem) -> tuple[Outcome, np.ndarr
 
 def _measure(candidate: Candidate, problem: Problem) -> _Measured:
     _, values, slopes = _evaluate(candidate, problem)
-    log_x, log_x_slope = values[0], slopes[0]
-    room, room_slopes = -problem.rate * values[1:], -problem.rate * slopes[1:]
+    log_x = values[0]
+    log_x_slope = slopes[0]
+    room = -problem.rate * values[1:]
+    room_slopes = -problem.rate * slopes[1:]
     # What a constraint that is not there leaves must not be infinite.
     room[-1] += min(problem.rate * problem.latest, 1e6)
     if not problem.seeks_pulses:
         return _Measured(-log_x, -log_x_slope, log_x, room, room_slopes, np.exp(log_x))
-    room, room_slopes = np.append(room, log_x), np.vstack([room_slopes, log_x_slope])
+    room = np.append(room, log_x)
+    room_slopes = np.vstack([room_slopes, log_x_slope])
     slope = np.zeros_like(candidate.numbers)
     if problem.goal == "smallest largest":
-        loss, slope[-1] = candidate.numbers[-1], 1
+        loss = candidate.numbers[-1]
+        slope[-1] = 1
         return _Measured(loss, slope, log_x, room, room_slopes, np.exp(loss - log_x))
     sizes = abs(candidate.weights[: candidate.used])
     first = candidate.impacts.size
@@ -196,7 +202,8 @@ def descend(candidate: Candidate, problem: Problem) -> Candidate:
 def _bounds(candidate: Candidate, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """Of the numbers of a train; equal if one is given."""
     ones = np.ones(candidate.impacts.size)
-    lows, highs = -ones, ones.copy()
+    lows = -ones
+    highs = ones.copy()
     if problem.goal == "smallest total":
         # With given signs: the sum of magnitudes has no slope at 0.
         lows, highs = np.where(candidate.weights < 0, (-ones, 0 * ones), (0 * ones, ones))
@@ -228,7 +235,8 @@ def search(candidates: list[Candidate], problem: Problem) -> list[Candidate]:
 
     found = []
     for start in candidates:
-        candidate, before = descend(_apart(start, problem), problem), np.inf
+        candidate = descend(_apart(start, problem), problem)
+        before = np.inf
         while candidate.merit(problem) < before:
             before = candidate.merit(problem)
             for k in range(1, start.used):
@@ -284,7 +292,8 @@ def _allowed(impacts: int, problem: Problem) -> int:
 
 def _placed(candidate: Candidate, k: int, impacts: int, phase: float) -> Candidate:
     """With pulse k in another half-cycle, in the direction in which the block moves there."""
-    numbers, between = candidate.numbers.copy(), candidate.impacts.copy()
+    numbers = candidate.numbers.copy()
+    between = candidate.impacts.copy()
     size = max(abs(candidate.weights[k]), _LEAST)
     between[k] = impacts
     numbers[k] = phase

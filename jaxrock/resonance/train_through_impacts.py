@@ -103,7 +103,8 @@ def shot(rocker: Rocker, train: Train, spacing: Any = 0.0, count: Any = None) ->
         lacking = jnp.where(comes, lacking, -1)
         return carry, (carry[2], carry[3], delay, lacking, required)
 
-    zero, size = jnp.zeros_like(train.impulse[0]), train.impulse.size
+    zero = jnp.zeros_like(train.impulse[0])
+    size = train.impulse.size
     first = (Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)
     comes = jnp.arange(1, size) < (size if count is None else count)
     (flight, *_), later = jax.lax.scan(pulse, first, (*(part[1:] for part in train), comes))
@@ -120,6 +121,7 @@ def _cosine_after(
     inside = waits & (wait < duration) & (x > 0)
     rate = rocker.block.frequency_parameter
     # Elsewhere some flight whose derivatives are finite.
-    fast, duration = jnp.where(inside, x, 0.5), jnp.where(inside, duration, 1 / rate)
+    fast = jnp.where(inside, x, 0.5)
+    duration = jnp.where(inside, duration, 1 / rate)
     cosine = rocker.velocity_at(fast, jnp.where(inside, wait, 0.1 / rate), duration) / fast
     return jnp.where(inside, cosine, jnp.where(waits & (x > 0), -1, otherwise))

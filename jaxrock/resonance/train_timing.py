@@ -66,7 +66,8 @@ def timing_costs(
         raise ValueError(f"count must be at least 2, got {count}")
     block, restitution = of_one_precision((block, restitution))
     rocker = Rocker(block, restitution, as_model(model))
-    number, ones = jnp.arange(count), jnp.ones(count, restitution.dtype)
+    number = jnp.arange(count)
+    ones = jnp.ones(count, restitution.dtype)
     after = Train(0 * ones, ones, jnp.ones(count, int))
     # The second pulse comes before the first impact, each further one before the next.
     before = Train(ones, jnp.where(number == 0, ones, -ones), jnp.where(number > 1, 1, 0))
@@ -103,10 +104,12 @@ def _needed(rocker: Rocker, train: Train, delay: float | None = None) -> float:
         x, delays = _followed(rocker, train._replace(impulse=strength * train.impulse))
         if not x > 0:
             return 1.0  # impacts leave nothing: only a single pulse overturns
-        strength, change = strength / x, abs(float(x) - 1)
+        strength = strength / x
+        change = abs(float(x) - 1)
         if delay is not None:
             factor = delay / jnp.where(delays > 0, delays, delay)
-            lost, change = lost * factor, change + float(abs(factor - 1).max())
+            lost = lost * factor
+            change = change + float(abs(factor - 1).max())
         if change < tolerance:
             return min(float(strength), 1.0)
     return math.nan
@@ -119,14 +122,16 @@ def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
     """
     if math.isnan(least):
         return math.nan
-    rate, linearized = float(rocker.block.frequency_parameter), Linearized()
+    rate = float(rocker.block.frequency_parameter)
+    linearized = Linearized()
     ranges = (0.05 / rate, 4 / rate), (least, 1.0)
     spacing, strength = _lowest(rocker._replace(model=linearized), count, *ranges)
     if rocker.model == linearized or spacing == 0:
         return strength
     # The nonlinear search takes longer, and only looks around the linearized optimum.
     around = (0.95 * spacing, 1.05 * spacing)
-    low, high = max(least, 0.95 * strength), min(1.1 * strength, 1.0)
+    low = max(least, 0.95 * strength)
+    high = min(1.1 * strength, 1.0)
     spacing, strength = _lowest(rocker, count, around, (low, high))
     at_end = spacing in around or strength <= low * (1 + 1e-9) or (spacing == 0 and high < 1)
     return math.nan if at_end else strength

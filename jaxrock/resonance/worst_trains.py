@@ -202,7 +202,8 @@ def worst_train(
 
 
 def _random_candidates(problem: Problem, count: int, starts: int, seed: int) -> list[Candidate]:
-    random, fewest = np.random.default_rng(seed), problem.fewest_impacts
+    random = np.random.default_rng(seed)
+    fewest = problem.fewest_impacts
     impacts = random.integers(fewest, min(fewest + 2, MOST_IMPACTS) + 1, (starts, count))
     impacts[:, 0] = 0
     phases = random.uniform(0, 1, impacts.shape)
@@ -227,7 +228,8 @@ def _result(candidates: list[Candidate], problem: Problem, latest: float) -> Wor
     ended = equal & np.array([candidate.ended for candidate in candidates])
     best = candidates[int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))]
 
-    count, outcome = best.used, jax.device_get(best.outcome(problem))
+    count = best.used
+    outcome = jax.device_get(best.outcome(problem))
     impulses = best.weights[:count] * np.exp(best.numbers[-1])
     intensities = outcome.sides[:count] * impulses * unit
     impacts = best.impacts[1:count]
@@ -278,7 +280,8 @@ def _verified(
         raised = jnp.asarray(intensities * (1 + by), times.dtype)
         return times, follow(problem.rocker, jnp.asarray(times), raised)
 
-    times, verified = np.zeros(0), False
+    times = np.zeros(0)
+    verified = False
     for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
         times, higher = followed(trial, margin)
         _, lower = followed(-trial, margin)
