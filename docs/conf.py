@@ -26,7 +26,9 @@ include_patterns = ["docs/*.md", "docs/reference/*.md", "notebooks/*.ipynb", "CH
 exclude_patterns = ["docs/releasing.md"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 
-nb_execution_mode = "off"  # shown with the outputs stored in them, which the tests compute anew
+nb_execution_mode = (
+    "off"  # shown with the outputs stored in them, which the tests compute anew
+)
 myst_heading_anchors = 3
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 
@@ -71,7 +73,9 @@ def skip(app, what, name, obj, *_):
     if room == "top":
         return None
     at_top = name in jaxrock.__all__ and getattr(jaxrock, name) is obj
-    return True if at_top and hasattr(importlib.import_module(f"jaxrock.{room}"), name) else None
+    return (
+        True if at_top and hasattr(importlib.import_module(f"jaxrock.{room}"), name) else None
+    )
 
 
 def enter_by_the_front_door(app, exception):

@@ -5,14 +5,15 @@ other, answers have the shape that results, ``(...)`` in the docstrings, everyth
 units and radians. An argument outside of what is allowed raises `ValueError` where it is
 concrete, and gives NaN with derivative zero where it is traced.
 
-Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one takes
-it as ``model=``, itself or by its name. The defaults are the paper's own: the closed forms
-(half-cycle map, limits, critical intensities, pulse trains) are linearized, the equation of
-driven motion is nonlinear.
+Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one
+takes it as ``model=``, itself or by its name. The defaults are the paper's own: the closed
+forms (half-cycle map, limits, critical intensities, pulse trains) are linearized, the equation
+of driven motion is nonlinear.
 
 What is here is what most scenes need. Result classes and further tools are in the packages:
 `resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `risk`,
-`calibration`, `spectra`, `plot`, `reports`. ``jaxrock.__version__`` says which version this is.
+`calibration`, `spectra`, `plot`, `reports`. ``jaxrock.__version__`` says which version this
+is.
 
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
@@ -42,4 +43,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "cluster"])  # not among what a star imports, which it may not find
+    return sorted(
+        [*__all__, "cluster"]
+    )  # not among what a star imports, which it may not find

@@ -231,7 +231,8 @@ def diagonal_ratio(block: Block) -> Reals:
 
 def share_in_centre(inertia_ratio: Reals) -> Reals:
     """``1 / kappa``: the share of the moment of inertia that a mass in its centre would have."""
-    # A plain reciprocal XLA merges with the next quotient, which rounds otherwise than 0.75 does.
+    # A plain reciprocal XLA merges with the next quotient, which rounds otherwise than 0.75
+    # does.
     return 0.75 * (RECTANGLE_INERTIA_RATIO / inertia_ratio)
 
 
@@ -259,7 +260,10 @@ def _of_parameters(
 
 
 @elementwise(
-    half_width=POSITIVE, centre_height=POSITIVE, mass=POSITIVE, inertia_about_centre=NON_NEGATIVE
+    half_width=POSITIVE,
+    centre_height=POSITIVE,
+    mass=POSITIVE,
+    inertia_about_centre=NON_NEGATIVE,
 )
 def _of_body(
     half_width: Number, centre_height: Number, mass: Number, inertia_about_centre: Number

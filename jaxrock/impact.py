@@ -1,7 +1,7 @@
 """The impact law: what an impact leaves of the velocity, and Housner's value of that share.
 
-Every single impact is computed here, of closed forms and integrated motions. Powers of C, in sums
-over many impacts such as ``(1 - C^i) / (1 - C)``, follow from the law's being linear.
+Every single impact is computed here, of closed forms and integrated motions. Powers of C, in
+sums over many impacts such as ``(1 - C^i) / (1 - C)``, follow from the law's being linear.
 """
 
 from typing import Any
@@ -41,6 +41,7 @@ def housner_restitution(block: Block) -> Reals:
     """
     square = block.slenderness**2
     twice = 2 * share_in_centre(block.inertia_ratio)
-    # For stocky blocks the first form cancels (a rectangle: near 0.707), for tall ones the second.
+    # For stocky blocks the first form cancels (a rectangle: near 0.707), for tall ones the
+    # second.
     stocky = twice * square / (1 + square) - (twice - 1)
     return jnp.where(square > 1, 1 - twice / (1 + square), stocky)

@@ -2,9 +2,9 @@
 
 Every quantity has a `Domain`. A concrete value outside of it is a `ValueError` that names the
 argument, the value and what is allowed. Where the value is traced (under ``jit``, ``vmap``,
-``grad``) nothing can be raised: the elements concerned become NaN, and a harmless value stands in
-for them while the function is evaluated, so that neither their neighbours nor the derivatives
-of these are affected.
+``grad``) nothing can be raised: the elements concerned become NaN, and a harmless value stands
+in for them while the function is evaluated, so that neither their neighbours nor the
+derivatives of these are affected.
 """
 
 import contextlib
@@ -53,7 +53,9 @@ AT_LEAST_ONE = Domain("finite and at least 1", lambda x: (x >= 1) & (x < jnp.inf
 RIGHT_ANGLE = Domain("between 0 and pi / 2", lambda x: (x > 0) & (x < jnp.pi / 2), 1.0)
 UNIT_INTERVAL = Domain("between 0 and 1", lambda x: (x >= 0) & (x <= 1), 0.5)
 BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0.5)
-COUNT = Domain("a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0)
+COUNT = Domain(
+    "a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0
+)
 GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
@@ -74,7 +76,9 @@ def as_real(name: str, value: Any) -> Array:
     """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
     # Quantities with units (of pint, astropy, unyt) would lose them without a word.
     if hasattr(type(value), "units") or hasattr(type(value), "unit"):
-        raise ValueError(f"{name} must be a number without a unit, in SI, got {described(value)}")
+        raise ValueError(
+            f"{name} must be a number without a unit, in SI, got {described(value)}"
+        )
     with contextlib.suppress(TypeError, ValueError, OverflowError):
         array = as_array(float(value) if isinstance(value, int | float) else value)
         if jnp.issubdtype(array.dtype, jnp.integer):
@@ -135,7 +139,9 @@ def _shapes(name: str, value: Any, own_axes: int = 0) -> list[tuple[str, tuple[i
         shape = getattr(value, "shape", ())
         return [(name, shape[: len(shape) - own_axes])]
     fields = _fields(type(value))
-    return [pair for name, _, own, _ in fields for pair in _shapes(name, vars(value)[name], own)]
+    return [
+        pair for name, _, own, _ in fields for pair in _shapes(name, vars(value)[name], own)
+    ]
 
 
 def of_one_precision(tree: _T) -> _T:
@@ -273,11 +279,12 @@ def elementwise(
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Guard the arguments of an elementwise function.
 
-    Arguments named in `domains`, and all `Checked` modules, are checked where they are concrete; a
-    function in the place of a domain converts its argument. The decorated function sees valid
-    elements only. Where an argument is not valid, results are NaN with derivative zero, so that a
-    masked sum over a batch has the derivative of the elements that are summed. Docstrings get
-    a section on errors; a paragraph that begins with "Returns" becomes one, after parameters.
+    Arguments named in `domains`, and all `Checked` modules, are checked where they are
+    concrete; a function in the place of a domain converts its argument. The decorated function
+    sees valid elements only. Where an argument is not valid, results are NaN with derivative
+    zero, so that a masked sum over a batch has the derivative of the elements that are summed.
+    Docstrings get a section on errors; a paragraph that begins with "Returns" becomes one,
+    after parameters.
     """
     guards = {name: domain for name, domain in domains.items() if isinstance(domain, Domain)}
 
@@ -287,7 +294,9 @@ def elementwise(
         kinds = {name: of.annotation for name, of in given if _is_checked(of.annotation)}
 
         def masked(arguments: dict[str, Any]) -> Any:
-            pairs = {name: within(value, guards.get(name)) for name, value in arguments.items()}
+            pairs = {
+                name: within(value, guards.get(name)) for name, value in arguments.items()
+            }
             valid = _all(ok for _, ok in pairs.values())
             inner = cast("Callable[..., Any]", function)
             result = inner(**{name: value for name, (value, _) in pairs.items()})
@@ -295,7 +304,8 @@ def elementwise(
                 return result
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
 
-        # Outside of `jit`, one program instead of one for every operation; inlined where traced.
+        # Outside of `jit`, one program instead of one for every operation; inlined where
+        # traced.
         @functools.partial(jax.jit, inline=True)
         def outermost(arguments: dict[str, Any]) -> Any:
             with guarding():
@@ -317,7 +327,9 @@ def elementwise(
             check_shapes(**arguments)
             return (outermost if _guarded.get() is None else masked)(arguments)
 
-        guarded.__doc__ = _documented(inspect.cleandoc(function.__doc__ or ""), signature, guards)
+        guarded.__doc__ = _documented(
+            inspect.cleandoc(function.__doc__ or ""), signature, guards
+        )
         return guarded
 
     return decorate

@@ -3,9 +3,10 @@
 Float64 unless ``--precision 32``; promotions of rank and dtype raise; types of all arguments
 and results of the package are checked; 70 digits in mpmath.
 
-Most of the time goes into compiling. So programs are hardly optimized (with ``XLA_FLAGS`` set, even
-to nothing, they are as usual), and they are kept in pytest's cache folder, for the other workers,
-for the commands that tests start and for the next run; ``pytest --cache-clear`` drops them.
+Most of the time goes into compiling. So programs are hardly optimized (with ``XLA_FLAGS`` set,
+even to nothing, they are as usual), and they are kept in pytest's cache folder, for the other
+workers, for the commands that tests start and for the next run; ``pytest --cache-clear`` drops
+them.
 """
 
 import ctypes
@@ -30,7 +31,9 @@ gc.set_threshold(100_000, 20, 50)  # tracing makes many objects, of which few ar
 mpmath.mp.dps = 70
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
-hypothesis.settings.register_profile("jaxrock", deadline=None, max_examples=50, derandomize=True)
+hypothesis.settings.register_profile(
+    "jaxrock", deadline=None, max_examples=50, derandomize=True
+)
 hypothesis.settings.load_profile("jaxrock")
 
 LARGEST_FOLDER = 1e9  # bytes of programs that are kept from run to run
@@ -41,7 +44,9 @@ collect_ignore = ["references", "tables", "tools"]  # no tests
 
 
 def pytest_addoption(parser):
-    parser.addoption("--precision", choices=("32", "64"), default="64", help="bits of a number")
+    parser.addoption(
+        "--precision", choices=("32", "64"), default="64", help="bits of a number"
+    )
     parser.addoption("--devices", type=int, default=1, help="that the processor is made of")
 
 

@@ -37,7 +37,9 @@ def frozen_truth(name, dtype):
     arguments, x = zip(*asked, strict=True)
     samples = Samples(tuple(np.array(arguments).T), np.array(x))
     values = [frozen.number(value) for value, _ in answers]
-    return samples, Truth(values, [[frozen.number(s) for s in slopes] for _, slopes in answers])
+    return samples, Truth(
+        values, [[frozen.number(s) for s in slopes] for _, slopes in answers]
+    )
 
 
 def check_values(name, samples, truth, ours, dtype):
@@ -134,7 +136,9 @@ def test_derivatives_of_critical_intensity_without_loss(name):
 
 def test_first_pulse_on_a_large_block_keeps_its_digits_in_float32():
     case = CASES["Linearized stabilized_rotation"]
-    arguments = tuple(np.asarray([v], np.float32).astype(float) for v in (10, 5, 9.81, 0, 0.15))
+    arguments = tuple(
+        np.asarray([v], np.float32).astype(float) for v in (10, 5, 9.81, 0, 0.15)
+    )
     samples = Samples(arguments, np.zeros(1))
     ours = evaluate(case, samples, np.float32)[0]
     exact = case.theirs(*(mp.mpf(float(a[0])) for a in arguments))

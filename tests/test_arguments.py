@@ -20,9 +20,15 @@ SCENE = jr.Scene(BLOCK, 0.5, 0.1)
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: jr.Block(-0.4, 5.0), "half_width must be finite and greater than 0, got -0.4"),
+        (
+            lambda: jr.Block(-0.4, 5.0),
+            "half_width must be finite and greater than 0, got -0.4",
+        ),
         (lambda: jr.Block(0.4, 0), "slenderness must be finite and greater than 0, got 0"),
-        (lambda: jr.Block(0.4, 5.0, np.nan), "gravity must be finite and greater than 0, got nan"),
+        (
+            lambda: jr.Block(0.4, 5.0, np.nan),
+            "gravity must be finite and greater than 0, got nan",
+        ),
         (
             lambda: jr.Block(0.4, 5.0, inertia_ratio=0.9),
             "inertia_ratio must be finite and at least 1",
@@ -40,14 +46,20 @@ SCENE = jr.Scene(BLOCK, 0.5, 0.1)
         (lambda: jr.Scene(BLOCK, 1.2, 0.1), "restitution must be between 0 and 1, got 1.2"),
         (lambda: jr.Scene(BLOCK, -0.1, 0.1), "restitution must be between 0 and 1, got -0.1"),
         (lambda: jr.Scene(BLOCK, 0.5, -1), "intensity must be finite and at least 0, got -1"),
-        (lambda: jr.Scene(BLOCK, 0.5, np.inf), "intensity must be finite and at least 0, got inf"),
+        (
+            lambda: jr.Scene(BLOCK, 0.5, np.inf),
+            "intensity must be finite and at least 0, got inf",
+        ),
         (lambda: jr.Linearized().peak_rotation(BLOCK, -1.0), "velocity must be finite"),
         (lambda: jr.Nonlinear().motion(BLOCK, -1.0, 0.1), "velocity must be finite"),
         (
             lambda: jr.resonance.Oscillator(1.0, 0.1).peak_displacement(-1.0),
             "velocity must be finite",
         ),
-        (lambda: jr.Linearized().peak_amplification(BLOCK, 0.1, -1.0), "growth must be at least"),
+        (
+            lambda: jr.Linearized().peak_amplification(BLOCK, 0.1, -1.0),
+            "growth must be at least",
+        ),
         (
             lambda: jr.Block.from_size(width=0.8, height=np.array([4.0, 0.0])),
             "height must be finite",
@@ -57,7 +69,10 @@ SCENE = jr.Scene(BLOCK, 0.5, 0.1)
             lambda: jr.rotation_ratio(eqx.tree_at(lambda s: s.restitution, SCENE, 1.7)),
             "restitution must be between 0 and 1, got 1.7",
         ),
-        (lambda: jr.critical_intensity(BLOCK, 2.0), "restitution must be between 0 and 1, got 2"),
+        (
+            lambda: jr.critical_intensity(BLOCK, 2.0),
+            "restitution must be between 0 and 1, got 2",
+        ),
         (lambda: jr.critical_intensity(BLOCK, 0.5, 0), "half_cycles must be a whole number"),
         (lambda: jr.critical_intensity(BLOCK, 0.5, 1.5), "half_cycles must be a whole number"),
         (
@@ -95,7 +110,9 @@ def total_and_answers(shared, numbers, model):
 with_slopes = jax.jit(jax.value_and_grad(total_and_answers, has_aux=True))
 
 
-@pytest.mark.parametrize("model", first_by_default([jr.Nonlinear(), jr.Linearized()]), ids=repr)
+@pytest.mark.parametrize(
+    "model", first_by_default([jr.Nonlinear(), jr.Linearized()]), ids=repr
+)
 @pytest.mark.parametrize("position", range(5))
 def test_traced_values_become_nan_and_leave_their_neighbours_alone(model, position):
     numbers = np.full((5, 3), [[0.4], [5.0], [9.81], [0.6], [0.1]])
@@ -167,7 +184,9 @@ def test_a_model_is_given_itself_or_by_its_name(answer):
 
 
 def test_what_is_no_model_is_said_in_one_sentence():
-    with pytest.raises(ValueError, match=r"model must be Linearized\(\), Nonlinear\(\), \"linear"):
+    with pytest.raises(
+        ValueError, match=r"model must be Linearized\(\), Nonlinear\(\), \"linear"
+    ):
         as_model("cubic")
     with pytest.raises(ValueError, match="got the class Linearized"):
         as_model(jr.Linearized)
@@ -176,7 +195,9 @@ def test_what_is_no_model_is_said_in_one_sentence():
 @pytest.mark.thorough
 def test_peak_amplification_leaves_blocks_that_overturn_out():
     def total(half_width, growth):
-        return jnp.nansum(jr.Nonlinear().peak_amplification(jr.Block(half_width, 5.0), 0.1, growth))
+        return jnp.nansum(
+            jr.Nonlinear().peak_amplification(jr.Block(half_width, 5.0), 0.1, growth)
+        )
 
     both = jax.grad(total)(0.4, jnp.asarray([1.0, 100.0]))
     alone = jax.grad(total)(0.4, jnp.asarray([1.0]))

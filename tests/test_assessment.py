@@ -90,7 +90,11 @@ def test_what_a_tolerance_needs():
     wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
     result = jr.assess(wall, tolerance=1e-3)
     choice = result["choice"]
-    assert (choice["level"], choice["bits"], choice["within_tolerance"]) == ("nonlinear", 32, True)
+    assert (choice["level"], choice["bits"], choice["within_tolerance"]) == (
+        "nonlinear",
+        32,
+        True,
+    )
     assert choice["predicted_error"] < 1e-3
     assert "To 0.001: nonlinear in float32" in assessment.text(result)
     assert "choice" not in jr.assess(wall)

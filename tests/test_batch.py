@@ -26,7 +26,10 @@ def test_record_against_independent_integration(component, vertical):
     column = {k: np.array([row[k] for row in rows]) for k in rows[0] if k != "component"}
     record = jr.example_record(component, vertical=bool(vertical)).scaled(column["scale"])
     found = jr.respond_batch(
-        jr.Block(column["half_width"], column["slenderness"]), column["restitution"], record, 60.0
+        jr.Block(column["half_width"], column["slenderness"]),
+        column["restitution"],
+        record,
+        60.0,
     )
     assert len(rows) >= 10
     assert found.complete.all()
@@ -48,8 +51,8 @@ def pulse_cases(shape):
     return block, column["restitution"], pulse, *outcome
 
 
-# Half-width, slenderness, C, a pulse, and the peak rotation by 4,000 steps of DOP853 a pulse: the
-# second lobe lifts the block while the bounces of the first die out.
+# Half-width, slenderness, C, a pulse, and the peak rotation by 4,000 steps of DOP853 a pulse:
+# the second lobe lifts the block while the bounces of the first die out.
 BETWEEN_BOUNCES = [
     (2.4805303226586033, 7.474838151631694, 0.3239355248805619,
      jr.Cosine(1.6932106449220452, 0.045083240950279574), 1.0051038323838e-6),
@@ -205,7 +208,10 @@ def test_rough_input_against_independent_integration():
     half_width, slenderness = 10 ** rng.uniform(-1, 0.3, number), rng.uniform(1.2, 8, number)
     restitution = rng.uniform(0.4, 0.9, number)
     found = jr.respond_batch(
-        jr.Block(half_width, slenderness), restitution, jr.Record(shaking, step, 0 * shaking), 9.0
+        jr.Block(half_width, slenderness),
+        restitution,
+        jr.Record(shaking, step, 0 * shaking),
+        9.0,
     )
 
     def value(motion, piece, time):
@@ -330,7 +336,11 @@ def test_threads_work_under_the_settings_of_the_caller():
 def test_pulses_against_adaptive(shape, linearized):
     block, amplitude = jr.Block(0.4, 5.0), np.linspace(1.5, 6.0, 10)
     found = jr.respond_batch(
-        block, 0.9, shape(amplitude, 0.6), 4.0, model="linearized" if linearized else "nonlinear"
+        block,
+        0.9,
+        shape(amplitude, 0.6),
+        4.0,
+        model="linearized" if linearized else "nonlinear",
     )
     for k, a in enumerate(amplitude):
         r = jr.respond(
@@ -344,7 +354,9 @@ def test_pulses_against_adaptive(shape, linearized):
         assert bool(found.overturned[k]) == bool(r.overturned)
         assert float(found.margin[k]) == pytest.approx(float(r.margin), rel=1e-8, abs=1e-8)
         if not r.overturned:
-            assert float(found.peak_rotation[k]) == pytest.approx(float(r.peak_rotation), rel=1e-6)
+            assert float(found.peak_rotation[k]) == pytest.approx(
+                float(r.peak_rotation), rel=1e-6
+            )
 
 
 SHAKEN = np.asarray(jr.example_record("north", vertical=True).acceleration)[1200:1300]
@@ -359,7 +371,20 @@ def record_of(samples, step, vertical=(), **options):
 
 
 # In its steps of 0.02 s the block lands and is lifted again.
-ROUGH = [0.326, -2.498, -1.013, -0.123, 0.614, -3.687, 0.469, 0.661, -2.531, 2.566, 3.945, 0.805]
+ROUGH = [
+    0.326,
+    -2.498,
+    -1.013,
+    -0.123,
+    0.614,
+    -3.687,
+    0.469,
+    0.661,
+    -2.531,
+    2.566,
+    3.945,
+    0.805,
+]
 CORNERS = {
     "vertical, negative, later, other gravity": (
         jr.Block(0.2, 5.0, 8.0),
@@ -381,7 +406,12 @@ CORNERS = {
         record_of([1.05 * UPLIFT, 0.2 * UPLIFT, UPLIFT, 0.0], 0.2),
         0.6,
     ),
-    "an impact within a step": (jr.Block(0.1035, 8.5649), 0.3558, record_of(ROUGH, 0.02), 0.22),
+    "an impact within a step": (
+        jr.Block(0.1035, 8.5649),
+        0.3558,
+        record_of(ROUGH, 0.02),
+        0.22,
+    ),
 }
 
 
@@ -446,7 +476,9 @@ def test_several_records_and_shapes():
 @pytest.mark.float64
 def test_derivative():
     def peak(amplitude):
-        return jr.respond_batch(jr.Block(0.4, 5.0), 0.9, jr.Sine(amplitude, 0.7), 6.0).peak_rotation
+        return jr.respond_batch(
+            jr.Block(0.4, 5.0), 0.9, jr.Sine(amplitude, 0.7), 6.0
+        ).peak_rotation
 
     def adaptive(amplitude):
         return jr.respond(jr.Block(0.4, 5.0), 0.9, jr.Sine(amplitude, 0.7), 6.0).peak_rotation

@@ -156,7 +156,10 @@ def test_driven_response(ratio):
     for _ in range(4):
         b, slenderness, c = 10 ** rng.uniform(-1, 0), rng.uniform(2, 8), rng.uniform(0.5, 0.9)
         numbers = b, slenderness, ratio, c
-        amplitude, duration = GRAVITY / slenderness * rng.uniform(1.1, 2.0), rng.uniform(0.3, 1.0)
+        amplitude, duration = (
+            GRAVITY / slenderness * rng.uniform(1.1, 2.0),
+            rng.uniform(0.3, 1.0),
+        )
         block, c, motion, rocker = scene_of(numbers, jr.Sine(amplitude, duration))
         ground = stepping.pulse("Sine", amplitude, duration)
         expected = stepping.follow(rocker, ground, settle=1.0)
@@ -206,7 +209,12 @@ def test_closed_forms(ratio, model):
     duration = 2 * quad(slowness, 1e-8, 1, epsrel=1e-12)[0]
     assert model.half_cycle_duration(block, launch) == pytest.approx(duration, rel=1e-7)
     path = solve_ivp(
-        lambda t, y: (y[1], -moment(y[0])), (0, 0.3), (0, launch), "DOP853", rtol=1e-12, atol=1e-14
+        lambda t, y: (y[1], -moment(y[0])),
+        (0, 0.3),
+        (0, launch),
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-14,
     )
     np.testing.assert_allclose(model.motion(block, launch, 0.3), path.y[:, -1], rtol=1e-9)
 
@@ -219,7 +227,9 @@ ANSWERS = {
     "margin": lambda block, model: jr.overturning_margin(jr.Scene(block, 0.7, 0.1), model),
     "velocity": lambda block, model: jr.stabilized_velocity(jr.Scene(block, 0.7, 0.1)),
     "critical_intensity": lambda block, model: jr.critical_intensity(block, 0.7, 4.0, model),
-    "critical_slenderness": lambda block, model: jr.critical_slenderness(block, 0.7, 0.2, 4, model),
+    "critical_slenderness": lambda block, model: jr.critical_slenderness(
+        block, 0.7, 0.2, 4, model
+    ),
     "critical_restitution": lambda block, model: jr.critical_restitution(block, 0.2, 6, model),
     "driven": lambda block, model: (
         jr.respond(
@@ -323,17 +333,35 @@ def test_only_frequency_and_angle_matter_to_the_rotation(eps):
             lambda: jr.Block(0.4, 5.0, 9.81, 0.99),
             "inertia_ratio must be finite and at least 1, got",
         ),
-        (lambda: jr.Block(0.4, 5.0, 9.81, np.inf), "inertia_ratio must be finite and at least 1"),
-        (lambda: jr.Block.from_parameters(-2.0, 0.2), "frequency_parameter must be finite and gr"),
+        (
+            lambda: jr.Block(0.4, 5.0, 9.81, np.inf),
+            "inertia_ratio must be finite and at least 1",
+        ),
+        (
+            lambda: jr.Block.from_parameters(-2.0, 0.2),
+            "frequency_parameter must be finite and gr",
+        ),
         (
             lambda: jr.Block.from_parameters(2.0, 1.6),
             "critical_angle must be between 0 and pi / 2, got 1.6",
         ),
-        (lambda: jr.Block.from_parameters(2.0, 0.2, 0.0), "gravity must be finite and greater"),
-        (lambda: jr.Block.from_parameters(2.0, 0.2, 9.81, 0.5), "inertia_ratio must be finite"),
+        (
+            lambda: jr.Block.from_parameters(2.0, 0.2, 0.0),
+            "gravity must be finite and greater",
+        ),
+        (
+            lambda: jr.Block.from_parameters(2.0, 0.2, 9.81, 0.5),
+            "inertia_ratio must be finite",
+        ),
         (lambda: jr.Block.from_body(0.3, -1.0, 10.0, 1.0), "centre_height must be finite and"),
-        (lambda: jr.Block.from_body(0.3, 1.0, 0.0, 1.0), "mass must be finite and greater than 0"),
-        (lambda: jr.Block.from_body(0.3, 1.0, 1.0, -1.0), "inertia_about_centre must be finite"),
+        (
+            lambda: jr.Block.from_body(0.3, 1.0, 0.0, 1.0),
+            "mass must be finite and greater than 0",
+        ),
+        (
+            lambda: jr.Block.from_body(0.3, 1.0, 1.0, -1.0),
+            "inertia_about_centre must be finite",
+        ),
         (
             lambda: jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, inertia_ratio=0.9),
             "inertia_ratio must be finite and at least 1, got 0.[89]",
@@ -378,7 +406,9 @@ def test_bodies_broadcast_and_keep_their_precision():
     assert jr.Block(single(0.4), single(5.0)).frequency_parameter.dtype == single
     scene = jr.Scene(blocks, single(0.7), single(0.1))
     assert jr.rotation_ratio(scene).dtype == single
-    slope = jax.vmap(jax.grad(lambda r: jr.Block(0.4, 5.0, inertia_ratio=r).frequency_parameter))
+    slope = jax.vmap(
+        jax.grad(lambda r: jr.Block(0.4, 5.0, inertia_ratio=r).frequency_parameter)
+    )
     ratios = jnp.asarray(RATIOS)
     p = jr.Block(0.4, 5.0, inertia_ratio=ratios).frequency_parameter
     np.testing.assert_allclose(slope(ratios), -p / (2 * ratios), rtol=1e-5)
@@ -388,10 +418,13 @@ def test_a_block_says_its_inertia_ratio_unless_it_is_a_rectangle():
     assert "inertia" not in str(jr.Block(0.4, 5.0))
     assert "inertia" not in str(jr.Block(0.4, 5.0, inertia_ratio=np.float32(4 / 3)))
     assert str(jr.Block(0.4, 5.0, inertia_ratio=1.2)).endswith(", inertia ratio 1.2")
-    assert "inertia ratio 1.2 to 1.4" in str(jr.Block(0.4, 5.0, inertia_ratio=np.array([1.2, 1.4])))
+    assert "inertia ratio 1.2 to 1.4" in str(
+        jr.Block(0.4, 5.0, inertia_ratio=np.array([1.2, 1.4]))
+    )
     printed = []
     jax.eval_shape(
-        lambda ratio: printed.append(str(jr.Block(0.4, 5.0, inertia_ratio=ratio))), jnp.asarray(1.2)
+        lambda ratio: printed.append(str(jr.Block(0.4, 5.0, inertia_ratio=ratio))),
+        jnp.asarray(1.2),
     )
     assert "inertia ratio traced" in printed[0]
     assert "inertia ratio" in str(jax.tree.map(jax.typeof, jr.Block(0.4, 5.0)))

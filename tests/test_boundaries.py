@@ -82,7 +82,9 @@ def test_no_window_of_a_percent_is_missed():
     fine = jr.critical_amplitude(block, c, jr.Sine, duration, resolution=1e-3)
     windows = 0
     for k in range(20):
-        ours, theirs = (np.asarray(found.value[k, : found.count[k]]) for found in (coarse, fine))
+        ours, theirs = (
+            np.asarray(found.value[k, : found.count[k]]) for found in (coarse, fine)
+        )
         wide = np.ones(theirs.size, bool)
         narrow = np.diff(theirs) < 0.01 * theirs[1:]
         wide[1:] &= ~narrow
@@ -231,7 +233,9 @@ def test_slopes_along_other_quantities(along):
     def amplitude(value):
         at = numbers | {along: value}
         block = jr.Block(at["half_width"], at["slenderness"])
-        return jr.critical_amplitude(block, at["restitution"], jr.Sine, at["duration"]).value[0]
+        return jr.critical_amplitude(block, at["restitution"], jr.Sine, at["duration"]).value[
+            0
+        ]
 
     def quantity(amplitude):
         value = numbers[along]
@@ -271,7 +275,9 @@ def test_mode_beside_a_narrow_window():
 def test_under_transformations():
     def edges(slenderness):
         block = jr.Block(0.1, slenderness)
-        return jr.critical_amplitude(block, 0.9, jr.Sine, 0.5, resolution=0.05, max_boundaries=4)
+        return jr.critical_amplitude(
+            block, 0.9, jr.Sine, 0.5, resolution=0.05, max_boundaries=4
+        )
 
     direct = jr.critical_amplitude(
         jr.Block(0.1, jnp.asarray([5.0, 6.0])), 0.9, jr.Sine, 0.5, resolution=0.05
@@ -296,7 +302,10 @@ def test_nothing_there():
         ({"along": "scale"}, "along must be one of amplitude, duration, factor"),
         ({"values": [2.0, 1.0]}, "values must be increasing"),
         ({"values": [2.0]}, "values must be at least two values"),
-        ({"values": [-1.0, 2.0], "along": "duration"}, "values must be finite and greater than 0"),
+        (
+            {"values": [-1.0, 2.0], "along": "duration"},
+            "values must be finite and greater than 0",
+        ),
         ({"restitution": 2.0}, "restitution must be between 0 and 1"),
         ({"max_boundaries": 0}, "max_boundaries must be at least 1"),
         (

@@ -29,7 +29,8 @@ def durations(model, p, angle, ratios):
     """Half-cycles after launches at so many times the critical velocity; nonlinear by energy."""
     if model == "linearized":
         return 2 / p * np.arctanh(ratios)
-    # sin(theta / 2) = least * cosh(u) for the angle theta from the vertical takes the root away.
+    # sin(theta / 2) = least * cosh(u) for the angle theta from the vertical takes the root
+    # away.
     end = np.arctanh(ratios)[..., None]
     least = np.sin(angle / 2) * np.sqrt(1 - ratios**2)[..., None]
     steep = 1 / np.sqrt(1 - (least * np.cosh(end * (NODES + 1) / 2)) ** 2)
@@ -91,7 +92,8 @@ def test_stated_errors(launch, of_restitution, of_p):
     """Of 13 impacts with 1 ms of noise, as the docstring says, and by differences."""
     times = impacts(launch, 0.9, 13)
     fits = [
-        fit_free_rocking(times, BLOCK, frequency_known=k, time_noise=1e-3) for k in (True, False)
+        fit_free_rocking(times, BLOCK, frequency_known=k, time_noise=1e-3)
+        for k in (True, False)
     ]
     known, unknown = true_errors(1e-3, launch, 0.9, 13)
     assert fits[0].standard_errors["restitution"] == pytest.approx(known, rel=1e-5)
@@ -346,7 +348,9 @@ def test_constancy_of_restitution(count, noise_known):
     change, p_value = changes(count, 3 * error, noise_known, tests, 2)
     noticed = [np.mean(p_value < 0.05), np.mean((p_value < 0.1) & (change > 0))]
     expected = [power.sf(null.ppf(1 - level)) for level in (0.025, 0.05)]
-    print("change", count, noise_known, "alarms", alarms, "noticed", noticed, "theory", expected)
+    print(
+        "change", count, noise_known, "alarms", alarms, "noticed", noticed, "theory", expected
+    )
     assert change.mean() == pytest.approx(3 * error, rel=0.1)
     np.testing.assert_allclose(alarms, 0.05, atol=3 * (0.05 * 0.95 / tests) ** 0.5)
     np.testing.assert_allclose(noticed, expected, atol=3 * (0.15 * 0.85 / tests) ** 0.5)
@@ -463,10 +467,25 @@ PEAKS = peaks_of("linearized", ANGLE, launches(0.9, 0.9, 10))
         ),
         (None, BLOCK, {"peak_rotations": [0.1, 0, 0.05]}, "and not 0, or NaN .* got 0"),
         (None, BLOCK, {"peak_rotations": [0.1, INF, 0.05]}, "and not 0, .* got inf"),
-        (None, None, {"peak_rotations": PEAKS}, "block must be given with peak_rotations alone"),
+        (
+            None,
+            None,
+            {"peak_rotations": PEAKS},
+            "block must be given with peak_rotations alone",
+        ),
         (TIMES, None, {"model": "nonlinear"}, "block must be given for the nonlinear model"),
-        (TIMES, jr.Block(np.array([0.1, 0.2]), 5.0), {}, "block must be one block, got several"),
-        (TIMES, BLOCK, {"time_noise": 0.0}, "time_noise must be finite and greater than 0, got 0"),
+        (
+            TIMES,
+            jr.Block(np.array([0.1, 0.2]), 5.0),
+            {},
+            "block must be one block, got several",
+        ),
+        (
+            TIMES,
+            BLOCK,
+            {"time_noise": 0.0},
+            "time_noise must be finite and greater than 0, got 0",
+        ),
         (TIMES, BLOCK, {"rotation_noise": -1.0}, "rotation_noise must be .* got -1"),
         (1000 * TIMES, BLOCK, {}, "impact_times must be of a block that rocks freely"),
         (-TIMES[::-1], BLOCK, {}, "impact_times must be of a"),
@@ -555,7 +574,10 @@ def test_driven_errors_by_repetition():
         off.append(float(fit.restitution) - 0.85)
         stated.append(float(fit.standard_errors["restitution"]))
     print(
-        "scatter over stated", np.std(off) / np.mean(stated), "mean", np.mean(off) / np.mean(stated)
+        "scatter over stated",
+        np.std(off) / np.mean(stated),
+        "mean",
+        np.mean(off) / np.mean(stated),
     )
     assert abs(np.mean(off)) < 3 * np.mean(stated) / 40**0.5
     assert np.std(off) / np.mean(stated) == pytest.approx(1, abs=0.35)
@@ -564,7 +586,8 @@ def test_driven_errors_by_repetition():
 @DOUBLE
 @SLOW
 @pytest.mark.parametrize(
-    "parameters", [("restitution", "slenderness"), ("restitution", "slenderness", "inertia_ratio")]
+    "parameters",
+    [("restitution", "slenderness"), ("restitution", "slenderness", "inertia_ratio")],
 )
 def test_driven_parameters(parameters):
     """From a block that is 2 % off."""
@@ -642,7 +665,10 @@ def test_a_table_that_stands_still():
         ({"parameters": "restitution"}, "parameters must be one or more names, got 'rest"),
         ({"parameters": ()}, "parameters must be one or more names"),
         ({"parameters": ("width",)}, "must be different ones of restitution, .* got 'width'"),
-        ({"parameters": ("restitution",) * 2}, "must be different ones of .* got 'restitution'"),
+        (
+            {"parameters": ("restitution",) * 2},
+            "must be different ones of .* got 'restitution'",
+        ),
         ({"time": TIME[:-1]}, "one-dimensional, of one length of at least 2, got shapes"),
         ({"time": TIME - 1}, "time must increase from each to the next, from 0 on"),
         ({"time": TIME * 0}, "time must increase"),
@@ -650,7 +676,10 @@ def test_a_table_that_stands_still():
         ({"rotation": TIME * NAN}, "rotation must be known at 2 times at least, got 0"),
         ({"rotation": TIME + INF}, "rotation must be finite, got inf"),
         ({"rotation": TIME * 0}, "rotation must be of a block that rocks, got 0 everywhere"),
-        ({"rotation": TIME * 0 + 0.1}, "rotation must be of a block that rocks, got one without"),
+        (
+            {"rotation": TIME * 0 + 0.1},
+            "rotation must be of a block that rocks, got one without",
+        ),
         ({"restitution": 1.5}, "restitution must be .* got 1.5"),
         ({"initial_rotation": NAN}, "initial_rotation must be finite, got nan"),
         ({"initial_velocity": INF}, "initial_velocity must be finite, got inf"),

@@ -126,7 +126,11 @@ def driven_scenes(number):
     lifting = 9.81 / np.asarray(block.slenderness)
     length = 10 ** rng.uniform(-1, 0.3, number)
     return {
-        "half-sine": (block, restitution, jr.HalfSine(lifting * rng.uniform(1, 8, number), length)),
+        "half-sine": (
+            block,
+            restitution,
+            jr.HalfSine(lifting * rng.uniform(1, 8, number), length),
+        ),
         "Ricker": (block, restitution, jr.Ricker(lifting * rng.uniform(1, 5, number), length)),
         "record": (
             block,
@@ -155,7 +159,9 @@ def test_promise_of_the_tolerance(kind, number):
     block, restitution, motion = driven_scenes(number)[kind]
     truth, again = (
         [
-            jr.respond(one(block, k), restitution[k], one(motion, k), rtol=rtol, solver="Dopri8")
+            jr.respond(
+                one(block, k), restitution[k], one(motion, k), rtol=rtol, solver="Dopri8"
+            )
             for k in range(number)
         ]
         for rtol in (1e-11, 1e-13)

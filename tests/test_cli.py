@@ -71,15 +71,24 @@ def test_spectrum(capsys, tmp_path):
     ("arguments", "message"),
     [
         (("assess", "--width", -1), "width must be finite and greater than 0, got -1"),
-        (("assess", "--slenderness", 0), "slenderness must be finite and greater than 0, got 0"),
+        (
+            ("assess", "--slenderness", 0),
+            "slenderness must be finite and greater than 0, got 0",
+        ),
         (("assess", "--gravity", "nan"), "gravity must be finite and greater than 0, got nan"),
         (("assess", "--restitution", 1.1), "restitution must be between 0 and 1, got 1.1"),
         (("assess", "--intensity", -0.1), "intensity must be finite and at least 0, got -0.1"),
         (("assess", "--height", 1, "--slenderness", 2), "exclude each other"),
-        (("assess", "--slenderness", 0.5), "restitution must be given for a block this stocky"),
+        (
+            ("assess", "--slenderness", 0.5),
+            "restitution must be given for a block this stocky",
+        ),
         (("assess", "--width", "broad"), "broad"),
         (("spectrum", "--width"), "width must be at least one number"),
-        (("spectrum", "--slenderness", "3:10"), "slenderness must be numbers or START:STOP:COUNT"),
+        (
+            ("spectrum", "--slenderness", "3:10"),
+            "slenderness must be numbers or START:STOP:COUNT",
+        ),
         (("spectrum", "--slenderness", "3:10:0"), "got '3:10:0'"),
         (("spectrum", "--slenderness", "3:inf:5"), "got '3:inf:5'"),
         (("spectrum", "--intensity", 0.1, 0.1), "intensity must not have a value twice"),
@@ -87,7 +96,9 @@ def test_spectrum(capsys, tmp_path):
         ((), "a command must be given"),
     ],
 )
-def test_bad_input_ends_with_one_clear_sentence(capsys, tmp_path, monkeypatch, arguments, message):
+def test_bad_input_ends_with_one_clear_sentence(
+    capsys, tmp_path, monkeypatch, arguments, message
+):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *arguments)
     assert code == 2
@@ -164,7 +175,9 @@ def test_a_move_that_fails_leaves_nothing(tmp_path, monkeypatch):
         replace(source, target)
 
     def write():
-        with files.written_whole("out", tmp_path / "new", ["first", "second"], False) as scratch:
+        with files.written_whole(
+            "out", tmp_path / "new", ["first", "second"], False
+        ) as scratch:
             for name in ("first", "second"):
                 (scratch / name).write_text("x")
 
@@ -197,7 +210,9 @@ def test_ctrl_c_is_one_line(capsys, tmp_path, monkeypatch):
 
     monkeypatch.setattr(COMMANDS["critical"], "run", fake)
     study = tmp_path / "study.toml"
-    study.write_text("".join(f"[[job]]\ncommand = 'critical'\nout = '{k}'\n" for k in range(3)))
+    study.write_text(
+        "".join(f"[[job]]\ncommand = 'critical'\nout = '{k}'\n" for k in range(3))
+    )
     assert run(capsys, "run", study) == (130, "", "jaxrock: interrupted\n")
     assert ran == [tmp_path / "0", tmp_path / "1"]
 
@@ -287,7 +302,10 @@ def test_as_a_module():
     answers = json.loads(done.stdout)
     assert answers["scene"]["critical_angle"] == pytest.approx(0.19739555984988075, rel=1e-15)
     done = subprocess.run(
-        [sys.executable, "-m", "jaxrock", "--help"], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "jaxrock", "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0
     assert all(command in done.stdout for command in ("assess", "spectrum", "paper"))
@@ -365,7 +383,10 @@ def test_fragility(tmp_path, capsys):
         ("fragility --levels 2 1", "levels must be increasing"),
         ("fragility --threshold fallen", "thresholds must be rotation ratios"),
         ("fragility --hazard missing.csv", "missing.csv"),
-        ("fragility --hazard missing.csv --measure pgv_ratio", "hazard goes with the measures"),
+        (
+            "fragility --hazard missing.csv --measure pgv_ratio",
+            "hazard goes with the measures",
+        ),
     ],
 )
 def test_bad_driven_input(tmp_path, capsys, given, words):
@@ -455,31 +476,52 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
     [
         (("critical", "--along", "factor"), "along goes with a pulse or a record only"),
         (("critical", "--half-cycles"), "half_cycles must be at least one number, got none"),
-        (("critical", "--record", "example", "--values"), "values must be at least one number"),
+        (
+            ("critical", "--record", "example", "--values"),
+            "values must be at least one number",
+        ),
         (("critical", *SINE, "--amplitude", 1), "amplitude is sought: it must not be given"),
         (("critical", *SINE, "--scale", 2), "scale goes with amplitudes that are not sought"),
-        (("critical", *SINE, "--intensity", 1), "intensity goes with instantaneous pulses only"),
+        (
+            ("critical", *SINE, "--intensity", 1),
+            "intensity goes with instantaneous pulses only",
+        ),
         (
             ("critical", "--record", "example", "--along", "amplitude"),
             "amplitude goes with a pulse",
         ),
-        (("sensitivity", "--relative-change", 1), "relative_change must be less than 1, got 1"),
+        (
+            ("sensitivity", "--relative-change", 1),
+            "relative_change must be less than 1, got 1",
+        ),
         (("sensitivity", "--amplitude", 3), "amplitude goes with a pulse or a record only"),
         (("sensitivity", *SINE, "--amplitude", 9, "--intensity", 1), "intensity goes with"),
         (("tradeoff", "--scale", 2), "scale goes with a pulse or a record only"),
         (("spectrum", "--tolerance", 0.1), "tolerance goes with the model auto only"),
-        (("respond", "--record", "example", "--amplitude", 3), "amplitude goes with a pulse only"),
+        (
+            ("respond", "--record", "example", "--amplitude", 3),
+            "amplitude goes with a pulse only",
+        ),
         (("respond", *SINE, "--amplitude", 3, "--unit", "g"), "unit goes with a record only"),
         (("respond", "--record", "example", "--time-step", 0), "has its unit and time step"),
         (("assess", "--width", 0.8, "--out", "x"), "--out"),
-        (("critical", "--record", "example", "--along", "restitution"), "values must be given"),
+        (
+            ("critical", "--record", "example", "--along", "restitution"),
+            "values must be given",
+        ),
         (
             ("sensitivity", "--answer", "period", "--intensity", 5),
             "does not exist here: the block overturns",
         ),
         (("sensitivity", "--intensity", 5), "intensity goes with another answer"),
-        (("sensitivity", "--relative-change", 0), "relative_change must be finite and greater"),
-        (("sensitivity", "--record", "example", "--answer", "period"), "answer must be rotation"),
+        (
+            ("sensitivity", "--relative-change", 0),
+            "relative_change must be finite and greater",
+        ),
+        (
+            ("sensitivity", "--record", "example", "--answer", "period"),
+            "answer must be rotation",
+        ),
     ],
 )
 def test_bad_questions_of_design(capsys, tmp_path, arguments, words):
@@ -494,7 +536,10 @@ def test_bad_questions_of_design(capsys, tmp_path, arguments, words):
     ("arguments", "words"),
     [
         (["assess", "--tolerance", 0], "tolerance must be finite and greater than 0, got 0"),
-        (["tradeoff", "--intensity", 0.1, "--record", "example"], "intensity excludes a pulse"),
+        (
+            ["tradeoff", "--intensity", 0.1, "--record", "example"],
+            "intensity excludes a pulse",
+        ),
         (["tradeoff", "--repeats", 0], "repeats must be at least 1, got 0"),
         (["spectrum", "--model", "auto", "--tolerance", -1], "tolerance must be finite and"),
     ],

@@ -142,7 +142,12 @@ def test_what_is_made_of_what_is_stored(tmp_path, monkeypatch):
 
 
 def grid(**changes):
-    axes = {"slenderness": AXES[0], "width": AXES[1], "restitution": AXES[2], "intensity": 0.15}
+    axes = {
+        "slenderness": AXES[0],
+        "width": AXES[1],
+        "restitution": AXES[2],
+        "intensity": 0.15,
+    }
     return jr.resonance_spectrum(**axes | {"chunks": {"slenderness": 2}} | changes)
 
 
@@ -153,7 +158,10 @@ def grid(**changes):
         ({"width": [0.4, 0.8]}, "belongs to another grid: its width differs"),
         ({"gravity": 1.62}, "belongs to another grid: its gravity is 9.81, not 1.62"),
         ({"model": "nonlinear"}, "its model is linearized, not nonlinear"),
-        ({"chunks": {"slenderness": 3}}, "was begun in chunks of slenderness 2, .* slenderness 3"),
+        (
+            {"chunks": {"slenderness": 3}},
+            "was begun in chunks of slenderness 2, .* slenderness 3",
+        ),
         ({"intensity": [0.15, 0.2]}, "belongs to another grid: "),
     ],
 )
@@ -167,7 +175,9 @@ def refused(lazy, path, message):
     """One sentence, and nothing in the folder is touched."""
 
     def content():
-        return {f: (f.stat().st_mtime_ns, f.read_bytes()) for f in path.rglob("*") if f.is_file()}
+        return {
+            f: (f.stat().st_mtime_ns, f.read_bytes()) for f in path.rglob("*") if f.is_file()
+        }
 
     before = content()
     with pytest.raises(ValueError, match=message) as error:
@@ -197,8 +207,12 @@ def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
 
 def test_what_is_missing_in_the_end_is_said(tmp_path, monkeypatch):
     """As where a worker writes to another disk of the same path."""
-    monkeypatch.setattr("jaxrock.cluster.zarr_store._write", lambda *_, block_id, **__: np.ones(1))
-    with pytest.raises(ValueError, match="3 chunks of rotation_ratio are not there; do all work"):
+    monkeypatch.setattr(
+        "jaxrock.cluster.zarr_store._write", lambda *_, block_id, **__: np.ones(1)
+    )
+    with pytest.raises(
+        ValueError, match="3 chunks of rotation_ratio are not there; do all work"
+    ):
         write_zarr(grid(), tmp_path / "grid.zarr")
     with xarray.open_zarr(tmp_path / "grid.zarr", zarr_format=2) as found:
         assert "unfinished" in found.attrs
@@ -218,7 +232,9 @@ def test_what_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match="dataset must be lazy"):
         write_zarr(grid(chunks=None), tmp_path / "grid.zarr")
     uneven = grid(chunks={"slenderness": (1, 3, 1)})
-    with pytest.raises(ValueError, match=r"chunks along slenderness must have one length, .* \(1"):
+    with pytest.raises(
+        ValueError, match=r"chunks along slenderness must have one length, .* \(1"
+    ):
         write_zarr(uneven, tmp_path / "grid.zarr")
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
@@ -258,7 +274,9 @@ def test_a_store_that_is_damaged_beside_its_chunks(tmp_path):
     write_zarr(grid(), tmp_path / "other.zarr")
     chunk.unlink()
     chunk.mkdir()
-    with pytest.raises(ValueError, match=r"1\.0\.0' is in the place of a chunk, and is no file"):
+    with pytest.raises(
+        ValueError, match=r"1\.0\.0' is in the place of a chunk, and is no file"
+    ):
         write_zarr(grid(), tmp_path / "other.zarr")
 
 
@@ -274,7 +292,9 @@ def test_a_disk_that_is_full(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("jaxrock.cluster.zarr_store._write", full)
-    with pytest.raises(ValueError, match=r"store: .* cannot be written to: No space left") as error:
+    with pytest.raises(
+        ValueError, match=r"store: .* cannot be written to: No space left"
+    ) as error:
         write_zarr(grid(), tmp_path / "grid.zarr")
     assert "\n" not in str(error.value)
 
@@ -356,7 +376,15 @@ def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
     code, _, err = run(capsys, "spectrum", "--store", "s.zarr", *there, "--gravity", 1.62)
     assert code == 2
     assert "'s.zarr' belongs to another grid: its slenderness differs; it is left" in err
-    rocking = ("rocking-spectrum", "--period", "1:3:3", "--slenderness", 5, "--store", "r.zarr")
+    rocking = (
+        "rocking-spectrum",
+        "--period",
+        "1:3:3",
+        "--slenderness",
+        5,
+        "--store",
+        "r.zarr",
+    )
     assert run(capsys, *rocking, *there)[0] == 0
     alone = jr.rocking_spectrum(jr.example_record(), [1.0, 2.0, 3.0], 5.0, 0.9)
     assert opened(tmp_path / "r.zarr").margin.values.tobytes() == alone.margin.values.tobytes()
@@ -396,9 +424,18 @@ def test_fragility_as_a_store(client, tmp_path, monkeypatch, capsys, own):
         (("--store", "s.zarr", "--scheduler", ""), "scheduler must be an address, .* got ''"),
         (("--store", "s.zarr", "--chunks", "width=1", "width=2"), "once, got width twice"),
         (("--store", "s.zarr", "--workers", 0), "workers must be at least 1, got 0"),
-        (("--store", "s.zarr", "--chunks", "width"), "chunks must be NAME=COUNT, .* got 'width'"),
-        (("--store", "s.zarr", "--chunks", "width=no"), "chunks must be NAME=COUNT, .*'width=no'"),
-        (("--store", "s.zarr", "--chunks", "depth=2"), "chunks must be of the dimensions slende"),
+        (
+            ("--store", "s.zarr", "--chunks", "width"),
+            "chunks must be NAME=COUNT, .* got 'width'",
+        ),
+        (
+            ("--store", "s.zarr", "--chunks", "width=no"),
+            "chunks must be NAME=COUNT, .*'width=no'",
+        ),
+        (
+            ("--store", "s.zarr", "--chunks", "depth=2"),
+            "chunks must be of the dimensions slende",
+        ),
         (
             ("--store", "s.zarr", "--workers", 2, "--scheduler", "tcp://127.0.0.1:1"),
             "workers and scheduler exclude each other",

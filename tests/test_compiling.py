@@ -77,7 +77,9 @@ CALLS = {
     "Sine": lambda k: (pulse(k).horizontal(0.1 + k), pulse(k).shifted(k).scaled(k).knots()),
     "Cosine": lambda k: pulse(k, jr.Cosine).horizontal(0.1 + k),
     "HalfSine": lambda k: pulse(k, jr.HalfSine).intensity,
-    "Harmonic": lambda k: jr.Harmonic(3.0 + 0.1 * k, 8.0).shifted(k).scaled(k).horizontal(0.1 + k),
+    "Harmonic": lambda k: (
+        jr.Harmonic(3.0 + 0.1 * k, 8.0).shifted(k).scaled(k).horizontal(0.1 + k)
+    ),
     "Rectangular": lambda k: pulse(k, jr.Rectangular).upward(0.1 + k),
     "Ricker": lambda k: pulse(k, jr.Ricker).horizontal(0.1 + k),
     "Record": lambda k: (
@@ -118,14 +120,20 @@ CALLS = {
     ),
     "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
     "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
-    "fit_free_rocking": lambda k: jr.fit_free_rocking(impact_times(k), jr.Block(0.1 + 0.01 * k, 5)),
-    "free_motion_margin": lambda k: jr.dynamics.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
+    "fit_free_rocking": lambda k: jr.fit_free_rocking(
+        impact_times(k), jr.Block(0.1 + 0.01 * k, 5)
+    ),
+    "free_motion_margin": lambda k: jr.dynamics.free_motion_margin(
+        block(k), 0.8, 0.01 * k, 0.1
+    ),
     "derivative_based_measures": lambda k: jr.sensitivity.derivative_based_measures(
         jr.rotation_ratio, scene(k), _RANGES, samples=64
     ),
     "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
     "harmonic_orbit": lambda k: jr.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
-    "harmonic_spectrum": lambda k: jr.harmonic_spectrum([2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5),
+    "harmonic_spectrum": lambda k: jr.harmonic_spectrum(
+        [2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5
+    ),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
     "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(seed=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
@@ -144,7 +152,11 @@ CALLS = {
     "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
     "overturning_margin": lambda k: jr.overturning_margin(scene(k)),
     "overturning_rate": lambda k: jr.overturning_rate(
-        block(k), 0.8, suite(k), jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9]
+        block(k),
+        0.8,
+        suite(k),
+        jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]),
+        levels=[0.2, 0.9],
     ),
     "overturning_spectrum": lambda k: jr.overturning_spectrum(
         jr.HalfSine, np.linspace(2.0 + k, 4, 3), np.linspace(2.0 + k, 4, 4)
@@ -157,7 +169,11 @@ CALLS = {
     ),
     "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
     "rate_elasticities": lambda k: jr.risk.rate_elasticities(
-        block(k), 0.8, suite(k), jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9]
+        block(k),
+        0.8,
+        suite(k),
+        jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]),
+        levels=[0.2, 0.9],
     ),
     "resonance_spectrum": lambda k: jr.resonance_spectrum(
         5.0, np.linspace(0.2, 1, 5) + 0.1 * k, 0.7, 0.15
@@ -325,7 +341,9 @@ def test_questions_about_suites_share_programs(compiled):
     questions = [
         lambda some: jr.respond_batch(STOUT, 0.3, some, 2.0),
         lambda some: jr.respond_batch(block(0), 0.3, some, 2.0, rtol=1e-5),
-        lambda some: jr.respond_within(jr.Block(np.array([0.5, 1.5]), 1.0), 0.3, some, 1e-6, 2.0),
+        lambda some: jr.respond_within(
+            jr.Block(np.array([0.5, 1.5]), 1.0), 0.3, some, 1e-6, 2.0
+        ),
         lambda some: jr.fragility(block(0), 0.8, some, [0.1, 0.3], tolerance=1e-2),
         lambda some: jr.overturning_boundaries(block(0), 0.8, some, "half_width", [0.1, 0.2]),
         lambda some: jr.overturning_rate(block(0), 0.8, some, hazard, levels=[0.2, 0.9]),
@@ -360,7 +378,9 @@ def test_slopes_of_a_rate_take_one_program_whatever_moves(compiled):
 
     def rate(half_width, slenderness, restitution):
         short = jr.Block(half_width, slenderness)
-        return jr.overturning_rate(short, restitution, suite(0), hazard, levels=[0.2, 0.9]).rate
+        return jr.overturning_rate(
+            short, restitution, suite(0), hazard, levels=[0.2, 0.9]
+        ).rate
 
     jax.clear_caches()
     for numbers in (0, 1, (0, 2), (0, 1, 2)):
@@ -424,12 +444,16 @@ def respond(restitution):
     [
         (respond, 2900),
         pytest.param(jax.jacfwd(lambda c: respond(c).peak_rotation), 4400, marks=SLOW),
-        pytest.param(lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3300, marks=SLOW),
+        pytest.param(
+            lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3300, marks=SLOW
+        ),
         pytest.param(
             lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500, marks=SLOW
         ),
         pytest.param(
-            lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1), 7500, marks=SLOW
+            lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1),
+            7500,
+            marks=SLOW,
         ),
     ],
     ids=["respond", "slope", "record", "phase", "verge"],

@@ -46,7 +46,9 @@ def tolerance(case):
 
 def checked(folder, *arguments):
     command = [sys.executable, str(SCRIPT), str(folder), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, encoding="utf-8", check=False
+    )
 
 
 def test_well_formed(folder):
@@ -135,7 +137,9 @@ def test_published_cases(folder):
         else:
             name = case["quantity"].replace("half_cycle_peak", "peak")
             own = getattr(model, name)(block, block.pulse_velocity(case["intensity"]))
-        assert float(own) == pytest.approx(case["value"], rel=0, abs=tolerance(case)), case["id"]
+        assert float(own) == pytest.approx(case["value"], rel=0, abs=tolerance(case)), case[
+            "id"
+        ]
     for name in ("double-impulse", "double-impulse-housner"):
         case = cases[name]
         angle, radius = (
@@ -143,7 +147,9 @@ def test_published_cases(folder):
             case["half_width"] * math.hypot(1, case["slenderness"]),
         )
         root = math.sqrt(4 * case["gravity"] * radius / 3)
-        expected = 2 * math.sin(angle / 2) * root / (math.cos(angle) * (1 + case["restitution"]))
+        expected = (
+            2 * math.sin(angle / 2) * root / (math.cos(angle) * (1 + case["restitution"]))
+        )
         assert case["value"] == pytest.approx(expected, rel=1e-13)
 
 
@@ -160,7 +166,9 @@ def test_computed_again(folder, part):
         frozen = known[case["id"]]
         off = abs(case.pop("value") - frozen["value"])
         assert off <= 0.1 * tolerance(frozen), case["id"]
-        assert frozen == case | {key: frozen[key] for key in ("value", "spread", "what", "source")}
+        assert frozen == case | {
+            key: frozen[key] for key in ("value", "spread", "what", "source")
+        }
 
 
 @pytest.mark.thorough
@@ -198,7 +206,9 @@ def test_what_cannot_be_computed_is_off(folder, tmp_path):
         next(case for case in table["cases"] if case["id"] == "piece-peak_rotation"),
         table["cases"][0] | {"quantity": "colour"},
     ]
-    (tmp_path / "cases.json").write_text(json.dumps(table | {"cases": cases}), encoding="utf-8")
+    (tmp_path / "cases.json").write_text(
+        json.dumps(table | {"cases": cases}), encoding="utf-8"
+    )
     result = checked(tmp_path)
     assert result.returncode == 1
     assert result.stdout.count("could not be computed") == 2
@@ -206,7 +216,9 @@ def test_what_cannot_be_computed_is_off(folder, tmp_path):
 
 @pytest.mark.thorough
 def test_the_script_does_not_import_jaxrock():
-    code = f"import runpy, sys; runpy.run_path({str(SCRIPT)!r}); assert 'jax' not in sys.modules"
+    code = (
+        f"import runpy, sys; runpy.run_path({str(SCRIPT)!r}); assert 'jax' not in sys.modules"
+    )
     environment = [
         sys.executable,
         "-c",

@@ -22,7 +22,9 @@ def test_a_hair_below_stands_and_a_hair_above_overturns(model, half_cycles):
     critical = jr.critical_intensity(block, restitution, half_cycles, model)
     below = jr.Scene(block, restitution, critical * (1 - 1e-9))
     above = jr.Scene(block, restitution, critical * (1 + 1e-9))
-    assert (jr.overturning_half_cycle(below, model) > half_cycles).all() or half_cycles == np.inf
+    assert (
+        jr.overturning_half_cycle(below, model) > half_cycles
+    ).all() or half_cycles == np.inf
     assert (jr.overturning_half_cycle(above, model) <= half_cycles).all()
     if half_cycles == np.inf:
         assert (jr.overturning_margin(below, model) > 0).all()
@@ -64,7 +66,9 @@ def test_slenderness_at_all_intensities_there_are(model):
 
     def logarithm_of_intensity(logarithm):
         b, g, c = exact
-        return mp.log(closed_forms.critical_intensity(theirs, b, mp.exp(logarithm), g, c, mp.inf))
+        return mp.log(
+            closed_forms.critical_intensity(theirs, b, mp.exp(logarithm), g, c, mp.inf)
+        )
 
     beyond = 0
     for given, value, steepness in zip(intensity, found, slope, strict=True):

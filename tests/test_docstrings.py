@@ -16,7 +16,9 @@ from jaxrock.validation import Checked
 def described(section, docstring):
     """The names that a section of a docstring describes; None where it is missing."""
     text = inspect.cleandoc(docstring or "") + "\n\n"
-    found = re.search(rf"^{section}\n-+\n(.*?)\n(?=\n[A-Z]|\n*\Z)", text, re.DOTALL | re.MULTILINE)
+    found = re.search(
+        rf"^{section}\n-+\n(.*?)\n(?=\n[A-Z]|\n*\Z)", text, re.DOTALL | re.MULTILINE
+    )
     if not found:
         return None
     heads = [line.split(" : ")[0] for line in found[1].split("\n") if re.match(r"\S", line)]
@@ -54,7 +56,9 @@ def public():
             continue
         yield name, found, joined(c.__doc__ for c in found.__mro__ if is_ours(c))
         for method in (m for m in dir(found) if not m.startswith("_")):
-            owners = [c.__dict__[method] for c in found.__mro__ if method in vars(c) and is_ours(c)]
+            owners = [
+                c.__dict__[method] for c in found.__mro__ if method in vars(c) and is_ours(c)
+            ]
             if owners and isinstance(owners[0], property | functools.cached_property):
                 yield f"{name}.{method}", owners[0], owners[0].__doc__
             elif owners and inspect.isroutine(getattr(found, method)):
@@ -78,7 +82,9 @@ def test_docstring_says_what_there_is(name, thing, docstring):
     assert docstring, f"{name} has no docstring"
     if isinstance(thing, property) or inspect.ismodule(thing):
         return
-    said = {s: described(s, docstring) for s in ("Parameters", "Attributes", "Returns", "Raises")}
+    said = {
+        s: described(s, docstring) for s in ("Parameters", "Attributes", "Returns", "Raises")
+    }
     if inspect.isclass(thing):
         fields = dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ()
         taken = {field.name for field in fields} | set(getattr(thing, "_fields", ()))

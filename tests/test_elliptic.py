@@ -19,14 +19,19 @@ def spread_arguments(dtype, number=300):
     return x, y, z
 
 
-@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.float64)])
-@pytest.mark.parametrize(("ours", "theirs"), [(carlson_rf, mp.elliprf), (carlson_rd, mp.elliprd)])
+@pytest.mark.parametrize(
+    "dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.float64)]
+)
+@pytest.mark.parametrize(
+    ("ours", "theirs"), [(carlson_rf, mp.elliprf), (carlson_rd, mp.elliprd)]
+)
 def test_carlson_against_mpmath(ours, theirs, dtype):
     arguments = spread_arguments(dtype)
     values = np.asarray(jax.jit(ours)(*map(jnp.asarray, arguments)))
     with mp.workdps(25):
         exact = [
-            theirs(*(mp.mpf(float(a)) for a in point)) for point in zip(*arguments, strict=True)
+            theirs(*(mp.mpf(float(a)) for a in point))
+            for point in zip(*arguments, strict=True)
         ]
     errors = [abs(mp.mpf(float(v)) / e - 1) for v, e in zip(values, exact, strict=True)]
     assert max(errors) < 5 * np.finfo(dtype).eps
@@ -56,7 +61,10 @@ def test_jacobi_against_mpmath():
         # 1e-40 beside 1 must not be lost.
         with mp.workdps(45):
             exact = [
-                [mp.re(mp.ellipfun(name, mp.mpf(u), m=1 - mp.mpf(complement))) for u in arguments]
+                [
+                    mp.re(mp.ellipfun(name, mp.mpf(u), m=1 - mp.mpf(complement)))
+                    for u in arguments
+                ]
                 for name in ("sn", "cn", "dn")
             ]
         np.testing.assert_allclose(

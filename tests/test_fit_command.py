@@ -42,7 +42,9 @@ def decay(count, launch=0.9, restitution=0.9, change=0.0, noise=1e-4):
 
 def written(path, times, peaks=None):
     columns = [times] if peaks is None else [times, np.append(peaks, np.nan)]
-    np.savetxt(path, np.transpose(columns), "%.8f", ",", header="time [s],peak [rad]", comments="")
+    np.savetxt(
+        path, np.transpose(columns), "%.8f", ",", header="time [s],peak [rad]", comments=""
+    )
     return path
 
 
@@ -90,8 +92,14 @@ PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
         (b"counter\n0\n1\n", ", line 1: the first column must be times, .* got 'counter'"),
         (b"time [furlong]\n0\n1\n", ", line 1: the first column must be times, .* got 'time"),
         (b"impact,time\n0,1\n1,2\n", ", line 1: the first column must be times, .* 'impact,t"),
-        (b"time,velocity\n0,1\n1,2\n", ", line 1: the second column must be rotations, .* got"),
-        (b"time,peak [cm]\n0,1\n1,2\n", ", line 1: the second column must be rotations, .* got"),
+        (
+            b"time,velocity\n0,1\n1,2\n",
+            ", line 1: the second column must be rotations, .* got",
+        ),
+        (
+            b"time,peak [cm]\n0,1\n1,2\n",
+            ", line 1: the second column must be rotations, .* got",
+        ),
         (b"0.5s\n1\n", ", line 1: the time of an impact was expected, .* got '0.5s'"),
         (b"t\n0\nsoon\n", ", line 3: the time of an impact was expected, .* got 'soon'"),
         (b"0\n1 2\n", ", line 2: the time of an impact was expected, .* got '1 2'"),
@@ -142,7 +150,9 @@ def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
     np.testing.assert_allclose(columns["residual [s]"], fit.time_residuals, atol=1e-12)
     assert np.isnan([columns["restitution [-]"][k] for k in (0, -1)]).all()
     np.testing.assert_allclose(columns["restitution [-]"][1:-1], fit.restitutions, rtol=1e-9)
-    np.testing.assert_allclose(columns["velocity_ratio [-]"][1:-1], fit.velocity_ratios, rtol=1e-9)
+    np.testing.assert_allclose(
+        columns["velocity_ratio [-]"][1:-1], fit.velocity_ratios, rtol=1e-9
+    )
 
 
 @pytest.mark.thorough
@@ -284,7 +294,9 @@ def lines_of(ax):
     named = {line.get_label().split("\n")[0].split(":")[0]: line for line in ax.get_lines()}
     shown = [text.get_text() for text in ax.get_legend().get_texts()]
     assert shown == [line.get_label() for line in ax.get_lines() if line.get_label()[0] != "_"]
-    return SimpleNamespace(shown=shown, **{k.split(" ")[0].strip(","): v for k, v in named.items()})
+    return SimpleNamespace(
+        shown=shown, **{k.split(" ")[0].strip(","): v for k, v in named.items()}
+    )
 
 
 @pytest.mark.thorough
@@ -378,5 +390,7 @@ def test_several_fits_are_no_picture():
     one = fit_free_rocking(decay(12)[0], BLOCK)
     fits = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)
     assert "restitution" in str(fits)
-    with pytest.raises(ValueError, match=r"fit must be of one test, got an array of shape \(2,\)"):
+    with pytest.raises(
+        ValueError, match=r"fit must be of one test, got an array of shape \(2,\)"
+    ):
         plot_free_rocking_fit(fits)

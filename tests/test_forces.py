@@ -34,7 +34,12 @@ def scene(rng, kind, bouncing, vertical, inertia_ratio):
         motion = jr.Record(samples, step, up)
         return block, c, motion, stepping.record(samples, up, step)
     duration = rng.uniform(0.5, 4) / float(block.frequency_parameter)
-    return block, c, getattr(jr, kind)(strength, duration), stepping.pulse(kind, strength, duration)
+    return (
+        block,
+        c,
+        getattr(jr, kind)(strength, duration),
+        stepping.pulse(kind, strength, duration),
+    )
 
 
 def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):

@@ -112,7 +112,9 @@ def test_slopes_at_rest(model, question):
     block = jr.Block(0.4, 5.0)
     slope = jax.grad(getattr(model, question), 1)(block, 0.0)
     deceleration = block.frequency_parameter**2 * (
-        block.critical_angle if isinstance(model, jr.Linearized) else jnp.sin(block.critical_angle)
+        block.critical_angle
+        if isinstance(model, jr.Linearized)
+        else jnp.sin(block.critical_angle)
     )
     expected = 0.0 if question == "peak_rotation" else 2 / deceleration
     np.testing.assert_allclose(slope, expected, rtol=1e-6)
@@ -140,7 +142,9 @@ def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
 def test_released_on_still_ground():
     """Impacts come when the closed form says, a quarter of a rocking cycle and then halves."""
     block, tilt, c = jr.Block(0.1, 5.0), 0.1, 0.9
-    response = jr.respond(block, c, jr.Still(), 1.5, rotation=tilt, rtol=1e-12, model="linearized")
+    response = jr.respond(
+        block, c, jr.Still(), 1.5, rotation=tilt, rtol=1e-12, model="linearized"
+    )
     p, critical = block.frequency_parameter, block.critical_angle
     share = 1 - tilt / critical
     launch = np.sqrt(1 - share**2) * c ** np.arange(1, 4)  # over p times the critical angle
@@ -190,7 +194,10 @@ def test_the_history_of_a_train_is_scipys(model):
     """Outward and inward, on the way up and down, through impacts, until it has overturned."""
     block, c = jr.Block(0.4, 3.0), 0.8
     rocker = stepping.Rocker(0.4, 3.0, c, linearized=model == jr.Linearized())
-    times, intensities = np.array([0.2, 0.35, 0.9, 1.9, 2.0]), np.array([0.5, 0.3, 0.4, -0.3, -1.4])
+    times, intensities = (
+        np.array([0.2, 0.35, 0.9, 1.9, 2.0]),
+        np.array([0.5, 0.3, 0.4, -0.3, -1.4]),
+    )
     train = jr.respond_to_train(block, c, times, intensities, model)
     assert bool(train.overturned)
     samples = np.append(np.linspace(0, 2.8, 42), times)
@@ -213,7 +220,9 @@ def test_a_history_before_the_first_pulse_and_after_overturning(model):
     rotation, velocity = np.array(train.history([0.0, 0.499, 0.5, 9.0, 99.0, np.nan]))
     assert (rotation[:3] == 0).all()
     assert (velocity[:2] == 0).all()
-    assert velocity[2] == pytest.approx(float(train.rocker.block.pulse_velocity(1.5)), rel=1e-5)
+    assert velocity[2] == pytest.approx(
+        float(train.rocker.block.pulse_velocity(1.5)), rel=1e-5
+    )
     assert np.isnan([rotation[3:], velocity[3:]]).all()
     # A later pulse does not catch it: it passes the critical angle and rises up to twice that.
     ratio = np.array(train.history(np.linspace(0.5, 9, 400))[0]) / float(

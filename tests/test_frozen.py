@@ -36,9 +36,13 @@ def test_all_are_what_mpmath_says(name):
     for key in table.keys:
         asked, answer = frozen.entry(name, *key)
         # Samplers round with whatever NumPy and processor there are, which differ by a unit.
-        np.testing.assert_allclose(flat(asked), flat(table.asked(*key)), rtol=1e-6, err_msg=key)
+        np.testing.assert_allclose(
+            flat(asked), flat(table.asked(*key)), rtol=1e-6, err_msg=key
+        )
         assert table.answer(asked, *key) == answer, key
 
 
 def flat(nested):
-    return [leaf for each in nested for leaf in (flat(each) if isinstance(each, list) else [each])]
+    return [
+        leaf for each in nested for leaf in (flat(each) if isinstance(each, list) else [each])
+    ]

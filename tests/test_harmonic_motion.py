@@ -82,9 +82,15 @@ def test_bad_numbers(name, value):
     [
         (lambda: Harmonic(1.0, 0.0), "frequency must be finite and greater than 0, got 0"),
         (lambda: Harmonic(1.0, -2.0), "frequency must be finite and greater than 0, got -2"),
-        (lambda: Harmonic(1.0, 1.0, start=-1.0), "start must be finite and at least 0, got -1"),
+        (
+            lambda: Harmonic(1.0, 1.0, start=-1.0),
+            "start must be finite and at least 0, got -1",
+        ),
         (lambda: Harmonic(1.0, 1.0).scaled(jnp.inf), "factor must be finite"),
-        (lambda: Harmonic(1.0, 1.0, 0), "cycles must be a whole number from 1 to 1000000, got 0"),
+        (
+            lambda: Harmonic(1.0, 1.0, 0),
+            "cycles must be a whole number from 1 to 1000000, got 0",
+        ),
         (lambda: Harmonic(1.0, 1.0, -3), "cycles must be a whole number .* got -3"),
         (lambda: _counted(2.0), "cycles must be a whole number .* got 2.0"),
         (lambda: Harmonic(1.0, 1.0, True), "cycles must be a whole number .* got True"),
@@ -131,20 +137,27 @@ def test_one_cycle_is_a_sine(model):
     for amplitude, frequency in ((2.6, 8.0), (-3.5, 7.0), (4.5, 4.0)):
         pulse = jr.Sine(amplitude, 2 * np.pi / frequency, 0.1)
         motion = Harmonic(amplitude, frequency, 1, 0.1)
-        both = [jr.respond(BLOCK, 0.9, m, 4.0, rtol=1e-11, model=model) for m in (pulse, motion)]
+        both = [
+            jr.respond(BLOCK, 0.9, m, 4.0, rtol=1e-11, model=model) for m in (pulse, motion)
+        ]
         both += [
-            jr.respond_batch(BLOCK, 0.9, m, 4.0, rtol=1e-11, model=model) for m in (pulse, motion)
+            jr.respond_batch(BLOCK, 0.9, m, 4.0, rtol=1e-11, model=model)
+            for m in (pulse, motion)
         ]
         for found in both[1:]:
             assert found.overturned == both[0].overturned
             for name in ("peak_rotation", "final_rotation", "margin"):
                 expected = float(getattr(both[0], name))
-                assert float(getattr(found, name)) == pytest.approx(expected, rel=1e-8, abs=1e-9)
+                assert float(getattr(found, name)) == pytest.approx(
+                    expected, rel=1e-8, abs=1e-9
+                )
 
 
-# From just above uplift to overturning. The first two blocks come to rest in each half-cycle, and
-# are lifted again in all of them.
-STRENGTH = np.array([1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)])  # over that of uplift
+# From just above uplift to overturning. The first two blocks come to rest in each half-cycle,
+# and are lifted again in all of them.
+STRENGTH = np.array(
+    [1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)]
+)  # over that of uplift
 RESTITUTION = np.array([0.1, 0.2, *np.repeat([0.7, 0.85], 5)])
 _RNG = np.random.default_rng(5)
 HALF_WIDTH, SLENDERNESS = _RNG.uniform(0.1, 0.5, 12), _RNG.uniform(3, 8, 12)
@@ -210,7 +223,9 @@ def test_lifted_in_every_half_cycle_or_never():
     found = jr.respond(BLOCK, 0.2, motion, rtol=1e-11)
     assert bool(found.at_rest)
     events = found.events
-    lifts = np.asarray(events.time)[1:][(np.diff(events.time) > 0.1) & (events.rotation[1:] == 0)]
+    lifts = np.asarray(events.time)[1:][
+        (np.diff(events.time) > 0.1) & (events.rotation[1:] == 0)
+    ]
     assert len(lifts) >= 399
     batch = jr.respond_batch(BLOCK, 0.2, motion)
     assert 400 <= int(batch.impacts) <= int(found.impacts)
@@ -225,7 +240,10 @@ def test_long_and_fast_motions_against_each_other():
     """Up to 200 periods, and a hundred times as fast as the block."""
     for amplitude, frequency, cycles in ((30.0, 300.0, 200), (3.0, 12.0, 200), (2.3, 1.0, 10)):
         motion = Harmonic(amplitude, frequency, cycles, start=0.5)
-        r, found = jr.respond(BLOCK, 0.6, motion, rtol=1e-10), jr.respond_batch(BLOCK, 0.6, motion)
+        r, found = (
+            jr.respond(BLOCK, 0.6, motion, rtol=1e-10),
+            jr.respond_batch(BLOCK, 0.6, motion),
+        )
         assert bool(r.overturned) == bool(found.overturned)
         assert float(found.peak_rotation) == pytest.approx(float(r.peak_rotation), rel=1e-7)
         if not r.overturned:
@@ -270,7 +288,9 @@ def test_float32(cycles):
     block = jr.Block(rng.uniform(0.1, 0.5, number), rng.uniform(3, 8, number))
     c = rng.uniform(0.3, 0.6, number)
     uplift = 9.81 / np.asarray(block.slenderness)
-    motion = Harmonic(uplift * rng.uniform(1.1, 1.4, number), rng.uniform(8, 25, number), cycles)
+    motion = Harmonic(
+        uplift * rng.uniform(1.1, 1.4, number), rng.uniform(8, 25, number), cycles
+    )
     found = jr.respond_batch(*in_float32((block, c, motion)))
     assert found.peak_rotation.dtype == np.float32
     assert found.complete.all()
@@ -311,13 +331,17 @@ def test_boundaries():
         def boundary(half_width, cycles=cycles):
             motion = Harmonic(3.0, 9.9, cycles)  # the frequency of which does not matter
             block = jr.Block(half_width, 5.0)
-            return jr.overturning_boundaries(block, 0.9, motion, "frequency", frequencies).value
+            return jr.overturning_boundaries(
+                block, 0.9, motion, "frequency", frequencies
+            ).value
 
         # All times are in ratio to the square root of the size.
         found = boundary(0.3)
         assert len(found) == 7
         np.testing.assert_allclose(jax.jacfwd(boundary)(0.3), found / -0.6, rtol=1e-6)
-    with pytest.raises(ValueError, match="along must be one of amplitude, frequency, factor, "):
+    with pytest.raises(
+        ValueError, match="along must be one of amplitude, frequency, factor, "
+    ):
         jr.overturning_boundaries(BLOCK, 0.9, one_cycle, "duration", amplitudes)
     with pytest.raises(ValueError, match="along must be one of amplitude, duration, factor, "):
         jr.overturning_boundaries(BLOCK, 0.9, jr.Sine(1.0, 1.0), "frequency", amplitudes)

@@ -76,7 +76,10 @@ class Reference:
         for _ in range(most):
             before = time, velocity
             time, velocity, peak = self.next_launch(*before)
-            if max(abs(velocity / before[1] - 1), abs(time - before[0]) * self.frequency) < 2e-13:
+            if (
+                max(abs(velocity / before[1] - 1), abs(time - before[0]) * self.frequency)
+                < 2e-13
+            ):
                 break
         return time, velocity, peak
 
@@ -358,7 +361,9 @@ def test_traced_arguments_out_of_range_give_nan():
         orbit = harmonic_orbit(BLOCK, at[0], at[1:], 14.0)
         return jnp.nansum(orbit.launch_velocity), orbit.exists
 
-    (value, exists), slope = jax.value_and_grad(total, has_aux=True)(jnp.array([0.9, 3.0, -1.0]))
+    (value, exists), slope = jax.value_and_grad(total, has_aux=True)(
+        jnp.array([0.9, 3.0, -1.0])
+    )
     assert exists.tolist() == [True, False]
     assert np.isfinite(slope).all()
     assert float(slope[2]) == 0
@@ -395,9 +400,9 @@ def test_shapes_and_transformations(model):
     for name in ("launch_velocity", "phase", "rotation_ratio"):
         value = float(getattr(one, name))
         assert float(getattr(orbit, name)[70, 0, 1]) == pytest.approx(value, rel=30 * eps)
-    mapped = jax.vmap(lambda a: harmonic_orbit(BLOCK, 0.9, a, 12.0, model=model).rotation_ratio)(
-        jnp.asarray(amplitude[:5, 0, 0])
-    )
+    mapped = jax.vmap(
+        lambda a: harmonic_orbit(BLOCK, 0.9, a, 12.0, model=model).rotation_ratio
+    )(jnp.asarray(amplitude[:5, 0, 0]))
     np.testing.assert_allclose(mapped, orbit.rotation_ratio[:5, 1, 0], rtol=30 * eps)
 
 
@@ -456,7 +461,9 @@ def test_corners(model):
         assert not (np.asarray(orbit.trace) > 1 + c**2).any()
     ratio = np.asarray(orbit.rotation_ratio)[np.asarray(orbit.exists)]
     assert (ratio > 0).all()
-    assert (np.asarray(orbit.phase)[np.asarray(orbit.exists)] <= np.pi + 1e-9).all()  # by rounding
+    assert (
+        np.asarray(orbit.phase)[np.asarray(orbit.exists)] <= np.pi + 1e-9
+    ).all()  # by rounding
 
 
 @pytest.mark.float64
@@ -485,4 +492,6 @@ def test_printing():
     assert "NaN in 1 of 2" in text
     assert "exists              1 of 2" in text
     assert "no block begins it" in text
-    assert "no block begins" not in str(harmonic_orbit(BLOCK, 0.9, 3.0, 14.0, model="linearized"))
+    assert "no block begins" not in str(
+        harmonic_orbit(BLOCK, 0.9, 3.0, 14.0, model="linearized")
+    )

@@ -144,7 +144,11 @@ class Shaken:
 @pytest.mark.thorough
 def test_what_happens_elsewhere():
     """Near orbits that are not stable, and from rest: of points that are not chaotic."""
-    ratios, strengths, cycles = np.array([1.0, 2.0, 3.0, 5.0]), np.array([0.5, 2.6, 4.5, 9.0]), 12
+    ratios, strengths, cycles = (
+        np.array([1.0, 2.0, 3.0, 5.0]),
+        np.array([0.5, 2.6, 4.5, 9.0]),
+        12,
+    )
     found = harmonic_spectrum(ratios, strengths, restitution=0.9, cycles=cycles)
     scale = 2 * np.sin(0.5 * np.arctan(0.2))
     regions, from_rest = set(), set()
@@ -198,7 +202,9 @@ def test_lanes_left_over_repeat_blocks_that_there_are(monkeypatch):
         given.append(rows)
         return np.zeros(rows[:, 0].shape)
 
-    monkeypatch.setattr("jaxrock.dynamics.harmonic_departure._compiled", lambda platform: noted)
+    monkeypatch.setattr(
+        "jaxrock.dynamics.harmonic_departure._compiled", lambda platform: noted
+    )
     harmonic_spectrum(2.0, [6.0, 8.0, 9.0], cycles=2)
     columns = given[0].swapaxes(0, 1).reshape(given[0].shape[1], -1).T
     assert len(columns) == 64

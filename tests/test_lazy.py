@@ -29,11 +29,15 @@ def test_chunks_change_no_bit(name):
         for variable in lazy.data_vars.values():
             assert isinstance(variable.data, da.Array)
         kinds = {name: (v.dims, v.shape, v.dtype) for name, v in lazy.data_vars.items()}
-        assert kinds == {name: (v.dims, v.shape, v.dtype) for name, v in whole.data_vars.items()}
+        assert kinds == {
+            name: (v.dims, v.shape, v.dtype) for name, v in whole.data_vars.items()
+        }
         if chunks != "auto":
             for dim, length in chunks.items():
                 assert max(lazy.chunks[dim]) == min(length, whole.sizes[dim])
-        assert all(len(lengths) == 1 for dim, lengths in lazy.chunks.items() if dim not in chunks)
+        assert all(
+            len(lengths) == 1 for dim, lengths in lazy.chunks.items() if dim not in chunks
+        )
         same_bits(lazy.compute(), whole)
 
 
@@ -74,7 +78,9 @@ def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
     with dask.config.set(scheduler="synchronous"):
         point = lazy.sel(slenderness=9.0, width=0.8, restitution=0.6).compute()
     assert asked == [6]  # the last chunk, one slenderness
-    assert float(point.period) == float(jr.resonance_spectrum(9.0, 0.8, 0.6, 0.15).period[0, 0, 0])
+    assert float(point.period) == float(
+        jr.resonance_spectrum(9.0, 0.8, 0.6, 0.15).period[0, 0, 0]
+    )
 
 
 def test_equal_grids_have_equal_names():
@@ -106,7 +112,9 @@ def test_a_map_lists_what_there_is():
     found = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9)
     assert found["count"].values.tolist() == [1, 3]
     assert found.sizes["boundary"] == 3
-    lazy = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9, chunks={"frequency_ratio": 1})
+    lazy = jr.overturning_map(
+        jr.Sine, [0.5, 4.0], restitution=0.9, chunks={"frequency_ratio": 1}
+    )
     assert lazy.sizes["boundary"] == 16
     same_bits(lazy.compute().isel(boundary=slice(3)), found)
     listed = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9, max_boundaries=2)
@@ -133,7 +141,10 @@ def test_factors_are_those_on_the_motion():
             r"chunks must be \"auto\" or lengths by dimension, .*'slenderness': 50",
         ),
         ({"chunks": {"size": 2}}, "dimensions slenderness, width, restitution, got 'size'"),
-        ({"chunks": {"intensity": 1}}, "dimensions slenderness, width, restitution, got 'intens"),
+        (
+            {"chunks": {"intensity": 1}},
+            "dimensions slenderness, width, restitution, got 'intens",
+        ),
         ({"chunks": {"width": 0}}, "chunks of width must be a length from 1 on, .* got 0"),
         ({"chunks": {"width": -2}}, "chunks of width must be a length from 1 on, .* got -2"),
         ({"chunks": {"width": (1, 1)}}, r"add up to 3, got \(1, 1\)"),
@@ -151,12 +162,30 @@ def test_what_is_wrong_is_said_at_once(options, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda **c: jr.overturning_spectrum(jr.Sine, 1.0, 2.0, restitution=1.5, **c), "restitu"),
-        (lambda **c: jr.overturning_map(jr.Sine, 1.0, restitution=1.5, **c), "restitution must"),
-        (lambda **c: jr.overturning_map(jr.Sine, 1.0, (9.0, 1.0), **c), "ratios must be two incr"),
-        (lambda **c: jr.overturning_map(jr.Sine, 1.0, resolution=-1.0, **c), "resolution must be"),
-        (lambda **c: jr.fragility(BLOCK, 1.5, suite(), [0.1], **c), "restitution must be between"),
-        (lambda **c: jr.fragility(BLOCK, 0.8, suite(), [0.1], tolerance=-1.0, **c), "tolerance mu"),
+        (
+            lambda **c: jr.overturning_spectrum(jr.Sine, 1.0, 2.0, restitution=1.5, **c),
+            "restitu",
+        ),
+        (
+            lambda **c: jr.overturning_map(jr.Sine, 1.0, restitution=1.5, **c),
+            "restitution must",
+        ),
+        (
+            lambda **c: jr.overturning_map(jr.Sine, 1.0, (9.0, 1.0), **c),
+            "ratios must be two incr",
+        ),
+        (
+            lambda **c: jr.overturning_map(jr.Sine, 1.0, resolution=-1.0, **c),
+            "resolution must be",
+        ),
+        (
+            lambda **c: jr.fragility(BLOCK, 1.5, suite(), [0.1], **c),
+            "restitution must be between",
+        ),
+        (
+            lambda **c: jr.fragility(BLOCK, 0.8, suite(), [0.1], tolerance=-1.0, **c),
+            "tolerance mu",
+        ),
     ],
 )
 def test_nothing_wrong_reaches_a_worker(make, message):
@@ -204,7 +233,9 @@ def test_without_the_extra(monkeypatch):
 )
 def test_usual_chunks(sizes, largest, expected):
     assert cluster.chunks_along("auto", sizes, largest) == expected
-    explicit = cluster.chunks_along({"a": expected["a"], "b": expected["b"][0]}, sizes, largest)
+    explicit = cluster.chunks_along(
+        {"a": expected["a"], "b": expected["b"][0]}, sizes, largest
+    )
     assert explicit == expected
 
 

@@ -106,7 +106,10 @@ LIBRARY = {
         lambda: jr.choose(BLOCK, 1e-3),
         "scene must be a Scene or a DrivenScene, got a Block",
     ),
-    "a block with an error": (lambda: jr.model_error(BLOCK), "scene must be a Scene, got a Block"),
+    "a block with an error": (
+        lambda: jr.model_error(BLOCK),
+        "scene must be a Scene, got a Block",
+    ),
     "a scene for a block": (
         lambda: jr.critical_intensity(SCENE, 0.7),
         "block must be a Block, got a Scene",
@@ -207,16 +210,36 @@ def test_width_and_height_cannot_be_swapped():
 
 
 FILES = {
-    "semicolons": ("r.csv", "t;a\n0;1\n", "line 1: columns must be separated by commas, got semi"),
-    "decimal commas": ("r.csv", "t;a\n0,1;1,2\n", "line 1: columns must be separated by commas"),
-    "columns without names": ("r.csv", "0,1\n1,2\n", "line 1: names of the columns were expected"),
+    "semicolons": (
+        "r.csv",
+        "t;a\n0;1\n",
+        "line 1: columns must be separated by commas, got semi",
+    ),
+    "decimal commas": (
+        "r.csv",
+        "t;a\n0,1;1,2\n",
+        "line 1: columns must be separated by commas",
+    ),
+    "columns without names": (
+        "r.csv",
+        "0,1\n1,2\n",
+        "line 1: names of the columns were expected",
+    ),
     "a column without a step": (
         "r.csv",
         "0.1\n0.2\n",
         "time_step must be given, since no column of times is among 'column 1'",
     ),
-    "another suffix": ("r.txt", "0.1\n0.2\n", ".AT2 and .csv files are read, not '.txt'; columns"),
-    "a word": ("r.csv", "# dt = 0.1 s\n0.1\nmuch\n", "line 3: column 'column 1' must be a number"),
+    "another suffix": (
+        "r.txt",
+        "0.1\n0.2\n",
+        ".AT2 and .csv files are read, not '.txt'; columns",
+    ),
+    "a word": (
+        "r.csv",
+        "# dt = 0.1 s\n0.1\nmuch\n",
+        "line 3: column 'column 1' must be a number",
+    ),
 }
 
 
@@ -254,7 +277,10 @@ WORDS = {
         "assess --width broad",
         f'{CANNOT} --width: {UNABLE} "broad" into float',
     ),
-    "the same with =": ("assess --width=broad", f'{CANNOT} --width: {UNABLE} "broad" into float'),
+    "the same with =": (
+        "assess --width=broad",
+        f'{CANNOT} --width: {UNABLE} "broad" into float',
+    ),
     "a fraction for a count": (
         "tradeoff --repeats 1.5",
         f"{CANNOT} --repeats: '1.5' is not a whole number",
@@ -263,7 +289,10 @@ WORDS = {
         "critical --half-cycles 1 two",
         f'{CANNOT} --half-cycles: {UNABLE} "two" into float',
     ),
-    "no number": ("assess --height --json", 'Command "assess" parameter --height requires an arg'),
+    "no number": (
+        "assess --height --json",
+        'Command "assess" parameter --height requires an arg',
+    ),
     "no choice": (
         "critical --model cubic",
         'Invalid value "cubic" for --model. Choose from: "linearized", "nonlinear"',
@@ -275,7 +304,10 @@ WORDS = {
     ),
     "a number too many": ("assess --width 0.8 0.9", "Unused Tokens: ['0.9']"),
     "a flag with a word": ("assess --json yes", "Unused Tokens: ['yes']"),
-    "an option twice": ("assess --width 1 --width 2", "Parameter --width specified multiple times"),
+    "an option twice": (
+        "assess --width 1 --width 2",
+        "Parameter --width specified multiple times",
+    ),
     "a file too few": ("fit", 'Command "fit" parameter --file requires an argument'),
     "the unit of the example": (
         "respond --record example --unit g",

@@ -87,7 +87,9 @@ def test_cost_of_taking_pulses_as_instantaneous(shape, number):
         for name in ("rotation_ratio", "period"):
             truth = float(getattr(phase, name))
             cost = apart(getattr(closed, name)[k], truth)
-            bound = abs(getattr(error.duration, name)[k]) + getattr(error.duration_bound, name)[k]
+            bound = (
+                abs(getattr(error.duration, name)[k]) + getattr(error.duration_bound, name)[k]
+            )
             assert cost <= bound + 1e-8, (k, name)
             if 1e-6 < cost < np.inf:
                 factors.append(float(bound / cost))
@@ -97,10 +99,15 @@ def test_cost_of_taking_pulses_as_instantaneous(shape, number):
 
 @pytest.mark.thorough
 def test_cost_of_the_duration_in_critical_intensity():
-    for restitution, shape, duration in ((0.3, jr.HalfSine, 0.03), (0.8, jr.Rectangular, 0.01)):
+    for restitution, shape, duration in (
+        (0.3, jr.HalfSine, 0.03),
+        (0.8, jr.Rectangular, 0.01),
+    ):
         scene = jr.Scene(jr.Block(0.3, 4.0), restitution, 0.05)
         error = jr.model_error(scene, shape, duration)
-        truth = jr.critical_pulsed_amplitude(scene.block, restitution, shape, duration).intensity
+        truth = jr.critical_pulsed_amplitude(
+            scene.block, restitution, shape, duration
+        ).intensity
         cost = float(computed(scene, CLOSED[-1]).critical_intensity / truth) - 1
         estimate, unsure = error.duration.critical_intensity, error.duration_bound
         assert abs(cost - estimate) <= unsure.critical_intensity
@@ -150,7 +157,9 @@ def test_errors_are_errors_of_what_others_have_left(duration):
     parts = answers(linearization), answers(duration), answers(bound)
     error = jr.accuracy.ModelError(*parts, rounding)
     for signs in itertools.product((-1, 1), repeat=4):
-        off = [sign * size for sign, size in zip(signs, (bound, coarse, fine, fine), strict=True)]
+        off = [
+            sign * size for sign, size in zip(signs, (bound, coarse, fine, fine), strict=True)
+        ]
         instantaneous = (1 + duration + off[0]) * (1 + off[1])
         assert abs(instantaneous - 1) <= error.total("nonlinear", 32).period * (1 + 1e-12)
         linearized = instantaneous * (1 + linearization) * (1 + off[2]) * (1 + off[3])

@@ -37,7 +37,9 @@ def test_pulse(shape, eps):
 def test_scaling_and_shifting():
     pulse = jr.Sine(2.0, 0.5).scaled(3.0).shifted(0.25)
     assert float(pulse.horizontal(0.25 + 0.125)) == pytest.approx(6.0, rel=1e-6)
-    record = jr.Record([0.0, 1.0, -1.0], 0.1, vertical=[1.0, 0.0, 0.0]).scaled(2.0).shifted(1.0)
+    record = (
+        jr.Record([0.0, 1.0, -1.0], 0.1, vertical=[1.0, 0.0, 0.0]).scaled(2.0).shifted(1.0)
+    )
     assert float(record.horizontal(1.05)) == pytest.approx(1.0, rel=1e-5)
     assert float(record.upward(1.05)) == pytest.approx(1.0, rel=1e-5)
     assert float(record.intensity) == pytest.approx(2 * 0.1 * 0.5, rel=1e-6)
@@ -63,7 +65,10 @@ def test_several_records_at_once():
             r"acceleration must not be empty, .* \(0, 10\)",
         ),
         (lambda: jr.Record(np.zeros((3, 0, 2)), 0.1), "acceleration must not be empty"),
-        (lambda: jr.Record([1.0, 2.0], np.zeros(0)), r"time_step must not be empty, .* \(0,\)"),
+        (
+            lambda: jr.Record([1.0, 2.0], np.zeros(0)),
+            r"time_step must not be empty, .* \(0,\)",
+        ),
         (lambda: jr.Record([1.0, 2.0], 0.1, np.zeros((0, 2))), "vertical must not be empty"),
         (lambda: jr.Record([1.0, 2.0], 0.1, scale=np.zeros(0)), "scale must not be empty"),
         (lambda: jr.Record([1.0, 2.0], 0.1, start=np.zeros(0)), "start must not be empty"),

@@ -46,7 +46,9 @@ def compared(code, namespace):
             if said in ("True", "False"):
                 assert bool(found) == (said == "True"), source
             else:
-                assert float(found) == pytest.approx(float(said), rel=6e-3, nan_ok=True), source
+                assert float(found) == pytest.approx(float(said), rel=6e-3, nan_ok=True), (
+                    source
+                )
                 digits = len(said.partition("e")[0].partition(".")[2])
                 kind = "e" if "e" in said else "f"
                 assert f"{found:.{digits}{kind}}" == said, source
@@ -206,6 +208,8 @@ def test_the_recipe_asks_for_what_the_package_asks_for():
     asked = set(re.findall(r"- (\S+) >=(\d\S*)", run.replace("-base ", " ").lower()))
     assert asked == {tuple(each.lower().split(">=")) for each in project["dependencies"]}
     for path in (ROOT / "CITATION.cff", ROOT / "packaging" / "recipe.yaml"):
-        stated = re.search(r"^ *version: \"?([\d.]+)", path.read_text(encoding="utf-8"), re.M)[1]
+        stated = re.search(r"^ *version: \"?([\d.]+)", path.read_text(encoding="utf-8"), re.M)[
+            1
+        ]
         assert stated == project["version"], path
     assert jr.__version__ == project["version"]

@@ -72,7 +72,12 @@ def test_mismatches_are_named(report):
 
 @pytest.mark.parametrize("bounds", [[None, 1.4], [3.1, None], [[None, None], [None, 2.9]]])
 def test_a_number_out_of_its_bounds_is_noticed(bounds):
-    row = {"where": "", "statement": "", "figure": "{pair[1]:.2f}", "within": {"pair": [1, None]}}
+    row = {
+        "where": "",
+        "statement": "",
+        "figure": "{pair[1]:.2f}",
+        "within": {"pair": [1, None]},
+    }
     numbers = {"pair": np.array([1.5, 3.0])}
     assert paper.finding(row, numbers) == paper.Finding("", "", valid=True, figure="3.00")
     assert not paper.finding(row | {"within": {"pair": bounds}}, numbers).valid

@@ -154,11 +154,16 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
     samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
     nine = jr.resonance_spectrum([3.0, 4.0], np.linspace(0.4, 1.2, 9), 0.6, 0.15)
-    floor = jr.harmonic_spectrum(np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), restitution=0.9)
+    floor = jr.harmonic_spectrum(
+        np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), restitution=0.9
+    )
     table = tradeoff_table()
     return {
         plot_block: (lambda ax: plot_block(jr.Block(0.4, 5.0), ax=ax), 0),
-        plot_curves: (lambda ax: plot_curves(nine.period.squeeze(drop=True), "width", ax=ax), 9),
+        plot_curves: (
+            lambda ax: plot_curves(nine.period.squeeze(drop=True), "width", ax=ax),
+            9,
+        ),
         plot_convergence: (lambda ax: plot_convergence(pulses, ax), 0),
         plot_distribution: (
             lambda ax: plot_distribution(samples, scatter, ax, "rotation ratio [-]"),
@@ -170,7 +175,10 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
         plot_response: (lambda ax: plot_response(response, ax), 2),
-        plot_rocking_curves: (lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax), 3),
+        plot_rocking_curves: (
+            lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax),
+            3,
+        ),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
@@ -318,7 +326,9 @@ def test_rocking_spectrum(rocking):
     # A bar halfway to the blocks that stand, at the same height for a slenderness.
     bars = [bar.get_segments() for bar in ax.collections]
     falls = rocking.sel(restitution=0.9).overturned.sum("period").values
-    assert [[tuple(bar[:, 0]) for bar in each] for each in bars] == [[(2, 1.5 + n)] for n in falls]
+    assert [[tuple(bar[:, 0]) for bar in each] for each in bars] == [
+        [(2, 1.5 + n)] for n in falls
+    ]
     assert legend_of(ax)[-1] == "overturns"
     none = rocking.assign(overturned=0 * rocking.overturned + 1).sel(restitution=0.9)
     assert legend_of(plot_rocking_curves(none))[-1] == "overturns"
@@ -331,7 +341,9 @@ def test_rocking_spectrum(rocking):
         plot_rocking_curves(rocking)
     # Without a restitution of its own, Housner's.
     one = rocking.isel(restitution=0, drop=True)
-    assert [panel.get_title() for panel in plot_rocking_spectrum(one).axes] == ["Housner's $C$"]
+    assert [panel.get_title() for panel in plot_rocking_spectrum(one).axes] == [
+        "Housner's $C$"
+    ]
 
 
 def test_rotation_over_time(response):
@@ -353,7 +365,9 @@ def test_rotation_over_time(response):
     assert legend_of(ax) == ["impacts (height: velocity)", "lifts the block"]
     _, push, *lifting = ax.child_axes[0].get_lines()
     assert abs(push.get_ydata()).max() == pytest.approx(3.5, rel=1e-4)
-    np.testing.assert_allclose([line.get_ydata()[0] for line in lifting], [9.81 / 4, -9.81 / 4])
+    np.testing.assert_allclose(
+        [line.get_ydata()[0] for line in lifting], [9.81 / 4, -9.81 / 4]
+    )
 
 
 def test_overturning_over_time():
@@ -377,7 +391,8 @@ def test_phase_portrait(response):
     jumps = np.abs(np.diff(velocity)) > 0.1 * np.nanmax(np.abs(velocity))
     assert not jumps.any()
     assert np.isnan(velocity).sum() > 3
-    # The separatrix ends upright in the critical velocity, and is at rest at the critical angle.
+    # The separatrix ends upright in the critical velocity, and is at rest at the critical
+    # angle.
     critical = jr.Nonlinear().critical_velocity(response.scene.block)
     block = response.scene.block
     scale = float(block.frequency_parameter * block.critical_angle)
@@ -425,9 +440,13 @@ def test_block(rotation):
 @pytest.mark.parametrize(("ratio", "known"), [(4 / 3, True), (1.2, False)])
 def test_a_rectangle_that_stands_in_for_an_outline_says_so(ratio, known):
     ax = plot_block(jr.Block(0.4, 5.0, inertia_ratio=ratio))
-    shape = next(p for p in ax.patches if isinstance(p, Polygon) and p.get_xy().shape == (5, 2))
+    shape = next(
+        p for p in ax.patches if isinstance(p, Polygon) and p.get_xy().shape == (5, 2)
+    )
     assert (shape.get_linestyle() in ("-", "solid")) == known
-    notes = [text for text in ax.texts if text.get_text().startswith("a rectangle stands in for")]
+    notes = [
+        text for text in ax.texts if text.get_text().startswith("a rectangle stands in for")
+    ]
     assert len(notes) == (not known)
 
 
@@ -455,7 +474,9 @@ def test_resonance(model):
     assert time[-1] == pytest.approx(durations.sum())
     for k in range(6):
         part = ratio[(time >= starts[k]) & (time <= starts[k] + durations[k])]
-        assert part[np.argmax(abs(part))] == pytest.approx((-1) ** k * float(peaks[k]), rel=2e-3)
+        assert part[np.argmax(abs(part))] == pytest.approx(
+            (-1) ** k * float(peaks[k]), rel=2e-3
+        )
     # Pulses of either sign in turn, right after the impacts, where the rotation is 0.
     (above,) = ax.child_axes
     ups, downs = (line.get_xydata() for line in above.get_lines()[1:])
@@ -509,7 +530,9 @@ def test_train(model):
     # Where a pulse falls into a flight, that goes on: no jumps.
     assert abs(np.diff(ratio)).max() < 0.1 * abs(ratio).max()
     marks = np.concatenate([line.get_xydata() for line in ax.child_axes[0].get_lines()[1:]])
-    np.testing.assert_allclose(marks[marks[:, 0].argsort()], np.transpose([times, intensities]))
+    np.testing.assert_allclose(
+        marks[marks[:, 0].argsort()], np.transpose([times, intensities])
+    )
 
 
 @pytest.mark.thorough
@@ -600,7 +623,9 @@ def test_sensitivity_map():
     low, high = mesh.get_clim()
     assert low == -high < 0  # white is zero
     assert high == pytest.approx(np.quantile([1, 2, 3, 0, 4], 0.95))
-    wide = [w for level, w in zip(lines.levels, lines.get_linewidths(), strict=True) if level == 0]
+    wide = [
+        w for level, w in zip(lines.levels, lines.get_linewidths(), strict=True) if level == 0
+    ]
     assert wide == [max(lines.get_linewidths())]
     assert (ax.get_xlabel(), ax.get_ylabel()) == (
         r"slenderness $\lambda$ [-]",

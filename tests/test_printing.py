@@ -33,9 +33,15 @@ def test_a_value_and_its_unit(value, text):
     [
         (lambda c: jr.Scene(BLOCK, c, 0.1), "restitution 0.7, pulses of 0.1 m/s"),
         (lambda c: jr.DrivenScene(BLOCK, c, jr.Sine(3.0, 0.5)), "one-sine pulse of 3 m/s2"),
-        (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), "record of 2 samples, step 0.1 s"),
+        (
+            lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1),
+            "record of 2 samples, step 0.1 s",
+        ),
         (lambda c: jr.resonance.Oscillator(6.0, c), "damping ratio 0.7"),
-        (lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)), "linearizing             rotation"),
+        (
+            lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)),
+            "linearizing             rotation",
+        ),
         (lambda c: jr.respond_batch(BLOCK, c, jr.Sine(3.0, 0.5)), "overturned          no"),
         (lambda c: jr.respond_to_train(BLOCK, c, [0.0], [0.1]), "overturned          no"),
     ],
@@ -60,7 +66,9 @@ def test_arguments_and_answers_print_themselves(thing, text):
             "stands everywhere in the range",
         ),
         (
-            jr.dynamics.PulsedThreshold(*jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])),
+            jr.dynamics.PulsedThreshold(
+                *jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])
+            ),
             "amplitude           2 m",
         ),
         (

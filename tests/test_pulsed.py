@@ -60,7 +60,9 @@ def test_fixed_point_and_rate():
     assert float(again) == pytest.approx(
         scipy_landing(BLOCK, C, pulse, float(phase.velocity))[0], rel=1e-8
     )
-    slope = jax.grad(lambda v: jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, v))(phase.velocity)
+    slope = jax.grad(lambda v: jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, v))(
+        phase.velocity
+    )
     assert float(slope) == pytest.approx(float(phase.rate), rel=1e-8)
 
 
@@ -185,7 +187,9 @@ def test_where_bounces_die_out(name):
     assert 2 * time == pytest.approx(float(phase.period), rel=1e-8)
     assert peak == pytest.approx(float(phase.peak_rotation), rel=1e-8)
     beside = [scipy_landing(block, c, pulse, f * velocity)[0] for f in (0.999, 1.001)]
-    assert np.diff(beside)[0] / (0.002 * velocity) == pytest.approx(float(phase.rate), rel=1e-3)
+    assert np.diff(beside)[0] / (0.002 * velocity) == pytest.approx(
+        float(phase.rate), rel=1e-3
+    )
 
 
 SHAPES = [jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker]
@@ -308,13 +312,16 @@ def test_so_many_pulses_that_just_overturn():
     """By DOP853: a little weaker the last one lets the block come back, a little stronger not."""
     block = jr.Block(0.25, 5.0)
     found = [
-        float(jr.critical_pulsed_amplitude(block, c, jr.HalfSine, 0.1, half_cycles=n).amplitude)
+        float(
+            jr.critical_pulsed_amplitude(block, c, jr.HalfSine, 0.1, half_cycles=n).amplitude
+        )
         for c, n, _ in COUNTED
     ]
     for amplitude, (*_, expected) in zip(found, COUNTED, strict=True):
         assert expected is None or amplitude == pytest.approx(expected, rel=1e-6)
     rows = [
-        (0.25, 5.0, c, amplitude, 0.1) for (c, *_), amplitude in zip(COUNTED, found, strict=True)
+        (0.25, 5.0, c, amplitude, 0.1)
+        for (c, *_), amplitude in zip(COUNTED, found, strict=True)
     ]
     cases = Cases("HalfSine", *np.array(rows + rows).T)
     cases = cases.times(np.repeat([1 - 1e-7, 1 + 1e-7], len(rows)))
@@ -328,13 +335,17 @@ def test_so_many_pulses_that_just_overturn():
     assert (lasted[len(rows) :] == np.array(numbers) - 1).all()
 
     def amplitude(c):
-        return jr.critical_pulsed_amplitude(block, c, jr.HalfSine, 0.1, half_cycles=3).amplitude
+        return jr.critical_pulsed_amplitude(
+            block, c, jr.HalfSine, 0.1, half_cycles=3
+        ).amplitude
 
     change = float(amplitude(0.8 + 1e-4) - amplitude(0.8 - 1e-4)) / 2e-4
     assert float(jax.grad(amplitude)(0.8)) == pytest.approx(change, rel=1e-6)
 
     def counted(n):
-        return jr.critical_pulsed_amplitude(block, 0.8, jr.HalfSine, 0.1, half_cycles=n).amplitude
+        return jr.critical_pulsed_amplitude(
+            block, 0.8, jr.HalfSine, 0.1, half_cycles=n
+        ).amplitude
 
     for wrong in (0, 2.5):
         with pytest.raises(ValueError, match=f"from 1 to 1000000, or inf, got {wrong}"):

@@ -130,7 +130,10 @@ def test_csv(write, holds, content, options, expected):
 @pytest.mark.parametrize(
     ("unit", "factor"),
     [
-        *((unit, 1) for unit in ("m/s2", "m/s^2", "m/s\u00b2", "m/s**2", "M / sec^2", "m/s/s")),
+        *(
+            (unit, 1)
+            for unit in ("m/s2", "m/s^2", "m/s\u00b2", "m/s**2", "M / sec^2", "m/s/s")
+        ),
         *((unit, 0.01) for unit in ("cm/s2", "cm/s^2", "cm/sec/sec", "gal", "Gal")),
         ("mm/s2", 0.001),
         *((unit, G) for unit in ("g", "G")),
@@ -154,17 +157,42 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
         ("a", "1", {}, ": .AT2 and .csv files are read, not ''"),
         ("a.csv", None, {}, ": the file cannot be read: No such file or directory"),
         ("a.AT2", None, {}, ": the file cannot be read: No such file or directory"),
-        ("a.AT2", b"\x89PNG\r\n\x1a\n\0", {}, ": a text file was expected, this one is binary"),
+        (
+            "a.AT2",
+            b"\x89PNG\r\n\x1a\n\0",
+            {},
+            ": a text file was expected, this one is binary",
+        ),
         ("a.csv", " \r\n", A, ": the file is empty"),
         ("a.AT2", "", {}, ": the file is empty"),
         ("a.AT2", "<html>\n", {}, ": an .AT2 file was expected, with 'NPTS= ..., DT= ...' or"),
         # The header of an .AT2 file
-        ("a.AT2", PAIR.replace(".01", "0."), {}, ", line 4: DT must be greater than 0, got 0."),
-        ("a.AT2", PAIR.replace(".01", "-1"), {}, ", line 4: DT must be greater than 0, got -1"),
+        (
+            "a.AT2",
+            PAIR.replace(".01", "0."),
+            {},
+            ", line 4: DT must be greater than 0, got 0.",
+        ),
+        (
+            "a.AT2",
+            PAIR.replace(".01", "-1"),
+            {},
+            ", line 4: DT must be greater than 0, got -1",
+        ),
         ("a.AT2", PAIR.replace(".01", "inf"), {}, ", line 4: DT must be finite, got 'INF'"),
         ("a.AT2", PAIR.replace(".01", "s"), {}, ", line 4: DT must be a number, got 'S'"),
-        ("a.AT2", PAIR.replace("2 .", "1 ."), {}, ", line 4: NPTS must be a whole number from 2"),
-        ("a.AT2", PAIR.replace("2 .", "2.5 ."), {}, ", line 4: NPTS must be a whole number from"),
+        (
+            "a.AT2",
+            PAIR.replace("2 .", "1 ."),
+            {},
+            ", line 4: NPTS must be a whole number from 2",
+        ),
+        (
+            "a.AT2",
+            PAIR.replace("2 .", "2.5 ."),
+            {},
+            ", line 4: NPTS must be a whole number from",
+        ),
         ("a.AT2", PAIR.replace("2 .", "3 ."), {}, ", line 4: NPTS is 3, but 2 values follow"),
         ("a.AT2", PAIR + "\n3", {}, ", line 4: NPTS is 2, but 3 values follow"),
         (
@@ -191,7 +219,12 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             {"unit": "g"},
             ", line 4: acceleration was expected, not velocity",
         ),
-        ("a.AT2", PAIR.replace(IN_G, ""), {}, ": the header states no unit, so that unit must be"),
+        (
+            "a.AT2",
+            PAIR.replace(IN_G, ""),
+            {},
+            ": the header states no unit, so that unit must be",
+        ),
         ("a.AT2", PAIR, {"unit": "gal"}, ": unit is 'gal', but the header states G"),
         (
             "a.AT2",
@@ -200,16 +233,36 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             ", line 4: time_step is 0.02 s, but the header states DT= 0.01 s",
         ),
         ("a.AT2", PAIR, {"column": "a"}, "column is for .csv files, {path} has only one"),
-        ("a.AT2", PAIR, {"vertical": "b"}, "vertical must be an .AT2 file, as {path} is, got 'b'"),
-        ("a.AT2", PAIR, {"vertical": "none.AT2"}, "'none.AT2': the file cannot be read: No such"),
+        (
+            "a.AT2",
+            PAIR,
+            {"vertical": "b"},
+            "vertical must be an .AT2 file, as {path} is, got 'b'",
+        ),
+        (
+            "a.AT2",
+            PAIR,
+            {"vertical": "none.AT2"},
+            "'none.AT2': the file cannot be read: No such",
+        ),
         # The values of an .AT2 file
         ("a.AT2", PAIR + "\n****", {}, ", line 6: a value must be a number, got '****'"),
         ("a.AT2", PAIR + "\n0,5", {}, ", line 6: a value must be a number, got '0,5'"),
         ("a.AT2", PAIR + "\n1_0", {}, ", line 6: a value must be a number, got '1_0'"),
         ("a.AT2", PAIR + "\nNaN", {}, ", line 6: a value must be finite, got 'NaN'"),
-        ("a.AT2", PAIR.replace("1 2", "1 9e307"), {}, ": acceleration must be finite, got inf"),
+        (
+            "a.AT2",
+            PAIR.replace("1 2", "1 9e307"),
+            {},
+            ": acceleration must be finite, got inf",
+        ),
         # The columns of a .csv file
-        ("a.csv", "# a\n#b", A, ": a line with the names of the columns was expected, all are com"),
+        (
+            "a.csv",
+            "# a\n#b",
+            A,
+            ": a line with the names of the columns was expected, all are com",
+        ),
         ("a.csv", "#\n0,1\n1,2", A, ", line 2: names of the columns were expected, got '0,1'"),
         (
             "a.csv",
@@ -218,13 +271,48 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             ", line 1: column must be given, the name of the horizontal acceleration",
         ),
         ("a.csv", CSV, B, "acceleration: 'a', 'b'"),
-        ("a.csv", "t\n0\n1", B, ", line 1: column must be given, the name of the horizontal accel"),
-        ("a.csv", CSV, B | {"column": "c"}, ", line 1: column is 'c', but there are 0 such colu"),
-        ("a.csv", CSV, A | {"vertical": "c"}, "vertical is 'c', but there are 0 such columns amon"),
-        ("a.csv", "a,a\n1,2", B | {"column": "a"}, ", line 1: column is 'a', but there are 2 such"),
-        ("a.csv", CSV, A | {"vertical": "a"}, ", line 1: column and vertical are the same, 'a'"),
-        ("a.csv", CSV, A | {"column": "time"}, ", line 1: column is 'time', which is taken for th"),
-        ("a.csv", "#\nt,time_s,a\n1,1,1", A, ", line 2: one column of times was expected, got 't'"),
+        (
+            "a.csv",
+            "t\n0\n1",
+            B,
+            ", line 1: column must be given, the name of the horizontal accel",
+        ),
+        (
+            "a.csv",
+            CSV,
+            B | {"column": "c"},
+            ", line 1: column is 'c', but there are 0 such colu",
+        ),
+        (
+            "a.csv",
+            CSV,
+            A | {"vertical": "c"},
+            "vertical is 'c', but there are 0 such columns amon",
+        ),
+        (
+            "a.csv",
+            "a,a\n1,2",
+            B | {"column": "a"},
+            ", line 1: column is 'a', but there are 2 such",
+        ),
+        (
+            "a.csv",
+            CSV,
+            A | {"vertical": "a"},
+            ", line 1: column and vertical are the same, 'a'",
+        ),
+        (
+            "a.csv",
+            CSV,
+            A | {"column": "time"},
+            ", line 1: column is 'time', which is taken for th",
+        ),
+        (
+            "a.csv",
+            "#\nt,time_s,a\n1,1,1",
+            A,
+            ", line 2: one column of times was expected, got 't'",
+        ),
         # The values of a .csv file
         (
             "a.csv",
@@ -238,7 +326,12 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             A,
             ", line 5: 3 fields separated by commas were expected, got 1",
         ),
-        ("a.csv", CSV + "1.5,,8", A, ", line 5: column 'a' must be a number, got an empty field"),
+        (
+            "a.csv",
+            CSV + "1.5,,8",
+            A,
+            ", line 5: column 'a' must be a number, got an empty field",
+        ),
         ("a.csv", CSV + "1.5,x,8", A, ", line 5: column 'a' must be a number, got 'x'"),
         ("a.csv", CSV + "1.5,inf,8", A, ", line 5: column 'a' must be finite, got 'inf'"),
         ("a.csv", CSV + "nan,7,8", A, ", line 5: column 'time' must be finite, got 'nan'"),
@@ -268,9 +361,24 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             A,
             "line 5: column 'time' must have a uniform step, mostly 0.5 s",
         ),
-        ("a.csv", CSV + "1,7,8", A, ", line 5: column 'time' must increase, got 1.0 and then 1.0"),
-        ("a.csv", "t,a\n2,1\n1,2", A, ", line 3: column 't' must increase, got 2.0 and then 1.0"),
-        ("a.csv", "a\n1\n2", A, ", line 1: time_step must be given, since no column of times is"),
+        (
+            "a.csv",
+            CSV + "1,7,8",
+            A,
+            ", line 5: column 'time' must increase, got 1.0 and then 1.0",
+        ),
+        (
+            "a.csv",
+            "t,a\n2,1\n1,2",
+            A,
+            ", line 3: column 't' must increase, got 2.0 and then 1.0",
+        ),
+        (
+            "a.csv",
+            "a\n1\n2",
+            A,
+            ", line 1: time_step must be given, since no column of times is",
+        ),
         (
             "a.csv",
             CSV,
@@ -329,7 +437,14 @@ SAID = {  # the unit, and how headers, comments and names of columns say it
     ),
     "mm/s2": (["UNITS=MM/S2", "acceleration in mm/s/s, filtered"], ["x [mm/s2]", "up_mm_s2"]),
     "g": (
-        [IN_G.strip(), "ACCELERATION IN G", "Acceleration, g", "ACC (G)", "units are g's", "(g)"],
+        [
+            IN_G.strip(),
+            "ACCELERATION IN G",
+            "Acceleration, g",
+            "ACC (G)",
+            "units are g's",
+            "(g)",
+        ],
         ["acc_g", "north [g]", "090_g", "G", "acc_g_north", "up (g)"],
     ),
     "%g": (["UNITS OF %G", "ACCELERATION (% G)"], ["acc_%g", "a [percent of g]", "acc_pct_g"]),
@@ -347,9 +462,13 @@ def test_a_unit_that_is_stated_is_used_and_not_contradicted(write, holds, unit):
         path = write(name, content)
         for given in (None, *OF_UNIT):
             if given is None or OF_UNIT[given] == OF_UNIT[unit]:
-                holds(read_record(path, unit=given), 0.5, [3 * OF_UNIT[unit], -7 * OF_UNIT[unit]])
+                holds(
+                    read_record(path, unit=given), 0.5, [3 * OF_UNIT[unit], -7 * OF_UNIT[unit]]
+                )
                 continue
-            with pytest.raises(ValueError, match=r"line [123]: unit is .*, but .* states") as error:
+            with pytest.raises(
+                ValueError, match=r"line [123]: unit is .*, but .* states"
+            ) as error:
                 read_record(path, unit=given)
             assert repr(given) in str(error.value)
 
@@ -368,7 +487,9 @@ def test_a_unit_that_is_stated_is_used_and_not_contradicted(write, holds, unit):
     ],
 )
 def test_what_says_nothing_of_unit_and_step(write, holds, line):
-    holds(read_record(write("a.AT2", f"{line}\n2 .5 NPTS, DT\n3 -7"), unit="m/s2"), 0.5, [3, -7])
+    holds(
+        read_record(write("a.AT2", f"{line}\n2 .5 NPTS, DT\n3 -7"), unit="m/s2"), 0.5, [3, -7]
+    )
     holds(read_record(write("a.csv", f"# {line}\nt,a\n0,3\n.5,-7"), unit="m/s2"), 0.5, [3, -7])
 
 
@@ -395,7 +516,13 @@ STEPS = {  # of 0.01 s, in headers of .AT2 files; in comments; as names of colum
         "sampling interval of 10 msec.",
         "DELTA= 1.0E-02",
     ],
-    "times": ["t|0|.01", "time_ms|0|10", "Time [msec]|5|15", "time(\u00b5s)|0|1e4", "t/s|1|1.01"],
+    "times": [
+        "t|0|.01",
+        "time_ms|0|10",
+        "Time [msec]|5|15",
+        "time(\u00b5s)|0|1e4",
+        "t/s|1|1.01",
+    ],
 }
 
 
@@ -428,7 +555,11 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.AT2", "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2", "line 1: .* states COUNTS, which is not"),
+        (
+            "a.AT2",
+            "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2",
+            "line 1: .* states COUNTS, which is not",
+        ),
         ("a.AT2", "ACC (FT/S2)\n2 .01 NPTS, DT\n1 2", "line 1: .* states FT/S2, which is not"),
         (
             "a.AT2",
@@ -446,7 +577,11 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
         ("a.csv", "t,acc [counts]\n0,1\n1,2", "line 1: column .* states counts, which is not"),
         ("a.csv", "t,acc [cm/s]\n0,1\n1,2", "line 1: column .* states cm/s, which is not"),
         ("a.csv", "t,vel_m_s,a_g2 [g]\n0,1,1\n1,2,2", "column must be given"),
-        ("a.csv", "# in G\nt,velocity\n0,1\n1,2", "acceleration was expected, not column 'vel"),
+        (
+            "a.csv",
+            "# in G\nt,velocity\n0,1\n1,2",
+            "acceleration was expected, not column 'vel",
+        ),
         (
             "a.csv",
             "# (gal)\nt,acc_g\n0,1\n1,2",
@@ -535,7 +670,9 @@ def test_only_regular_files_are_read(tmp_path):
     writer = threading.Thread(target=pipe.write_text, args=("acc_g\n1\n2\n",), daemon=True)
     writer.start()
     for path in (pipe, device):
-        with pytest.raises(ValueError, match="a regular file was expected, not a pipe or a dev"):
+        with pytest.raises(
+            ValueError, match="a regular file was expected, not a pipe or a dev"
+        ):
             read_record(path, time_step=1)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # lets the writer go
     writer.join(10)
@@ -573,7 +710,10 @@ def test_obspy(holds):
     counts = trace(np.ma.array([3, 4], np.int32), starttime=7)
     holds(from_obspy(big_endian, unit="cm/s2"), 0.01, [0.015, -0.02])
     holds(
-        from_obspy(big_endian, unit="g", vertical=counts), 0.01, [1.5 * G, -2 * G], [3 * G, 4 * G]
+        from_obspy(big_endian, unit="g", vertical=counts),
+        0.01,
+        [1.5 * G, -2 * G],
+        [3 * G, 4 * G],
     )
     of_gmprocess = trace(np.array([3, 4]), standard={"units": "cm/s^2"})
     holds(from_obspy(of_gmprocess, unit="gal"), 0.01, [0.03, 0.04])
@@ -587,9 +727,13 @@ def test_a_calibration_factor_that_obspy_leaves_in_place(holds, calibrated, fact
     found = from_obspy(counts, unit="m/s2", calibrated=calibrated)
     holds(found, 0.01, [35310 * factor, -2e4 * factor])
     holds(from_obspy(trace(np.ones(2), calib=1.0), unit="m/s2"), 0.01, [1, 1])
-    with pytest.raises(ValueError, match=r"calibrated must be given: trace has a stats.calib of"):
+    with pytest.raises(
+        ValueError, match=r"calibrated must be given: trace has a stats.calib of"
+    ):
         from_obspy(counts, unit="m/s2")
-    with pytest.raises(ValueError, match=r"calibrated must be given: vertical has a stats.calib"):
+    with pytest.raises(
+        ValueError, match=r"calibrated must be given: vertical has a stats.calib"
+    ):
         from_obspy(trace(np.ones(2)), unit="m/s2", vertical=counts)
     for wrong in (0.0, np.nan, "none"):
         with pytest.raises(ValueError, match=r"stats.calib of trace must be finite and not 0"):
@@ -607,7 +751,11 @@ PLAIN = trace(np.ones(3), starttime=0)
             None,
             "trace must have no gaps, got 1 mas",
         ),
-        (PLAIN, trace(np.ma.masked_greater(np.ones(3), 0)), "vertical must have no gaps, got 3"),
+        (
+            PLAIN,
+            trace(np.ma.masked_greater(np.ones(3), 0)),
+            "vertical must have no gaps, got 3",
+        ),
         (trace(np.array([1, 2, np.nan])), None, "trace must be finite, got nan as sample 2"),
         (
             trace(np.ones((2, 3))),
@@ -616,7 +764,11 @@ PLAIN = trace(np.ones(3), starttime=0)
         ),
         (trace(np.ones(3) * 1j), None, "trace must be a row of real numbers, got complex128"),
         (trace(np.ones(1)), None, "trace: acceleration must have at least two samples"),
-        (trace(np.ones(3), 0.0), None, "stats.delta of trace must be finite and greater than 0"),
+        (
+            trace(np.ones(3), 0.0),
+            None,
+            "stats.delta of trace must be finite and greater than 0",
+        ),
         (PLAIN, trace(np.ones(4)), "vertical has 4 samples, but trace has 3"),
         (PLAIN, trace(np.ones(3), 0.02), "vertical has a step of 0.02 s, but trace of 0.01 s"),
         (PLAIN, trace(np.ones(3), starttime=1), "vertical starts at 1, but trace at 0"),
@@ -634,14 +786,30 @@ class Stream(list):
 @pytest.mark.parametrize(
     ("horizontal", "vertical", "message"),
     [
-        (Stream([PLAIN, PLAIN]), None, "trace must be one trace, .* got a Stream of 2: take one"),
+        (
+            Stream([PLAIN, PLAIN]),
+            None,
+            "trace must be one trace, .* got a Stream of 2: take one",
+        ),
         (PLAIN, Stream([PLAIN]), "vertical must be one trace, .* got a Stream of 1: take one"),
         (np.ones(3), None, "trace must be one trace, .* got a ndarray"),
         (None, None, "trace must be one trace, .* got a NoneType"),
-        (SimpleNamespace(data=np.ones(3)), None, "trace must be one trace, .* SimpleNamespace"),
+        (
+            SimpleNamespace(data=np.ones(3)),
+            None,
+            "trace must be one trace, .* SimpleNamespace",
+        ),
         (trace(np.ones(3), "a"), None, "stats.delta of trace must be a real number"),
-        (trace(np.ones(3), standard={"units": "cm/s^2"}), None, "unit is 'm/s2', but trace states"),
-        (PLAIN, trace(np.ones(3), standard={"units": "counts"}), "but vertical states 'counts'"),
+        (
+            trace(np.ones(3), standard={"units": "cm/s^2"}),
+            None,
+            "unit is 'm/s2', but trace states",
+        ),
+        (
+            PLAIN,
+            trace(np.ones(3), standard={"units": "counts"}),
+            "but vertical states 'counts'",
+        ),
     ],
 )
 def test_what_is_no_trace_or_in_another_unit(horizontal, vertical, message):
@@ -672,8 +840,8 @@ def test_example_record(eps):
 @pytest.mark.thorough
 def test_reading_needs_nothing_heavy():
     """In a process of its own: the tests import all of these."""
-    code = (
-        "import sys; before = set(sys.modules); import jaxrock.ground_motion; print(*sys.modules)"
+    code = "import sys, jaxrock.ground_motion; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"pandas", "obspy", "xarray"} & set(done.stdout.split())

@@ -61,7 +61,9 @@ def test_stabilized_quantities_follow_from_the_limit(model, eps):
 
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9, 0.99, 1.0])
-def test_overturning_half_cycle_is_the_first_to_reach_the_critical_velocity(model, restitution):
+def test_overturning_half_cycle_is_the_first_to_reach_the_critical_velocity(
+    model, restitution
+):
     intensity = np.geomspace(1e-3, 3, 60)
     scenes = scene(restitution, intensity)
     found = np.asarray(jr.overturning_half_cycle(scenes, model))
@@ -100,7 +102,9 @@ def answers_without_limit(shared):
 
 def test_elements_without_limit_leave_the_derivatives_of_others_alone():
     def kept(shared):
-        answers = [jnp.where(jnp.isfinite(v), v, 0).sum() for v in answers_without_limit(shared)]
+        answers = [
+            jnp.where(jnp.isfinite(v), v, 0).sum() for v in answers_without_limit(shared)
+        ]
         return jnp.stack(answers)
 
     @jax.jit
@@ -117,7 +121,9 @@ def test_elements_without_limit_leave_the_derivatives_of_others_alone():
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize(("restitution", "number"), [(0.5, 2000), (0.99, 10**5), (0.9, 3), (1, 7)])
+@pytest.mark.parametrize(
+    ("restitution", "number"), [(0.5, 2000), (0.99, 10**5), (0.9, 3), (1, 7)]
+)
 def test_second_derivatives_of_many_half_cycles(restitution, number):
     def share(c):
         return jr.critical_intensity(jr.Block(0.4, 5.0), c, number)
@@ -134,7 +140,9 @@ def test_second_derivatives_of_many_half_cycles(restitution, number):
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_without_pulses_nothing_moves(restitution):
     one = scene(restitution, 0.0)
-    assert jr.stabilized_velocity(one) == jr.rotation_ratio(one) == jr.stabilized_period(one) == 0
+    assert (
+        jr.stabilized_velocity(one) == jr.rotation_ratio(one) == jr.stabilized_period(one) == 0
+    )
     assert jr.overturning_margin(one) == 1
     assert jr.overturning_half_cycle(one) == jnp.inf
     assert jr.half_cycle_velocity(one, jnp.inf) == 0
@@ -158,7 +166,9 @@ def test_sensitivities_have_the_shape_of_the_scene_and_the_known_signs(model):
 
 def test_scenes_that_overturn_do_not_spoil_the_derivatives_of_others():
     def total(half_width):
-        return jnp.nansum(jr.amplification(scene(jnp.asarray([0.6, 0.99, 1.0]), 0.15, half_width)))
+        return jnp.nansum(
+            jr.amplification(scene(jnp.asarray([0.6, 0.99, 1.0]), 0.15, half_width))
+        )
 
     def alone(half_width):
         return jr.amplification(scene(0.6, 0.15, half_width))

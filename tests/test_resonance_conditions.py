@@ -94,7 +94,9 @@ def test_restitutions():
     near = C + np.array([-1e-4, 1e-4])
     both = orbits(near, 0.3, 8.0)[0], after_pulses(near, 0.3, 8.0)
     on_floor, timed = (np.diff(np.log(x))[0] / np.diff(np.log(near))[0] for x in both)
-    assert_said(f"elasticity of the peak to C is {on_floor:.1f} on the floor and {timed:.0f} after")
+    assert_said(
+        f"elasticity of the peak to C is {on_floor:.1f} on the floor and {timed:.0f} after"
+    )
 
 
 def test_overturning_from_rest():
@@ -147,7 +149,9 @@ def test_slow_and_fast_floors():
     np.testing.assert_allclose(computed, [slow, fast], rtol=1e-3)
     w, strength = 200.0, np.array([0.1, 1.0, 3.0])
     orbit = jr.harmonic_orbit(BLOCK, 1 - 1e-6, strength * unit, w * P, model="linearized")
-    np.testing.assert_allclose(orbit.rotation_ratio, (np.pi**2 / 8 + strength) / w**2, rtol=2e-4)
+    np.testing.assert_allclose(
+        orbit.rotation_ratio, (np.pi**2 / 8 + strength) / w**2, rtol=2e-4
+    )
 
 
 @pytest.mark.thorough
@@ -157,7 +161,8 @@ def test_half_cycles_of_three_half_periods():
     squares = (1 + c) ** 2 + (w * t * (1 - c)) ** 2
     least, k = t**2 * (1 - c) / np.sqrt(squares), strength / (1 + w**2)
     assert least[1] / least[0] == pytest.approx(9, rel=0.1)
-    # The motion itself, in which the block stays although it is launched for the linearized one.
+    # The motion itself, in which the block stays although it is launched for the linearized
+    # one.
     m = (t * (1 + c) + w * np.sqrt(squares * (k**2 - least**2)))[1] / squares[1]
     phase = np.arctan2(t[1] * (1 - c) * m, (t[1] - (1 + c) * m) / w)
     floor = floor_from(phase, strength, 1.0, samples=128)

@@ -117,8 +117,14 @@ def test_decay_of_free_rocking():
     """Housner 1963: r = C^2 = 0.7, from 0.8 alpha_c, linearized."""
     block, c = jr.Block(0.3, 8.0), np.sqrt(0.7)
     expected = [0.8, 0.4273, 0.2723, 0.181, 0.1228, 0.0842, 0.0582]
-    r = jr.respond(block, c, STILL, 60.0, rotation=0.8 * block.critical_angle, model="linearized")
-    x = np.abs(r.impact_velocities[:6]) * c / (block.critical_angle * block.frequency_parameter)
+    r = jr.respond(
+        block, c, STILL, 60.0, rotation=0.8 * block.critical_angle, model="linearized"
+    )
+    x = (
+        np.abs(r.impact_velocities[:6])
+        * c
+        / (block.critical_angle * block.frequency_parameter)
+    )
     np.testing.assert_allclose(1 - np.sqrt(1 - x**2), expected[1:], atol=6e-5)
 
 
@@ -128,7 +134,9 @@ def test_second_derivative_of_an_impact():
     block, x = jr.Block(0.3, 8.0), 0.5
 
     def lands(velocity):
-        r = jr.respond(block, 0.8, STILL, 1.5, velocity=velocity, model="linearized", max_impacts=1)
+        r = jr.respond(
+            block, 0.8, STILL, 1.5, velocity=velocity, model="linearized", max_impacts=1
+        )
         return r.impact_times[0]
 
     critical = float(jr.Linearized().critical_velocity(block))
@@ -141,7 +149,9 @@ def test_two_impulses():
     """Nabeshima et al. 2016: V, and -V right after the first impact, in the limit."""
     block, c = jr.Block(0.4, 4.0), 0.8
     angle, radius = block.critical_angle, block.half_diagonal
-    closed = 2 * jnp.sin(angle / 2) * jnp.sqrt(4 * 9.81 * radius / 3) / (jnp.cos(angle) * (1 + c))
+    closed = (
+        2 * jnp.sin(angle / 2) * jnp.sqrt(4 * 9.81 * radius / 3) / (jnp.cos(angle) * (1 + c))
+    )
     scene = jr.Scene(block, c, closed)
     assert float(jr.half_cycle_velocity(scene, 2)) == pytest.approx(
         float(jr.Nonlinear().critical_velocity(block)), rel=1e-12
@@ -180,7 +190,12 @@ def test_record_against_independent_integration(first):
 def forced(parameters):
     b, slenderness, c, amplitude, duration = parameters
     r = jr.respond(
-        jr.Block(b, slenderness), c, jr.Ricker(amplitude, duration), 4.0, rtol=1e-11, max_impacts=16
+        jr.Block(b, slenderness),
+        c,
+        jr.Ricker(amplitude, duration),
+        4.0,
+        rtol=1e-11,
+        max_impacts=16,
     )
     found = jnp.stack([r.peak_rotation, r.margin])
     return found, found
@@ -242,7 +257,9 @@ def test_second_derivatives_of_a_critical_amplitude():
         rocker = stepping.Rocker(b, slenderness, c)
 
         def margin(amplitude):
-            return stepping.follow(rocker, stepping.pulse("Sine", amplitude, duration), 0.0).margin
+            return stepping.follow(
+                rocker, stepping.pulse("Sine", amplitude, duration), 0.0
+            ).margin
 
         old, new = np.full(b.size, 2.9282), np.full(b.size, 2.9283)
         before = margin(old)
@@ -366,7 +383,9 @@ def test_balance_ends_where_the_input_begins():
     rocker = stepping.Rocker(0.2, 5.0, np.full(2, c))
     start = float(block.critical_angle), 0.0
     amplitude = np.array([0.5, -1.0])
-    ground, settle = stepping.within(stepping.pulse("Sine", amplitude, 0.5), [1.0, 1.0], [4.0, 4.0])
+    ground, settle = stepping.within(
+        stepping.pulse("Sine", amplitude, 0.5), [1.0, 1.0], [4.0, 4.0]
+    )
     truth = stepping.follow(rocker, ground, settle, start=start)
     samples = np.r_[np.zeros(101), -1.0, -1.0, 0.0]
     before = stepping.record(samples[100:], 0.0, 0.01)
@@ -464,9 +483,9 @@ def test_all_impacts_are_listed():
     block = jr.Block(0.2, 5.0)
     whole = jr.respond(block, 0.9, jr.example_record(), 60.0)
     assert whole.impacts > 1000
-    traced = jax.jit(lambda c: jr.respond(block, c, jr.example_record(), 60.0, max_impacts=200))(
-        0.9
-    )
+    traced = jax.jit(
+        lambda c: jr.respond(block, c, jr.example_record(), 60.0, max_impacts=200)
+    )(0.9)
     assert traced.status == jr.Status.LIST_FULL
     assert traced.impacts == whole.impacts
     assert float(traced.peak_rotation) == pytest.approx(float(whole.peak_rotation), rel=1e-9)
@@ -475,8 +494,13 @@ def test_all_impacts_are_listed():
 def test_the_shortest_pulses():
     """Over before a block that has just been lifted was let go; the rotation is as its square."""
     block = jr.Block(0.3, 4.0)
-    with jax.debug_nans(True), jax.checking_leaks():  # a NaN that stands for none is none of theirs
-        peaks = [jr.respond(block, 0.7, jr.Sine(4.0, d), 1.0).peak_rotation for d in (1e-5, 1e-7)]
+    with (
+        jax.debug_nans(True),
+        jax.checking_leaks(),
+    ):  # a NaN that stands for none is none of theirs
+        peaks = [
+            jr.respond(block, 0.7, jr.Sine(4.0, d), 1.0).peak_rotation for d in (1e-5, 1e-7)
+        ]
     assert float(peaks[1] / peaks[0]) == pytest.approx(1e-4, rel=1e-6)
 
 
@@ -505,7 +529,9 @@ def test_bad_input(change, words):
 
 @pytest.mark.thorough
 def test_float32():
-    with jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.disable_x64():
+    with (
+        jax.enable_x64(False) if hasattr(jax, "enable_x64") else jax.experimental.disable_x64()
+    ):
         r = jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0)
         assert r.peak_rotation.dtype == np.float32
         peak = float(r.peak_rotation)

@@ -32,7 +32,9 @@ def test_hazard_is_straight_in_logarithms(eps):
     for level, power in ((0.4, 2), (4.0, 1)):
         slope = -power * float(hazard(level)) / level
         assert float(jax.grad(hazard)(level)) == pytest.approx(slope, rel=40 * eps)
-        assert float(jax.jvp(hazard, (level,), (1.0,))[1]) == pytest.approx(slope, rel=40 * eps)
+        assert float(jax.jvp(hazard, (level,), (1.0,))[1]) == pytest.approx(
+            slope, rel=40 * eps
+        )
     assert float(jax.grad(hazard)(20.0)) == 0
     assert str(hazard) == "hazard from 0.01 1/yr at 0.1 to 1e-05 1/yr at 10"
 
@@ -56,7 +58,9 @@ def test_curves_that_are_no_hazard(levels, rates, message):
 
 def test_hazard_file(tmp_path):
     path = tmp_path / "hazard.csv"
-    path.write_text("# a site\nPGV [m/s], rate [1/yr]\n0.1,2e-2\n\n# far\n 0.3, 2e-3\n1,1e-4\n")
+    path.write_text(
+        "# a site\nPGV [m/s], rate [1/yr]\n0.1,2e-2\n\n# far\n 0.3, 2e-3\n1,1e-4\n"
+    )
     for hazard in (jr.read_hazard(path), jr.read_hazard(str(path))):
         np.testing.assert_array_equal(hazard.levels, jnp.asarray([0.1, 0.3, 1.0]))
         np.testing.assert_array_equal(hazard.rates, jnp.asarray([2e-2, 2e-3, 1e-4]))
@@ -168,7 +172,9 @@ def test_lognormal_fit_is_the_most_likely(levels, counts, trials):
     middle, width = np.log(levels).mean(), np.log(levels).std()
 
     def at(parameters):
-        return stats.norm.cdf((np.log(levels) - middle) / width * parameters[1] - parameters[0])
+        return stats.norm.cdf(
+            (np.log(levels) - middle) / width * parameters[1] - parameters[0]
+        )
 
     found = optimize.minimize(
         lambda parameters: -stats.binom.logpmf(counts, trials, at(parameters)).sum(),
@@ -177,7 +183,9 @@ def test_lognormal_fit_is_the_most_likely(levels, counts, trials):
         options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 2000, "maxfev": 2000},
     )
     np.testing.assert_allclose(fit.at(levels), at(found.x), atol=1e-6)
-    assert fit.median == pytest.approx(np.exp(middle + found.x[0] / found.x[1] * width), rel=1e-5)
+    assert fit.median == pytest.approx(
+        np.exp(middle + found.x[0] / found.x[1] * width), rel=1e-5
+    )
     assert fit.dispersion == pytest.approx(width / found.x[1], rel=1e-5)
     assert fit.remark == ""
 
@@ -247,9 +255,18 @@ def closed_rate(measure, *shape, often=OFTEN, power=POWER):
     return sum(often * verge(measure, d, *shape) ** -power for d in DURATIONS) / len(DURATIONS)
 
 
-def rate_of_pulses(shape, restitution, suite, measure="pgv", levels=LEVELS, curve=(OFTEN, POWER)):
+def rate_of_pulses(
+    shape, restitution, suite, measure="pgv", levels=LEVELS, curve=(OFTEN, POWER)
+):
     block = jr.Block(*shape[:2], inertia_ratio=shape[2])
-    arguments = (block, restitution, suite, lambda x: curve[0] * x ** -curve[1], measure, levels)
+    arguments = (
+        block,
+        restitution,
+        suite,
+        lambda x: curve[0] * x ** -curve[1],
+        measure,
+        levels,
+    )
     return jr.overturning_rate(*arguments, model="linearized")
 
 
@@ -364,11 +381,21 @@ def test_elasticities_at_the_point_and_over_a_change():
         levels=fine,
         model="linearized",
     )
-    assert found.names == ("half_width", "slenderness", "gravity", "inertia_ratio", "restitution")
+    assert found.names == (
+        "half_width",
+        "slenderness",
+        "gravity",
+        "inertia_ratio",
+        "restitution",
+    )
     exact = float(closed_rate("pgv", *SHAPE))
     for name, k in (("half_width", 0), ("slenderness", 1), ("inertia_ratio", 2)):
         ends = [
-            float(closed_rate("pgv", *(x * (1 + s * 0.05 * (k == j)) for j, x in enumerate(SHAPE))))
+            float(
+                closed_rate(
+                    "pgv", *(x * (1 + s * 0.05 * (k == j)) for j, x in enumerate(SHAPE))
+                )
+            )
             for s in (-1, 1)
         ]
         place = found.names.index(name)
@@ -398,7 +425,9 @@ def test_elasticities_do_not_depend_on_the_levels(change):
     for name, k in (("half_width", 0), ("slenderness", 1)):
         ends = [
             float(
-                closed_rate("pgv", *(x * (1 + s * change * (k == j)) for j, x in enumerate(SHAPE)))
+                closed_rate(
+                    "pgv", *(x * (1 + s * change * (k == j)) for j, x in enumerate(SHAPE))
+                )
             )
             for s in (-1, 1)
         ]
@@ -455,9 +484,13 @@ def test_fragility_of_pulses_is_a_staircase(eps):
         assert {0, 1, 2, 3} == {*counts}
         of_one = curves.sel(threshold=threshold)
         np.testing.assert_allclose(of_one.exceedance, counts / 3, rtol=eps)
-        low, high = stats.beta.ppf([[0.05], [0.95]], [counts, counts + 1], [4 - counts, 3 - counts])
+        low, high = stats.beta.ppf(
+            [[0.05], [0.95]], [counts, counts + 1], [4 - counts, 3 - counts]
+        )
         np.testing.assert_allclose(of_one.exceedance_low, np.where(counts, low, 0), rtol=1e-9)
-        np.testing.assert_allclose(of_one.exceedance_high, np.where(counts < 3, high, 1), rtol=1e-9)
+        np.testing.assert_allclose(
+            of_one.exceedance_high, np.where(counts < 3, high, 1), rtol=1e-9
+        )
         assert str(of_one.remark.values) == ""
         fit = fit_lognormal(curves.level.values, counts, 3)
         assert (float(of_one.lognormal_median), float(of_one.lognormal_dispersion)) == fit[:2]
@@ -505,7 +538,10 @@ OF_RATES = [
         {"hazard": jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pga")},
         "measure is 'pgv', but the hazard is one of pga",
     ),
-    ({"hazard": np.exp, "levels": None}, "levels must be given, since the hazard is a function"),
+    (
+        {"hazard": np.exp, "levels": None},
+        "levels must be given, since the hazard is a function",
+    ),
     ({"hazard": lambda x: 0 * x}, "the rates of the hazard must be finite and greater than 0"),
     ({"levels": [2.0]}, r"of at least two values, got an array of shape \(1,\)"),
     ({"levels": [0.4, 4.0]}, "inside of those of the hazard, 0.5 to 5, got 0.4 to 4"),
@@ -521,7 +557,12 @@ OF_RATES = [
 def test_what_is_refused(monkeypatch, function, change, message):
     """Also where types are not checked, as for those who use the library."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    arguments = {"block": BLOCK, "restitution": 0.8, "suite": pulses(4), "levels": [1.0, 2.0, 3.0]}
+    arguments = {
+        "block": BLOCK,
+        "restitution": 0.8,
+        "suite": pulses(4),
+        "levels": [1.0, 2.0, 3.0],
+    }
     if function is jr.overturning_rate:
         arguments["hazard"] = jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pgv")
     assert refuses(message, function, **(arguments | {"model": "linearized"} | change))
@@ -555,11 +596,15 @@ def test_rate_against_counting():
     suite, block = jr.example_suite(), jr.Block(*SIZE)
     levels = np.clip(np.geomspace(*ALL_LEVELS, 10_000), *ALL_LEVELS)
     rates, factors = np.asarray(SITE(levels)), suite.factors(levels, "pgv")
-    overturned = np.asarray(jr.respond_batch(block, 0.8, suite.scaled(factors)).overturned, float)
+    overturned = np.asarray(
+        jr.respond_batch(block, 0.8, suite.scaled(factors)).overturned, float
+    )
     share = 0.5 * (overturned[:, 1:] + overturned[:, :-1])
     counted = (share @ -np.diff(rates) + rates[-1] * overturned[:, -1]).mean()
     for number in (None, 100, 250):
-        some = None if number is None else np.clip(np.geomspace(*ALL_LEVELS, number), *ALL_LEVELS)
+        some = (
+            None if number is None else np.clip(np.geomspace(*ALL_LEVELS, number), *ALL_LEVELS)
+        )
         found = jr.overturning_rate(block, 0.8, suite, SITE, levels=some)
         assert bool(found.complete)
         assert abs(float(found.rate) - counted) < float(found.unseen) < counted / 3, number
@@ -577,9 +622,9 @@ def test_rate_against_counting():
 def test_slopes_of_boundaries_under_records(which):
     """Against differences of boundaries sought again, where the slopes say that they are.
 
-    Some boundaries have others nearby or bend sharply: several steps, of which the best counts of
-    those that two in a row agree on. Beside some the true boundary jumps by 1e-9 when C does, as
-    an integration in 80 bits says: of these no difference is one.
+    Some boundaries have others nearby or bend sharply: several steps, of which the best counts
+    of those that two in a row agree on. Beside some the true boundary jumps by 1e-9 when C
+    does, as an integration in 80 bits says: of these no difference is one.
     """
     suite, at = jr.example_suite(), (SIZE[0], 0.8)
     suite = suite.scaled(1 / suite.measure("pgv"))

@@ -37,7 +37,9 @@ def test_brackets_and_places():
     assert found.negative_first.tolist() == [False, False, True, False, True]
     assert found.column.tolist() == [0, 1, 2, 0, 0, 1]
     stands, falls, left = located(lambda *at: margin(*at)[0], found, traced=False)
-    np.testing.assert_allclose(stands, [*(np.pi * np.r_[0.5:3:1]), 2.3, 4.98, 5.03], rtol=1e-15)
+    np.testing.assert_allclose(
+        stands, [*(np.pi * np.r_[0.5:3:1]), 2.3, 4.98, 5.03], rtol=1e-15
+    )
     np.testing.assert_allclose(falls, stands, rtol=1e-15)
     assert (left >= 0).all()
     # Far from all that, nothing is halved: every point would have been 5,125.

@@ -47,14 +47,18 @@ def test_sensitivities_of_a_driven_answer():
     for k, name in enumerate(found.names):
         at = dict(zip(found.names, found.at, strict=True))
         difference = peak(at | {name: at[name] + h}) - peak(at | {name: at[name] - h})
-        assert found.gradient[k] == pytest.approx(float(difference) / (2 * h), rel=1e-5, abs=1e-9)
+        assert found.gradient[k] == pytest.approx(
+            float(difference) / (2 * h), rel=1e-5, abs=1e-9
+        )
 
 
 def test_tornado():
     ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8), "gravity": (9.81, 9.81)}
     found = jr.tornado(jr.rotation_ratio, WALL, ranges)
     assert found.names == ("restitution", "slenderness", "gravity")
-    slender = [float(jr.rotation_ratio(jr.Scene(jr.Block(0.4, s), 0.7, 0.15))) for s in (4.0, 6.0)]
+    slender = [
+        float(jr.rotation_ratio(jr.Scene(jr.Block(0.4, s), 0.7, 0.15))) for s in (4.0, 6.0)
+    ]
     np.testing.assert_allclose([found.at_low[1], found.at_high[1]], slender, rtol=1e-12)
     assert found.value == found.at_low[2] == found.at_high[2]
 
@@ -67,13 +71,19 @@ def test_scatter():
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
     assert found.standard_deviation == pytest.approx(samples.std(), rel=1e-2)
     assert found.valid
-    # Near the overturning threshold, samples that overturn have no answer: no derivative sees it.
+    # Near the overturning threshold, samples that overturn have no answer: no derivative sees
+    # it.
     near = jr.Scene(WALL.block, 0.7, 0.28)
     scatter = {"restitution": 0.05, "intensity": 0.1}
-    assert np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean() > 0.2
+    assert (
+        np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean()
+        > 0.2
+    )
     assert not jr.sensitivity.propagate(jr.rotation_ratio, near, scatter).valid
     # Second order is nearer than first.
-    assert abs(found.mean - samples.mean()) < 0.2 * abs(found.first_order_mean - samples.mean())
+    assert abs(found.mean - samples.mean()) < 0.2 * abs(
+        found.first_order_mean - samples.mean()
+    )
     assert abs(found.standard_deviation - samples.std()) < abs(
         found.first_order_standard_deviation - samples.std()
     )
@@ -191,17 +201,24 @@ def test_scatter_is_what_was_asked_for():
         for name in ("restitution", "damping_ratio")
         for median in medians
         for variation in (1e-8, 1e-3, 0.05, 0.2)
-        if not (median > 0.99 and variation > 0.01) and not (median == 0.99 and variation == 0.2)
+        if not (median > 0.99 and variation > 0.01)
+        and not (median == 0.99 and variation == 0.2)
     ]
     asked += [("half_width", m, v) for m in (1e-3, 1.0, 1e3) for v in (1e-8, 0.05, 0.9)]
     asked += [("start", m, v) for m in (-2.0, 0.0) for v in (0.05, 0.9)]
-    asked += [("restitution", 0.99, 0.05), ("restitution", 0.0, 0.05), ("restitution", 1.0, 0.0)]
+    asked += [
+        ("restitution", 0.99, 0.05),
+        ("restitution", 0.0, 0.05),
+        ("restitution", 1.0, 0.0),
+    ]
     names, median, variation = zip(*asked, strict=True)
     median = np.array(median)
     drawn = [jnp.asarray(x) for x in (median, *widths(names, median, np.array(variation)))]
     # Gauss's formula; of half as many numbers, since there are poles beside the real axis.
     z, weight = np.polynomial.hermite_e.hermegauss(300)
-    found = np.asarray(jax.vmap(lambda z: quantiles(z, *drawn))(jnp.asarray(np.append(z, 0.0))))
+    found = np.asarray(
+        jax.vmap(lambda z: quantiles(z, *drawn))(jnp.asarray(np.append(z, 0.0)))
+    )
     weight /= weight.sum()
     np.testing.assert_allclose(found[-1], median, rtol=1e-13)
     above = found[:-1] - found[-1]
@@ -222,7 +239,11 @@ def scenes():
         c = rng.uniform(0.4, 0.93)
         model = (jr.Linearized(), jr.Nonlinear())[k % 2]
         critical = float(jr.critical_intensity(block, c, jnp.inf, model))
-        yield jr.Scene(block, c, critical * rng.uniform(0.7, 1.2)), model, rng.uniform(0.02, 0.1)
+        yield (
+            jr.Scene(block, c, critical * rng.uniform(0.7, 1.2)),
+            model,
+            rng.uniform(0.02, 0.1),
+        )
 
 
 @pytest.mark.thorough
@@ -237,7 +258,9 @@ def test_probability_of_overturning():
         scatter = dict.fromkeys(("half_width", "slenderness", "intensity"), 0.1)
         scatter["restitution"] = variation
         found = jr.sensitivity.failure_probability(margin, scene, scatter)
-        share = (jr.sensitivity.monte_carlo(margin, scene, scatter, 100_000, seed=1) < 0).mean()
+        share = (
+            jr.sensitivity.monte_carlo(margin, scene, scatter, 100_000, seed=1) < 0
+        ).mean()
         assert found.valid
         assert abs(found.probability - share) < 0.01
         seen.append(found.probability)
@@ -319,7 +342,9 @@ def test_global_sensitivities():
             "from a low value to a higher one",
         ),
         (
-            lambda: jr.sensitivity.failure_probability(jr.rotation_ratio, WALL, {"intensity": 0.0}),
+            lambda: jr.sensitivity.failure_probability(
+                jr.rotation_ratio, WALL, {"intensity": 0.0}
+            ),
             "greater than 0 for at least one",
         ),
     ],

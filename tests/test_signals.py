@@ -93,7 +93,9 @@ def test_what_killed_processes_left_is_named_and_removed(tmp_path):
             (scratch / "new").touch()
             (other / "newer").touch()
 
-    with pytest.warns(UserWarning, match=f"{left.name}', left by a process that was killed, is"):
+    with pytest.warns(
+        UserWarning, match=f"{left.name}', left by a process that was killed, is"
+    ):
         rerun()
     assert entries(folder) == [
         *sorted([".unfinished-work", theirs.name, *(f"{theirs.name}/{n}" for n in FILES)]),
@@ -133,7 +135,10 @@ COMMANDS = {  # with the seconds that they take, about
     "curves": (5, ["fragility"]),
     "a response": (5, ["respond", "--record", "example"]),
     "a store": (9, ["spectrum", "--slenderness", "3:10:400", *STORED]),
-    "a store by workers": (9, ["spectrum", "--slenderness", "3:10:400", *STORED, "--workers", "2"]),
+    "a store by workers": (
+        9,
+        ["spectrum", "--slenderness", "3:10:400", *STORED, "--workers", "2"],
+    ),
 }
 
 
@@ -204,7 +209,9 @@ def test_a_full_disk_under_netcdf(tmp_path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
     try:
         with (
-            pytest.raises(CannotWrite, match=r"out: .*new' cannot be written to: NetCDF: HDF err"),
+            pytest.raises(
+                CannotWrite, match=r"out: .*new' cannot be written to: NetCDF: HDF err"
+            ),
             written_whole("out", tmp_path / "new", ["x.nc"], False) as scratch,
         ):
             dataset.to_netcdf(scratch / "x.nc")

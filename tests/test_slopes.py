@@ -29,7 +29,9 @@ def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
         point = jax.tree.map(lambda leaf, at=at: leaf[at] if leaf.ndim else leaf, scene)
         one, gradient = jax.value_and_grad(jr.rotation_ratio)(point, model)
         np.testing.assert_allclose(value[at], one, rtol=1000 * eps)
-        for ours, theirs in zip(jax.tree.leaves(slope), jax.tree.leaves(gradient), strict=True):
+        for ours, theirs in zip(
+            jax.tree.leaves(slope), jax.tree.leaves(gradient), strict=True
+        ):
             np.testing.assert_allclose(ours[at], theirs, rtol=1000 * eps)
 
 
@@ -71,7 +73,9 @@ def test_slopes_of_slopes(monkeypatch):
 
     second = jax.vmap(jax.grad(jax.grad(ratio)))(c)
     np.testing.assert_allclose(jax.grad(lambda c: slope(c).sum())(c), second, rtol=1e-12)
-    np.testing.assert_allclose(jax.jvp(slope, (c,), (jnp.ones_like(c),))[1], second, rtol=1e-12)
+    np.testing.assert_allclose(
+        jax.jvp(slope, (c,), (jnp.ones_like(c),))[1], second, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("model", MODELS)

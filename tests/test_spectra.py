@@ -15,7 +15,10 @@ from jaxrock.spectra import tables
 def test_a_grid_is_its_scenes_one_by_one():
     spectrum = jr.resonance_spectrum(**GRID, model=jr.Nonlinear())
     assert dict(spectrum.sizes) == {"slenderness": 8, "width": 3, "restitution": 2}
-    for at in ({"slenderness": 2, "width": 1, "restitution": 0}, {"slenderness": 7, "width": 0}):
+    for at in (
+        {"slenderness": 2, "width": 1, "restitution": 0},
+        {"slenderness": 7, "width": 0},
+    ):
         point = spectrum.isel({"restitution": 1} | at)
         scene = jr.Scene(
             jr.Block(float(point.width) / 2, float(point.slenderness)),
@@ -82,7 +85,9 @@ def test_an_array_of_intensities_adds_a_dimension():
     assert spectrum.period.dims == ("slenderness", "width", "restitution", "intensity")
     assert spectrum.critical_intensity.dims == ("slenderness", "width", "restitution")
     alone = jr.resonance_spectrum(**GRID)
-    xarray.testing.assert_allclose(spectrum.period.sel(intensity=0.15), alone.period, rtol=1e-5)
+    xarray.testing.assert_allclose(
+        spectrum.period.sel(intensity=0.15), alone.period, rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize("largest", first_by_default([7, 1, 1000]))
@@ -108,7 +113,9 @@ def test_a_point_is_the_same_whatever_is_beside_it(model):
     whole = jr.resonance_spectrum(**grid)
     for at in ({"slenderness": [3], "restitution": [1]}, {"width": [2], "intensity": [1]}):
         part = whole.isel(at)
-        axes = {n: part[n].values for n in ("slenderness", "width", "restitution", "intensity")}
+        axes = {
+            n: part[n].values for n in ("slenderness", "width", "restitution", "intensity")
+        }
         alone = jr.resonance_spectrum(**grid | axes)
         for name in whole:
             assert alone[name].values.tobytes() == part[name].values.tobytes(), name
@@ -139,7 +146,10 @@ def test_table(tmp_path):
     [
         ({"slenderness": []}, r"slenderness must be .* got an array of shape \(0,\)"),
         ({"width": np.array([[0.4]])}, r"width must be .* got an array of shape \(1, 1\)"),
-        ({"width": [0.4, -1]}, r"width must be finite and greater than 0, got -1 \(first of 1"),
+        (
+            {"width": [0.4, -1]},
+            r"width must be finite and greater than 0, got -1 \(first of 1",
+        ),
         ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
         ({"intensity": np.nan}, "intensity must be finite and at least 0, got nan"),
         ({"gravity": 0.0}, "gravity must be finite and greater than 0, got 0"),
@@ -200,7 +210,9 @@ def test_each_point_by_its_model(tmp_path, tolerance, sizes):
         for ends, size in zip([(2, 60), (0.4, 1.2), (0.05, 1e-3)], sizes, strict=True)
     )
     grid = (slenderness, width, [0.4, 0.9], intensity)
-    auto = jr.resonance_spectrum(*grid, model="auto", tolerance=tolerance, store=tmp_path / "a.nc")
+    auto = jr.resonance_spectrum(
+        *grid, model="auto", tolerance=tolerance, store=tmp_path / "a.nc"
+    )
     kinds = [jr.resonance_spectrum(*grid, model=m) for m in (jr.Linearized(), jr.Nonlinear())]
     with auto:
         assert auto.model.attrs["flag_meanings"] == "linearized nonlinear"

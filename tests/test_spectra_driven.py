@@ -63,7 +63,10 @@ def test_chunks_change_nothing(monkeypatch):
     ("make", "words"),
     [
         (lambda m: jr.rocking_spectrum(m, 2.0), "slenderness or critical_angle must be given"),
-        (lambda m: jr.rocking_spectrum(m, -2.0, 4.0), "period must be finite and greater than 0"),
+        (
+            lambda m: jr.rocking_spectrum(m, -2.0, 4.0),
+            "period must be finite and greater than 0",
+        ),
         (lambda m: jr.rocking_spectrum(m, 2.0, critical_angle=2.0), "critical_angle must be"),
         (lambda m: jr.overturning_spectrum(jr.Sine, 0.0, 2.0), "frequency_ratio must be"),
     ],

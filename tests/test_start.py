@@ -37,7 +37,9 @@ def test_the_package_imports_nothing_heavy_and_sets_nothing():
         "import sys, jax; before = dict(jax.config.values); import jaxrock;"
         "assert dict(jax.config.values) == before; print(*sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     imported = {name.partition(".")[0] for name in done.stdout.split()}
     assert "jaxrock" in imported
     assert not HEAVY & imported
@@ -45,7 +47,9 @@ def test_the_package_imports_nothing_heavy_and_sets_nothing():
 
 def start(home, *arguments, **variables):
     """Start a command in a process of its own, for which `home` is all that there is of a user."""
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    inherited = {
+        name: value for name, value in os.environ.items() if not name.startswith("JAX_")
+    }
     homes = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(home))
     return subprocess.Popen(
         [sys.executable, "-W", "error", "-m", "jaxrock", "critical", *arguments],

@@ -123,7 +123,9 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
 def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypatch):
     (tmp_path / "a.csv").write_text("t,acc_g\n0,0.1\n0.5,-0.2\n1,0.1\n")
     job = "[[job]]\ncommand = 'rocking-spectrum'\nrecord = 'a.csv'\nout = '{}'\n"
-    text = "".join(job.format(i) for i in range(4)) + "unit = 'g'\n"  # the last one asks otherwise
+    text = (
+        "".join(job.format(i) for i in range(4)) + "unit = 'g'\n"
+    )  # the last one asks otherwise
     text += "[[job]]\ncommand = 'critical'\nrecord = 'a.csv'\n"
     counted = Counter()
 
@@ -139,8 +141,11 @@ def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypat
     count(record_formats, "read_regular", lambda path: path.name)
     count(RockingSpectrum, "check", lambda job: f"check {job.out.name}")
     count(study_file, "with_progress", lambda items, label: label)
+
+    def answer(job):
+        return Answer(f"{job.motion.samples}", {"scaled": float(job.motion.scale)})
+
     for command in (RockingSpectrum, Critical):  # their answers are for other tests
-        answer = lambda job: Answer(f"{job.motion.samples}", {"scaled": float(job.motion.scale)})  # noqa: E731
         monkeypatch.setattr(command, "run", answer)
     main(["run", study(tmp_path, text)])
     assert capsys.readouterr().out.count("3\n") == 5

@@ -81,7 +81,9 @@ def test_measures_have_the_shape_of_scale_and_block(eps):
 def test_derivative_of_a_measure(eps):
     record = shaking(50, 0.02, 2)
     slope = jax.grad(lambda factor: intensity_measure(record.scaled(factor), "pgv"))(-2.0)
-    assert float(slope) == pytest.approx(-float(intensity_measure(record, "pgv")), rel=64 * eps)
+    assert float(slope) == pytest.approx(
+        -float(intensity_measure(record, "pgv")), rel=64 * eps
+    )
 
 
 ONE = jr.Record(np.array([0.0, 1.0]), 0.1)
@@ -97,19 +99,43 @@ STILL = SUITE.scaled(np.array([1.0, 0.0, 1.0]))
         (lambda: jr.Suite([]), "records must be at least one record, got none"),
         (lambda: jr.Suite(ONE), "records must be a list of records, got a Record"),
         (lambda: jr.Suite([ONE, 3.0]), "records must be records, got a float as number 2"),
-        (lambda: jr.Suite([ONE, MANY]), "records must be single ones, number 2 is an array of"),
+        (
+            lambda: jr.Suite([ONE, MANY]),
+            "records must be single ones, number 2 is an array of",
+        ),
         (lambda: jr.Suite([STEPS]), "records must have one time step and start, not number 1"),
-        (lambda: jr.Suite([ONE, TWICE]), r"scales of one shape, got \(\) and, in number 2, \(2,\)"),
+        (
+            lambda: jr.Suite([ONE, TWICE]),
+            r"scales of one shape, got \(\) and, in number 2, \(2,\)",
+        ),
         (lambda: jr.Suite([ONE], "a"), "names must be a list of names, got 'a'"),
         (lambda: jr.Suite([ONE], [1]), "names must be words, got 1"),
-        (lambda: jr.Suite([ONE] * 2, ["a"]), "must be as many as records, got 1 names of 2 rec"),
-        (lambda: jr.Suite([ONE] * 3, ["a", "b", "a"]), "must differ from each other, got 'a' tw"),
-        (lambda: SUITE.scaled(np.ones(2)), r"for each of 3 records, got an array of shape \(2,\)"),
+        (
+            lambda: jr.Suite([ONE] * 2, ["a"]),
+            "must be as many as records, got 1 names of 2 rec",
+        ),
+        (
+            lambda: jr.Suite([ONE] * 3, ["a", "b", "a"]),
+            "must differ from each other, got 'a' tw",
+        ),
+        (
+            lambda: SUITE.scaled(np.ones(2)),
+            r"for each of 3 records, got an array of shape \(2,\)",
+        ),
         (lambda: SUITE.scaled(np.nan), "factors must be finite, got nan"),
         (lambda: SUITE.factors([1.0, 0.0], "pga"), "levels must be finite and greater than 0"),
-        (lambda: STILL.factors(1.0, "pgv"), "a pgv greater than 0 to be scaled, got 0 for 'b'"),
-        (lambda: SUITE.measure("pgd"), "must be one of pga, pgv, pga_ratio, pgv_ratio, got 'pgd'"),
-        (lambda: SUITE.measure("pga_ratio"), "block must be given for the measure 'pga_ratio'"),
+        (
+            lambda: STILL.factors(1.0, "pgv"),
+            "a pgv greater than 0 to be scaled, got 0 for 'b'",
+        ),
+        (
+            lambda: SUITE.measure("pgd"),
+            "must be one of pga, pgv, pga_ratio, pgv_ratio, got 'pgd'",
+        ),
+        (
+            lambda: SUITE.measure("pga_ratio"),
+            "block must be given for the measure 'pga_ratio'",
+        ),
         (lambda: intensity_measure(ONE, "PGA"), "measure must be one of .* got 'PGA'"),
         (lambda: jr.read_suite([]), "a suite needs at least one file, got none"),
         (lambda: jr.read_suite("none"), "'none': there is no such folder or file"),
@@ -146,7 +172,9 @@ def test_records_are_scaled_to_levels(eps):
         assert scaled.names == SUITE.names
         reached = scaled.measure(measure, BLOCK)
         np.testing.assert_allclose(reached, np.tile(levels, (3, 1)), rtol=8 * eps)
-        np.testing.assert_allclose(SUITE.scaled(-2.0).measure(measure, BLOCK), 2 * plain, rtol=eps)
+        np.testing.assert_allclose(
+            SUITE.scaled(-2.0).measure(measure, BLOCK), 2 * plain, rtol=eps
+        )
         turned = SUITE.scaled(np.array([1.0, 0.0, -1.0])).measure(measure, BLOCK)
         np.testing.assert_allclose(turned, plain * np.array([1.0, 0.0, 1.0]), rtol=eps)
     assert SUITE.measure("pgv_ratio", BLOCKS).shape == (3, 2)
@@ -245,7 +273,9 @@ def test_derivatives_of_the_boundaries_of_a_suite():
     def slopes(motion):
         def edges(restitution):
             factors = np.linspace(0.5, 2.5, 11)
-            return jr.overturning_boundaries(BLOCK, restitution, motion, "factor", factors).value
+            return jr.overturning_boundaries(
+                BLOCK, restitution, motion, "factor", factors
+            ).value
 
         return jax.jvp(edges, (0.8,), (1.0,))
 
@@ -320,10 +350,14 @@ def test_a_folder_is_read(folder, eps):
         for name, record in zip(suite.names, suite, strict=True):
             step, horizontal, vertical = expected[name]
             np.testing.assert_allclose(record.time_step, step, rtol=2 * eps)
-            np.testing.assert_allclose(record.acceleration, G * np.array(horizontal), rtol=4 * eps)
+            np.testing.assert_allclose(
+                record.acceleration, G * np.array(horizontal), rtol=4 * eps
+            )
             assert (record.vertical is not None) == (suite is both)
             if suite is both:
-                np.testing.assert_allclose(record.vertical, G * np.array(vertical), rtol=4 * eps)
+                np.testing.assert_allclose(
+                    record.vertical, G * np.array(vertical), rtol=4 * eps
+                )
 
 
 WORDS = "Dear reader\nthese are words\n"
@@ -336,15 +370,47 @@ NONE = ": the folder has no .AT2 or .csv file of a record"
     [
         ({}, {}, [NONE]),
         ({"index.csv": WORDS, "a.txt": WORDS}, {}, [NONE]),
-        ({"a.csv": WORDS}, {"unit": "g", "time_step": 1.0}, ["a.csv', line 2: column 'Dear read"]),
-        ({"a.csv": "acc_g\n1\n"}, {"time_step": 1.0}, ["at least two samples were expected, got"]),
+        (
+            {"a.csv": WORDS},
+            {"unit": "g", "time_step": 1.0},
+            ["a.csv', line 2: column 'Dear read"],
+        ),
+        (
+            {"a.csv": "acc_g\n1\n"},
+            {"time_step": 1.0},
+            ["at least two samples were expected, got"],
+        ),
         ({"b.csv": ALONE}, {"unit": "g"}, ["unit is 'g', but column 'acc [cm/s2]' states"]),
-        ({"a.csv": "", "b.AT2": WORDS}, {}, ["a.csv': the file is empty", "b.AT2': an .AT2 file"]),
-        ({"a-UP.AT2": UP}, {}, ["a suite needs at least one horizontal component, got 1 files"]),
-        ({"a.csv": "t,up_g\n0,1\n1,2\n"}, {}, ["a.csv': no column is a horizontal acceleration"]),
-        ({"a.csv": ALONE}, {"vertical": True}, ["a.csv': one vertical column was expected, got 0"]),
-        ({"a.AT2": LEVEL}, {"vertical": True}, ["a.AT2': no file is its vertical component by"]),
-        ({"a.AT2": LEVEL, "a.csv": ALONE}, {}, ["a.csv': another record is named 'a' as well"]),
+        (
+            {"a.csv": "", "b.AT2": WORDS},
+            {},
+            ["a.csv': the file is empty", "b.AT2': an .AT2 file"],
+        ),
+        (
+            {"a-UP.AT2": UP},
+            {},
+            ["a suite needs at least one horizontal component, got 1 files"],
+        ),
+        (
+            {"a.csv": "t,up_g\n0,1\n1,2\n"},
+            {},
+            ["a.csv': no column is a horizontal acceleration"],
+        ),
+        (
+            {"a.csv": ALONE},
+            {"vertical": True},
+            ["a.csv': one vertical column was expected, got 0"],
+        ),
+        (
+            {"a.AT2": LEVEL},
+            {"vertical": True},
+            ["a.AT2': no file is its vertical component by"],
+        ),
+        (
+            {"a.AT2": LEVEL, "a.csv": ALONE},
+            {},
+            ["a.csv': another record is named 'a' as well"],
+        ),
     ],
 )
 def test_folders_that_are_refused(folder, contents, options, messages):
@@ -402,13 +468,17 @@ def test_columns_by_their_names(tmp_path, columns, horizontal, upward):
     if upward is not None:
         place = columns.split(",").index(upward)
         for record in jr.read_suite([path], unit="g", time_step=0.01, vertical=True):
-            np.testing.assert_allclose(record.vertical, 9.80665 * (np.arange(3) + place), rtol=1e-6)
+            np.testing.assert_allclose(
+                record.vertical, 9.80665 * (np.arange(3) + place), rtol=1e-6
+            )
 
 
 def test_more_than_two_horizontal_columns(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("one,two,three\n1,2,3\n1,2,3\n", encoding="utf-8")
-    with pytest.raises(ValueError, match="at most two horizontal columns were expected: 'one', "):
+    with pytest.raises(
+        ValueError, match="at most two horizontal columns were expected: 'one', "
+    ):
         jr.read_suite([path], unit="g", time_step=0.01)
 
 
@@ -416,7 +486,9 @@ def test_vertical_components_by_the_names_of_files(tmp_path):
     """Of the station whose name it is, not of one whose name begins alike; and not downward."""
     for name, value in (("STA1-000", 1), ("STA1-UP", 2), ("STA10-000", 3), ("STA10-UP", 4)):
         head = f"{name}\nacceleration in units of g\n\nNPTS= 3, DT= .01 SEC\n"
-        (tmp_path / f"{name}.AT2").write_text(f"{head}{value} {value} {value}\n", encoding="utf-8")
+        (tmp_path / f"{name}.AT2").write_text(
+            f"{head}{value} {value} {value}\n", encoding="utf-8"
+        )
     (tmp_path / "santa_cruz.AT2").write_text(f"{head}5 5 5\n", encoding="utf-8")
     assert jr.read_suite(tmp_path).names == ("STA1-000", "STA10-000", "santa_cruz")
     files = sorted(tmp_path.glob("STA*"))
@@ -428,10 +500,16 @@ def test_vertical_components_by_the_names_of_files(tmp_path):
 
 
 # As the NGA databases and networks name them.
-VERTICAL = "RSN57_SFERN_ORRDWN RSN1244_CHICHI_CHY101-V RSN1633_MANJIL_ABBAR--V NIGH11UD site-V1"
-VERTICAL += " RSN4228_NIIGATA_NIGH11UD RSN6890_DARFIELD_CMHSV RSN8123_CCHURCH_RHSCUP CI.CLC.HNZ"
+VERTICAL = (
+    "RSN57_SFERN_ORRDWN RSN1244_CHICHI_CHY101-V RSN1633_MANJIL_ABBAR--V NIGH11UD site-V1"
+)
+VERTICAL += (
+    " RSN4228_NIIGATA_NIGH11UD RSN6890_DARFIELD_CMHSV RSN8123_CCHURCH_RHSCUP CI.CLC.HNZ"
+)
 VERTICAL += " RSN8000_X_NZ.REHS.BHZ.00 RSN292_ITALY_A-STUVRT"
-HORIZONTAL = "RSN57_SFERN_ORR021 RSN1244_CHICHI_CHY101-E RSN1633_MANJIL_ABBAR--T NIGH11EW site-H1"
+HORIZONTAL = (
+    "RSN57_SFERN_ORR021 RSN1244_CHICHI_CHY101-E RSN1633_MANJIL_ABBAR--T NIGH11EW site-H1"
+)
 HORIZONTAL += (
     " RSN4228_NIIGATA_NIGH11NS RSN6890_DARFIELD_CMHSN10E RSN8123_CCHURCH_RHSCN86W CI.CLC.HNE"
 )
@@ -453,7 +531,9 @@ def test_what_lies_in_a_folder_beside_records(tmp_path):
     assert jr.read_suite(tmp_path).names == ("a",)
     (tmp_path / "c.csv").symlink_to(tmp_path / "nowhere")
     os.mkfifo(tmp_path / "d.csv")
-    with pytest.raises(ValueError, match=r"c\.csv': the file cannot be read: No such") as caught:
+    with pytest.raises(
+        ValueError, match=r"c\.csv': the file cannot be read: No such"
+    ) as caught:
         jr.read_suite(tmp_path)
     assert "d.csv': the file cannot be read: a regular file was expected" in str(caught.value)
 

@@ -99,7 +99,9 @@ def harmonic(amplitude):
 # Values of one quantity, one of which has no answer.
 PARTLY = {
     "rotation_ratio": over_intensities(jr.rotation_ratio),
-    "nonlinear rotation_ratio": over_intensities(lambda s: jr.rotation_ratio(s, jr.Nonlinear())),
+    "nonlinear rotation_ratio": over_intensities(
+        lambda s: jr.rotation_ratio(s, jr.Nonlinear())
+    ),
     "stabilized_rotation": over_intensities(jr.stabilized_rotation),
     "stabilized_period": over_intensities(jr.stabilized_period),
     "nonlinear stabilized_period": over_intensities(

@@ -202,7 +202,9 @@ def test_most_rotation():
     velocity = jr.half_cycle_velocity(jr.Scene(block, c, largest), 3.0)
     assert worst.converged
     assert not worst.overturns
-    assert worst.peak_rotation == pytest.approx(float(model.peak_rotation(block, velocity)), 1e-9)
+    assert worst.peak_rotation == pytest.approx(
+        float(model.peak_rotation(block, velocity)), 1e-9
+    )
 
 
 @pytest.mark.thorough
@@ -243,7 +245,9 @@ def test_what_timing_costs():
 )
 @pytest.mark.parametrize("model", ["Linearized", "Nonlinear"])
 def test_what_timing_costs_without_jax(model, slenderness, c, count):
-    costs = jr.resonance.timing_costs(jr.Block(0.4, slenderness), c, count, getattr(jr, model)())
+    costs = jr.resonance.timing_costs(
+        jr.Block(0.4, slenderness), c, count, getattr(jr, model)()
+    )
     for when, theirs in timed_without_jax(model, slenderness, c, count).items():
         assert costs[when] == pytest.approx(theirs, rel=1e-9), when
 
@@ -283,7 +287,9 @@ def timed_without_jax(model, slenderness, c, count):
 def test_timing_that_did_not_converge_is_nan(monkeypatch):
     block = jr.Block(0.4, 4.0)
     nothing_left = timing.timing_costs(block, 0.0, 3)["right before the impacts"]
-    assert nothing_left == pytest.approx(float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12)
+    assert nothing_left == pytest.approx(
+        float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12
+    )
     monkeypatch.setattr(timing, "_MAX_CORRECTIONS", 1)
     assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
 
@@ -294,7 +300,10 @@ def test_timing_that_did_not_converge_is_nan(monkeypatch):
         ({"count": 0}, "count must be at least 1"),
         ({"goal": "most rotation"}, "largest must be given"),
         ({"largest": 1.0}, "largest must be given"),
-        ({"spacing": 1.0, "latest": 2.0, "count": 4}, "contradict each other: 4 pulses 1 s apart"),
+        (
+            {"spacing": 1.0, "latest": 2.0, "count": 4},
+            "contradict each other: 4 pulses 1 s apart",
+        ),
         ({"impacts_between": 9}, "impacts_between must be from 0 to 3"),
         ({"restitution": 2.0}, "restitution must be between 0 and 1"),
     ],

@@ -13,7 +13,9 @@ from ..validation import POSITIVE, Booleans, Number, Reals, as_real, check
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
-_SAFETY = 1.25  # an answer is off by what a better one differs by, and by the error of that one
+_SAFETY = (
+    1.25  # an answer is off by what a better one differs by, and by the error of that one
+)
 _LEAST = 2  # errors over `rtol`, at least: at the tightest one rounding is as large
 _ROUNDING = 64  # what rounding of the input amounts to, in eps
 
@@ -29,8 +31,8 @@ class EstimatedResponse(Printed, eqx.Module):
         That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
         Estimated bound on the relative error of the peak rotation: the difference to a looser
-        tolerance under an input that is off by rounding, and at least twice `rtol`; inf where that
-        has another outcome.
+        tolerance under an input that is off by rounding, and at least twice `rtol`; inf where
+        that has another outcome.
     cheapest : Array
         The loosest tolerance that is good enough: cheaper, next time.
     within_tolerance : Array of bool
@@ -77,10 +79,11 @@ def respond_within(
 
     Notes
     -----
-    The estimate covers what depends on the tolerance: the truncation of the Taylor polynomials and
-    of the times of impacts found from them, and rounding of the input, as they grow through
-    the impacts. It cannot see what all tolerances have in common: the model itself, and the rule
-    by which a block comes to rest. The tests compare it with an integrator of another kind.
+    The estimate covers what depends on the tolerance: the truncation of the Taylor polynomials
+    and of the times of impacts found from them, and rounding of the input, as they grow
+    through the impacts. It cannot see what all tolerances have in common: the model itself,
+    and the rule by which a block comes to rest. The tests compare it with an integrator of
+    another kind.
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     restitution, duration = check_batch(blocks, restitution, motion, duration)

@@ -13,7 +13,16 @@ from ..dynamics import DrivenScene
 from ..ground_motion import Harmonic, Pulse, Record
 from ..host import Printed, listed
 from ..resonance import Scene
-from ..validation import POSITIVE, Booleans, Integers, Number, Reals, as_real, check, check_kind
+from ..validation import (
+    POSITIVE,
+    Booleans,
+    Integers,
+    Number,
+    Reals,
+    as_real,
+    check,
+    check_kind,
+)
 from .batch_to_tolerance import TOLERANCES, respond_within
 from .model_errors import Answers, ModelError, model_error
 
@@ -32,7 +41,9 @@ class Setting(Printed):
 
 
 # From the cheapest on, as `measure_tradeoff` finds them.
-CLOSED = tuple(Setting(level, bits) for level in ("linearized", "nonlinear") for bits in (32, 64))
+CLOSED = tuple(
+    Setting(level, bits) for level in ("linearized", "nonlinear") for bits in (32, 64)
+)
 # The error of `pulsed_phase` at its default tolerance, as a change of the intensity.
 _PULSED_SLIP = 1e-8
 
@@ -124,9 +135,10 @@ def choose(
     Notes
     -----
     The setting for a `Scene` follows from `model_error`, before anything is computed under
-    pulses of finite duration. That for a `DrivenScene` follows from a trial, `respond_within`; the
-    error at a tolerance shows at the next one.
-    On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own precision.
+    pulses of finite duration. That for a `DrivenScene` follows from a trial, `respond_within`;
+    the error at a tolerance shows at the next one.
+    On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own
+    precision.
 
     Examples
     --------
@@ -140,12 +152,16 @@ def choose(
     tolerance = float(tolerance)
     if isinstance(scene, DrivenScene):
         if shape is not None:
-            raise ValueError("shape goes with a Scene; the motion of a DrivenScene has its own")
+            raise ValueError(
+                "shape goes with a Scene; the motion of a DrivenScene has its own"
+            )
         return _choose_rtol(scene, tolerance)
     check_kind("scene", scene, Scene, DrivenScene)
     wide = jnp.result_type(float) == jnp.float64
     # Costs are computed in 64 bits where they are on offer, whatever the scene has.
-    exact: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
+    exact: Scene = (
+        jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
+    )
     predicted = model_error(exact, shape, duration)
     settings = tuple(setting for setting in CLOSED if wide or setting.bits == 32)
     errors = [_largest(predicted.total(setting.level, setting.bits)) for setting in settings]

@@ -45,10 +45,10 @@ _MIN_SLENDERNESS = 0.5
 _VELOCITY = 0.3
 _TIME = 0.35
 _CRITICAL = 0.2
-# Of pulses of duration and intensity 1: the centroid, the integral of the pulse times its second
-# integral, and a slack for those that start weakly. Under a half-sine a block launched with less
-# than 3 e^2 (1 - C) / (4 pi^2) of the velocity comes back at once; that velocity may be half of
-# what is estimated.
+# Of pulses of duration and intensity 1: the centroid, the integral of the pulse times its
+# second integral, and a slack for those that start weakly. Under a half-sine a block launched
+# with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity comes back at once; that velocity may
+# be half of what is estimated.
 _PULSES = {None: (0.0, 0.0, 0.0), Rectangular: (0.5, 1 / 6, 0.0), HalfSine: (0.5, 0.125, 0.2)}
 # Rounding of the closed forms, as a change of the intensity in units of the last place.
 _ROUNDINGS = 3.5
@@ -68,7 +68,9 @@ class Answers(Printed, eqx.Module):
     critical_intensity: Reals
 
     def __str__(self) -> str:
-        return ", ".join(f"{name.replace('_', ' ')} {shown(v)}" for name, v in vars(self).items())
+        return ", ".join(
+            f"{name.replace('_', ' ')} {shown(v)}" for name, v in vars(self).items()
+        )
 
 
 class ModelError(Printed, eqx.Module):
@@ -147,7 +149,8 @@ def model_error(
     ----------
     scene : Scene
     shape : type, optional
-        `Rectangular` or `HalfSine`, the pulses that have an intensity; instantaneous unless given.
+        `Rectangular` or `HalfSine`, the pulses that have an intensity; instantaneous unless
+        given.
     duration : array_like, optional
         Of the pulses [s], at least 0.
 
@@ -204,8 +207,8 @@ def _model_error(
     own = jnp.finfo(pulse[0].dtype)
     precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
     slip = _VELOCITY * unit + _ROUNDINGS * float(own.eps)
-    # As it is; then with the effect of pulses of finite duration, and rounded, each of these also
-    # with less and more. All at once, since each closed form takes long to compile.
+    # As it is; then with the effect of pulses of finite duration, and rounded, each of these
+    # also with less and more. All at once, since each closed form takes long to compile.
     variants = [scene, *_around(scene, 1 + shift, slip)]
     for kind in precisions.values():
         variants += _around(_rounded(scene, kind), 1.0, _ROUNDINGS * float(kind.eps))
@@ -247,7 +250,8 @@ def _rounded(scene: Scene, kind: Any) -> Scene:
     def rounded(leaf: Reals) -> Reals:
         return jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant)
 
-    # Only the reciprocal of the inertia ratio counts, and that of 4 / 3 rounds to 0.75 everywhere.
+    # Only the reciprocal of the inertia ratio counts, and that of 4 / 3 rounds to 0.75
+    # everywhere.
     ratio = 1 / rounded(1 / rounded(scene.block.inertia_ratio))
     return eqx.tree_at(lambda s: s.block.inertia_ratio, jax.tree.map(rounded, scene), ratio)
 
@@ -261,14 +265,16 @@ def _duration_costs(
 ) -> tuple[Reals, Reals]:
     """Estimates of what instantaneous pulses cost, and bounds on their errors.
 
-    From the answers at the intensity itself, and at that which has the effect of pulses of finite
-    duration by the estimate, and by its lower and upper bound.
+    From the answers at the intensity itself, and at that which has the effect of pulses of
+    finite duration by the estimate, and by its lower and upper bound.
     """
     duration, centroid, *_ = pulse
     later = 2 * duration * (1 - scene.restitution) * centroid
     critical = answers[0, 2]
     limit = Nonlinear().critical_velocity(scene.block)
-    shift, unit_at_limit, known_at_limit = _shift(_with_intensity(scene, critical), limit, *pulse)
+    shift, unit_at_limit, known_at_limit = _shift(
+        _with_intensity(scene, critical), limit, *pulse
+    )
 
     def lasting(sign: float, at: Reals) -> Reals:
         period = at[1] * (1 + sign * _TIME * unit) + later
@@ -289,7 +295,12 @@ def _duration_costs(
 
 
 def _shift(
-    scene: Scene, velocity: Reals, duration: Reals, centroid: Number, work: Number, slack: Number
+    scene: Scene,
+    velocity: Reals,
+    duration: Reals,
+    centroid: Number,
+    work: Number,
+    slack: Number,
 ) -> tuple[Reals, Reals, Booleans]:
     """Relative change of the velocity due to the duration, unit of its bounds, whether known."""
     block = scene.block
@@ -298,7 +309,9 @@ def _shift(
     lasts = (duration > 0) & (intensity > 0)
     e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
     # A pulse that starts weak lets a slow block fall back to the ground before it pushes.
-    known = lasts & (e <= _MAX_UPLIFT_RATIO) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
+    known = (
+        lasts & (e <= _MAX_UPLIFT_RATIO) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
+    )
     known = known & (block.slenderness >= _MIN_SLENDERNESS)
     e = jnp.where(known, e, 0)
     pushed = jnp.where(known, velocity, 0) * intensity / block.gravity

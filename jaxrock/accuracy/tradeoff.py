@@ -2,8 +2,8 @@
 
 A work-precision diagram shows error against time. The dials are the level of fidelity, the
 precision, the size of the batch, the adaptive solver, and the tolerance of both. Errors are
-relative to the nonlinear closed form where there is one, and else to the adaptive integrator at
-a tolerance so strict that a stricter one changes nothing.
+relative to the nonlinear closed form where there is one, and else to the adaptive integrator
+at a tolerance so strict that a stricter one changes nothing.
 """
 
 import functools
@@ -162,7 +162,9 @@ class Tradeoff(Printed):
         return "\n".join(lines + self.notes())
 
 
-def measure_tradeoff(scene: Scene | DrivenScene | None = None, *, repeats: int = 15) -> Tradeoff:
+def measure_tradeoff(
+    scene: Scene | DrivenScene | None = None, *, repeats: int = 15
+) -> Tradeoff:
     """Measure error and time of everything that can be dialled.
 
     Parameters
@@ -258,12 +260,16 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
             return respond_batch(*given, rtol=dials.tolerance).peak_rotation
         response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
         return np.where(response.overturned, np.nan, response.peak_rotation)
-    zero = jnp.zeros_like(scene.restitution)  # after the stabilized half-cycle there is no other
+    zero = jnp.zeros_like(
+        scene.restitution
+    )  # after the stabilized half-cycle there is no other
     still = Rectangular(zero, zero + 1)
     velocity = stabilized_velocity(scene)
     settings = {"rtol": dials.tolerance, "solver": dials.solver}
     found = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
-    return np.stack([found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]])
+    return np.stack(
+        [found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]]
+    )
 
 
 @functools.partial(jax.jit, static_argnames="model")

@@ -122,8 +122,8 @@ def fit_driven_rocking(
     """Restitution of a block from its rotation measured on a shaking table.
 
     By least squares through `respond` and its derivatives, over one more part of the motion
-    after another: an impact in another order would put the block on another side, from where no
-    derivative leads back.
+    after another: an impact in another order would put the block on another side, from where
+    no derivative leads back.
 
     Parameters
     ----------
@@ -152,14 +152,15 @@ def fit_driven_rocking(
     Raises
     ------
     ValueError
-        If an argument is out of range, traced, or not of the shape it has to be; if the measured
-        block hardly moves, or the one computed overturns or does not move for all C tried.
+        If an argument is out of range, traced, or not of the shape it has to be; if the
+        measured block hardly moves, or the one computed overturns or does not move for all C
+        tried.
 
     Notes
     -----
-    Standard errors are those about the motion found. The longer a test, the smaller they are and
-    the more motions there are beside it: a C that is off by many of the last standard errors, but
-    not of those that the first impacts give, may explain the test as well.
+    Standard errors are those about the motion found. The longer a test, the smaller they are
+    and the more motions there are beside it: a C that is off by many of the last standard
+    errors, but not of those that the first impacts give, may explain the test as well.
 
     Examples
     --------
@@ -229,7 +230,9 @@ def _checked(
     check("rotation", measured[counts], FINITE)
     if counts.sum() <= len(parameters):
         least = len(parameters) + 1
-        raise ValueError(f"rotation must be known at {least} times at least, got {counts.sum()}")
+        raise ValueError(
+            f"rotation must be known at {least} times at least, got {counts.sum()}"
+        )
     check("restitution", start, UNIT_INTERVAL)
     check("initial_rotation", first, FINITE)
     check("initial_velocity", speed, FINITE)
@@ -277,7 +280,9 @@ def _room_for(test: ShakingTest) -> int:
 def _result(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit:
     rotation, _, _ = test.follow(stage.numbers, float(test.time[-1]))
     if not np.isfinite(rotation).all():
-        raise ValueError("the motion of the block could not be followed; see the status of respond")
+        raise ValueError(
+            "the motion of the block could not be followed; see the status of respond"
+        )
     against = sides_of(test, test.measured) * sides_of(test, rotation) < 0
     names = test.parameters
     values = test.known | dict(zip(names, stage.values, strict=True))

@@ -204,17 +204,18 @@ def fit_free_rocking(
     ------
     ValueError
         If there are too few measurements, times do not increase or a peak is 0, if an argument
-        is traced, if the motion does not decay, or if no free rocking is near the measurements.
+        is traced, if the motion does not decay, or if no free rocking is near the
+        measurements.
 
     Notes
     -----
-    Errors of times are taken as independent, of one standard deviation. Standard errors are those
-    of least squares; the tests allow for the degrees of freedom.
+    Errors of times are taken as independent, of one standard deviation. Standard errors are
+    those of least squares; the tests allow for the degrees of freedom.
 
     Without p the durations have to say by their curvature how large the motion is: that takes
     impacts from near overturning on. Of 13 impacts with 1 ms of noise, b = 0.1 m, lambda = 5,
-    C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of the critical one,
-    to 0.001 and 8 % if it is half of it.
+    C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of the critical
+    one, to 0.001 and 8 % if it is half of it.
 
     Examples
     --------
@@ -334,8 +335,12 @@ def _result(
         **values,
         "standard_errors": dict(zip(NUMBERS, errors, strict=True)),
         "covariance": about.covariance,
-        "time_residuals": np.where(measured.time_counts, late * found.noises.times, np.nan)[:times],
-        "rotation_residuals": np.where(measured.peak_counts, high * found.noises.rotations, np.nan),
+        "time_residuals": np.where(measured.time_counts, late * found.noises.times, np.nan)[
+            :times
+        ],
+        "rotation_residuals": np.where(
+            measured.peak_counts, high * found.noises.rotations, np.nan
+        ),
         "time_noise": found.time_noise if times else np.nan,
         "rotation_noise": found.rotation_noise if peaks else np.nan,
         "impact_times": measured.times[:times],

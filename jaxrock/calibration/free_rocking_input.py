@@ -83,7 +83,9 @@ def known_of(
     timed = measured.times.size > 1
     peaked = measured.peaks.size > 0
     if block is None and not isinstance(model, Linearized):
-        raise ValueError("block must be given for the nonlinear model, which depends on its shape")
+        raise ValueError(
+            "block must be given for the nonlinear model, which depends on its shape"
+        )
     if block is None and not timed:
         raise ValueError("block must be given with peak_rotations alone, got None")
     if block is not None:
@@ -105,7 +107,9 @@ def known_of(
     if of_times + of_peaks <= unknowns:
         name, given = ("impact_times", of_times) if timed else ("peak_rotations", of_peaks)
         least = unknowns + 1 - (of_peaks if timed else 0)
-        raise ValueError(f"{name} must be at least {least} to fit {unknowns} numbers, got {given}")
+        raise ValueError(
+            f"{name} must be at least {least} to fit {unknowns} numbers, got {given}"
+        )
     shape = Block(0.2, _ANY_SHAPE) if block is None else block
     shape = jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf, dtype), shape))
     return Known(model, shape, numbers, np.array(free))

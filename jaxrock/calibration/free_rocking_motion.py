@@ -1,8 +1,9 @@
 """Free rocking as a function of few numbers, beside measurements of it.
 
-The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, velocity after it
-over the critical one, as log(artanh(x)), in which durations are nearly linear; logarithms of
-C, p and alpha_c; and by how much C changes from the largest impact to the smallest.
+The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, velocity
+after it over the critical one, as log(artanh(x)), in which durations are nearly linear;
+logarithms of C, p and alpha_c; and by how much C changes from the largest impact to the
+smallest.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,13 @@ from ..resonance import RockingModel
 from ..validation import Reals
 from .least_squares import Places, Values
 
-NUMBERS = "first_impact", "launch_ratio", "restitution", "frequency_parameter", "critical_angle"
+NUMBERS = (
+    "first_impact",
+    "launch_ratio",
+    "restitution",
+    "frequency_parameter",
+    "critical_angle",
+)
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
 _LEAST_SHARE = 1e-6  # of the velocity that an impact leaves
@@ -174,7 +181,8 @@ def compute_residuals(
     of_times[..., TIME] = 1
     of_times[..., FREQUENCY] = -durations
     of_peaks[..., ANGLE] = rotations
-    # Of the logarithm of each ratio: 1 / (sinh cosh) = (1 - x^2) / x for the launch, then sums.
+    # Of the logarithm of each ratio: 1 / (sinh cosh) = (1 - x^2) / x for the launch, then
+    # sums.
     growth = np.exp(numbers[:, LAUNCH, None])
     launch = np.tanh(growth)
     of_launch = np.broadcast_to(growth * (1 - launch**2) / launch, ratios.shape)
@@ -186,6 +194,8 @@ def compute_residuals(
     slopes = {LAUNCH: of_launch, RESTITUTION: of_restitution, CHANGE: of_change}
     for place, slope in slopes.items():
         change = slope * free_ratios
-        of_times[..., place] = take(_sums(motion.duration_slopes * change * unit), rows.impacts, 1)
+        of_times[..., place] = take(
+            _sums(motion.duration_slopes * change * unit), rows.impacts, 1
+        )
         of_peaks[..., place] = take(motion.rotation_slopes * change * angle, rows.arcs, 1)
     return residuals, np.where(rows.free[:, None], jacobian * weights[..., None], 0)

@@ -22,12 +22,15 @@ def with_numbers(measured: Measured, numbering: Numbering) -> Measured:
     return renumbered._replace(arcs=impacts[:-1], peak_counts=measured.peak_counts & whole)
 
 
-def number_impacts(measured: Measured, known: Known, noises: Noises) -> tuple[Numbering, float]:
+def number_impacts(
+    measured: Measured, known: Known, noises: Noises
+) -> tuple[Numbering, float]:
     """Number the impacts by the times alone.
 
-    Repairs compete with two other explanations, another p and a C that changes. The explanation
-    wins that chance would produce least often. Also returns the logarithm of the probability
-    that chance fits the times as well as these two do without a repair; 0 if nothing is repaired.
+    Repairs compete with two other explanations, another p and a C that changes. The
+    explanation wins that chance would produce least often. Also returns the logarithm of the
+    probability that chance fits the times as well as these two do without a repair; 0 if
+    nothing is repaired.
     """
     # Peaks would have to be given to other arcs for each numbering.
     silent = measured._replace(peak_counts=np.zeros_like(measured.peak_counts))

@@ -32,7 +32,8 @@ _ARRIVED = 0.01  # standard errors from the least squares
 class Fitted(NamedTuple):
     """The best numbers, and there the residuals over their noises and their Jacobian.
 
-    And the amplitudes of impacts, over their range and about their mean, on which C may depend.
+    And the amplitudes of impacts, over their range and about their mean, on which C may
+    depend.
     """
 
     numbers: Float[np.ndarray, "6"]
@@ -85,7 +86,9 @@ def is_least(fit: Fitted, measured: Measured, known: Known, noises: Noises) -> b
     # Measurements may be better than a noise that is known.
     sigma = max((fit.squares / freedom) ** 0.5, 1.0 if any(noises.known) else 0.0)
     least = _ARRIVED * sigma + rounding_of(known.dtype) * _extent(measured, noises)
-    return bool(np.linalg.norm(fit.residuals @ directions_of(fit.jacobian[:, known.free])) <= least)
+    return bool(
+        np.linalg.norm(fit.residuals @ directions_of(fit.jacobian[:, known.free])) <= least
+    )
 
 
 def _amplitudes(numbers: Values, rows: Rows) -> Values:
@@ -168,7 +171,9 @@ def _lines(
     middle = np.sum(weight * number, axis=2, keepdims=True) / total
     height = np.sum(weight * log_x, axis=2, keepdims=True) / total
     spread = np.sum(weight * (number - middle) ** 2, axis=2, keepdims=True)
-    slope = np.sum(weight * (number - middle) * (log_x - height), axis=2, keepdims=True) / spread
+    slope = (
+        np.sum(weight * (number - middle) * (log_x - height), axis=2, keepdims=True) / spread
+    )
     slope = np.clip(np.where(spread > 0, slope, -0.1), -3.0, -1e-3)
     x = np.exp(np.clip(height - slope * middle, -12.0, -1e-4))
     guesses = np.empty((*log_p.shape, known.numbers.size))

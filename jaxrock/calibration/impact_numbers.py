@@ -1,9 +1,9 @@
 """Which impact each recorded time belongs to: impacts missed, counted twice, or mistimed.
 
 One repair after another, each the best of all that are possible: a time is left out because it
-counts an impact again; one is passed over because nobody recorded it; a time is left out because
-it is wrong. Repairs are kept as long as together they explain more than chance would, by an
-F test that allows for the choice among all of them.
+counts an impact again; one is passed over because nobody recorded it; a time is left out
+because it is wrong. Repairs are kept as long as together they explain more than chance would,
+by an F test that allows for the choice among all of them.
 """
 
 import math
@@ -50,8 +50,8 @@ def repair(
 ) -> Numbering:
     """The numbering of impacts that explains the times.
 
-    `squares_of` gives sums of squares, in units of the noise where that is known; `rounding` is
-    how far off a time may be, in these units, because of the arithmetic.
+    `squares_of` gives sums of squares, in units of the noise where that is known; `rounding`
+    is how far off a time may be, in these units, because of the arithmetic.
     """
     path = [Numbering(np.arange(times.size), np.ones(times.size, bool))]
     floor = times.size * rounding**2

@@ -1,7 +1,7 @@
 """Least squares of several sets of measurements side by side, by Levenberg and Marquardt.
 
-The search runs in NumPy; what it calls computes residuals and their derivatives, in a program that
-was compiled once.
+The search runs in NumPy; what it calls computes residuals and their derivatives, in a program
+that was compiled once.
 """
 
 from collections.abc import Callable
@@ -38,7 +38,9 @@ class Least(NamedTuple):
 def check_concrete(tree: PyTree) -> None:
     """Raise `ValueError` if any of the numbers is traced."""
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree)):
-        raise ValueError("arguments must be concrete here: a fit is made outside of jit and vmap")
+        raise ValueError(
+            "arguments must be concrete here: a fit is made outside of jit and vmap"
+        )
 
 
 def minimize(
@@ -81,7 +83,9 @@ def minimize(
     return Least(numbers, residuals, jacobian)
 
 
-def _steps(residuals: Values, jacobian: Values, damping: Values) -> tuple[Values, Values, Values]:
+def _steps(
+    residuals: Values, jacobian: Values, damping: Values
+) -> tuple[Values, Values, Values]:
     """The next steps, by how much the sums of squares should fall, and would without damping."""
     scale = np.sqrt(np.sum(jacobian**2, axis=1))
     scale[scale == 0] = 1

@@ -11,8 +11,14 @@ from ..ground_motion import times_in
 from ..host import is_number, numbered_lines
 
 # Names of rotations, and their units in radians, in brackets or behind the name.
-_ROTATION = r"(?:(?:peak|max(?:imum)?|largest)\s*)?(?:rotations?|angles?|alpha|theta|tilts?|peaks?)"
-_ANGLES = {r"rad(?:ians?)?": 1.0, r"m(?:illi)?rad": 1e-3, r"deg(?:rees?)?|\u00b0": math.pi / 180}
+_ROTATION = (
+    r"(?:(?:peak|max(?:imum)?|largest)\s*)?(?:rotations?|angles?|alpha|theta|tilts?|peaks?)"
+)
+_ANGLES = {
+    r"rad(?:ians?)?": 1.0,
+    r"m(?:illi)?rad": 1e-3,
+    r"deg(?:rees?)?|\u00b0": math.pi / 180,
+}
 
 
 def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -41,7 +47,9 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         times, if the names of the columns are not understood, or if the times do not increase.
     """
     path = Path(path)
-    lines = [(number, line, _fields(path, number, line)) for number, line in numbered_lines(path)]
+    lines = [
+        (number, line, _fields(path, number, line)) for number, line in numbered_lines(path)
+    ]
     units = 1.0, 1.0
     if lines and _are_names(lines[0][2]):
         units = _units(path, *lines.pop(0))
@@ -119,7 +127,9 @@ def _time_and_peak(
     must = "the time of an impact was expected, and perhaps after a comma the peak rotation"
     if is_number(time) and is_number(peak):
         pair = units[0] * float(time), units[1] * float(peak)
-        must = "a peak rotation must be between -pi/2 and pi/2 rad and not 0, or empty if unknown"
+        must = (
+            "a peak rotation must be between -pi/2 and pi/2 rad and not 0, or empty if unknown"
+        )
         if not math.isfinite(pair[0]):
             must = "a time must be finite"
         elif math.isnan(pair[1]) or 0 < abs(pair[1]) < math.pi / 2:

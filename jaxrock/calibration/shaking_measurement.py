@@ -28,7 +28,9 @@ _ROUNDING = {8: 1e-9, 4: 1e-6}  # part of a rotation, by the bytes of a number
 _MAX_STEPS = 30
 _SEEN = 4.0  # rotations over the noise, from which on they tell the side
 _LEAST_TIMES = 1024  # there is room for, at least
-_PIECE = 16  # times whose rotations are computed together: they take as long as the last of them
+_PIECE = (
+    16  # times whose rotations are computed together: they take as long as the last of them
+)
 
 
 class ShakingTest(NamedTuple):
@@ -139,7 +141,9 @@ def _rotations(
 
         def piece(k: Integers, found: Reals) -> Reals:
             some = jax.lax.dynamic_slice(asked, (k * _PIECE,), (_PIECE,))
-            return jax.lax.dynamic_update_slice(found, response.history(some)[0], (k * _PIECE,))
+            return jax.lax.dynamic_update_slice(
+                found, response.history(some)[0], (k * _PIECE,)
+            )
 
         rotations = jax.lax.fori_loop(0, pieces, piece, jnp.zeros_like(times))
         return jnp.where(complete, rotations, jnp.nan), response.impacts
@@ -206,7 +210,9 @@ def _fit(test: ShakingTest, start: Values, end: float, noise: float | None) -> S
         converged = converged and (
             bool(exact.all())
             or all(
-                _is_straight(test, numbers, k, errors[k], end, counts, off + measured, steep[:, k])
+                _is_straight(
+                    test, numbers, k, errors[k], end, counts, off + measured, steep[:, k]
+                )
                 for k in range(values.size)
             )
         )

@@ -14,7 +14,9 @@ def make_parser(commands: Mapping[str, type[Command]]) -> App:
         name="jaxrock",
         help="Rocking of rigid blocks: will it rock, how far, and what overturns it.",
         version=version,
-        default_parameter=Parameter(negative="", consume_multiple=True, show_default=write_default),
+        default_parameter=Parameter(
+            negative="", consume_multiple=True, show_default=write_default
+        ),
         help_format="markdown",
     )
     for name, command in commands.items():

@@ -67,7 +67,9 @@ class Spectrum(Storing):
     out: Folder = Path("spectrum")
 
     def _steps(self) -> Steps:
-        grid: dict[str, Any] = {name: axis(name, self.numbers(name)) for name in RESONANCE_AXES}
+        grid: dict[str, Any] = {
+            name: axis(name, self.numbers(name)) for name in RESONANCE_AXES
+        }
         check("gravity", self.gravity, POSITIVE)
         check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
         check("tolerance", self.tolerance, POSITIVE)
@@ -175,7 +177,9 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
         if self.intensity is not None:
             scene = Scene(block, c, self.intensity)
         else:
-            scene = DrivenScene(block, c, self.motion if self.shaken else default_scene().motion)
+            scene = DrivenScene(
+                block, c, self.motion if self.shaken else default_scene().motion
+            )
         folder = yield "tradeoff.nc", "tradeoff.csv", "tradeoff.png"
         from ..plot import plot_tradeoff
 
@@ -185,7 +189,9 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
         write_table(dataset, folder / "tradeoff.csv")
         picture(plot_tradeoff(tradeoff.dataset), folder / "tradeoff.png")
         data = {"sentence": tradeoff.sentence(), "notes": tradeoff.notes()}
-        return Answer(str(tradeoff), {"rows": dataset.to_dataframe().to_dict("records"), **data})
+        return Answer(
+            str(tradeoff), {"rows": dataset.to_dataframe().to_dict("records"), **data}
+        )
 
 
 class Paper(Writing):

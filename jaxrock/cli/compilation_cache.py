@@ -15,14 +15,17 @@ import jax
 import platformdirs
 
 LARGEST = 100_000_000  # bytes of the folder; a command leaves 0.3 MB
-_CACHE_ERROR = re.compile("Error (reading|writing) persistent compilation cache entry for '(.*?)'")
+_CACHE_ERROR = re.compile(
+    "Error (reading|writing) persistent compilation cache entry for '(.*?)'"
+)
 
 
 @contextlib.contextmanager
 def cached() -> Iterator[None]:
     """Keep what is compiled inside, and use what was compiled before.
 
-    Unless the user has told JAX where to keep it, or not to, and unless there is no folder for it.
+    Unless the user has told JAX where to keep it, or not to, and unless there is no folder for
+    it.
     """
     folder = platformdirs.user_cache_path("jaxrock", appauthor=False) / "compiled"
     told = jax.config.jax_compilation_cache_dir or not jax.config.jax_enable_compilation_cache

@@ -17,7 +17,16 @@ from ..host import write_csv
 from ..overturning import UNITS
 from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
 from ..validation import NON_NEGATIVE, POSITIVE, check
-from .options import Answer, BlockOptions, Folder, ModelName, MotionOptions, Steps, Writing, picture
+from .options import (
+    Answer,
+    BlockOptions,
+    Folder,
+    ModelName,
+    MotionOptions,
+    Steps,
+    Writing,
+    picture,
+)
 
 AnswerName = Literal[
     "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
@@ -63,11 +72,15 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         check("intensity", self.intensity, NON_NEGATIVE)
         check("relative_change", self.relative_change, POSITIVE)
         if self.relative_change >= 1:
-            raise ValueError(f"relative_change must be less than 1, got {self.relative_change:g}")
+            raise ValueError(
+                f"relative_change must be less than 1, got {self.relative_change:g}"
+            )
         check("coefficient_of_variation", self.coefficient_of_variation, POSITIVE)
         if not self.shaken:
             if self._answer == "critical-intensity":
-                self.refuse("intensity", only_with="another answer than the critical intensity")
+                self.refuse(
+                    "intensity", only_with="another answer than the critical intensity"
+                )
                 return at
             return at | {"intensity": self.intensity}
         self.refuse("intensity", only_with="instantaneous pulses")
@@ -129,7 +142,9 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
         variation = dict.fromkeys(at, self.coefficient_of_variation)
         scatter = propagate(self._question, at, variation, samples)
-        order = [bars.names.index(name) for name in slopes.names]  # bars begin with the longest
+        order = [
+            bars.names.index(name) for name in slopes.names
+        ]  # bars begin with the longest
         columns = {
             "quantity": list(slopes.names),
             "unit": [_UNITS_OF_NUMBERS.get(name, "-") for name in slopes.names],
@@ -140,7 +155,9 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             "share_of_variance": [scatter.shares[name] for name in slopes.names],
         }
         columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        rows = [
+            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+        ]
         write_csv(folder / "sensitivity.csv", columns, {}, self.about)
         label = self._answer.replace("-", " ")
         unit = _UNITS_OF_ANSWERS.get(self._answer, "-")
@@ -154,7 +171,9 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         )
         if not scatter.valid:
             text += ", NOT to be trusted: samples differ"
-        moments = {name: getattr(scatter, name) for name in ("mean", "standard_deviation", "valid")}
+        moments = {
+            name: getattr(scatter, name) for name in ("mean", "standard_deviation", "valid")
+        }
         data = {"answer": self._answer, "model": self._model, "value": slopes.value, **moments}
         return Answer(text, data | {"rows": rows})
 
@@ -169,12 +188,19 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
         c = np.linspace(0.3, 0.95, 521)
         slenderness = np.linspace(3, 10, 561)
-        value, slope = value_and_slopes(question, mask_beyond=True)(c[:, None], slenderness[None])
+        value, slope = value_and_slopes(question, mask_beyond=True)(
+            c[:, None], slenderness[None]
+        )
         elasticity = np.asarray(slope * c[:, None] / value)
         axes = [("restitution", c), ("slenderness", slenderness)]
-        named = {"units": "1", "long_name": f"elasticity of {label} with respect to restitution"}
+        named = {
+            "units": "1",
+            "long_name": f"elasticity of {label} with respect to restitution",
+        }
         ax = plot_sensitivity_map(xarray.DataArray(elasticity, axes, attrs=named))
-        pulse = "" if self._answer == "critical-intensity" else f"$I$ = {at['intensity']:g} m/s, "
+        pulse = (
+            "" if self._answer == "critical-intensity" else f"$I$ = {at['intensity']:g} m/s, "
+        )
         title = f"{2 * at['half_width']:g} m wide, {pulse}{self._model}"
         ax.set_title(title, fontsize="medium")
         picture(ax, path)

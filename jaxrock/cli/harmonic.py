@@ -13,8 +13,8 @@ from .options import Answer, Count, Folder, Grid, ModelName, Steps, Writing, pic
 class Harmonic(Writing):
     """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
 
-    Where one impact in every half period goes on for ever, whether that is stable, how high the
-    block rocks then, and what it does elsewhere and from rest. The same for every size of
+    Where one impact in every half period goes on for ever, whether that is stable, how high
+    the block rocks then, and what it does elsewhere and from rest. The same for every size of
     block. Writes harmonic.nc, harmonic.csv and harmonic.png.
 
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45

@@ -30,7 +30,9 @@ def run_main(arguments: Sequence[str] | None) -> None:
     if arguments is None:
         end_on_signals()
         gc.freeze()  # what was imported stays
-        gc.set_threshold(100_000, 20, 50)  # tracing makes many objects, of which few are garbage
+        gc.set_threshold(
+            100_000, 20, 50
+        )  # tracing makes many objects, of which few are garbage
     jax.config.update("jax_enable_x64", True)
     try:
         code = _run(arguments)

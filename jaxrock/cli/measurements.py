@@ -17,10 +17,10 @@ from .options import Answer, Folder, ModelName, Steps, Writing, picture
 class Fit(Writing):
     """Restitution of a block, and if need be its p, from the times of its impacts in a test.
 
-    The block is tilted and let go; a microphone or an accelerometer beside it hears the impacts.
-    The file has a line for each: its time [s], and perhaps after a comma the largest rotation
-    between it and the next [rad]. Without a width the block is unknown, and p is fitted too.
-    Writes fit.csv, a line for each time, and fit.png.
+    The block is tilted and let go; a microphone or an accelerometer beside it hears the
+    impacts. The file has a line for each: its time [s], and perhaps after a comma the largest
+    rotation between it and the next [rad]. Without a width the block is unknown, and p is
+    fitted too. Writes fit.csv, a line for each time, and fit.png.
 
     Example: jaxrock fit times.csv
 
@@ -75,7 +75,9 @@ class Fit(Writing):
         columns = _columns(fit, peaks)
         write_csv(folder / "fit.csv", columns, _UNITS, self.about)
         picture(plot_free_rocking_fit(fit), folder / "fit.png")
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        rows = [
+            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+        ]
         return Answer(str(fit), {"model": self.model, **_data(fit), "rows": rows})
 
     def _block(self) -> Block | None:
@@ -90,7 +92,9 @@ class Fit(Writing):
             check("height", self.height, POSITIVE)
             slenderness = self.height / self.width
         else:
-            raise ValueError("height or slenderness must be given with a width, one of the two")
+            raise ValueError(
+                "height or slenderness must be given with a width, one of the two"
+            )
         return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
 
 

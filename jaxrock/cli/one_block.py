@@ -29,7 +29,13 @@ from .options import (
 )
 
 Quantity = Literal[
-    "amplitude", "duration", "factor", "half_width", "slenderness", "inertia_ratio", "restitution"
+    "amplitude",
+    "duration",
+    "factor",
+    "half_width",
+    "slenderness",
+    "inertia_ratio",
+    "restitution",
 ]
 
 
@@ -60,8 +66,8 @@ class Assess(BlockOptions):
 class Respond(MotionOptions, BlockOptions, Writing):
     """Response of one block to a pulse or a record, through every impact.
 
-    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png (ground
-    and rotation while the block moves, and phase portrait).
+    Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
+    (ground and rotation while the block moves, and phase portrait).
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
@@ -98,7 +104,11 @@ class Respond(MotionOptions, BlockOptions, Writing):
         ratio = {"long_name": "rotation over critical angle", "units": "1"}
         variables = {
             "rotation": ("time", rotation, {"long_name": "rotation", "units": "rad"}),
-            "velocity": ("time", velocity, {"long_name": "angular velocity", "units": "rad s-1"}),
+            "velocity": (
+                "time",
+                velocity,
+                {"long_name": "angular velocity", "units": "rad s-1"},
+            ),
             "rotation_ratio": ("time", rotation / block.critical_angle, ratio),
         }
         time = {"time": ("time", times, {"long_name": "time", "units": "s"})}
@@ -210,7 +220,9 @@ class Critical(MotionOptions, BlockOptions, Writing):
         else:
             found = overturning_boundaries(block, c, motion, along, values, model=model)
         if not bool(found.complete):
-            raise ValueError("motion could not be followed to its end for every one of the values")
+            raise ValueError(
+                "motion could not be followed to its end for every one of the values"
+            )
         columns = {
             name: getattr(found, name) for name in ("overturns_beyond", "impacts", "toppled")
         }
@@ -237,7 +249,10 @@ class Critical(MotionOptions, BlockOptions, Writing):
             f"restitution {c:.6g}; width, slenderness and restitution are those"
             f" that {pulse:g} m/s just overturn",
             "half-cycles  model        intensity [m/s]  width [m]  slenderness  restitution",
-            *(line.format(*map(_in_words, row)) for row in zip(*columns.values(), strict=True)),
+            *(
+                line.format(*map(_in_words, row))
+                for row in zip(*columns.values(), strict=True)
+            ),
         ]
         return columns, "\n".join(lines)
 
@@ -245,4 +260,6 @@ class Critical(MotionOptions, BlockOptions, Writing):
 def _in_words(value: Any) -> str:
     if isinstance(value, str):
         return value
-    return "none" if math.isnan(value) else "unlimited" if math.isinf(value) else f"{value:.5g}"
+    return (
+        "none" if math.isnan(value) else "unlimited" if math.isinf(value) else f"{value:.5g}"
+    )

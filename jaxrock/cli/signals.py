@@ -1,8 +1,8 @@
 """Ctrl-C, SIGTERM and SIGHUP end a command with one line, and leave nothing half-written.
 
-The handler ends the process itself: an exception can get lost under JAX, in a hook on the garbage
-collector or in a callback. Python calls it between two of its own instructions, so while XLA
-compiles or runs a program it has to wait.
+The handler ends the process itself: an exception can get lost under JAX, in a hook on the
+garbage collector or in a callback. Python calls it between two of its own instructions, so
+while XLA compiles or runs a program it has to wait.
 """
 
 import contextlib
@@ -47,8 +47,8 @@ def started_deaf() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return
-    # What multiprocessing has to start first: it would unblock signals. It removes semaphores of
-    # processes that are killed, and is not to complain of them.
+    # What multiprocessing has to start first: it would unblock signals. It removes semaphores
+    # of processes that are killed, and is not to complain of them.
     before = os.environ.get("PYTHONWARNINGS")
     os.environ["PYTHONWARNINGS"] = "ignore"
     try:
@@ -57,7 +57,9 @@ def started_deaf() -> Iterator[None]:
         del os.environ["PYTHONWARNINGS"]
         if before is not None:
             os.environ["PYTHONWARNINGS"] = before
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # threads and processes inherit it
+    signal.pthread_sigmask(
+        signal.SIG_BLOCK, {signal.SIGINT}
+    )  # threads and processes inherit it
     try:
         yield
     finally:

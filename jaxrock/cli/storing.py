@@ -57,7 +57,9 @@ class Storing(Writing):
         for word in self.chunks:
             name, equals, count = word.partition("=")
             if not (name and equals and count.isdecimal() and int(count) > 0):
-                raise ValueError(f"chunks must be NAME=COUNT, such as width=50, got {word!r:.60}")
+                raise ValueError(
+                    f"chunks must be NAME=COUNT, such as width=50, got {word!r:.60}"
+                )
             if (name := name.replace("-", "_")) in lengths:
                 raise ValueError(f"chunks must name a dimension once, got {name} twice")
             lengths[name] = int(count)
@@ -75,7 +77,11 @@ class Storing(Writing):
             stored = cluster.write_zarr(dataset, self.store)
             with xarray.open_zarr(self.store, zarr_format=2) as found:
                 said = answer(found)
-        data = {"store": str(self.store), "chunks": stored.chunks, "taken_over": stored.taken_over}
+        data = {
+            "store": str(self.store),
+            "chunks": stored.chunks,
+            "taken_over": stored.taken_over,
+        }
         return Answer(f"{said.text}\n{stored}", {**said.data, **data}, said.code, said.errors)
 
     @contextlib.contextmanager
@@ -98,7 +104,9 @@ class Storing(Writing):
             try:
                 yield
             except KilledWorker as error:
-                reason = "workers ended again and again at one chunk, perhaps for want of memory"
+                reason = (
+                    "workers ended again and again at one chunk, perhaps for want of memory"
+                )
                 raise ValueError(f"{reason}: {error}") from error
             except CancelledError as error:
                 raise ValueError("the scheduler was lost; the same command goes on") from error

@@ -22,9 +22,9 @@ class Run(Command):
     """Run the jobs of a study file, all of them checked before the first one starts.
 
     A study is a TOML file with a table [[job]] for each: its command and that command's
-    options, written with dashes or underscores; grids are numbers, lists or "START:STOP:COUNT".
-    Options in a table [common] hold for every job that has them. Paths start at the folder of
-    the study. A job that fails does not keep the others from running.
+    options, written with dashes or underscores; grids are numbers, lists or
+    "START:STOP:COUNT". Options in a table [common] hold for every job that has them. Paths
+    start at the folder of the study. A job that fails does not keep the others from running.
 
     Example: jaxrock run study.toml
     """
@@ -39,7 +39,9 @@ class Run(Command):
         jobs = _make_jobs(_read(self.study), self.study.parent, faults)
         faults += _find_collisions(jobs)
         if faults:
-            raise ValueError("\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)]))
+            raise ValueError(
+                "\n  ".join([f"{self.study} cannot be run:", *dict.fromkeys(faults)])
+            )
         return jobs
 
     def _steps(self) -> Steps:
@@ -91,7 +93,9 @@ def _make_jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
         kind = table.pop("command", None)
         if not isinstance(kind, str) or kind not in COMMANDS:
             got = f"only {', '.join(table) or 'nothing'}" if kind is None else repr(kind)[:60]
-            faults.append(f"job {number}: command must be one of {', '.join(COMMANDS)}, got {got}")
+            faults.append(
+                f"job {number}: command must be one of {', '.join(COMMANDS)}, got {got}"
+            )
             continue
         name = f"job {number} ({kind})"
         options = COMMANDS[kind].names_of_options()
@@ -120,7 +124,9 @@ def _make_job(kind: str, common: Table, table: Table, folder: Path) -> Command:
             raise ValueError(f"{name} is no option of a job")
     words = [word for name, value in options.items() for word in _write_words(name, value)]
     job = read_words(_PARSER, [kind, *words])
-    return replace(job, **{name: type(path)(folder / path) for name, path in job.paths().items()})
+    return replace(
+        job, **{name: type(path)(folder / path) for name, path in job.paths().items()}
+    )
 
 
 def _write_words(name: str, value: Any) -> list[str]:

@@ -77,7 +77,9 @@ class Fragility(BlockOptions, Storing):
             self.refuse("hazard_unit", only_with="a hazard")
         if self.hazard is not None:
             if self.measure not in ("pgv", "pga"):
-                raise ValueError(f"hazard goes with the measures pgv and pga, not {self.measure}")
+                raise ValueError(
+                    f"hazard goes with the measures pgv and pga, not {self.measure}"
+                )
             hazard = read_hazard(self.hazard, unit=self.hazard_unit, measure=self.measure)
         options = {"tolerance": self.tolerance, "model": self.model}
         curves_of = functools.partial(
@@ -138,7 +140,9 @@ class Fragility(BlockOptions, Storing):
                 "standard_error": float(found.standard_error),
                 "unseen": float(found.unseen),
                 "complete": bool(found.complete),
-                "elasticities": dict(zip(about.names, about.differences.tolist(), strict=True)),
+                "elasticities": dict(
+                    zip(about.names, about.differences.tolist(), strict=True)
+                ),
                 "slopes": dict(zip(about.names, about.slopes.tolist(), strict=True)),
             }
         return Answer("\n".join(lines), data)

@@ -1,8 +1,9 @@
 """Beyond one process: lazy grids on Dask, workers, and Zarr stores that can be continued.
 
-Needs ``jaxrock[cluster]``. Functions that return a dataset over a grid take ``chunks`` and are lazy
-then: `resonance_spectrum`, `rocking_spectrum`, `overturning_spectrum`, `overturning_map`,
-`harmonic_spectrum` and `fragility`. Names beside those in ``__all__`` are for the other packages.
+Needs ``jaxrock[cluster]``. Functions that return a dataset over a grid take ``chunks`` and are
+lazy then: `resonance_spectrum`, `rocking_spectrum`, `overturning_spectrum`, `overturning_map`,
+`harmonic_spectrum` and `fragility`. Names beside those in ``__all__`` are for the other
+packages.
 """
 
 from .lazy import Chunks as Chunks

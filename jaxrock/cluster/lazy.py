@@ -29,10 +29,10 @@ def lazy_arrays(
 ) -> dict[str, da.Array]:
     """The variables over a grid; nothing is computed.
 
-    `compute` is a function that can be pickled. It takes what is `shared` and the values along each
-    axis in a chunk, and returns an array for each variable, over the dimensions of that. These
-    are axes in their order, and after them `columns`, with their sizes. Names of tasks follow
-    from the arguments and from `about`, so that equal grids have equal names.
+    `compute` is a function that can be pickled. It takes what is `shared` and the values along
+    each axis in a chunk, and returns an array for each variable, over the dimensions of that.
+    These are axes in their order, and after them `columns`, with their sizes. Names of tasks
+    follow from the arguments and from `about`, so that equal grids have equal names.
     """
     settings = {name: value for name, value in settings_of_jax().items() if _is_plain(value)}
     values = {name: _packed_each(axis) for name, axis in axes.items()}

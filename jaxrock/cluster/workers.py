@@ -23,8 +23,8 @@ _OF_CACHE = {
 def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
     """Worker processes on this machine, among which its processors are shared out.
 
-    Each follows one task at a time, with as many threads as it has processors. It keeps what it
-    compiles where this process does.
+    Each follows one task at a time, with as many threads as it has processors. It keeps what
+    it compiles where this process does.
 
     Parameters
     ----------
@@ -55,8 +55,9 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
 class OwnProcessors(WorkerPlugin):
     """Shares out the processors and accelerators of a machine to its workers, by their names.
 
-    XLA starts as many threads as its process has processors: workers that have all of them would
-    be in each other's way. Where a batch system gives each worker its own, none of this is needed.
+    XLA starts as many threads as its process has processors: workers that have all of them
+    would be in each other's way. Where a batch system gives each worker its own, none of this
+    is needed.
 
     Parameters
     ----------
@@ -96,7 +97,9 @@ def number_of(name: Any) -> int:
     """The number at the end of a worker's name; a `ValueError` if it has none."""
     found = re.search(r"\d+$", str(name))
     if not found or ":" in str(name):  # an address, where a worker has been given no name
-        raise ValueError(f"workers must have names that end in a number from 0 on, got {name!r}")
+        raise ValueError(
+            f"workers must have names that end in a number from 0 on, got {name!r}"
+        )
     return int(found[0])
 
 
@@ -108,11 +111,15 @@ def share_of(all_of_them: list[int], number: int, workers: int) -> list[int]:
     return all_of_them[number * size // workers : (number + 1) * size // workers]
 
 
-def accelerator_of(number: int, workers: int, environment: Mapping[str, str]) -> dict[str, str]:
+def accelerator_of(
+    number: int, workers: int, environment: Mapping[str, str]
+) -> dict[str, str]:
     """What a worker's environment has to say for it to see one accelerator, if there are any."""
     visible = environment.get("CUDA_VISIBLE_DEVICES")
     if visible is None:
-        visible = ",".join(str(k) for k, _ in enumerate(_GPUS.iterdir())) if _GPUS.exists() else ""
+        visible = (
+            ",".join(str(k) for k, _ in enumerate(_GPUS.iterdir())) if _GPUS.exists() else ""
+        )
     names = [name for name in visible.split(",") if name]
     if not names:
         return {}

@@ -67,11 +67,11 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From a function of jaxrock with ``chunks``; along each dimension these have one length, and
-        the last may be shorter.
+        From a function of jaxrock with ``chunks``; along each dimension these have one length,
+        and the last may be shorter.
     path : str or path
-        A folder, which all workers reach by this path. One that exists is continued, by one run at
-        a time.
+        A folder, which all workers reach by this path. One that exists is continued, by one
+        run at a time.
 
     Returns
     -------
@@ -80,9 +80,9 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     Raises
     ------
     ValueError
-        If the dataset is not lazy or its chunks have several lengths; if what exists belongs to
-        another grid, to other chunks or to another version, or is damaged beside its chunks, in
-        which case it stays untouched; if nothing can be written there.
+        If the dataset is not lazy or its chunks have several lengths; if what exists belongs
+        to another grid, to other chunks or to another version, or is damaged beside its
+        chunks, in which case it stays untouched; if nothing can be written there.
 
     Examples
     --------
@@ -98,7 +98,9 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     path = Path(path)
     arrays = _lazy_arrays(dataset)
     if set("#?") & set(str(path)):
-        raise ValueError(f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address")
+        raise ValueError(
+            f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address"
+        )
     identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
     if os.path.lexists(path):
         _check_same(path, dataset, arrays, identity)
@@ -137,9 +139,13 @@ def _filled(path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array])
 
 def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
     """The variables that are Dask arrays, whose chunks are checked."""
-    arrays = {str(n): v.data for n, v in dataset.data_vars.items() if isinstance(v.data, da.Array)}
+    arrays = {
+        str(n): v.data for n, v in dataset.data_vars.items() if isinstance(v.data, da.Array)
+    }
     if not arrays:
-        raise ValueError("dataset must be lazy, of Dask arrays; its to_zarr writes one in memory")
+        raise ValueError(
+            "dataset must be lazy, of Dask arrays; its to_zarr writes one in memory"
+        )
     for name, array in arrays.items():
         for dim, lengths in zip(dataset[name].dims, array.chunks, strict=True):
             if len(set(lengths[:-1])) > 1 or lengths[-1] > lengths[0]:
@@ -171,7 +177,9 @@ def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
             # With a checksum, by which a chunk that is cut or has lost a bit is told.
             codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
             encoding = {name: codec for name in named.variables}
-            named.to_zarr(target, mode="w-", compute=False, zarr_format=_FORMAT, encoding=encoding)
+            named.to_zarr(
+                target, mode="w-", compute=False, zarr_format=_FORMAT, encoding=encoding
+            )
     except ValueError as error:
         if not path.is_dir():
             raise
@@ -190,7 +198,11 @@ def _check_same(
         with xarray.open_zarr(path, zarr_format=_FORMAT) as there:
             found = there.attrs
             whole = all((path / name).is_dir() for name in arrays)
-            if found.get(_IDENTITY) == identity and found.get(_MADE_BY) == _versions() and whole:
+            if (
+                found.get(_IDENTITY) == identity
+                and found.get(_MADE_BY) == _versions()
+                and whole
+            ):
                 damaged = [str(n) for n in dataset.variables if str(n) not in arrays]
                 damaged = [n for n in damaged if not _equal(there, dataset, n)]
                 if not damaged:
@@ -234,7 +246,9 @@ def _difference(
         return f"was begun in chunks of {_lengths(there[most])}, not {_lengths(dataset[most])}"
     for name, value in dataset.attrs.items():
         if isinstance(value, str | int | float) and there.attrs.get(name) != value:
-            return f"belongs to another grid: its {name} is {there.attrs.get(name)}, not {value}"
+            return (
+                f"belongs to another grid: its {name} is {there.attrs.get(name)}, not {value}"
+            )
     return "belongs to another grid: what it was computed from differs"
 
 
@@ -247,7 +261,9 @@ def _present(path: Path, name: str) -> set[Index]:
     """The chunks of a variable that are there."""
     with os.scandir(path / name) as entries:
         words = (entry.name.split(".") for entry in entries)
-        return {tuple(map(int, word)) for word in words if all(part.isdigit() for part in word)}
+        return {
+            tuple(map(int, word)) for word in words if all(part.isdigit() for part in word)
+        }
 
 
 def _whole_chunks(path: Path, name: str) -> set[Index]:
@@ -257,7 +273,9 @@ def _whole_chunks(path: Path, name: str) -> set[Index]:
     for index in _present(path, name):
         place = path / name / ".".join(map(str, index))
         if not place.is_file():
-            raise ValueError(f"store: {str(place)!r} is in the place of a chunk, and is no file")
+            raise ValueError(
+                f"store: {str(place)!r} is in the place of a chunk, and is no file"
+            )
         try:
             array.blocks[index]
         except (RuntimeError, ValueError, TypeError, OSError):  # of the codec
@@ -283,7 +301,11 @@ def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
 
 
 def _write(
-    *parts: np.ndarray, path: str, names: Sequence[str], lengths: Sequence[int], block_id: Index
+    *parts: np.ndarray,
+    path: str,
+    names: Sequence[str],
+    lengths: Sequence[int],
+    block_id: Index,
 ) -> np.ndarray:
     """Write one chunk of some variables, each whole or not at all."""
     starts = [number * length for number, length in zip(block_id, lengths, strict=True)]
@@ -308,7 +330,9 @@ def _with_stored(graph: Any, path: Path, stored: Mapping[str, da.Array]) -> Any:
     for name, array in stored.items():
         if array.name in layers:
             places = zip(np.ndindex(*array.numblocks), _regions(array), strict=True)
-            tasks = {(array.name, *k): (_read, os.path.abspath(path), name, r) for k, r in places}
+            tasks = {
+                (array.name, *k): (_read, os.path.abspath(path), name, r) for k, r in places
+            }
             layers[array.name] = MaterializedLayer(tasks)
             dependencies[array.name] = set()
     return HighLevelGraph(layers, dependencies)
@@ -343,7 +367,9 @@ def _finish(path: Path, arrays: Mapping[str, da.Array]) -> None:
     for name, array in arrays.items():
         missing = {*np.ndindex(*array.numblocks)} - _present(path, name)
         if missing:
-            said = f"{len(missing)} chunks of {name} are not there; do all workers write to it?"
+            said = (
+                f"{len(missing)} chunks of {name} are not there; do all workers write to it?"
+            )
             raise ValueError(f"store: {str(path)!r}: {said}")
     for name in arrays:
         for left in (path / name).glob("*.partial"):

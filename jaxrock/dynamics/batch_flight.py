@@ -1,10 +1,11 @@
 """What a block in motion does on one Taylor polynomial: its highest rotation, and its impact.
 
-The impact is a root of that polynomial, and the highest rotation one of its slope. Both are sought
-from the cubic through both ends of the step. How far the polynomial is from a cubic is bounded:
-where the bounds leave open whether there is an impact, whether it is the first, or how high the
-block rises, the step is not taken, and the next one is shorter. A block that bounces while the
-input is about to lift it again has impacts that fill an arbitrarily small part of a step.
+The impact is a root of that polynomial, and the highest rotation one of its slope. Both are
+sought from the cubic through both ends of the step. How far the polynomial is from a cubic is
+bounded: where the bounds leave open whether there is an impact, whether it is the first, or
+how high the block rises, the step is not taken, and the next one is shorter. A block that
+bounces while the input is about to lift it again has impacts that fill an arbitrarily small
+part of a step.
 """
 
 import math
@@ -19,8 +20,8 @@ from .taylor import Coefficients, derivative, evaluate, materialized
 # Longest step times the fastest rate: on longer ones the cubic is rarely close enough.
 LONGEST = 0.9
 # How far a function is at most from the cubic with its values and slopes at both ends of an
-# interval, over the fourth power of the length and the largest fourth derivative; and how far their
-# slopes are, over the third power.
+# interval, over the fourth power of the length and the largest fourth derivative; and how far
+# their slopes are, over the third power.
 _FROM_CUBIC = 1 / 384
 _FROM_ITS_SLOPE = 1 / 120
 
@@ -39,8 +40,12 @@ class _Cubic(NamedTuple):
         third = self.step * (1 / 3)
         near = self.rotation + third * self.slope
         far = self.end_rotation - third * self.end_slope
-        low = jnp.minimum(jnp.minimum(self.rotation, self.end_rotation), jnp.minimum(near, far))
-        high = jnp.maximum(jnp.maximum(self.rotation, self.end_rotation), jnp.maximum(near, far))
+        low = jnp.minimum(
+            jnp.minimum(self.rotation, self.end_rotation), jnp.minimum(near, far)
+        )
+        high = jnp.maximum(
+            jnp.maximum(self.rotation, self.end_rotation), jnp.maximum(near, far)
+        )
         return low, high
 
     def slope_bounds(self) -> tuple[Any, Any]:
@@ -80,8 +85,8 @@ def _landing(
 ) -> tuple[Any, Booleans]:
     """When a rotation falls through 0 that is negative at `latest`, and whether that was located.
 
-    By Halley's method from the root of a parabola. One more step shows whether that was enough,
-    and gives the time its derivatives.
+    By Halley's method from the root of a parabola. One more step shows whether that was
+    enough, and gives the time its derivatives.
     """
     a, b, c = parabola
     bend = derivative(slope)
@@ -154,7 +159,8 @@ def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
     """Certify that a rotation rises, or falls, throughout a step."""
     step = cubic.step
     _, c1, c2, c3 = path[:4]
-    # Bernstein coefficients of the slope, with a sixth of the fourth derivative for what follows.
+    # Bernstein coefficients of the slope, with a sixth of the fourth derivative for what
+    # follows.
     third = step * (1 / 3)
     middle = c1 + 2 * third * c2, c1 + third * (4 * c2 + 3 * step * c3)
     last = c1 + step * (2 * c2 + step * 3 * c3)
@@ -179,14 +185,17 @@ class Flight(NamedTuple):
     reach: Any  # longest step then
 
     @classmethod
-    def of(cls, path: Coefficients, step: Any, moves: Any, peak: Any, tolerance: Any) -> "Flight":
+    def of(
+        cls, path: Coefficients, step: Any, moves: Any, peak: Any, tolerance: Any
+    ) -> "Flight":
         """The flight on a polynomial, up to a time.
 
         A highest rotation above the peak so far is found to the tolerance.
         """
         slope = derivative(path)
         end, end_slope = materialized((evaluate(path, step), evaluate(slope, step)))
-        # Decisions have no derivatives; the end of the step has, as where the input has a corner.
+        # Decisions have no derivatives; the end of the step has, as where the input has a
+        # corner.
         fixed, fixed_slope, peak = jax.lax.stop_gradient((path, slope, peak))
         cubic = _Cubic(*jax.lax.stop_gradient((step, path[0], path[1], end, end_slope)))
         fourth = materialized(_fourth_derivative(fixed, cubic.step))

@@ -1,7 +1,7 @@
 """Ground motions as the batch takes them: what blocks share, and the numbers of each.
 
-Records of all lengths lie one after the other in flat arrays, which have room for more, so that one
-program follows blocks under most suites.
+Records of all lengths lie one after the other in flat arrays, which have room for more, so
+that one program follows blocks under most suites.
 """
 
 import functools
@@ -34,8 +34,8 @@ class GroundMotions(eqx.Module):
     Attributes
     ----------
     parts : tuple
-        Inputs for a factor of 1. There is one, unless records are so many that they are followed
-        in groups, for the sake of memory.
+        Inputs for a factor of 1. There is one, unless records are so many that they are
+        followed in groups, for the sake of memory.
     factor : Array
         On the input: amplitude or scale.
     length : Array
@@ -101,7 +101,9 @@ class Batch(eqx.Module):
         """
         leaves = jax.tree.leaves((block, restitution, motion, duration))
         with jax.numpy_dtype_promotion("standard"):
-            floats = [leaf.dtype for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
+            floats = [
+                leaf.dtype for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)
+            ]
             dtype = jnp.result_type(*floats)
         library = _library_for(leaves)
 
@@ -168,8 +170,8 @@ class Batch(eqx.Module):
 def ground_of(motion: Motion | Suite, axes: int = 0, grouped: bool = False) -> GroundMotions:
     """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
 
-    The records of a suite make the leading axis of the numbers, followed by `axes` others. Outside
-    of a transformation they may be `grouped`.
+    The records of a suite make the leading axis of the numbers, followed by `axes` others.
+    Outside of a transformation they may be `grouped`.
     """
     if isinstance(motion, Pulse):
         length = motion.duration * motion.extremes[-1]
@@ -209,7 +211,9 @@ def _of_record(record: Record, grouped: bool) -> GroundMotions:
     counts = [samples[0].shape[-1]] * number
     parts, begins = _dealt([part.reshape(-1) for part in samples], counts, grouped)
     motions = np.arange(number, dtype=samples[0].dtype).reshape(shape)
-    return GroundMotions(parts, record.scale, record.time_step, record.start, end, motions, begins)
+    return GroundMotions(
+        parts, record.scale, record.time_step, record.start, end, motions, begins
+    )
 
 
 def _of_suite(suite: Suite, axes: int, grouped: bool) -> GroundMotions:
@@ -238,7 +242,9 @@ def _of_suite(suite: Suite, axes: int, grouped: bool) -> GroundMotions:
         column([record.time_step for record in suite]),
         column([record.start for record in suite]),
         column(ends),
-        column([np.asarray(k, suite.records[0].acceleration.dtype) for k in range(len(suite))]),
+        column(
+            [np.asarray(k, suite.records[0].acceleration.dtype) for k in range(len(suite))]
+        ),
         begins,
     )
 
@@ -263,7 +269,9 @@ def _dealt(
     most = max(edges[end] - edges[begin] for begin, end in zip(begins, ends, strict=True))
     room = int(most) if traced else _room_for(int(most))
     if room * GRADES >= 2**31:
-        raise ValueError(f"motion has {most} samples, more than {2**31 // GRADES} in one batch")
+        raise ValueError(
+            f"motion has {most} samples, more than {2**31 // GRADES} in one batch"
+        )
     number = max(end - begin for begin, end in zip(begins, ends, strict=True))
     places = _RECORDS
     while places < number:
@@ -290,7 +298,9 @@ def _room_for(samples: int) -> int:
     return max(room, -(-samples // _MOST) * _MOST) if samples > _MOST else room
 
 
-def _record_input(samples: Sequence[Any], first: np.ndarray, intervals: np.ndarray) -> RecordInput:
+def _record_input(
+    samples: Sequence[Any], first: np.ndarray, intervals: np.ndarray
+) -> RecordInput:
     """Of components of the same length, in which records begin at their first places."""
     library = _library_for(samples)
     room = samples[0].shape[0]
@@ -311,7 +321,9 @@ def _record_input(samples: Sequence[Any], first: np.ndarray, intervals: np.ndarr
     within = library.pad(strength, (0, strides * STRIDE - strength.size))
     within = within.reshape(strides, STRIDE).max(axis=1)
     strong = within[:, None] > (strongest * grades)[None]
-    beyond = library.where(strong, np.arange(strides, dtype=np.int32)[:, None], np.int32(strides))
+    beyond = library.where(
+        strong, np.arange(strides, dtype=np.int32)[:, None], np.int32(strides)
+    )
     if library is np:
         following = np.minimum.accumulate(beyond[::-1])[::-1]
     else:

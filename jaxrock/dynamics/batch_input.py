@@ -1,9 +1,10 @@
 """Ground motion for the batch: power series from any time on, and when it lifts a block at rest.
 
-A pulse is one interval, whose series is known at any time in it. A harmonic motion is a one-sine
-pulse, interval after interval: the phase begins anew in each, so that it keeps its digits however
-many there are. A record is a line in each interval between two samples; a table says which interval
-is the next one strong enough to lift a block. Several records lie one after the other.
+A pulse is one interval, whose series is known at any time in it. A harmonic motion is a
+one-sine pulse, interval after interval: the phase begins anew in each, so that it keeps its
+digits however many there are. A record is a line in each interval between two samples; a table
+says which interval is the next one strong enough to lift a block. Several records lie one
+after the other.
 """
 
 import math
@@ -97,8 +98,12 @@ class PulseInput(eqx.Module):
         )
         time = jnp.full_like(lanes.along, jnp.inf)
         side = jnp.ones_like(lanes.along)
-        first = 1.0 if self.harmonic is not None else -1.0  # sign of the first, and of the third
-        for rise, sign in reversed(list(zip(case.uplifts, (first, -first, first), strict=True))):
+        first = (
+            1.0 if self.harmonic is not None else -1.0
+        )  # sign of the first, and of the third
+        for rise, sign in reversed(
+            list(zip(case.uplifts, (first, -first, first), strict=True))
+        ):
             sooner = (rise >= lanes.along) & (rise <= time)
             time = jnp.where(sooner, rise, time)
             side = jnp.where(sooner, sign, side)
@@ -213,7 +218,8 @@ class RecordInput(eqx.Module):
         lifted = at_once | (jnp.abs(last) > evaluate(needed, step))
         side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
         if lift:
-            # Where the ground falls away, both sides are lifted within the step: the first counts.
+            # Where the ground falls away, both sides are lifted within the step: the first
+            # counts.
             begin, end = (
                 [one * part - need for one in (1.0, -1.0)]
                 for part, need in ((horizontal[0], needed[0]), (last, evaluate(needed, step)))

@@ -1,6 +1,7 @@
 """A queue of blocks, worked off by a fixed number of lanes.
 
-A lane that has finished takes the next block, so that none waits for a block with many impacts.
+A lane that has finished takes the next block, so that none waits for a block with many
+impacts.
 """
 
 from collections.abc import Callable
@@ -74,7 +75,9 @@ def work_off(
         def replaced(new: Any, old: Any) -> Any:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queue)
+        next_case = jax.tree.map(
+            lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queue
+        )
         case = jax.tree.map(replaced, next_case, case)
         fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case)
         lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)

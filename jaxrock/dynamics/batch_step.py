@@ -55,8 +55,8 @@ class Case(NamedTuple):
     ) -> "Case":
         """The case of the arguments of `respond_batch`, elementwise.
 
-        `factor` is on the motion (its amplitude or scale), `length` that of an interval, `motion`
-        the index where there are several.
+        `factor` is on the motion (its amplitude or scale), `length` that of an interval,
+        `motion` the index where there are several.
         """
         block, restitution, factor, length, start, duration, motion = arguments
         motion = motion.astype(jnp.int32)
@@ -165,8 +165,9 @@ def take_step(
     length = jnp.where(acts, case.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
     left = stop - lanes.along
-    # All that follows uses these many times. Without a barrier (here and at each `materialized`
-    # in this file), XLA would fuse their computation into every use and repeat it there.
+    # All that follows uses these many times. Without a barrier (here and at each
+    # `materialized` in this file), XLA would fuse their computation into every use and repeat
+    # it there.
     strength = materialized(jnp.where(acts, case.strength, 0))
     horizontal, lift = ground.series(
         case._replace(strength=strength), lanes.interval, lanes.along, order
@@ -232,8 +233,8 @@ def _settles(
 ) -> Booleans:
     """Whether a block comes to rest after an impact: if all further bounces end within the step.
 
-    Their time is bounded by that of bounces to the side where the ground presses less, under an
-    acceleration that must not change much meanwhile, whatever the input does.
+    Their time is bounded by that of bounces to the side where the ground presses less, under
+    an acceleration that must not change much meanwhile, whatever the input does.
     """
     equation = case.equation
     sine, cosine = case.on_ground

@@ -12,8 +12,8 @@ from ..validation import Booleans, Reals
 from .solver_steps import Segment
 
 _NODES = np.arange(9) / 8
-# Coefficients of the third, fourth and fifth power of a quintic: what the first three powers miss
-# at the end of a step in the rotation, in its slope, and in half its second derivative.
+# Coefficients of the third, fourth and fifth power of a quintic: what the first three powers
+# miss at the end of a step in the rotation, in its slope, and in half its second derivative.
 _QUINTIC = ((10, -4, 1), (-15, 7, -2), (6, -3, 1))
 
 
@@ -46,8 +46,8 @@ def with_step(
     counts: Booleans,
 ) -> Forces:
     """The extremes so far, and in a step if that counts."""
-    # Most steps come nowhere near the extremes so far, which values at nodes show: between nodes
-    # the forces exceed those values by much less than half their spread.
+    # Most steps come nowhere near the extremes so far, which values at nodes show: between
+    # nodes the forces exceed those values by much less than half their spread.
     step = jax.lax.stop_gradient((segment, times, states, accelerations))
     horizontal, normal = _at_shares(*step, jnp.asarray(_NODES, times.dtype))
     demand, least, _ = jax.lax.stop_gradient(extremes)
@@ -77,7 +77,9 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
     curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
     slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
     curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
-    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (_NODES.size - 1)
+    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (
+        _NODES.size - 1
+    )
     shares = nodes[None] + jnp.pad(vertex, ((0, 0), (1, 1)))
     refined = [_at_shares(segment, times, states, accelerations, shares[k]) for k in range(2)]
     horizontal, normal = map(jnp.stack, zip((horizontal, normal), *refined, strict=True))
@@ -90,7 +92,9 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
     return demand, jnp.where(counts, normal, jnp.inf).min()
 
 
-def _time_of_loss(segment: Segment, times: Reals, states: Reals, accelerations: Reals) -> Reals:
+def _time_of_loss(
+    segment: Segment, times: Reals, states: Reals, accelerations: Reals
+) -> Reals:
     """When the normal force vanishes within a step, or is smallest; without derivative."""
 
     def narrower(_: Any, bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
@@ -137,7 +141,9 @@ def _at_shares(
     acceleration = equation.acceleration(y[0], push, lift)
     sine, cosine = (f(equation.critical_angle - y[0]) for f in (jnp.sin, jnp.cos))
     # In this order, so that forces on a rectangle and their derivatives keep all bits.
-    radius_over_g = 0.75 / equation.p_squared * (RECTANGLE_INERTIA_RATIO / equation.inertia_ratio)
+    radius_over_g = (
+        0.75 / equation.p_squared * (RECTANGLE_INERTIA_RATIO / equation.inertia_ratio)
+    )
     horizontal = radius_over_g * (cosine * acceleration + sine * y[1] ** 2) - push
     normal = 1 + lift + radius_over_g * (sine * acceleration - cosine * y[1] ** 2)
     return horizontal, normal

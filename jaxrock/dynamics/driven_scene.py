@@ -8,7 +8,16 @@ import jax.numpy as jnp
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import Printed, derivatives, shown
-from ..validation import FINITE, POSITIVE, UNIT_INTERVAL, Checked, Domain, Reals, as_real, quantity
+from ..validation import (
+    FINITE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Checked,
+    Domain,
+    Reals,
+    as_real,
+    quantity,
+)
 
 
 class DrivenScene(Printed, Checked):

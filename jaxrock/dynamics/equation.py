@@ -1,7 +1,7 @@
 """The equation of driven motion (Eq. 1), written once for all integrators.
 
-In this package the rotation is counted from the side s = +1 or -1 on which the block stands: it
-is s alpha, 0 on the ground and positive above it. ``push`` is s times the horizontal
+In this package the rotation is counted from the side s = +1 or -1 on which the block stands:
+it is s alpha, 0 on the ground and positive above it. ``push`` is s times the horizontal
 acceleration of the ground over g, ``lift`` the vertical acceleration over g:
 
     rotation'' = -p^2 [(1 + lift) sin(alpha_c - rotation) - push cos(alpha_c - rotation)]
@@ -85,7 +85,8 @@ class Equation(eqx.Module):
 
         0 where the energy is less than that on the ground.
         """
-        # The fall as a product: a difference would keep its rounding error as the fall vanishes.
+        # The fall as a product: a difference would keep its rounding error as the fall
+        # vanishes.
         if self.linearized:
             fall = rotation * (2 * self.critical_angle - rotation)
         else:

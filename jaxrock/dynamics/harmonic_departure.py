@@ -34,8 +34,8 @@ def peak_after_launch(
 ) -> np.ndarray:
     """Peak rotations of blocks until the motion ends [rad]; NumPy, one-dimensional.
 
-    Launched to the positive side with a velocity [rad/s] at a phase [rad] of the first period. At
-    most `TOPPLED_ROTATION`; NaN where the motion could not be followed to its end.
+    Launched to the positive side with a velocity [rad/s] at a phase [rad] of the first period.
+    At most `TOPPLED_ROTATION`; NaN where the motion could not be followed to its end.
     """
     ground = ground_of(motion)
     time = np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency)
@@ -52,7 +52,9 @@ def peak_after_launch(
     return np.asarray(peaks).reshape(-1)[:size]
 
 
-def _follow(ground: PulseInput, rows: Any, groups: Any, form: Any, model: RockingModel) -> Reals:
+def _follow(
+    ground: PulseInput, rows: Any, groups: Any, form: Any, model: RockingModel
+) -> Reals:
     """The first groups of rows, one after the other."""
 
     def group(number: Any, peaks: Reals) -> Reals:

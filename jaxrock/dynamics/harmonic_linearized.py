@@ -5,8 +5,8 @@ block stands. In a half period, of the duration T = pi / w,
 
     rotation'' = rotation - 1 + beta sin(w time + phase)
 
-from 0 to 0, and the block lands 1 / C times as fast as it took off. With k = beta / (1 + w^2), t =
-tanh(T / 2), and m half of the landing velocity these are two linear equations,
+from 0 to 0, and the block lands 1 / C times as fast as it took off. With k = beta / (1 + w^2),
+t = tanh(T / 2), and m half of the landing velocity these are two linear equations,
 
     k sin(phase) = t (1 - C) m,    k w cos(phase) = t - (1 + C) m,
 
@@ -149,8 +149,9 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
     Returns
     -------
     amplitude : Array, shape (...)
-        Of the acceleration [m/s2], ``g alpha_c beta_min`` with, for w = omega / p and t = tanh(pi /
-        (2 w)), ``beta_min = (1 + w^2) (1 - C) t^2 / sqrt((1 + C)^2 + (w t (1 - C))^2)``.
+        Of the acceleration [m/s2], ``g alpha_c beta_min`` with, for w = omega / p and t =
+        tanh(pi / (2 w)),
+        ``beta_min = (1 + w^2) (1 - C) t^2 / sqrt((1 + C)^2 + (w t (1 - C))^2)``.
 
     Examples
     --------
@@ -168,8 +169,8 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Amplitude beyond which steady rocking of the linearized block is no longer symmetric.
 
-    There a multiplier of the half-period map passes -1: the symmetric motion of `harmonic_orbit`
-    goes on to exist, but is not stable any more.
+    There a multiplier of the half-period map passes -1: the symmetric motion of
+    `harmonic_orbit` goes on to exist, but is not stable any more.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """Steady rocking of the nonlinear block on a harmonic floor, by collocation.
 
 The unknowns are the angular acceleration at nodes in the half period, from which the rotation
-follows by integrating a polynomial twice, and beta sin(phase) and beta cos(phase). The equation
-of motion at the nodes, the impact law and the given beta decide on them. As a boundary value
-problem this is well conditioned however unstable the motion is, and without impacts in between it
-is smooth: the polynomial converges to rounding.
+follows by integrating a polynomial twice, and beta sin(phase) and beta cos(phase). The
+equation of motion at the nodes, the impact law and the given beta decide on them. As a
+boundary value problem this is well conditioned however unstable the motion is, and without
+impacts in between it is smooth: the polynomial converges to rounding.
 
 Newton's method starts at the linearized motion under a floor that is strong enough, and from
 there goes down to the given one. There beta^2 is a nearly parabolic function of the landing

@@ -58,7 +58,8 @@ class HarmonicOrbit(Printed, eqx.Module):
     symmetry_broken : Array of bool
         Whether it exists but a multiplier is below -1: half periods alternate then.
     below_uplift : Array of bool
-        Whether it exists on a floor that lifts no block from rest: it goes on once it has begun.
+        Whether it exists on a floor that lifts no block from rest: it goes on once it has
+        begun.
     """
 
     launch_velocity: Reals
@@ -78,7 +79,9 @@ class HarmonicOrbit(Printed, eqx.Module):
         names = [name for name in self.__dataclass_fields__ if name != "multipliers"]
         text = listed(self, **dict.fromkeys(names, "") | units)
         if not isinstance(self.below_uplift, jax.core.Tracer) and self.below_uplift.any():
-            text += "\nBelow uplift the motion goes on once it has begun, but no block begins it."
+            text += (
+                "\nBelow uplift the motion goes on once it has begun, but no block begins it."
+            )
         return text
 
 
@@ -119,10 +122,10 @@ def harmonic_orbit(
 
     Notes
     -----
-    The floor accelerates with ``amplitude sin(omega t)``. Towards the least amplitude at which the
-    motion exists its derivatives grow without bound. Nonlinear motions are found by collocation
-    with 36 nodes. A motion that these do not resolve counts as none; its floor is slower than 0.3
-    p, or that slow for how strong it is.
+    The floor accelerates with ``amplitude sin(omega t)``. Towards the least amplitude at which
+    the motion exists its derivatives grow without bound. Nonlinear motions are found by
+    collocation with 36 nodes. A motion that these do not resolve counts as none; its floor is
+    slower than 0.3 p, or that slow for how strong it is.
 
     Examples
     --------
@@ -137,9 +140,15 @@ def harmonic_orbit(
     return _with_stability(*values)
 
 
-@elementwise(restitution=UNIT_INTERVAL, amplitude=NON_NEGATIVE, frequency=POSITIVE, model=as_model)
+@elementwise(
+    restitution=UNIT_INTERVAL, amplitude=NON_NEGATIVE, frequency=POSITIVE, model=as_model
+)
 def _quantities(
-    block: Block, restitution: Number, amplitude: Number, frequency: Number, model: RockingModel
+    block: Block,
+    restitution: Number,
+    amplitude: Number,
+    frequency: Number,
+    model: RockingModel,
 ) -> tuple[Any, ...]:
     """The real fields that do not follow from others, and the acceleration that lifts."""
     equation = Equation.of(block, model)
@@ -185,7 +194,8 @@ def _steady(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]
     toppled = scene.equation.critical_angle * peak >= TOPPLED_ROTATION
     exists = steady.exists & (rotations.min() > 0) & ~toppled
     moves = (sine != 0) | (cosine != 0)
-    # From the cosine axis, so that rounding does not turn pi into -pi: the sine is not negative.
+    # From the cosine axis, so that rounding does not turn pi into -pi: the sine is not
+    # negative.
     phase = 0.5 * math.pi - jnp.arctan2(jnp.where(moves, cosine, -1), sine)
     return steady.landing, phase, peak, steady.trace, exists
 

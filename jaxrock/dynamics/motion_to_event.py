@@ -23,8 +23,8 @@ from .solver_steps import Segment, Step, Stepper, close_to, first_step, limited
 from .uplift import Uplifts
 
 REST, RISING, FALLING, TOPPLED = range(4)
-# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it passes
-# the critical angle; the time is over.
+# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
+# passes the critical angle; the time is over.
 PEAK, CONTACT, CRITICAL, STOP = range(4)
 
 _MAX_STEPS = 2**20  # of a segment
@@ -187,7 +187,9 @@ def _advance(
     steps = flight.steps + 1
     states = step.solver_state, flight.solver_state
     solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *states)
-    return Flight(elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state)
+    return Flight(
+        elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state
+    )
 
 
 def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
@@ -225,7 +227,9 @@ def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Intege
     return jnp.where(slope < 0, time - move, time)
 
 
-def forces_until(problem: Problem, state: State, until: Reals, acts: Booleans) -> Forces | None:
+def forces_until(
+    problem: Problem, state: State, until: Reals, acts: Booleans
+) -> Forces | None:
     """The forces with those under a block that moves with the ground until some time."""
     if state.forces is None:
         return None
@@ -239,8 +243,9 @@ def _balance(
 ) -> tuple[Booleans, Booleans, Reals, Forces | None]:
     """Let a block in balance wait until the input changes.
 
-    Between two knots the input changes if it differs at the second one. Returns whether the block
-    waits, whether it otherwise falls back to the ground, the end of the segment, and the forces.
+    Between two knots the input changes if it differs at the second one. Returns whether the
+    block waits, whether it otherwise falls back to the ground, the end of the segment, and the
+    forces.
     """
     until = jnp.where(segment.acts, problem.uplifts.next_knot(state.time, stop), stop)
     fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))
@@ -321,8 +326,8 @@ def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     deceleration = -fixed[0].field(zero, fixed[1])[1]
     # Bounces under a constant deceleration end in finite time. Once that is short beside the
     # tolerance, and the velocity is small beside what the block has had, or the clock cannot
-    # resolve that time, it is at rest. Where the input lifts the block again meanwhile, all that
-    # is dropped is this velocity. The times are multiplied by the deceleration.
+    # resolve that time, it is at rest. Where the input lifts the block again meanwhile, all
+    # that is dropped is this velocity. The times are multiplied by the deceleration.
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
     short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _SETTLED * problem.rtol * lost
@@ -336,7 +341,9 @@ def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
         velocity=jnp.where(rests, 0, jnp.where(lands, leaving, velocity)),
         phase=jnp.where(lands, jnp.where(rests, REST, RISING), phase),
         impacts=jnp.where(lands, state.impacts + 1, state.impacts),
-        last_impact=jnp.where(lands, jnp.stack([time, -state.side * arriving]), state.last_impact),
+        last_impact=jnp.where(
+            lands, jnp.stack([time, -state.side * arriving]), state.last_impact
+        ),
         peak=jnp.where(higher, rotation, state.peak),
         peak_time=jnp.where(higher, time, state.peak_time),
         crossing=jnp.where(crosses, time, state.crossing),

@@ -47,12 +47,12 @@ def free_motion_margin(
     """How far a block in free motion is from overturning; negative where it overturns.
 
     From a rotation [rad] and velocity [rad/s] on, with the ground at rest. A block beyond the
-    critical angle has not overturned yet: one that moves back fast enough returns, and may then
-    overturn on the other side. The margin is continuous everywhere and smooth through 0.
+    critical angle has not overturned yet: one that moves back fast enough returns, and may
+    then overturn on the other side. The margin is continuous everywhere and smooth through 0.
 
-    Returns the smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D =
-    2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the one at the
-    next impact, v_c the critical velocity. 1 at rest.
+    Returns the smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D
+    = 2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the one at
+    the next impact, v_c the critical velocity. 1 at rest.
 
     Examples
     --------
@@ -65,5 +65,7 @@ def free_motion_margin(
     equation = Equation.of(block, as_model(model))
     backward = jnp.where(rotation == 0, velocity, rotation) < 0
     outward = jnp.where(backward, -jnp.asarray(velocity), velocity)
-    margins = free_motion_margins(equation, jnp.asarray(restitution), jnp.abs(rotation), outward)
+    margins = free_motion_margins(
+        equation, jnp.asarray(restitution), jnp.abs(rotation), outward
+    )
     return smaller_margin(*margins)

@@ -2,9 +2,10 @@
 
 A pulse begins right after each impact and ends at the next impact at the latest. Small bounces
 see only its beginning: under a pulse that rises from 0 the map P of landing velocities is
-P(v) = C v + O(v^2) for small v > 0, while P(0) is the first landing after a whole pulse has acted
-on a block at rest. P is discontinuous at 0 wherever the pulse lifts the block, and may lead back
-to 0: bounces then die out in finite time, no further pulse begins, and the block stays at rest.
+P(v) = C v + O(v^2) for small v > 0, while P(0) is the first landing after a whole pulse has
+acted on a block at rest. P is discontinuous at 0 wherever the pulse lifts the block, and may
+lead back to 0: bounces then die out in finite time, no further pulse begins, and the block
+stays at rest.
 """
 
 from typing import Any, NamedTuple
@@ -146,11 +147,11 @@ def pulsed_phase(
 ) -> PulsedPhase:
     """The stabilized phase under pulses of finite duration.
 
-    The fixed point of `pulsed_next_velocity` that is reached from rest: by the first pulse, on a
-    block at rest, and by the next ones. Where that motion dies out or never begins, the largest
-    stable fixed point, of a block already in motion; where there is none either, rest. As the
-    duration of the pulse goes to 0 at the same intensity, the phase tends to that of `Nonlinear`
-    in proportion to the duration.
+    The fixed point of `pulsed_next_velocity` that is reached from rest: by the first pulse, on
+    a block at rest, and by the next ones. Where that motion dies out or never begins, the
+    largest stable fixed point, of a block already in motion; where there is none either, rest.
+    As the duration of the pulse goes to 0 at the same intensity, the phase tends to that of
+    `Nonlinear` in proportion to the duration.
 
     Parameters
     ----------
@@ -168,9 +169,9 @@ def pulsed_phase(
 
     Notes
     -----
-    From rest the map is followed for at most 300 evaluations, in longer steps where it is nearly
-    linear. Larger fixed points are sought at 64 velocities in constant ratio, and between
-    neighbours where the map and its slopes show that one may hide.
+    From rest the map is followed for at most 300 evaluations, in longer steps where it is
+    nearly linear. Larger fixed points are sought at 64 velocities in constant ratio, and
+    between neighbours where the map and its slopes show that one may hide.
 
     Examples
     --------
@@ -303,7 +304,9 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
         kind = jnp.where(lands & (gap >= 0), ABOVE, BELOW)
         new = Sample(velocity, gap, values[0] - 1, jnp.where(outcome > RESTS, NOWHERE, kind))
         # Within a few tolerances, a gap that no longer shrinks is the error of the map.
-        stuck = (jnp.abs(gap) <= 8 * size) & (jnp.abs(gap) >= 0.5 * jnp.abs(search.scan.last.value))
+        stuck = (jnp.abs(gap) <= 8 * size) & (
+            jnp.abs(gap) >= 0.5 * jnp.abs(search.scan.last.value)
+        )
         reached = lands & (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
         stands = reached & (jnp.abs(values[0]) <= 1)
         from_rest = _from_rest(search, new, outcome, stands, points(0))

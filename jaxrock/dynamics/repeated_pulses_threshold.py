@@ -45,11 +45,12 @@ class PulsedThreshold(Printed, eqx.Module):
     rate : Array
         Slope of the half-cycle map there; NaN for a finite number of half-cycles.
     lifts : Array of bool
-        Whether they lift the block from rest. If not, only a block in motion is kept in motion.
+        Whether they lift the block from rest. If not, only a block in motion is kept in
+        motion.
     from_rest : Array of bool
-        Whether pulses weaker by 1e-6 lead to that fixed point from rest. If not, they do not lift
-        the block, or its motion dies out; or they, and weaker ones, overturn it: a one-sine
-        pulse can overturn a block at rest and keep one up that moves fast enough.
+        Whether pulses weaker by 1e-6 lead to that fixed point from rest. If not, they do not
+        lift the block, or its motion dies out; or they, and weaker ones, overturn it: a
+        one-sine pulse can overturn a block at rest and keep one up that moves fast enough.
     """
 
     amplitude: Reals
@@ -79,10 +80,10 @@ def critical_pulsed_amplitude(
 ) -> PulsedThreshold:
     """Amplitude of the pulses that just overturn a block within so many half-cycles.
 
-    The first pulse meets the block at rest, each other one follows an impact. Without end, they
-    overturn it from where the fixed point of `pulsed_next_velocity` disappears: there a block that
-    lands with the critical velocity just fails to overturn under the next pulse. For short pulses
-    the intensity is that of `critical_intensity`.
+    The first pulse meets the block at rest, each other one follows an impact. Without end,
+    they overturn it from where the fixed point of `pulsed_next_velocity` disappears: there a
+    block that lands with the critical velocity just fails to overturn under the next pulse.
+    For short pulses the intensity is that of `critical_intensity`.
 
     Parameters
     ----------
@@ -99,8 +100,8 @@ def critical_pulsed_amplitude(
     -------
     PulsedThreshold
         For a finite number the lowest amplitude that overturns, up from uplift in steps of a
-        fifth. Without end NaN where the fixed point is unstable there. Under long pulses its rate
-        exceeds 1, and it disappears before, by meeting another one; with a rate below -1,
+        fifth. Without end NaN where the fixed point is unstable there. Under long pulses its
+        rate exceeds 1, and it disappears before, by meeting another one; with a rate below -1,
         half-cycles alternate before. NaN also where no amplitude brings the block to the
         threshold: one that loses most of its velocity at impacts is caught by a long pulse, or
         overturns at once.
@@ -139,10 +140,12 @@ def _margin(
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans, Any]]:
     """The margin at the end of the pulse, its slope; the velocity then; how it went.
 
-    That is whether the block landed under the pulse, and whether it overturned under one before.
+    That is whether the block landed under the pulse, and whether it overturned under one
+    before.
 
     Of a block that landed with the critical velocity or, with a count, of the last of so many
-    pulses from rest. The direction is one of the logarithm of the amplitude and of that velocity.
+    pulses from rest. The direction is one of the logarithm of the amplitude and of that
+    velocity.
     """
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
@@ -179,7 +182,9 @@ def _last_of(
         left = jnp.where(over, 0, left - 1)
         return left, jnp.where(last | over, velocity, landing), early | over, followed.response
 
-    response = jax.eval_shape(lambda: half_cycle(scene, velocity, velocity, model, rtol).response)
+    response = jax.eval_shape(
+        lambda: half_cycle(scene, velocity, velocity, model, rtol).response
+    )
     response = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), response)
     begin = count - 1, velocity, jnp.zeros((), bool), response
     _, _, early, response = jax.lax.while_loop(lambda state: state[0] >= 0, step, begin)
@@ -196,7 +201,9 @@ def _residual(
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """What is 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (velocity, *_) = _margin(scene, logarithm, along_velocity, count, model, rtol)
+    margin, slope, (velocity, *_) = _margin(
+        scene, logarithm, along_velocity, count, model, rtol
+    )
     # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
     # to come back, and at the threshold its velocity v is D.
     return margin, (-velocity * slope,)
@@ -254,7 +261,9 @@ def _search(
     scan = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
     begin = _Search(scan, no, ~no, zero, zero)
     end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
-    root, rate, gain = (jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain))
+    root, rate, gain = (
+        jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain)
+    )
     return Root(root, (rate,), end.found, (gain,))
 
 

@@ -36,7 +36,8 @@ _LANES = 64  # on a processor
 _ROOM = 2048  # for the queue, on a processor
 # Blocks that one thread follows as fast as two, through one pulse or a record.
 _ALONE = {PulseInput: 512, RecordInput: 16}
-# Orders of the Taylor polynomials, by the bytes of a number. On records samples keep steps short.
+# Orders of the Taylor polynomials, by the bytes of a number. On records samples keep steps
+# short.
 _ORDERS = {PulseInput: {8: 14, 4: 8}, RecordInput: {8: 10, 4: 8}}
 # Of the tolerance that a step may take, also from 1e-10 on, where rounding takes a part.
 _SHARE = 0.05
@@ -210,10 +211,10 @@ def respond_batch(
 
     Notes
     -----
-    By Taylor polynomials, each as long as its last terms allow: a pulse enters by its own series,
-    a harmonic motion by one for each period, a record by one line from sample to sample. Outside
-    of transformations, the batch is shared out to the devices, or to the cores of a processor.
-    Has forward-mode derivatives.
+    By Taylor polynomials, each as long as its last terms allow: a pulse enters by its own
+    series, a harmonic motion by one for each period, a record by one line from sample to
+    sample. Outside of transformations, the batch is shared out to the devices, or to the cores
+    of a processor. Has forward-mode derivatives.
 
     Examples
     --------

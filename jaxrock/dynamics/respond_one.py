@@ -75,16 +75,18 @@ def respond(
 
     Notes
     -----
-    Derivatives, in both modes, cost one forward derivative per perturbed number, and second ones
-    as much for each of these; the first call of a second derivative takes two to three times that
-    of a first. Where two of the start of the input, its end, a sample, an impact and the duration
-    coincide, results may have another slope on either side. The slope is then that for a duration
-    not longer, and an end of the input not earlier, than the other; for a start not before 0; and
-    for an impact at one of these that of one of the two orders, the same one for all results.
-    Extremes have the derivative at the moment in which they are taken, the first of equal ones.
+    Derivatives, in both modes, cost one forward derivative per perturbed number, and second
+    ones as much for each of these; the first call of a second derivative takes two to three
+    times that of a first. Where two of the start of the input, its end, a sample, an impact
+    and the duration coincide, results may have another slope on either side. The slope is then
+    that for a duration not longer, and an end of the input not earlier, than the other; for a
+    start not before 0; and for an impact at one of these that of one of the two orders, the
+    same one for all results. Extremes have the derivative at the moment in which they are
+    taken, the first of equal ones.
 
     NaN stands for none, and diffrax keeps what it traced: outside of transformations a call
-    switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be off.
+    switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be
+    off.
 
     Examples
     --------
@@ -156,5 +158,7 @@ def _with_all_impacts(driven: Driven, settings: dict[str, Any]) -> Response:
 
     sizes = [int(response.impacts)] * 2 + [events] * 4
     # In NumPy, which compiles nothing.
-    cut = [as_array(np.asarray(rows)[:n]) for rows, n in zip(lists(response), sizes, strict=True)]
+    cut = [
+        as_array(np.asarray(rows)[:n]) for rows, n in zip(lists(response), sizes, strict=True)
+    ]
     return eqx.tree_at(lambda r: (*lists(r), r.scene), response, (*cut, driven))

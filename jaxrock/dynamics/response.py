@@ -28,7 +28,9 @@ class Status(enum.IntEnum):
     LIST_FULL = 1  # all is right, but not all impacts are listed
     STOPPED = 2  # the integrator ran out of steps, or could not go on
     INVALID = 3  # an argument was outside of what is allowed
-    BALANCED = 4  # all is right, but for a time the block was in unstable balance, as none stays
+    BALANCED = (
+        4  # all is right, but for a time the block was in unstable balance, as none stays
+    )
 
 
 class Events(eqx.Module):
@@ -69,8 +71,8 @@ class Response(Printed, eqx.Module):
         less, the block leaves the ground: the friction demand is inf, and the model no
         longer applies. 0 and inf for a block that lies on its side from the beginning.
     contact_loss_time : Array
-        When the block leaves the ground [s], to 1e-4 of an integration step, without derivative;
-        NaN if it does not.
+        When the block leaves the ground [s], to 1e-4 of an integration step, without
+        derivative; NaN if it does not.
     status : Array of int
         A `Status`; where it is STOPPED or INVALID, the results are NaN.
     events, scene, model
@@ -120,20 +122,27 @@ class Response(Printed, eqx.Module):
         events = self.events
         shape = times.shape
         if events.time.size == 0:
-            raise ValueError("max_impacts must be at least 1 in `respond` for a history, got 0")
+            raise ValueError(
+                "max_impacts must be at least 1 in `respond` for a history, got 0"
+            )
         leaves = jax.tree.leaves((driven, events, times))
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             flat = times.astype(events.time.dtype).reshape(-1)
             parts = _history_program(driven, events, self.model, flat)
             return parts[0].reshape(shape), parts[1].reshape(shape)
-        # Few different shapes, so that few programs are compiled; in NumPy, which compiles nothing.
+        # Few different shapes, so that few programs are compiled; in NumPy, which compiles
+        # nothing.
         pieces = max(1, -(-times.size // _TIMES))
         flat = np.resize(np.asarray(times, events.time.dtype), (pieces, _TIMES))
         room = max(_EVENTS, 1 << (events.time.size - 1).bit_length()) - events.time.size
-        rows = (np.pad(part, (0, room), constant_values=np.nan) for part in jax.tree.leaves(events))
+        rows = (
+            np.pad(part, (0, room), constant_values=np.nan) for part in jax.tree.leaves(events)
+        )
         events = Events(*map(as_array, rows))
         driven = driven.bucketed()
-        found = [_history_program(driven, events, self.model, as_array(piece)) for piece in flat]
+        found = [
+            _history_program(driven, events, self.model, as_array(piece)) for piece in flat
+        ]
         joined = np.concatenate(found, axis=-1)[:, : times.size]
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
 
@@ -165,7 +174,9 @@ class Response(Printed, eqx.Module):
         if self.peak_rotation == 0:
             lines[1] = "the ground does not lift the block"
         if status == Status.BALANCED:
-            lines.append("for a time it was in unstable balance, which the slightest push ends")
+            lines.append(
+                "for a time it was in unstable balance, which the slightest push ends"
+            )
         if self.overturned and jnp.isfinite(self.overturning_time):
             lines[0] += f", beyond return from {self.overturning_time:.4g} s"
         return "\n".join(lines)
@@ -199,7 +210,9 @@ def _history_program(
         y = jnp.stack([event.rotation, event.velocity])
         end = flown(stepper, segment, length, y, moves=moves, lifted=lifted)
         known = inside & (end.elapsed >= length)
-        rotation, velocity = (jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y)
+        rotation, velocity = (
+            jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y
+        )
         return rotation, velocity
 
     return jax.vmap(at)(times)

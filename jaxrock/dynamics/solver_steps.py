@@ -24,8 +24,8 @@ class Segment(eqx.Module):
     side: Reals
     acts: Booleans  # whether the input does
 
-    # Jitted, so that each is traced and enters the program once for each shape of its arguments,
-    # however often it is called.
+    # Jitted, so that each is traced and enters the program once for each shape of its
+    # arguments, however often it is called.
     @jax.jit
     def ground(self, time: Reals) -> tuple[Reals, Reals]:
         """Acceleration over g, towards the side of the block and upward."""
@@ -66,7 +66,9 @@ class Stepper:
         zero = jnp.zeros_like(y[0])
         return self.solver.init(self.term, zero, zero + 1, y, segment)
 
-    def step(self, segment: Segment, begin: Reals, end: Reals, y: Reals, solver_state: Any) -> Step:
+    def step(
+        self, segment: Segment, begin: Reals, end: Reals, y: Reals, solver_state: Any
+    ) -> Step:
         """A trial step from one time to another."""
         last, error, interpolant, solver_state, _ = self.solver.step(
             self.term, begin, end, y, segment, solver_state, made_jump=False
@@ -82,7 +84,9 @@ class Stepper:
 
     def interpolated(self, begin: Reals, end: Reals, step: Step, time: Reals) -> Reals:
         """The state at a time within a step."""
-        return self.solver.interpolation_cls(t0=begin, t1=end, **step.interpolant).evaluate(time)
+        return self.solver.interpolation_cls(t0=begin, t1=end, **step.interpolant).evaluate(
+            time
+        )
 
 
 def close_to(motion: Motion, time: Reals) -> Reals:

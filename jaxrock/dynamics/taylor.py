@@ -100,7 +100,10 @@ def binary_logarithm(x: Reals) -> Reals:
     if x.dtype == jnp.float64:
         bits = jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int64) >> 32
         return bits.astype(jnp.int32).astype(jnp.float32) * 2.0**-20 - 1023
-    return jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int32).astype(jnp.float32) * 2.0**-23 - 127
+    return (
+        jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int32).astype(jnp.float32) * 2.0**-23
+        - 127
+    )
 
 
 def binary_power(y: Reals, dtype: Any) -> Reals:
@@ -123,7 +126,9 @@ def accurate_step(c: tuple[Any, ...], tolerance: Any) -> Reals:
     allowed = jnp.log2(tolerance).astype(jnp.float32)
 
     def length(last: int) -> Any:
-        terms = ((log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1)))
+        terms = (
+            (log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1))
+        )
         return jax.tree.reduce(jnp.maximum, list(terms))
 
     return binary_power(jnp.minimum(length(order), length(order - 1)), c[0].dtype)

@@ -76,7 +76,8 @@ class Uplifts(eqx.Module):
         def newton(_: Any, share: Reals) -> Reals:
             value, slope = jax.jvp(excess, (share,), (jnp.ones_like(share),))
             move = jnp.where(slope > 0, value / jnp.where(slope > 0, slope, 1), 0)
-            # The derivative counts also where the input is all but flat and the value must not.
+            # The derivative counts also where the input is all but flat and the value must
+            # not.
             near = jnp.abs(move) <= 1e-3
             return share - jnp.where(near, move, move - jax.lax.stop_gradient(move))
 
@@ -85,7 +86,11 @@ class Uplifts(eqx.Module):
         when = jnp.where(bracketed, lower + share * (upper - lower), lower)
         when = jnp.where(at_once, time, when)
         stronger = jnp.where(excess_now[0] >= excess_now[1], sides[0], sides[1])
-        return (found | at_once) & (when < stop), when, jnp.where(at_once, stronger, sides[first])
+        return (
+            (found | at_once) & (when < stop),
+            when,
+            jnp.where(at_once, stronger, sides[first]),
+        )
 
     def forces(self, time: Reals, until: Reals, acts: Booleans) -> tuple[Reals, Reals]:
         """Largest friction demand and smallest normal force of a block at rest in between."""

@@ -35,7 +35,8 @@ class Harmonic(Motion):
     Parameters
     ----------
     amplitude : array_like
-        Largest acceleration [m/s2], finite; negative for a motion that begins to the other side.
+        Largest acceleration [m/s2], finite; negative for a motion that begins to the other
+        side.
     frequency : array_like
         omega, the angular frequency [rad/s], greater than 0.
     cycles : int
@@ -64,7 +65,11 @@ class Harmonic(Motion):
     name = "harmonic motion"
 
     def __init__(
-        self, amplitude: Number, frequency: Number, cycles: SupportsIndex = 20, start: Number = 0.0
+        self,
+        amplitude: Number,
+        frequency: Number,
+        cycles: SupportsIndex = 20,
+        start: Number = 0.0,
     ):
         self.amplitude = as_real("amplitude", amplitude)
         self.frequency = as_real("frequency", frequency)

@@ -26,9 +26,9 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     ----------
     record : Record
     measure : str
-        ``"pga"``, the peak ground acceleration [m/s2]; ``"pgv"``, the peak ground velocity [m/s],
-        from rest on and exact for lines between samples; ``"pga_ratio"``, PGA / (g tan(alpha_c))
-        [-], above 1 where horizontal motion lifts a block; ``"pgv_ratio"``,
+        ``"pga"``, the peak ground acceleration [m/s2]; ``"pgv"``, the peak ground velocity
+        [m/s], from rest on and exact for lines between samples; ``"pga_ratio"``, PGA / (g
+        tan(alpha_c)) [-], above 1 where horizontal motion lifts a block; ``"pgv_ratio"``,
         p PGV / (g tan(alpha_c)) [-].
     block : Block, optional
         For the two ratios.

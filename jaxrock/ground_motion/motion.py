@@ -3,9 +3,9 @@
 The sign is the paper's (Eq. 1): a positive acceleration pushes the block to positive
 rotations. Most of the literature has it the other way round.
 
-A motion is zero before its start and after its end; in between it is smooth from one kink to the
-next. The integrators call `value`, which continues the motion smoothly beyond both ends, so that
-no integration step contains a jump.
+A motion is zero before its start and after its end; in between it is smooth from one kink to
+the next. The integrators call `value`, which continues the motion smoothly beyond both ends,
+so that no integration step contains a jump.
 """
 
 import abc
@@ -17,7 +17,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..host import Printed
-from ..validation import NON_NEGATIVE, Booleans, Checked, Number, Numbers, Reals, as_real, check
+from ..validation import (
+    NON_NEGATIVE,
+    Booleans,
+    Checked,
+    Number,
+    Numbers,
+    Reals,
+    as_real,
+    check,
+)
 
 
 class Motion(Printed, Checked):

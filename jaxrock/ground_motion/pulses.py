@@ -9,7 +9,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..host import derivatives, shown
-from ..validation import FINITE, NON_NEGATIVE, POSITIVE, Number, Reals, as_real, check, quantity
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Number,
+    Reals,
+    as_real,
+    check,
+    quantity,
+)
 from .motion import Motion
 
 
@@ -180,8 +189,9 @@ class Ricker(Pulse):
     """Symmetric Ricker wavelet; see `Pulse` for the parameters.
 
     ``a_p (1 - 2 pi^2 x^2) exp(-pi^2 x^2)`` with x = time / duration - 2, cut off two durations
-    before and after its peak, where it has fallen to 1e-15 of it. The duration is T_p, the period
-    at which its Fourier spectrum is largest; the wavelet acts for four of them. Its intensity is 0.
+    before and after its peak, where it has fallen to 1e-15 of it. The duration is T_p, the
+    period at which its Fourier spectrum is largest; the wavelet acts for four of them. Its
+    intensity is 0.
     """
 
     __init__ = Pulse.__init__

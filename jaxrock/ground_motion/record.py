@@ -41,16 +41,16 @@ class Record(Motion):
     vertical : array_like, shape (..., samples), optional
         Vertical acceleration [m/s2], positive upward, with the same number of samples.
     scale : array_like, optional
-        Factor on both components [-]. A gradient with respect to it costs one derivative, one with
-        respect to the samples as many as there are.
+        Factor on both components [-]. A gradient with respect to it costs one derivative, one
+        with respect to the samples as many as there are.
     start : array_like, optional
         Time of the first sample [s], at least 0.
 
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed, if the numbers of samples differ or are
-        less than two, or if an array is empty.
+        If a concrete value is outside of what is allowed, if the numbers of samples differ or
+        are less than two, or if an array is empty.
 
     Examples
     --------
@@ -86,7 +86,9 @@ class Record(Motion):
         if shape[-1:] < (2,):
             raise ValueError(f"acceleration must have at least two samples, {got} {shape}")
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
-            hint = "which would be records of two samples; pass the column of accelerations alone"
+            hint = (
+                "which would be records of two samples; pass the column of accelerations alone"
+            )
             raise ValueError(
                 f"acceleration must be samples along the last axis, {got} {shape}, {hint}"
             )
@@ -186,7 +188,9 @@ class Padded(Record):
         room = room_for(record.samples)
         vertical = record.vertical
         self.acceleration = as_real("acceleration", padded(record.acceleration, room))
-        self.vertical = None if vertical is None else as_real("vertical", padded(vertical, room))
+        self.vertical = (
+            None if vertical is None else as_real("vertical", padded(vertical, room))
+        )
         self.time_step = record.time_step
         self.scale = record.scale
         self.start = record.start

@@ -1,7 +1,7 @@
 """Recorded ground motions from PEER's .AT2 files, .csv files and obspy's traces.
 
-Nothing is guessed, corrected or resampled: the unit and the time step are stated by the file or
-by the caller, and may not contradict each other; signs are preserved. What is wrong is a
+Nothing is guessed, corrected or resampled: the unit and the time step are stated by the file
+or by the caller, and may not contradict each other; signs are preserved. What is wrong is a
 `ValueError` of one sentence.
 """
 
@@ -34,14 +34,14 @@ def read_record(
     """Read a recorded ground motion from a file.
 
     An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` file has
-    columns separated by commas below a line with their names, and perhaps lines that begin with #
-    above it; a column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like.
-    One column alone needs no name.
+    columns separated by commas below a line with their names, and perhaps lines that begin
+    with # above it; a column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or
+    the like. One column alone needs no name.
 
     What a file states about its unit and its time step (in its header, in comments such as
-    ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``) is used. It
-    has to agree with itself and with `unit` and `time_step`, which are needed where the file
-    states nothing; a statement that is not understood is an error.
+    ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``) is used.
+    It has to agree with itself and with `unit` and `time_step`, which are needed where the
+    file states nothing; a statement that is not understood is an error.
 
     Parameters
     ----------
@@ -49,12 +49,13 @@ def read_record(
         An ``.AT2`` or ``.csv`` file; neither a pipe nor a device.
     unit : str, optional
         Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"gal"``, ``"g"``,
-        ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on; g
-        is standard gravity, 9.80665 m/s2.
+        ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on;
+        g is standard gravity, 9.80665 m/s2.
     column : str, optional
         Column of the horizontal acceleration in a .csv file. Needed unless it is the only one.
     vertical : str or path, optional
-        Vertical acceleration, positive upward: a column of the .csv file, or a second .AT2 file.
+        Vertical acceleration, positive upward: a column of the .csv file, or a second .AT2
+        file.
     time_step : float, optional
         Time from one sample to the next [s].
 
@@ -66,9 +67,9 @@ def read_record(
     Raises
     ------
     ValueError
-        With file and line: if the file cannot be read, is of another format or contradicts itself
-        or the arguments, if anything is missing or not a finite number, if the time step is not
-        uniform, or if there are less than two samples.
+        With file and line: if the file cannot be read, is of another format or contradicts
+        itself or the arguments, if anything is missing or not a finite number, if the time
+        step is not uniform, or if there are less than two samples.
 
     Examples
     --------
@@ -91,10 +92,14 @@ def read_record(
         upward = None if vertical is None else str(vertical)
         return _record(*read_csv(path, units, steps, column, upward))
     if path.is_dir():
-        raise ValueError(f"{str(path)!r} is a folder: one file is read, read_suite takes folders")
+        raise ValueError(
+            f"{str(path)!r} is a folder: one file is read, read_suite takes folders"
+        )
     if path.suffix.lower() != ".at2":
         read = f".AT2 and .csv files are read, not {path.suffix!r}"
-        raise ValueError(f"{str(path)!r}: {read}; columns with commas, or one, are a .csv file")
+        raise ValueError(
+            f"{str(path)!r}: {read}; columns with commas, or one, are a .csv file"
+        )
     if column is not None:
         raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
     components = [read_at2(path, units, steps)]
@@ -112,8 +117,8 @@ def from_obspy(
     """Take a ground motion from a trace of obspy, or of gmprocess.
 
     Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
-    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``. Counts
-    of an instrument are for obspy's ``remove_response`` first.
+    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``.
+    Counts of an instrument are for obspy's ``remove_response`` first.
 
     Parameters
     ----------
@@ -122,8 +127,8 @@ def from_obspy(
     unit : str
         Unit of the accelerations, as for `read_record`.
     calibrated : bool, optional
-        Whether the data have been multiplied by ``stats.calib`` already, or are to be: obspy leaves
-        the factor in place when it applies it. Needed where it is not 1.
+        Whether the data have been multiplied by ``stats.calib`` already, or are to be: obspy
+        leaves the factor in place when it applies it. Needed where it is not 1.
 
     Returns
     -------
@@ -133,9 +138,9 @@ def from_obspy(
     ------
     ValueError
         If a calibration factor other than 1 may or may not have been applied; if it is not one
-        trace, has gaps, values other than finite real numbers, less than two samples or no valid
-        time step; if the traces differ in sampling or start; if the unit is unknown or not that
-        of a trace.
+        trace, has gaps, values other than finite real numbers, less than two samples or no
+        valid time step; if the traces differ in sampling or start; if the unit is unknown or
+        not that of a trace.
     """
     if vertical is None:
         return _record(_component("trace", trace, unit, calibrated))
@@ -212,7 +217,9 @@ def _component(argument: str, trace: Any, unit: str, calibrated: bool | None) ->
         got = f"got {calibration!r}"
         raise ValueError(f"stats.calib of {argument} must be finite and not 0, {got}")
     if calibration != 1 and calibrated is None:
-        states = f"{argument} has a stats.calib of {calibration:g}, which obspy leaves in place"
+        states = (
+            f"{argument} has a stats.calib of {calibration:g}, which obspy leaves in place"
+        )
         raise ValueError(f"calibrated must be given: {states} whether applied or not")
     if not calibrated:
         factor *= float(calibration)
@@ -226,7 +233,9 @@ def _component(argument: str, trace: Any, unit: str, calibrated: bool | None) ->
         at = int(np.argmin(np.isfinite(data)))
         raise ValueError(f"{argument} must be finite, got {data[at]} as sample {at}")
     if not isinstance(stats.delta, Real):
-        raise ValueError(f"stats.delta of {argument} must be a real number, got {stats.delta!r}")
+        raise ValueError(
+            f"stats.delta of {argument} must be a real number, got {stats.delta!r}"
+        )
     check(f"stats.delta of {argument}", stats.delta, POSITIVE)
     return Component(argument, factor, data.astype(float), float(stats.delta))
 
@@ -238,7 +247,9 @@ def _record(horizontal: Component, *upward: Component) -> Record:
             samples = f"{other.name} has {other.values.size} samples"
             raise ValueError(f"{samples}, but {name} has {values.size}")
         if not math.isclose(other.step, step, rel_tol=1e-6):
-            raise ValueError(f"{other.name} has a step of {other.step} s, but {name} of {step} s")
+            raise ValueError(
+                f"{other.name} has a step of {other.step} s, but {name} of {step} s"
+            )
     with np.errstate(over="ignore"):  # inf, which a record refuses
         accelerations, *upwards = (each.factor * each.values for each in (horizontal, *upward))
     try:

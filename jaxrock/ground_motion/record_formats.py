@@ -1,7 +1,8 @@
 """The two formats of records: .AT2 files, as the PEER databases have them, and .csv files.
 
 An ``.AT2`` file has a header of about four lines, then the values of one component. A ``.csv``
-file may begin with comments; then come one line of names and the columns below it, or one column.
+file may begin with comments; then come one line of names and the columns below it, or one
+column.
 """
 
 import contextlib
@@ -89,7 +90,9 @@ class _Text:
         except ValueError:
             got = _short(word) if word.strip() else "an empty field"
             raise self.fault(f"{name} must be a number, got {got}", line) from None
-        self.refuse(not math.isfinite(value), f"{name} must be finite, got {_short(word)}", line)
+        self.refuse(
+            not math.isfinite(value), f"{name} must be finite, got {_short(word)}", line
+        )
         return value
 
     def values(
@@ -130,7 +133,9 @@ def _decoded(lines: list[bytes]) -> list[str]:
 
 
 def _stated(of: Callable[[str], list[Stated]], lines: _Lines, where: str) -> Statements:
-    return [(n, f"{where} states {words}", value) for n, line in lines for words, value in of(line)]
+    return [
+        (n, f"{where} states {words}", value) for n, line in lines for words, value in of(line)
+    ]
 
 
 def read_at2(path: Path, units: Statements, steps: Statements) -> Component:
@@ -154,7 +159,9 @@ def read_at2(path: Path, units: Statements, steps: Statements) -> Component:
         lambda lines: np.array([*map(float, " ".join(lines).replace("_", "?").split())]),
         lambda line, n: [value for word in line.split() for value in _split(text, word, n)],
     )
-    text.refuse(values.size != points, f"NPTS is {points}, but {values.size} values follow", top)
+    text.refuse(
+        values.size != points, f"NPTS is {points}, but {values.size} values follow", top
+    )
     return Component(repr(str(path)), factor, values, step)
 
 
@@ -203,7 +210,9 @@ def read_csv(
     """One or two columns, where the caller states `units` and `steps`."""
     text = _Text(path)
     top, names = _column_names(text)
-    comments = [(n, line) for n, line in enumerate(text.lines[:top], 1) if line.lstrip()[:1] == "#"]
+    comments = [
+        (n, line) for n, line in enumerate(text.lines[:top], 1) if line.lstrip()[:1] == "#"
+    ]
     said = _stated(units_in_text, comments, "a comment")
     no_unit = f"unit must be given for a .csv file: {UNITS}"
     text.refuse(not units and not said and not any(map(units_in_name, names)), no_unit)
@@ -212,7 +221,9 @@ def read_csv(
     if column is None:
         others = [name for name in names if name not in (*times, vertical)]
         which = "column must be given, the name of the horizontal acceleration: "
-        text.refuse(len(others) != 1, which + (_quoted(others) or "no column is left for it"), top)
+        text.refuse(
+            len(others) != 1, which + (_quoted(others) or "no column is left for it"), top
+        )
         column = others[0]
     text.refuse(column == vertical, f"column and vertical are the same, {column!r}", top)
     factors = {}
@@ -248,7 +259,9 @@ def read_csv(
 def columns_of(path: Path) -> list[str]:
     """The names of the columns of a .csv file but those of times, velocities and displacements."""
     _, names = _column_names(_Text(path))
-    return [n for n in names if times_in(n) is None and not re.search(_NOT_ACCELERATION, n, re.I)]
+    return [
+        n for n in names if times_in(n) is None and not re.search(_NOT_ACCELERATION, n, re.I)
+    ]
 
 
 def _column_names(text: _Text) -> tuple[int, list[str]]:
@@ -258,7 +271,9 @@ def _column_names(text: _Text) -> tuple[int, list[str]]:
             wrong = f"columns must be separated by commas, got semicolons in {_short(line)}"
             text.refuse(";" in line and "," not in line, wrong, number)
             names = [name.strip() for name in _fields(line)]
-            numbers = [re.fullmatch(rf"{NUMBER}|[-+]?(nan|inf(inity)?)", n, re.I) for n in names]
+            numbers = [
+                re.fullmatch(rf"{NUMBER}|[-+]?(nan|inf(inity)?)", n, re.I) for n in names
+            ]
             if len(names) == 1 and numbers[0]:  # one column needs no name
                 return number - 1, ["column 1"]
             wrong = f"names of the columns were expected, got {_short(line)}"

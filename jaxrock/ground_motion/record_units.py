@@ -1,7 +1,7 @@
 """What is written around records about units and time steps, in m/s2 and s.
 
-Headers, comments and names of columns are written for people. What they state is found here; the
-readers compare it with what the caller states.
+Headers, comments and names of columns are written for people. What they state is found here;
+the readers compare it with what the caller states.
 """
 
 import math
@@ -141,7 +141,9 @@ def steps_in_text(line: str) -> list[Stated]:
             step = number * (_seconds(key) if key else seconds)
             if pattern == _RATE and re.match(rf"\s*[\[(]?\s*{_PER_SECOND}", key or tail, re.I):
                 step = _inverse(number)
-            elif pattern == _RATE and not key and not words:  # samples per second, if it can be
+            elif (
+                pattern == _RATE and not key and not words
+            ):  # samples per second, if it can be
                 step = _inverse(number) if number >= 1 else math.nan
             stated.append(((match[0].removesuffix(tail) + words).strip(), step))
     for match in re.finditer(_SAMPLES, line, re.I):

@@ -10,7 +10,8 @@ from .motion import Motion
 class Still(Motion):
     """Ground at rest: a block that is released or pushed rocks freely.
 
-    It has no end, so that `respond` needs a duration, and a rotation or velocity to begin with.
+    It has no end, so that `respond` needs a duration, and a rotation or velocity to begin
+    with.
 
     Examples
     --------

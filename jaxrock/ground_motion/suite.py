@@ -19,8 +19,8 @@ from .record import Record
 class Suite(Printed, eqx.Module):
     """Several recorded ground motions, each with its own number of samples and time step.
 
-    What takes one `Record` and many blocks takes a suite as well, and answers with a leading axis
-    for its records.
+    What takes one `Record` and many blocks takes a suite as well, and answers with a leading
+    axis for its records.
 
     Parameters
     ----------
@@ -65,9 +65,13 @@ class Suite(Printed, eqx.Module):
                 raise ValueError(f"records must be records, got a {got} as number {k + 1}")
             samples = (record.acceleration, record.vertical)
             if any(np.ndim(each) > 1 for each in jax.tree.leaves(samples)):
-                raise ValueError(f"records must be single ones, number {k + 1} is an array of them")
+                raise ValueError(
+                    f"records must be single ones, number {k + 1} is an array of them"
+                )
             if np.shape(record.time_step) or np.shape(record.start):
-                raise ValueError(f"records must have one time step and start, not number {k + 1}")
+                raise ValueError(
+                    f"records must have one time step and start, not number {k + 1}"
+                )
             shape = np.shape(record.scale)
             first = np.shape(self.records[0].scale)
             if shape != first:
@@ -86,11 +90,16 @@ class Suite(Printed, eqx.Module):
     def __str__(self) -> str:
         samples, steps = (
             sorted({number(record) for record in self.records})
-            for number in (lambda record: record.samples, lambda record: float(record.time_step))
+            for number in (
+                lambda record: record.samples,
+                lambda record: float(record.time_step),
+            )
         )
 
         def between(values: list[Any]) -> str:
-            words = [f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values]
+            words = [
+                f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values
+            ]
             return words[0] if len(words) == 1 else f"{words[0]} to {words[-1]}"
 
         return (
@@ -161,7 +170,9 @@ class Suite(Printed, eqx.Module):
         check("levels", levels, POSITIVE)
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
-            raise ValueError(f"levels must be one where scales are arrays, of shape {shape} here")
+            raise ValueError(
+                f"levels must be one where scales are arrays, of shape {shape} here"
+            )
         measures = positive_measures(self, measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
@@ -188,12 +199,16 @@ class Suite(Printed, eqx.Module):
         check("factors", factors, FINITE)
         if factors.ndim and len(factors) != len(self):
             got = f"got an array of shape {factors.shape}"
-            raise ValueError(f"factors must be one, or one for each of {len(self)} records, {got}")
+            raise ValueError(
+                f"factors must be one, or one for each of {len(self)} records, {got}"
+            )
         each: Any = [factors] * len(self)
         if factors.ndim:
             # JAX would compile how an array is taken apart.
             each = factors if isinstance(factors, jax.core.Tracer) else np.asarray(factors)
-        scaled = [record.scaled(factor) for record, factor in zip(self.records, each, strict=True)]
+        scaled = [
+            record.scaled(factor) for record, factor in zip(self.records, each, strict=True)
+        ]
         return Suite(scaled, self.names)
 
 

@@ -24,7 +24,8 @@ _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
 _AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z"
 _AT2_DOWNWARD = r"dn|down|dwn"
 _LOCATION = r"(?:[-_. ]\d\d)?$"  # a code after that of the channel
-# Names of the NGA databases end with them also behind the code of a station, with nothing between.
+# Names of the NGA databases end with them also behind the code of a station, with nothing
+# between.
 _NGA_NAME = r"RSN\d+_"
 
 _Part = tuple[str, Path, str | None, StrPath | None]  # name, file, column, vertical
@@ -39,11 +40,11 @@ def read_suite(
 ) -> Suite:
     """Read the records of a folder, or of several files, as one suite.
 
-    Every horizontal component is a record of its own: one column or two of a ``.csv`` file, each
-    ``.AT2`` file. Columns named up, ud, z, vertical or the like, and .AT2 files whose names end
-    so, are vertical components; where some columns state a unit, the others are left out. Of
-    a folder, its .AT2 and .csv files are read in the order of their names, but not hidden ones,
-    those in folders within it, nor a table ``index.csv``.
+    Every horizontal component is a record of its own: one column or two of a ``.csv`` file,
+    each ``.AT2`` file. Columns named up, ud, z, vertical or the like, and .AT2 files whose
+    names end so, are vertical components; where some columns state a unit, the others are left
+    out. Of a folder, its .AT2 and .csv files are read in the order of their names, but not
+    hidden ones, those in folders within it, nor a table ``index.csv``.
 
     Parameters
     ----------
@@ -94,7 +95,9 @@ def read_suite(
     if faults:
         raise ValueError("\n".join(dict.fromkeys(faults)))
     if not records:
-        raise ValueError(f"a suite needs at least one horizontal component, got {len(paths)} files")
+        raise ValueError(
+            f"a suite needs at least one horizontal component, got {len(paths)} files"
+        )
     return Suite([*records.values()], [*records])
 
 
@@ -148,7 +151,9 @@ def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
             and not path.is_dir()
         ]
         if not paths:
-            raise ValueError(f"{str(folder)!r}: the folder has no .AT2 or .csv file of a record")
+            raise ValueError(
+                f"{str(folder)!r}: the folder has no .AT2 or .csv file of a record"
+            )
         return paths
     if not isinstance(source, Iterable):
         raise ValueError(f"source must be a folder or a list of files, got {source!r:.60}")
@@ -180,7 +185,9 @@ def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part
         raise ValueError(f"{str(path)!r}: no column is a horizontal acceleration")
     if len(level) > 2:
         listed = ", ".join(map(repr, level[:6]))
-        raise ValueError(f"{str(path)!r}: at most two horizontal columns were expected: {listed}")
+        raise ValueError(
+            f"{str(path)!r}: at most two horizontal columns were expected: {listed}"
+        )
     if vertical and len(rises) != 1:
         raise ValueError(f"{str(path)!r}: one vertical column was expected, got {len(rises)}")
     for name in level:
@@ -222,7 +229,11 @@ def _upward_of(path: Path, paths: list[Path]) -> Path:
     """The vertical component beside a horizontal one, both .AT2 files, by their names."""
     found: dict[str, Path] = {}
     for other in paths:
-        if other.suffix.lower() == ".at2" and _is_vertical(other) and other.parent == path.parent:
+        if (
+            other.suffix.lower() == ".at2"
+            and _is_vertical(other)
+            and other.parent == path.parent
+        ):
             stem = other.stem.removesuffix(_vertical_end(other)[0])
             # Then a separator, an angle or, in the NGA databases, a direction.
             rest = path.stem.removeprefix(stem) if path.stem.startswith(stem) else "?"

@@ -33,7 +33,9 @@ def labelled(
     return dataset.assign_attrs({"title": title, "source": source, **attributes})
 
 
-def with_names(dataset: "xarray.Dataset", **names: tuple[Sequence[str], str]) -> "xarray.Dataset":
+def with_names(
+    dataset: "xarray.Dataset", **names: tuple[Sequence[str], str]
+) -> "xarray.Dataset":
     """The dataset with names along dimensions, each with what they are names of.
 
     CF wants numbers along dimensions: it is not claimed any more.

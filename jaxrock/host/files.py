@@ -33,7 +33,9 @@ class CannotWrite(ValueError):
     """A folder that cannot be written to, because of the `reason` that an error gives."""
 
     def __init__(self, argument: str, folder: Path, error: Exception):
-        self.reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
+        self.reason = (
+            getattr(error, "reason", None) or getattr(error, "strerror", None) or error
+        )
         where = f"{argument}: the folder {str(folder)!r}"
         super().__init__(f"{where} cannot be written to: {self.reason}")
 
@@ -62,9 +64,9 @@ def written_whole(
     """Let the body write the files `names` into a scratch folder, then move them to `folder`.
 
     A missing folder is made. If the body raises, nothing is left behind. Scratch folders of
-    processes that were killed are removed first, with a warning that names them. A `ValueError`
-    names the `argument` that said where to write: if a file exists and `overwrite` is false, or
-    if anything cannot be written.
+    processes that were killed are removed first, with a warning that names them. A
+    `ValueError` names the `argument` that said where to write: if a file exists and
+    `overwrite` is false, or if anything cannot be written.
     """
     check_free(argument, folder, names, overwrite)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -127,7 +129,9 @@ def _remove_left(folder: Path) -> None:
         if number.isdecimal() and not _is_alive(int(number)):
             _remove([path])
             how = "could not be removed" if path.exists() else "is now removed"
-            warnings.warn(f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=4)
+            warnings.warn(
+                f"{str(path)!r}, left by a process that was killed, {how}", stacklevel=4
+            )
 
 
 def _is_alive(process: int) -> bool:

@@ -29,7 +29,9 @@ def shown(value: Any, unit: str = "") -> str:
         return f"none of {values.size}"
     ends = dict.fromkeys(f"{end:.6g}" for end in (present.min(), present.max()))
     missing = values.size - present.size
-    return " to ".join(ends) + unit + (f", NaN in {missing} of {values.size}" if missing else "")
+    return (
+        " to ".join(ends) + unit + (f", NaN in {missing} of {values.size}" if missing else "")
+    )
 
 
 class Printed:

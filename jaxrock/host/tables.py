@@ -56,7 +56,9 @@ def heading(name: str, unit: str = "") -> str:
 def write_about(file: TextIO, about: Mapping[str, Any]) -> None:
     """What a table was computed from, in lines that begin with #."""
     for name, value in about.items():
-        words = value if isinstance(value, str) else " ".join(map(str, np.ravel(value).tolist()))
+        words = (
+            value if isinstance(value, str) else " ".join(map(str, np.ravel(value).tolist()))
+        )
         file.write(f"# {name}: {' '.join(words.split())}\n")
 
 

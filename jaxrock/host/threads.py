@@ -48,8 +48,8 @@ def _pool(workers: int) -> concurrent.futures.ThreadPoolExecutor:
 def settings_of_jax() -> dict[str, Any]:
     """The settings of JAX that a context manager can make, for a thread or process to take over.
 
-    A setting made by a context manager, such as ``with jax.enable_x64(True):``, applies to its own
-    thread only.
+    A setting made by a context manager, such as ``with jax.enable_x64(True):``, applies to its
+    own thread only.
     """
     return {name: getattr(jax.config, f"jax_{name}") for name in _settings()}
 
@@ -67,5 +67,7 @@ def under(settings: Mapping[str, Any]) -> Iterator[None]:
 @functools.cache
 def _settings() -> list[str]:
     """Names of the settings of JAX that a context manager can make."""
-    names = [name.removeprefix("jax_") for name in jax.config.values if name.startswith("jax_")]
+    names = [
+        name.removeprefix("jax_") for name in jax.config.values if name.startswith("jax_")
+    ]
     return [name for name in names if hasattr(jax, name)]

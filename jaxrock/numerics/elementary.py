@@ -1,7 +1,7 @@
 """Elementary functions whose automatic derivative would lose its digits or become NaN.
 
-Each is the plain expression, elementwise, with a derivative that is accurate over the whole domain
-and can be differentiated again.
+Each is the plain expression, elementwise, with a derivative that is accurate over the whole
+domain and can be differentiated again.
 """
 
 import functools

@@ -1,8 +1,8 @@
 """Elliptic integrals and functions, which JAX lacks.
 
-Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the series to order 7)
-and Jacobi's sn, cn, dn by the arithmetic-geometric mean (DLMF 22.20(ii)). All are elementwise and
-differentiable any number of times.
+Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the series to order
+7) and Jacobi's sn, cn, dn by the arithmetic-geometric mean (DLMF 22.20(ii)). All are
+elementwise and differentiable any number of times.
 """
 
 import functools
@@ -44,10 +44,10 @@ def _duplicated(
         new = (new, [p + t for p, t in zip(parts, terms, strict=True)], factor / 4)
         return jax.tree.map(lambda n, old: jnp.where(apart, n, old), new, state)
 
-    # In a loop, since XLA would compute each duplication of an unrolled one again within the next:
-    # ten times the code to compile, and two to three times as slow. So many duplications are
-    # enough for ratios of the arguments up to 1/eps: each about halves the logarithm of the ratio
-    # while that is large.
+    # In a loop, since XLA would compute each duplication of an unrolled one again within the
+    # next: ten times the code to compile, and two to three times as slow. So many duplications
+    # are enough for ratios of the arguments up to 1/eps: each about halves the logarithm of
+    # the ratio while that is large.
     count = 11 if kind.bits > 32 else 7
     return jax.lax.fori_loop(0, count, duplicated, (arguments, parts, factor))
 
@@ -90,8 +90,8 @@ def _rd_series(x: Array, y: Array, z: Array) -> Array:
 def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
     """Carlson's integral of the first kind, R_F(x, y, z) (DLMF 19.16.1).
 
-    The arguments are greater than 0, their ratios within 1/eps of the dtype. Of degree -1/2, with
-    ``R_F(x, x, x) = 1 / sqrt(x)``.
+    The arguments are greater than 0, their ratios within 1/eps of the dtype. Of degree -1/2,
+    with ``R_F(x, x, x) = 1 / sqrt(x)``.
     """
     arguments, _, _ = _duplicated((x, y, z))
     return _rf_series(*arguments)
@@ -100,7 +100,9 @@ def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
 def _carlson_rf_jvp(primals, tangents):
     # dR_F/dz = -R_D(x, y, z) / 6, and so for x and y: all from the same duplications.
     moving = tuple(
-        i for i, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)
+        i
+        for i, t in enumerate(tangents)
+        if not isinstance(t, jax.custom_derivatives.SymbolicZero)
     )
     arguments, parts, factor = _duplicated(primals, moving)
     value = _rf_series(*arguments)
@@ -128,8 +130,8 @@ def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
 def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
     """Jacobi's elliptic functions ``sn(u|m), cn(u|m), dn(u|m)`` (DLMF 22.2).
 
-    Of an argument u, any real number, and the complement 1 - m of the parameter, which is what is
-    known exactly when m is close to 1. A negative complement (m > 1) is allowed.
+    Of an argument u, any real number, and the complement 1 - m of the parameter, which is what
+    is known exactly when m is close to 1. A negative complement (m > 1) is allowed.
     """
     # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges.
     eps = jnp.finfo(jnp.result_type(argument, complement)).eps

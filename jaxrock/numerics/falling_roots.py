@@ -1,8 +1,8 @@
 """Roots at which a function of one number falls, sought from the top down.
 
-The function, which may jump and have no value in places, is sampled at points, one after another,
-and between two of them where a root may hide. The loop is the caller's, around one evaluation: so
-the function, which may be a large program, is compiled once.
+The function, which may jump and have no value in places, is sampled at points, one after
+another, and between two of them where a root may hide. The loop is the caller's, around one
+evaluation: so the function, which may be a large program, is compiled once.
 """
 
 from collections.abc import Callable
@@ -59,7 +59,9 @@ class Scan(NamedTuple):
         to_left = to_left | (new.kind == ABOVE) | (self.since == 0)
         left = chosen(to_left, new, self.left)
         right = chosen(to_left, self.right, new)
-        hides, trial = _between(left, right, new, halve=(self.since > 0) & (self.since % 3 == 0))
+        hides, trial = _between(
+            left, right, new, halve=(self.since > 0) & (self.since % 3 == 0)
+        )
         eps = float(jnp.finfo(trial.dtype).eps)
         wide = right.place - left.place > 4 * eps * jnp.abs(right.place)
         hides = hides & wide & (self.since <= _MOST) & ~done
@@ -79,7 +81,9 @@ def chosen(condition: Any, first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
 
 
-def _between(left: Sample, right: Sample, last: Sample, halve: Booleans) -> tuple[Booleans, Reals]:
+def _between(
+    left: Sample, right: Sample, last: Sample, halve: Booleans
+) -> tuple[Booleans, Reals]:
     """Whether a falling root may hide in an interval, and where to look for it."""
     low = left.place
     high = right.place

@@ -21,7 +21,9 @@ def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @wrapped.def_jvp
     def _(primals: Any, tangents: Any, **options: Any) -> tuple[Any, Any]:
-        perturbed = jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
+        perturbed = jax.tree.map(
+            lambda t: t is not None, tangents, is_leaf=lambda t: t is None
+        )
         moving, fixed = eqx.partition(primals, perturbed)
         numbers, unravel = ravel_pytree(moving)
         direction, _ = ravel_pytree(tangents)
@@ -39,7 +41,9 @@ def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
         else:
             eye = jnp.eye(numbers.size, dtype=numbers.dtype)
             values, jacobian, static = jax.vmap(along, out_axes=(None, 0, None))(eye)
-        applied = jax.tree.map(lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian)
+        applied = jax.tree.map(
+            lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian
+        )
         return eqx.combine(values, static), applied
 
     return wrapped

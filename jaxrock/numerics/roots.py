@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 _TOGETHER = 2**18  # values at which the margins are computed in one call, at most
-# As many values as take the time of one: 64 SIMD lanes on each of two cores. A fixed number, so
-# that every machine finds the same sign changes to the last bit.
+# As many values as take the time of one: 64 SIMD lanes on each of two cores. A fixed number,
+# so that every machine finds the same sign changes to the last bit.
 _LANES = 128
 _MOST_LEVELS = 5  # of bisections at once
 _ITERATIONS = 200  # bisection alone needs fewer from any bracket of two floating-point numbers
@@ -54,7 +54,9 @@ def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Bracke
 
     def sampled(case: Any, place: Any, value: Any) -> _Samples:
         starts = range(0, max(len(value), 1), _TOGETHER)
-        parts = [margin_and_mode(*(x[k : k + _TOGETHER] for x in (case, value))) for k in starts]
+        parts = [
+            margin_and_mode(*(x[k : k + _TOGETHER] for x in (case, value))) for k in starts
+        ]
         return _Samples(case, place, value, *map(np.concatenate, zip(*parts, strict=True)))
 
     place = np.tile(np.arange(places) << levels, cases)
@@ -88,9 +90,10 @@ def brackets(margin_and_mode: MarginAndMode, values: Any, levels: int) -> Bracke
 
 def _suspicious(samples: _Samples, width: int) -> Any:
     """Left samples of the intervals, `width` places wide, in which a sign change might hide."""
-    # Intervals in which the mode changes, with those on either side; and those in which the margin
-    # would reach 0 from an end at twice the slope of the interval or, if that heads for 0, of the
-    # interval next to it. A line through 0 that is straight with its neighbours has no other zero.
+    # Intervals in which the mode changes, with those on either side; and those in which the
+    # margin would reach 0 from an end at twice the slope of the interval or, if that heads for
+    # 0, of the interval next to it. A line through 0 that is straight with its neighbours has
+    # no other zero.
     #
     #    o         o        o              o---o---o---o          o
     #     \       /          \                                     \
@@ -129,7 +132,9 @@ def _suspicious(samples: _Samples, width: int) -> Any:
     return np.flatnonzero(suspicious & same_case & (np.diff(place) == width))
 
 
-def _with_neighbour(left: Any, exists: Callable[[Any], Any], library: Any) -> tuple[Any, Any, Any]:
+def _with_neighbour(
+    left: Any, exists: Callable[[Any], Any], library: Any
+) -> tuple[Any, Any, Any]:
     """Places of both ends of intervals, and of a neighbour beyond the first of the two."""
     before = (left > 0) & exists(left - 1)
     behind = exists(left + 2)
@@ -144,7 +149,9 @@ def brackets_traced(
 ) -> Brackets:
     """The first sign changes of each case in a transformation: every interval is halved."""
     share = jnp.arange(1 << levels, dtype=values.dtype) / (1 << levels)
-    inner = values[:, :-1, None] + (values[:, 1:, None] - values[:, :-1, None]) * share[None, None]
+    inner = (
+        values[:, :-1, None] + (values[:, 1:, None] - values[:, :-1, None]) * share[None, None]
+    )
     value = jnp.concatenate([inner.reshape(len(values), -1), values[:, -1:]], axis=1)
     cases, places = value.shape
     index = jnp.broadcast_to(jnp.arange(cases)[:, None], value.shape)
@@ -191,8 +198,8 @@ def located(
 ) -> tuple[Any, Any, Any]:
     """The values on both sides of each sign change, to rounding.
 
-    Concrete ones are sought in the way that is fastest for so many; to be found as if each were
-    `alone`, by one method whatever their number.
+    Concrete ones are sought in the way that is fastest for so many; to be found as if each
+    were `alone`, by one method whatever their number.
 
     Returns the value where the margin is not negative, that where it is, and the margin at the
     first: NaN where the search failed.
@@ -274,8 +281,8 @@ def _with_margin(iterate: _Iterate, x: Any, f: Any, library: Any) -> _Iterate:
 def _ahead(margin: Any, iterate: _Iterate, case: Any, levels: int) -> _Iterate:
     """Up to so many steps of Chandrupatla's method at once, to the same bits.
 
-    At a jump nearly all of them are bisections: margins are computed where these would look, and
-    the method is followed as far as they go.
+    At a jump nearly all of them are bisections: margins are computed where these would look,
+    and the method is followed as far as they go.
     """
     (x1, x2, _), _, _ = iterate
     x = _proposed(iterate, np)
@@ -297,7 +304,9 @@ def _ahead(margin: Any, iterate: _Iterate, case: Any, levels: int) -> _Iterate:
         found = at == x[:, None]
         known = found.any(axis=1)
         better = _with_margin(iterate, x, margins[rows, found.argmax(axis=1)], np)
-        iterate = jax.tree.map(lambda old, new, k=known: np.where(k, new, old), iterate, better)
+        iterate = jax.tree.map(
+            lambda old, new, k=known: np.where(k, new, old), iterate, better
+        )
     return iterate
 
 

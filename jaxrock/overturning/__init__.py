@@ -19,4 +19,9 @@ from .quantities import checked as checked
 from .quantities import is_traced as is_traced
 
 __all__ = ["Boundaries", "SurvivalWindows"]
-__all__ += ["critical_amplitude", "critical_duration", "overturning_boundaries", "survival_windows"]
+__all__ += [
+    "critical_amplitude",
+    "critical_duration",
+    "overturning_boundaries",
+    "survival_windows",
+]

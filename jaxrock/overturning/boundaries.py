@@ -62,13 +62,14 @@ class Boundaries(Printed, eqx.Module):
             return listed(self, count="", value="", overturns_first="", complete="")
         does = {True: "overturns", False: "stands"}
         if not self.count:
-            return (
-                f"no boundary: it {does[bool(self.overturns_first)]} at all of the values examined"
-            )
+            outcome = does[bool(self.overturns_first)]
+            return f"no boundary: it {outcome} at all of the values examined"
         lines = []
         for k in range(min(int(self.count), self.value.size)):
             number = int(self.impacts[k])
-            mode = f"after {number} impact{'s' * (number > 1)}" if number else "without an impact"
+            mode = (
+                f"after {number} impact{'s' * (number > 1)}" if number else "without an impact"
+            )
             beyond = does[bool(self.overturns_beyond[k])]
             place = with_unit(self.along, float(self.value[k]))
             lines.append(f"{beyond} beyond {place} (overturning {mode})")
@@ -101,10 +102,10 @@ def overturning_boundaries(
         A pulse, a `Harmonic`, a `Record` with one-dimensional samples, or a `Suite`, whose
         records make the leading axis of the result.
     along : str
-        ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of the one, ``"frequency"`` of
-        the other, ``"factor"`` on any motion, ``"half_width"``, ``"slenderness"``,
-        ``"inertia_ratio"`` or ``"restitution"``. What the scene has for it does not matter (but
-        for the factor, which multiplies it).
+        ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of the one, ``"frequency"``
+        of the other, ``"factor"`` on any motion, ``"half_width"``, ``"slenderness"``,
+        ``"inertia_ratio"`` or ``"restitution"``. What the scene has for it does not matter
+        (but for the factor, which multiplies it).
     values : array_like, shape (..., n)
         Increasing values [unit of the quantity], at least two. All else broadcasts against
         their leading axes.
@@ -125,9 +126,10 @@ def overturning_boundaries(
     Notes
     -----
     The derivatives are those of the implicit function theorem: at a boundary the margin
-    stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record or a `Harmonic`
-    they are taken while the block still balances; where chaos hides that in rounding they are
-    NaN, and under `jit`, where the margin at the end has to do, at most boundaries of long ones.
+    stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record or a
+    `Harmonic` they are taken while the block still balances; where chaos hides that in
+    rounding they are NaN, and under `jit`, where the margin at the end has to do, at most
+    boundaries of long ones.
 
     Examples
     --------
@@ -166,7 +168,9 @@ def _boundaries(subject: Subject, values: Any, *, search: Search) -> Boundaries:
     library: Any = jnp if traced else np
     numbers, samples = split(subject)
     numbers, values = jax.tree.map(library.asarray, (numbers, values))
-    shape = np.broadcast_shapes(*(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1])
+    shape = np.broadcast_shapes(
+        *(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1]
+    )
     size = math.prod(shape)
     places = values.shape[-1]
     numbers = jax.tree.map(lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), numbers)
@@ -178,13 +182,19 @@ def _boundaries(subject: Subject, values: Any, *, search: Search) -> Boundaries:
 
     def margin_and_mode(index: Any, value: Any) -> tuple[Any, Any]:
         response = followed(index, value)
-        return response.margin, library.where(response.overturned, response.mode, response.impacts)
+        return response.margin, library.where(
+            response.overturned, response.mode, response.impacts
+        )
 
     if traced:
-        pairs = brackets_traced(margin_and_mode, values, search.halvings, search.max_boundaries)
+        pairs = brackets_traced(
+            margin_and_mode, values, search.halvings, search.max_boundaries
+        )
     else:
         pairs = brackets(margin_and_mode, values, search.halvings)
-    stands, falls, margin = located(lambda *at: followed(*at).margin, pairs, traced, search.alone)
+    stands, falls, margin = located(
+        lambda *at: followed(*at).margin, pairs, traced, search.alone
+    )
     eps = float(jnp.finfo(values.dtype).eps)
     # The number of impacts is taken a little further into overturning, or right behind the
     # boundary where the window of overturning is narrower than that.
@@ -226,8 +236,12 @@ def _boundaries_jvp(primals: Any, tangents: Any, *, search: Search) -> tuple[Any
     subject, values = primals
     changes, sample_changes = split(tangents[0])
     if jax.tree.leaves(sample_changes):
-        raise ValueError("boundaries have no derivatives with respect to the samples of a record")
+        raise ValueError(
+            "boundaries have no derivatives with respect to the samples of a record"
+        )
     found = _boundaries(subject, values, search=search)
     total = moved(subject, changes, values, found, search)
     nothing = jax.tree.map(lambda leaf: None, found)
-    return found, eqx.tree_at(lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None)
+    return found, eqx.tree_at(
+        lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None
+    )

@@ -14,8 +14,8 @@ from ..ground_motion import Pulse
 from ..host import mapped, processors
 from .quantities import Search, Subject, is_traced, respond_at, split, subject_at
 
-# Columns of one program, each a derivative of one boundary: so many that one program serves all
-# numbers of boundaries, and derivatives with respect to whatever moves.
+# Columns of one program, each a derivative of one boundary: so many that one program serves
+# all numbers of boundaries, and derivatives with respect to whatever moves.
 _ROOM = 512
 
 
@@ -153,7 +153,9 @@ def _vanishing_slopes(
 def _compiled(platform: str) -> Callable[..., Any]:
     """`_vanishing_slopes` for a platform."""
     options = compiler_options(platform)
-    return jax.jit(_vanishing_slopes, static_argnames=("form", "search"), compiler_options=options)
+    return jax.jit(
+        _vanishing_slopes, static_argnames=("form", "search"), compiler_options=options
+    )
 
 
 def _shared_out(samples: Any, columns: Sequence[Any], static: dict[str, Any]) -> np.ndarray:
@@ -166,7 +168,9 @@ def _shared_out(samples: Any, columns: Sequence[Any], static: dict[str, Any]) ->
         parts = [each[..., k::pieces] for each in columns]
         count = parts[0].shape[-1]
         # Filled up with the last column, which is not followed again.
-        room = [np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts]
+        room = [
+            np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts
+        ]
         return np.asarray(derive(samples, count, *room, **static))[:count]
 
     whole = np.empty(size, columns[0].dtype)
@@ -176,8 +180,8 @@ def _shared_out(samples: Any, columns: Sequence[Any], static: dict[str, Any]) ->
     return whole
 
 
-# How far motions from both sides of a boundary have come apart when its derivatives are taken, in
-# radians and as powers of eps: twice, to compare. What comes later is missing in the first.
+# How far motions from both sides of a boundary have come apart when its derivatives are taken,
+# in radians and as powers of eps: twice, to compare. What comes later is missing in the first.
 _APART = (0.4, 0.2)
 _SETTLED = 1e-3  # relative difference of the two, at most
 
@@ -186,9 +190,9 @@ def _while_balanced(edges: _Edges, overturns_beyond: np.ndarray) -> list[np.ndar
     """Two times up to which the motion at each boundary under a long motion is known.
 
     A block that balances falls to one side or the other before a long motion ends, by what
-    rounding says, so that the margin at its end has no derivatives. But as long as it balances,
-    every change grows in the same ratio, from which the boundary follows: it does so until motions
-    from both sides of the boundary have come apart.
+    rounding says, so that the margin at its end has no derivatives. But as long as it
+    balances, every change grows in the same ratio, from which the boundary follows: it does so
+    until motions from both sides of the boundary have come apart.
     """
     subject = edges.subject
     at = edges.rows[0]

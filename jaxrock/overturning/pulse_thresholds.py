@@ -114,7 +114,9 @@ def _amplitudes(
     pulse = pulse_class(shape)(1.0, duration)
     levels = _levels("ratios", ratios, resolution)
     check_kind("block", block, Block)
-    uplift = jax.lax.stop_gradient(jnp.asarray(uplift_acceleration(block, as_model(search.model))))
+    uplift = jax.lax.stop_gradient(
+        jnp.asarray(uplift_acceleration(block, as_model(search.model)))
+    )
     library: Any = jnp if isinstance(uplift, jax.core.Tracer) else np
     amplitudes = library.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
     return searched(block, restitution, pulse, amplitudes, search)
@@ -224,7 +226,9 @@ def survival_windows(
     """
     found = overturning_boundaries(block, restitution, motion, "factor", factors, model=model)
     if found.count.ndim:
-        raise ValueError(f"one block at a time here, got an array of shape {found.count.shape}")
+        raise ValueError(
+            f"one block at a time here, got an array of shape {found.count.shape}"
+        )
     if not bool(found.complete):
         raise ValueError("motion could not be followed to its end for every factor")
     edges = np.asarray(found.value)

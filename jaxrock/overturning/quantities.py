@@ -53,7 +53,8 @@ def _strength(subject: Any) -> Any:
     return motion.factor if isinstance(motion, GroundMotions) else motion.amplitude
 
 
-# What boundaries are sought along: its domain, the motions that have it, its place in a subject.
+# What boundaries are sought along: its domain, the motions that have it, its place in a
+# subject.
 _QUANTITIES: dict[str, tuple[Domain, Any, Callable[[Any], Any]]] = {
     "amplitude": (FINITE, Pulse | Harmonic, _strength),
     "duration": (POSITIVE, Pulse, lambda subject: subject.motion.duration),

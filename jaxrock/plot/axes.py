@@ -21,7 +21,8 @@ RATIO = r"rotation ratio $\alpha/\alpha_c$ [-]"
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1, 0.5), "frameon": False}
 ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1), "frameon": False}
 
-# Curves differ without colours, too: by line style first and marker next, points by marker first.
+# Curves differ without colours, too: by line style first and marker next, points by marker
+# first.
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (9, 3)), (0, (2, 1, 1, 3)))
 _MARKERS = ("", "o", "s", "D", "^", "v", "P", "*", "X")
 _LOOKS = [{"linestyle": s, "marker": m, "markersize": 5} for m in _MARKERS for s in _STYLES]
@@ -66,7 +67,9 @@ def draws(parameter: str = "") -> Callable[[_Function], _Function]:
     section = f"\n\nParameters\n----------\n{parameter}" if parameter else ""
 
     def described(function: _Function) -> _Function:
-        head, raises, errors = inspect.cleandoc(function.__doc__ or "").partition("\n\nRaises\n")
+        head, raises, errors = inspect.cleandoc(function.__doc__ or "").partition(
+            "\n\nRaises\n"
+        )
         function.__doc__ = f"{head}{section}{_SHARED}{raises}{errors}"
         return function
 

@@ -13,7 +13,18 @@ from matplotlib.patches import Arc, Polygon
 from ..block import Block, is_rectangle
 from ..dynamics import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
 from ..ground_motion import Motion
-from .axes import ABOVE, ACCENT, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    LINE,
+    NEUTRAL,
+    RATIO,
+    add_level,
+    axes_or_new,
+    draws,
+    labelled,
+)
 from .pulses import strip_above
 
 _STAND_IN = "a rectangle stands in for the outline"
@@ -101,7 +112,9 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     # Without an entry in the legend where the lines lie outside of the limits.
     add_level(ax, 1.0, "critical angle" if limit > 1 else None)
     if bool(response.overturned) and np.isfinite(response.overturning_time):
-        ax.axvline(float(response.overturning_time), color=LINE, linestyle=":", label="overturning")
+        ax.axvline(
+            float(response.overturning_time), color=LINE, linestyle=":", label="overturning"
+        )
     ax.set_xlim(first, last)
     above = strip_above(ax, -limit, limit)
     weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
@@ -131,7 +144,10 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     outward = np.linspace(0, 1.5 * angle, 200)  # from the side that the block stands on
     equation = Equation.of(block, response.model)
     returning = np.asarray(equation.returning_velocity(jnp.asarray(outward)))
-    mirrored = outward[:, None] * [1, 1, -1, -1] / angle, returning[:, None] * [1, -1, 1, -1] / unit
+    mirrored = (
+        outward[:, None] * [1, 1, -1, -1] / angle,
+        returning[:, None] * [1, -1, 1, -1] / unit,
+    )
     ax.plot(*mirrored, "--", color=NEUTRAL, label=["separatrix", None, None, None])
     shown = np.abs(velocity[np.abs(rotation) <= 1.5 * angle]) / unit
     # The fall, much faster than what came before it, does not set the limits.
@@ -184,7 +200,9 @@ def animate(
     block = response.scene.block
     end = float(response.scene.duration)
     angle = float(block.critical_angle)
-    first, last = _moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
+    first, last = (
+        _moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
+    )
     if not 0 <= first < last <= end:
         raise ValueError(f"span must be increasing and within 0 and {end:g} s, got {span}")
     count = int(np.clip(round((last - first) * frames_per_second), 2, _FRAMES))
@@ -194,7 +212,11 @@ def animate(
     drawn = np.stack([_rotated(_corners(block), block, rotation) for rotation in rotations])
     drawn[..., 0] += shifts[:, None]
     reach, top = np.abs(drawn).max((0, 1))
-    sizes: dict[str, Any] = {"figsize": (5, 5), "height_ratios": (3, 1), "layout": "constrained"}
+    sizes: dict[str, Any] = {
+        "figsize": (5, 5),
+        "height_ratios": (3, 1),
+        "layout": "constrained",
+    }
     figure, (ax, below) = plt.subplots(2, **sizes)
     # As large as the height of the panel allows.
     shape = _block_on(ax, block, max(1.1 * reach, 0.8 * top), 1.08 * top)

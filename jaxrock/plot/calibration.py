@@ -18,9 +18,9 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
     """Draw measured and fitted half-cycle durations, and C of each impact over its velocity.
 
     Durations stand between the two impacts of their half-cycle, and impacts that are missing
-    or were left out at the foot. Of peaks without times only C is drawn. Where a constant C does
-    not explain the data, the line of a C linear in the velocity goes through the points; if p is
-    fitted too, only the legend says so, since with such a C p is another one.
+    or were left out at the foot. Of peaks without times only C is drawn. Where a constant C
+    does not explain the data, the line of a C linear in the velocity goes through the points;
+    if p is fitted too, only the legend says so, since with such a C p is another one.
 
     Parameters
     ----------
@@ -72,7 +72,9 @@ def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
     ax.set_yscale("log")
     # Of a narrow range, in which there are few powers of 10 and their multiples.
     narrow = not whole.any() or np.ptp(np.log(durations)) < 1.5
-    ticks: Any = MaxNLocator(6, steps=[1, 2, 5, 10]) if narrow else LogLocator(subs=(1, 2, 3, 5))
+    ticks: Any = (
+        MaxNLocator(6, steps=[1, 2, 5, 10]) if narrow else LogLocator(subs=(1, 2, 3, 5))
+    )
     ax.yaxis.set_major_locator(ticks)
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())

@@ -27,8 +27,8 @@ _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw shares of a suite over the level: counted, with intervals, and lognormal curves.
 
-    A mark is the counted share, a bar its interval, a line the most likely lognormal curve. The
-    bars of several thresholds stand side by side around their level.
+    A mark is the counted share, a bar its interval, a line the most likely lognormal curve.
+    The bars of several thresholds stand side by side around their level.
     """
     ax = axes_or_new(ax, figsize=(8, 4.5))
     levels = dataset.level.values
@@ -56,7 +56,9 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         line = {"color": colour, "linestyle": look["linestyle"]}
         if np.isfinite(curves["lognormal_median"]):
             fine = np.geomspace(levels[0], levels[-1], 300)
-            median, dispersion = (float(curves[f"lognormal_{n}"]) for n in ("median", "dispersion"))
+            median, dispersion = (
+                float(curves[f"lognormal_{n}"]) for n in ("median", "dispersion")
+            )
             ax.plot(fine, LognormalFit(median, dispersion).at(fine), **line)
         mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
         ax.plot([], [], label=name, **line, **mark)

@@ -56,12 +56,16 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
         inside = [x for x in _LEVELS if np.nanmin(ratio) < x < np.nanmax(ratio)]
         curves = ax.contour(across, up, ratio, levels=inside, colors=INK, linewidths=0.9)
         ax.clabel(curves, fmt="%g", fontsize="x-small")
-        ax.plot([], [], color=INK, linewidth=0.9, label=r"rotation ratio $\alpha_{max}/\alpha_c$")
+        ax.plot(
+            [], [], color=INK, linewidth=0.9, label=r"rotation ratio $\alpha_{max}/\alpha_c$"
+        )
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
     if levels[0] < 1 < levels[-1]:
-        ax.axhline(1, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest")
+        ax.axhline(
+            1, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest"
+        )
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**ABOVE, ncols=3, fontsize="small")
     numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"

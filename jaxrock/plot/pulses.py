@@ -20,7 +20,18 @@ from ..resonance import (
     WorstTrain,
 )
 from ..validation import as_real
-from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, RATIO, add_level, axes_or_new, draws, labelled
+from .axes import (
+    ACCENT,
+    BESIDE,
+    INK,
+    LINE,
+    NEUTRAL,
+    RATIO,
+    add_level,
+    axes_or_new,
+    draws,
+    labelled,
+)
 
 _POINTS = 600  # of a half-cycle
 _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
@@ -97,7 +108,9 @@ def plot_train(
     response = _respond(block, restitution, train, model)
     launch = response.velocity_ratio[-1] * model.critical_velocity(block)
     longest = _LONGEST / float(block.frequency_parameter)
-    duration = np.fmin(model.half_cycle_duration(block, launch), longest)  # NaN if it overturns
+    duration = np.fmin(
+        model.half_cycle_duration(block, launch), longest
+    )  # NaN if it overturns
     rotation, velocity = response.history(times[-1])
     # A block that falls towards the ground may go higher on the other side.
     impacts = 2 if float(rotation * velocity) < 0 else 1

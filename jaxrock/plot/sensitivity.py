@@ -29,7 +29,9 @@ from .axes import (
 _SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
 
 
-@draws("bars, label : TornadoBars, str\n    From `jaxrock.tornado`; name and unit of the answer.")
+@draws(
+    "bars, label : TornadoBars, str\n    From `jaxrock.tornado`; name and unit of the answer."
+)
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
     """Draw what each number can do to an answer within its range."""
     ax = axes_or_new(ax)

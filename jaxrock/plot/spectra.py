@@ -117,8 +117,8 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     """Draw a variable over slenderness: a column for each restitution, a row for each intensity.
 
     A curve for each width. Of a dimension with more values than can be told apart (4 panels
-    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel. Rotation
-    ratios are drawn up to the overturning threshold, which is known in closed form.
+    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel.
+    Rotation ratios are drawn up to the overturning threshold, which is known in closed form.
 
     Parameters
     ----------
@@ -135,7 +135,9 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     def draw(curves: xarray.DataArray, panel: Axes) -> None:
         thresholds = None
         if variable == "rotation_ratio" and "intensity" in curves.coords:
-            block = Block(curves.width.values / 2, 1.0, about["gravity"], about["inertia_ratio"])
+            block = Block(
+                curves.width.values / 2, 1.0, about["gravity"], about["inertia_ratio"]
+            )
             numbers = float(curves.restitution), float(curves.intensity)
             limits = critical_slenderness(block, *numbers, model=model)
             thresholds = xarray.DataArray(np.asarray(limits), {"width": curves.width})
@@ -225,7 +227,9 @@ def _panels(
         panel.label_outer()
     # One legend, of the panel with the most entries.
     legends = [panel.get_legend() for panel in panels.flat]
-    entries = max((p.get_legend_handles_labels() for p in panels.flat), key=lambda e: len(e[1]))
+    entries = max(
+        (p.get_legend_handles_labels() for p in panels.flat), key=lambda e: len(e[1])
+    )
     for legend in legends:
         legend.remove()
     panels[0, -1].legend(*entries, **BESIDE, title=legends[0].get_title().get_text())

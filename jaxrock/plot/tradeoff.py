@@ -21,7 +21,8 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw a work-precision diagram: error against time, a mark for every setting.
 
     Colour and mark tell the levels of fidelity apart. Written at a line is the solver, or how
-    many answers are computed at once. On the front of a batch nothing is faster and as accurate.
+    many answers are computed at once. On the front of a batch nothing is faster and as
+    accurate.
     """
     ax = axes_or_new(ax, figsize=(8, 5.4))
     rows = dataset.where(np.isfinite(dataset.error), drop=True).sortby("error")
@@ -68,5 +69,7 @@ def _write(ax: Axes, ends: dict[tuple[str, ...], np.ndarray]) -> None:
             beside: dict[str, Any] = {"xytext": (9, 2), "ha": "left"}
             above: dict[str, Any] = {"xytext": (0, 8 + 11 * len(near)), "ha": "center"}
             place = beside if level == "adaptive" else above
-            ax.annotate(text, tuple(end), textcoords="offset points", fontsize="small", **place)
+            ax.annotate(
+                text, tuple(end), textcoords="offset points", fontsize="small", **place
+            )
             taken.append((end, text))

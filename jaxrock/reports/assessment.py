@@ -113,7 +113,9 @@ def _programs(scene: Scene) -> list[Callable[[Scene], Any]]:
 
     Each runs once, so what counts is how long it takes to compile.
     """
-    models = (functools.partial(_answers, model=model) for model in (Linearized(), Nonlinear()))
+    models = (
+        functools.partial(_answers, model=model) for model in (Linearized(), Nonlinear())
+    )
     lowered = [jax.jit(part).lower(scene) for part in (_described, *models)]
     options: Any = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
     return mapped(lambda part: part.compile(compiler_options=options), lowered, len(lowered))
@@ -121,7 +123,13 @@ def _programs(scene: Scene) -> list[Callable[[Scene], Any]]:
 
 def _described(scene: Scene) -> dict[str, Any]:
     block = scene.block
-    names = ["slenderness", "half_diagonal", "critical_angle", "frequency_parameter", "gravity"]
+    names = [
+        "slenderness",
+        "half_diagonal",
+        "critical_angle",
+        "frequency_parameter",
+        "gravity",
+    ]
     names.append("inertia_ratio")
     return {
         "width": 2 * block.half_width,
@@ -143,7 +151,8 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     elasticities = {}
     for name in _PARAMETERS:
         value, slope = (
-            getattr(tree if hasattr(tree, name) else tree.block, name) for tree in (scene, slopes)
+            getattr(tree if hasattr(tree, name) else tree.block, name)
+            for tree in (scene, slopes)
         )
         derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
         elasticities[name] = derivatives[name] * value / ratio
@@ -203,7 +212,9 @@ def text(result: dict[str, Any]) -> str:
     verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
     if math.isinf(half_cycle):
         share = 100 * models["nonlinear"]["stabilized"]["rotation_ratio"]
-        verdict = f"Stands (nonlinear): the rocking settles at {share:.3g} % of the critical angle."
+        verdict = (
+            f"Stands (nonlinear): the rocking settles at {share:.3g} % of the critical angle."
+        )
     lines += ["", verdict]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]

@@ -1,16 +1,17 @@
 """Cases by which other programs can be checked against the answers of this one.
 
 `write` puts into a folder ``cases.json``: a header that explains itself in words and formulas
-(``version``, ``conventions``, ``equations``, ``inputs``, ``quantities``, ``fields``) and the list
-``cases``; ``cases.csv``: the same cases, one a line, empty where the JSON has null; and the ground
-motions that have no formula: ``time_s,acceleration_m_per_s2`` and, where there is one,
-``vertical_m_per_s2``.
+(``version``, ``conventions``, ``equations``, ``inputs``, ``quantities``, ``fields``) and the
+list ``cases``; ``cases.csv``: the same cases, one a line, empty where the JSON has null; and
+the ground motions that have no formula: ``time_s,acceleration_m_per_s2`` and, where there is
+one, ``vertical_m_per_s2``.
 
-A program computes the ``quantity`` of each case from its other fields alone (with a ``variable``,
-the derivative with respect to that field) and is right within ``absolute + relative *
-abs(value)`` of the ``value``. ``from`` says how much a value is worth: a closed form, converged
-integrations, which ``spread`` tells apart, or a number printed in a publication.
-``tests/references/conformance_with_scipy.py`` is such a program: it does not import this package.
+A program computes the ``quantity`` of each case from its other fields alone (with a
+``variable``, the derivative with respect to that field) and is right within
+``absolute + relative * abs(value)`` of the ``value``. ``from`` says how much a value is worth:
+a closed form, converged integrations, which ``spread`` tells apart, or a number printed in a
+publication. ``tests/references/conformance_with_scipy.py`` is such a program: it does not
+import this package.
 
 The values are frozen, so that they also judge the program that wrote them:
 ``tests/tables/conformance_cases.py`` computes all of them again. None of the driven cases is
@@ -29,7 +30,12 @@ import numpy as np
 from ..ground_motion import Record, example_record
 from ..host import version
 
-RECORDS = ("ridgecrest_north.csv", "ridgecrest_east_and_up.csv", "piece.csv", "sampled_pulse.csv")
+RECORDS = (
+    "ridgecrest_north.csv",
+    "ridgecrest_east_and_up.csv",
+    "piece.csv",
+    "sampled_pulse.csv",
+)
 FILES = ("cases.csv", "cases.json", *RECORDS)
 
 
@@ -37,7 +43,9 @@ def table() -> dict[str, Any]:
     """The content of ``cases.json``, each case with all fields."""
     resource = files("jaxrock") / "data" / "conformance.json"
     stored = json.loads(resource.read_text(encoding="utf-8"))
-    cases = [{field: case.get(field) for field in stored["fields"]} for case in stored["cases"]]
+    cases = [
+        {field: case.get(field) for field in stored["fields"]} for case in stored["cases"]
+    ]
     return {"version": version()} | stored | {"cases": cases}
 
 

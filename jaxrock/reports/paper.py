@@ -2,7 +2,8 @@
 
 C. Casapulla, On the Resonance Conditions of Rigid Rocking Blocks. What it prints and claims is
 in ``data/paper.json``, with the bounds by which a claim is judged. The numbers are computed
-here, by the names they have there; shares and changes in percent, pairs the least and the largest.
+here, by the names they have there; shares and changes in percent, pairs the least and the
+largest.
 """
 
 import csv
@@ -102,7 +103,14 @@ def printed_tables() -> dict[str, Any]:
 
 def regenerate() -> Report:
     """Recompute all that the paper states. Float64 is needed for the printed digits."""
-    parts = (_of_tables, _of_one_pulse, _of_the_spectrum, _of_the_map, _of_damping, _of_linearizing)
+    parts = (
+        _of_tables,
+        _of_one_pulse,
+        _of_the_spectrum,
+        _of_the_map,
+        _of_damping,
+        _of_linearizing,
+    )
     numbers = {name: np.asarray(value) for part in parts for name, value in part().items()}
     data = printed_tables()
     entries = [
@@ -120,7 +128,9 @@ def regenerate() -> Report:
         for i, row in enumerate(table["rows"])
         for j, column in enumerate(table["columns"])
     ]
-    claims, faults = ([finding(row, numbers) for row in data[key]] for key in ("claims", "faults"))
+    claims, faults = (
+        [finding(row, numbers) for row in data[key]] for key in ("claims", "faults")
+    )
     return Report(entries, claims, faults)
 
 
@@ -213,7 +223,9 @@ def _markdown(report: Report, titles: Mapping[str, str]) -> str:
         lines += ["## Mismatches", "", *(f"- {line}" for line in report.mismatches), ""]
     for title, verdict in (("Claims", "valid"), ("Faults", "reproduced")):
         findings = getattr(report, title.lower())
-        rows = [(f.where, f.statement, "yes" if f.valid else "**no**", f.figure) for f in findings]
+        rows = [
+            (f.where, f.statement, "yes" if f.valid else "**no**", f.figure) for f in findings
+        ]
         lines += [f"## {title}", "", *_table(("where", "what", verdict, "figure"), rows), ""]
     shown = ("quantity", "row", "column", "printed", "computed", "agrees", "nonlinear")
     same = "The last column is the same quantity without linearizing the equation of motion."
@@ -373,7 +385,9 @@ def _of_linearizing() -> dict[str, Any]:
     critical, true = (float(model.critical_velocity(block)) for model in _MODELS)
     velocity = np.append(np.linspace(1e-3, 0.9, 200), 0.995) * critical
     peak, true_peak = (np.asarray(model.peak_rotation(block, velocity)) for model in _MODELS)
-    time, true_time = (np.asarray(model.half_cycle_duration(block, velocity)) for model in _MODELS)
+    time, true_time = (
+        np.asarray(model.half_cycle_duration(block, velocity)) for model in _MODELS
+    )
     peak = 100 * (1 - peak / true_peak)
     time = 100 * (1 - time / true_time)
     return {

@@ -50,7 +50,8 @@ class RockingModel(eqx.Module):
     _half_cycle_duration: ClassVar[Callable[..., Reals]]  # of block, x, intensity
     _rotation: ClassVar[Callable[..., Reals]]  # of block, x, time
     # Of block, rotation, x, q: from the launch to a rotation on the way up, where velocity /
-    # critical velocity is q; by symmetry also from there down to the impact, where x may exceed 1.
+    # critical velocity is q; by symmetry also from there down to the impact, where x may
+    # exceed 1.
     _time_from_ground: ClassVar[Callable[..., Reals]]
 
     @elementwise()
@@ -84,8 +85,8 @@ class RockingModel(eqx.Module):
         As if there were no ground: after the next impact, at `half_cycle_duration`, the
         rotation is negative. From `critical_velocity` on the block overturns.
 
-        Returns both [rad], [rad/s]; NaN where the linearized motion, which grows without bound,
-        leaves the range of floating-point numbers.
+        Returns both [rad], [rad/s]; NaN where the linearized motion, which grows without
+        bound, leaves the range of floating-point numbers.
         """
         x = velocity / self._critical_velocity(block)
         x, time = jnp.broadcast_arrays(x, time)
@@ -98,8 +99,8 @@ class RockingModel(eqx.Module):
         The quotient of two peaks would lose its derivatives where they are small, and its
         digits where they are almost equal.
 
-        Returns ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
-        velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
+        Returns ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at
+        zero velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
         """
         x = velocity / self._critical_velocity(block)
         stands = x * (1 + growth) < 1
@@ -224,8 +225,9 @@ class Nonlinear(RockingModel):
 
     def _time_from_ground(self, block: Block, rotation: Reals, x: Reals, q: Reals) -> Reals:
         # With y = sin((alpha_c - alpha) / 2)^2 it is the integral of
-        # dy / (2 p sqrt(y (1 - y) (y - m))), m = sin(alpha_c / 2)^2 (1 - x^2), up to the ground
-        # (DLMF 19.29.4); velocity = 2 p sqrt(y - m). Both roots of y - m are taken over x.
+        # dy / (2 p sqrt(y (1 - y) (y - m))), m = sin(alpha_c / 2)^2 (1 - x^2), up to the
+        # ground (DLMF 19.29.4); velocity = 2 p sqrt(y - m). Both roots of y - m are taken over
+        # x.
         moves = x > 0
         scale = jnp.where(moves, x, 1)
         sine, cosine = _of_half(block)

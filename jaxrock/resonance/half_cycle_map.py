@@ -157,8 +157,8 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
     Linearized, it is right for weak pulses.
 
-    Returns zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses it
-    tends to ``1 / (1 - C)^2``.
+    Returns zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
+    it tends to ``1 / (1 - C)^2``.
     """
     model = as_model(model)
     x_limit, limited = _limit(scene, model)
@@ -179,8 +179,8 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     the quantity to search and to optimise on. Linearized, v_c is 0.16 % too large at
     slenderness 5: the unsafe side.
 
-    Returns ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns, -inf
-    for C = 1.
+    Returns ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns,
+    -inf for C = 1.
     """
     x, limited = _limit(scene, as_model(model))
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
@@ -230,7 +230,9 @@ def _limit(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
 
 
 def _where_stabilized(
-    scene: Scene, model: ModelLike, quantity: Callable[[RockingModel, Block, Reals, Reals], Reals]
+    scene: Scene,
+    model: ModelLike,
+    quantity: Callable[[RockingModel, Block, Reals, Reals], Reals],
 ) -> Reals:
     """A quantity from x* and the single pulse that launches as fast; NaN without a limit."""
     model = as_model(model)

@@ -37,7 +37,9 @@ def critical_intensity(
     return _single_pulse(block, model) * share_of_one(restitution, half_cycles)
 
 
-@elementwise(restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model)
+@elementwise(
+    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+)
 def critical_width(
     block: Block,
     restitution: Number,
@@ -57,7 +59,9 @@ def critical_width(
     return 2 * (pulse / _single_pulse(unit, model)) ** 2
 
 
-@elementwise(restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model)
+@elementwise(
+    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+)
 def critical_slenderness(
     block: Block,
     restitution: Number,
@@ -75,7 +79,8 @@ def critical_slenderness(
     pulse = _equivalent_pulse(restitution, intensity, half_cycles)
     half_width = block.half_width
     gravity = block.gravity * block.inertia_ratio
-    # The pulse as a pure number, on which alone the slenderness depends: b g kappa is 1 with it.
+    # The pulse as a pure number, on which alone the slenderness depends: b g kappa is 1 with
+    # it.
     weight = quotient(pulse, jnp.sqrt(half_width) * jnp.sqrt(gravity))
     number = jnp.finfo(weight.dtype)
     representable = (weight > float(number.max) ** -0.5) & (weight < jnp.inf)
@@ -88,11 +93,13 @@ def critical_slenderness(
         unit = jnp.ones_like(estimate)
         return jnp.log(_single_pulse(Block(0.75 * unit, slenderness, unit), model) / weight)
 
-    # The slenderness is the limit for slender blocks, for stocky ones up to a factor of pi / 2.
-    # The factor is solved for: beyond the ends of the clipped range it no longer changes.
+    # The slenderness is the limit for slender blocks, for stocky ones up to a factor of pi /
+    # 2. The factor is solved for: beyond the ends of the clipped range it no longer changes.
     eps = float(number.eps)
     clipped = jnp.clip(weight, 0.1 * eps**0.25, 10 / eps)
-    estimate, clipped_estimate = (jnp.where(w < 1, (1 / w) ** 2, 1 / w) for w in (weight, clipped))
+    estimate, clipped_estimate = (
+        jnp.where(w < 1, (1 / w) ** 2, 1 / w) for w in (weight, clipped)
+    )
     log_factor = _root(excess, jnp.zeros_like(estimate), clipped_estimate, clipped)
     # Nor has it a derivative there; what overflows must not meet the one of the end.
     fixed = jax.lax.stop_gradient(log_factor)

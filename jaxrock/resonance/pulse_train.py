@@ -89,9 +89,10 @@ class TrainResponse(Printed, eqx.Module):
         Returns
         -------
         rotation, velocity : Array, shape (...)
-            alpha [rad] and its rate [rad/s], at the time of a pulse right after it. A block that
-            overturns is followed, without any later pulse, up to twice the critical angle, or to
-            pi / 2 if that is less; after that, and after too many impacts, both are NaN.
+            alpha [rad] and its rate [rad/s], at the time of a pulse right after it. A block
+            that overturns is followed, without any later pulse, up to twice the critical
+            angle, or to pi / 2 if that is less; after that, and after too many impacts, both
+            are NaN.
 
         Examples
         --------
@@ -205,7 +206,9 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     zero = jnp.zeros_like(times[0])
     at_rest = Motion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
     intervals = jnp.diff(times, prepend=times[:1])
-    last, (ratios, sides, after_pulses) = jax.lax.scan(pulse, at_rest, (intervals, intensities))
+    last, (ratios, sides, after_pulses) = jax.lax.scan(
+        pulse, at_rest, (intervals, intensities)
+    )
     # A block that falls after the last pulse may leave the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))

@@ -79,7 +79,12 @@ class Rocker(NamedTuple):
         late = self.ground_time(flight) - jnp.where(falls, duration - since, since)
         lever = jnp.sin(still.block.critical_angle - still.rotation(flight))
         slowing = lever * still.block.frequency_parameter**2
-        q = q + jax.lax.stop_gradient(slowing) / still.model._critical_velocity(still.block) * late
+        q = (
+            q
+            + jax.lax.stop_gradient(slowing)
+            / still.model._critical_velocity(still.block)
+            * late
+        )
         return jnp.where(falls, -q, q)
 
     def rotation(self, flight: Flight) -> Reals:

@@ -1,8 +1,8 @@
 """The search for the worst train: descents, and moves to other sequences of impacts and pulses.
 
 A descent is SciPy's sequential quadratic programming (SLSQP; Kraft 1988, TOMS algorithm 733,
-https://doi.org/10.1145/192115.192124), which takes the limits as constraints: those on the times
-and, where the smallest pulses are sought, that the block overturns.
+https://doi.org/10.1145/192115.192124), which takes the limits as constraints: those on the
+times and, where the smallest pulses are sought, that the block overturns.
 """
 
 import functools
@@ -70,7 +70,9 @@ class Problem(NamedTuple):
 class Candidate(NamedTuple):
     """A train, and how good it is."""
 
-    numbers: np.ndarray  # (2 pulses + 1,) phases, pulses over the bound, logarithm of the bound
+    numbers: (
+        np.ndarray
+    )  # (2 pulses + 1,) phases, pulses over the bound, logarithm of the bound
     impacts: np.ndarray  # (pulses,) between a pulse and the one before
     used: int  # pulses of the train, the others are left out
     loss: float = np.inf
@@ -119,7 +121,9 @@ class _Measured(NamedTuple):
     objective: float  # what the train needs, nearly, or how far it leads
 
 
-def _evaluate(candidate: Candidate, problem: Problem) -> tuple[Outcome, np.ndarray, np.ndarray]:
+def _evaluate(
+    candidate: Candidate, problem: Problem
+) -> tuple[Outcome, np.ndarray, np.ndarray]:
     numbers, impacts, used, *_ = candidate
     outcome, *limited = evaluate(numbers, impacts, used, problem.rocker, problem.spacing)
     values, slopes = (np.asarray(part, float) for part in limited)
@@ -226,7 +230,8 @@ def search(candidates: list[Candidate], problem: Problem) -> list[Candidate]:
         key = k, candidate.used, candidate.impacts.tobytes(), round(merit, 6)
         if key not in moved:
             tried = (
-                descend(_apart(move, problem), problem) for move in _moves(candidate, problem, k)
+                descend(_apart(move, problem), problem)
+                for move in _moves(candidate, problem, k)
             )
             moved[key] = min(tried, key=lambda each: each.merit(problem), default=candidate)
         if moved[key].merit(problem) >= merit - _NO_GAIN:
@@ -277,7 +282,9 @@ def _moves(candidate: Candidate, problem: Problem, k: int) -> Iterator[Candidate
                 after = _allowed(impacts[k + 1] + then, problem)
                 yield _placed(moved, k + 1, after, _EARLY)
     # Without a latest time a single pulse is two of which one is weak.
-    if k == candidate.used - 1 and (problem.latest < np.inf or (problem.spacing > 0 and k > 1)):
+    if k == candidate.used - 1 and (
+        problem.latest < np.inf or (problem.spacing > 0 and k > 1)
+    ):
         # One pulse less; the others where they are, or as strong and as early as they may be.
         yield candidate._replace(used=k)
         strong = candidate.numbers.copy()

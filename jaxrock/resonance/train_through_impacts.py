@@ -41,8 +41,8 @@ def evaluate(
 ) -> tuple[Outcome, Any, Any]:
     """What the train of optimised numbers does; what is limited in that, and its derivatives.
 
-    The numbers are the phases, the impulses over a bound and the logarithm of that bound. Limited
-    are the logarithm of x, what is lacking for each pulse, and the time of the last.
+    The numbers are the phases, the impulses over a bound and the logarithm of that bound.
+    Limited are the logarithm of x, what is lacking for each pulse, and the time of the last.
     """
 
     def limited(numbers: Any) -> tuple[Any, tuple[Outcome, Any]]:

@@ -165,7 +165,9 @@ def _lowest(
 
 
 @eqx.filter_jit
-def _overturn(rocker: Rocker, count: int, spacings: jax.Array, strengths: jax.Array) -> jax.Array:
+def _overturn(
+    rocker: Rocker, count: int, spacings: jax.Array, strengths: jax.Array
+) -> jax.Array:
     """Which of many trains of alternating pulses, equally spaced, overturn the block."""
     number = jnp.arange(count).astype(spacings.dtype)
     alternating = rocker.unit * jnp.where(number % 2 == 0, 1, -1)

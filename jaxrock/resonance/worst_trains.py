@@ -33,7 +33,8 @@ class WorstTrain(Printed):
     Attributes
     ----------
     times, intensities : ndarray, shape (pulses,)
-        When the pulses come, the first at 0 [s], and I of each [m/s], signed as the ground moves.
+        When the pulses come, the first at 0 [s], and I of each [m/s], signed as the ground
+        moves.
     impacts_between, delays : ndarray, shape (pulses,)
         Impacts between a pulse and the one before it, and time from the last impact to the
         pulse over the half-cycle that it falls into [-].
@@ -68,7 +69,11 @@ class WorstTrain(Printed):
     def __str__(self) -> str:
         lines = [
             f"{self.goal}: largest pulse {self.largest:.5g} m/s, together {self.total:.5g} m/s,"
-            + (" overturns" if self.overturns else f" peak rotation {self.peak_rotation:.6g} rad")
+            + (
+                " overturns"
+                if self.overturns
+                else f" peak rotation {self.peak_rotation:.6g} rad"
+            )
             + ("" if self.converged else ", NOT converged"),
             "  time [s]  intensity [m/s]  after impact [half-cycles]",
         ]
@@ -98,9 +103,9 @@ def worst_train(
     """The worst train of instantaneous pulses, over their times, signs and intensities.
 
     Between the pulses the block moves freely, and through impacts. Random trains descend by
-    sequential quadratic programming, and then try what descent cannot do: to strike a pulse the
-    other way, before or after the peak, or a half-cycle earlier or later. The best is verified
-    over time, raised and lowered a little.
+    sequential quadratic programming, and then try what descent cannot do: to strike a pulse
+    the other way, before or after the peak, or a half-cycle earlier or later. The best is
+    verified over time, raised and lowered a little.
 
     Parameters
     ----------
@@ -163,7 +168,9 @@ def worst_train(
     if largest is not None:
         check("largest", as_real("largest", largest), POSITIVE)
     if not 0 <= impacts_between <= MOST_IMPACTS:
-        raise ValueError(f"impacts_between must be from 0 to {MOST_IMPACTS}, got {impacts_between}")
+        raise ValueError(
+            f"impacts_between must be from 0 to {MOST_IMPACTS}, got {impacts_between}"
+        )
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
     if not latest >= 0:
         raise ValueError(f"latest must be at least 0, got {latest:g}")
@@ -201,7 +208,9 @@ def worst_train(
     return train
 
 
-def _random_candidates(problem: Problem, count: int, starts: int, seed: int) -> list[Candidate]:
+def _random_candidates(
+    problem: Problem, count: int, starts: int, seed: int
+) -> list[Candidate]:
     random = np.random.default_rng(seed)
     fewest = problem.fewest_impacts
     impacts = random.integers(fewest, min(fewest + 2, MOST_IMPACTS) + 1, (starts, count))
@@ -226,7 +235,9 @@ def _result(candidates: list[Candidate], problem: Problem, latest: float) -> Wor
     # Of equally good ones, one whose search has ended.
     equal = losses <= losses.min() + problem.tolerance
     ended = equal & np.array([candidate.ended for candidate in candidates])
-    best = candidates[int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))]
+    best = candidates[
+        int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))
+    ]
 
     count = best.used
     outcome = jax.device_get(best.outcome(problem))

@@ -17,7 +17,10 @@ _REMARK = 160  # characters of the longest remark, and a few more
 
 def about(long_name: str, units: str = "1") -> dict[str, str]:
     """The attributes of a variable, its unit as CF writes it."""
-    return {"long_name": long_name, "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1")}
+    return {
+        "long_name": long_name,
+        "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
+    }
 
 
 def with_curves(
@@ -54,7 +57,9 @@ def with_curves(
     if isinstance(counts, np.ndarray):
         curves = _curves(counts, *arguments)
     else:
-        kinds = {name: ([plane.index(dim) for dim in e[0]], e[1]) for name, e in entries.items()}
+        kinds = {
+            name: ([plane.index(dim) for dim in e[0]], e[1]) for name, e in entries.items()
+        }
         curves = optional("cluster").lazily_from(_curves, counts, arguments, kinds)
     variables = {}
     for name, (dims, _, long_name, units) in entries.items():

@@ -79,11 +79,11 @@ def fragility(
     Returns
     -------
     xarray.Dataset
-        Over level and threshold ``exceedance``, the share of records, with the exact (binomial)
-        interval ``exceedance_low`` to ``exceedance_high``, and ``lognormal``, the most likely
-        lognormal curve; both take the records for independent. Over threshold its
-        ``lognormal_median`` and ``lognormal_dispersion``, and a ``remark``, which says where it
-        does not fit: overturning is not monotone in the level. Over level
+        Over level and threshold ``exceedance``, the share of records, with the exact
+        (binomial) interval ``exceedance_low`` to ``exceedance_high``, and ``lognormal``, the
+        most likely lognormal curve; both take the records for independent. Over threshold its
+        ``lognormal_median`` and ``lognormal_dispersion``, and a ``remark``, which says where
+        it does not fit: overturning is not monotone in the level. Over level
         ``share_within_tolerance``; elsewhere the response is chaotic. Over record and level
         every response, and the factor on the record.
 
@@ -111,11 +111,15 @@ def fragility(
     check("levels", as_real("levels", levels), POSITIVE)
     places = np.asarray(levels, float)
     if places.ndim != 1 or not places.size:
-        raise ValueError(f"levels must be one-dimensional, got an array of shape {places.shape}")
+        raise ValueError(
+            f"levels must be one-dimensional, got an array of shape {places.shape}"
+        )
     if (np.diff(places) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")
     if not isinstance(confidence, float | int) or not 0 < confidence < 1:
-        raise ValueError(f"confidence must be a number between 0 and 1, got {confidence!r:.60}")
+        raise ValueError(
+            f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
+        )
     check("restitution", restitution, UNIT_INTERVAL)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     names = threshold_names(thresholds)
@@ -150,7 +154,9 @@ def fragility(
         labels={"level": about(*MEASURES[measure][:2])},
         shared=(block, restitution),
     )
-    return with_curves(grid.dataset(chunks), thresholds, names, confidence, MEASURES[measure][1])
+    return with_curves(
+        grid.dataset(chunks), thresholds, names, confidence, MEASURES[measure][1]
+    )
 
 
 def _responses(

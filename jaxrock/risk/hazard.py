@@ -24,14 +24,15 @@ class Hazard(Printed, Checked):
     rates : array_like, shape (n,)
         Rates of exceedance [1/yr], greater than 0 and falling.
     measure : {"pgv", "pga"}, optional
-        Which intensity measure it is about; what is computed from the curve refuses another one.
+        Which intensity measure it is about; what is computed from the curve refuses another
+        one.
 
     Raises
     ------
     ValueError
         If the measure is another one, if there are less than two points or not as many rates
-        as levels, if a value is not greater than 0, if the levels do not increase or the rates do
-        not fall.
+        as levels, if a value is not greater than 0, if the levels do not increase or the rates
+        do not fall.
 
     Examples
     --------
@@ -76,7 +77,9 @@ class Hazard(Printed, Checked):
         low, high = self.levels[:: len(self.levels) - 1]
         often, seldom = self.rates[:: len(self.rates) - 1]
         of = f" of {self.measure}" if self.measure else ""
-        return f"hazard{of} from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
+        return (
+            f"hazard{of} from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
+        )
 
     def __call__(self, level: Number) -> Reals:
         """The rate of exceedance.

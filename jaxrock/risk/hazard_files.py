@@ -35,8 +35,8 @@ def read_hazard(
         yearly rate of exceedance, below one line with their names, such as
         ``pgv [m/s],rate [1/yr]``, and perhaps lines that begin with #.
     unit : str, optional
-        Of the levels, where the head does not state it: ``"m/s"``, ``"cm/s"`` and so on, or that
-        of an acceleration as for `read_record`.
+        Of the levels, where the head does not state it: ``"m/s"``, ``"cm/s"`` and so on, or
+        that of an acceleration as for `read_record`.
     measure : {"pgv", "pga"}, optional
         Which measure is expected: the curve must not be of another one.
 
@@ -49,8 +49,8 @@ def read_hazard(
     ------
     ValueError
         With file and line, if the file cannot be read, holds no hazard curve, is about another
-        measure, or if its head is not understood: the measure, the unit of the levels, and that the
-        second column is a yearly rate.
+        measure, or if its head is not understood: the measure, the unit of the levels, and
+        that the second column is a yearly rate.
 
     Examples
     --------
@@ -69,7 +69,9 @@ def read_hazard(
     lines = numbered_lines(path)
     if lines and is_number(lines[0][1].split(",")[0]):
         must = "a line with the names of the two columns was expected"
-        raise ValueError(f"{str(path)!r}, line {lines[0][0]}: {must}, got {lines[0][1][:60]!r}")
+        raise ValueError(
+            f"{str(path)!r}, line {lines[0][0]}: {must}, got {lines[0][1][:60]!r}"
+        )
     rows = [_level_and_rate(path, *line) for line in lines[1:]]
     if len(rows) < 2:
         must = "at least two lines of a level and a rate below their names were expected"
@@ -112,7 +114,9 @@ def _understood(head: str, unit: str | None, expected: str | None) -> tuple[floa
     if unit is not None:
         given = _units(str(unit))
         if len(given[1]) != 1 or math.isnan(given[1][0][1]):
-            raise ValueError(f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}")
+            raise ValueError(
+                f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}"
+            )
         if units and (given[0] != kind or not math.isclose(given[1][0][1], units[0][1])):
             raise ValueError(f"unit is {unit!r}, but the head states {name!r}")
         kind, units = given

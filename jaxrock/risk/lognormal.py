@@ -55,7 +55,9 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         below = log_ndtr(-z)
         value = -(exceeded * above + (trials - exceeded) * below).sum()
         density = -0.5 * z * z - 0.5 * np.log(2 * np.pi)
-        pull = exceeded * np.exp(density - above) - (trials - exceeded) * np.exp(density - below)
+        pull = exceeded * np.exp(density - above) - (trials - exceeded) * np.exp(
+            density - below
+        )
         return value / trials, -np.array([pull.sum(), (pull * scaled).sum()]) / trials
 
     # Concave in both: where it ends does not depend on the start.

@@ -36,8 +36,8 @@ class OverturningRate(Printed, eqx.Module):
     standard_error : Array, shape ()
         Of the rate, for the scatter from record to record [1/yr]; NaN for one record.
     unseen : Array, shape ()
-        Estimated upper limit (95 %) of what windows that no level hits may change, and all that
-        levels beyond the last may [1/yr].
+        Estimated upper limit (95 %) of what windows that no level hits may change, and all
+        that levels beyond the last may [1/yr].
     boundaries : Boundaries
         Of each record, in levels of the intensity measure.
     complete : Array of bool, shape ()
@@ -77,8 +77,8 @@ def overturning_rate(
 ) -> OverturningRate:
     """How often a year a block overturns, without a fit between.
 
-    Each record, scaled to a level x of the intensity measure, overturns the block on a union of
-    intervals between its boundaries a_0 < a_1 < ..., survival windows included. With the
+    Each record, scaled to a level x of the intensity measure, overturns the block on a union
+    of intervals between its boundaries a_0 < a_1 < ..., survival windows included. With the
     hazard H(x), that happens at a rate of H(a_0) - H(a_1) + ... a year. The rate is the
     mean over the records.
 
@@ -99,7 +99,8 @@ def overturning_rate(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
-        How many of each record are listed under `jit`; if there are more, it is not `complete`.
+        How many of each record are listed under `jit`; if there are more, it is not
+        `complete`.
 
     Returns
     -------
@@ -112,17 +113,17 @@ def overturning_rate(
 
     Notes
     -----
-    What is beyond the last level is taken to be like the last level, and nothing below the first
-    counts. Derivatives with respect to the block, the restitution and the hazard, in both modes,
-    are those of the boundaries found; a boundary that rounding hides adds nothing to them (see
-    `overturning_boundaries`), under `jit` most of those of long records. What they say of a change
-    of some per cent, `rate_elasticities` compares.
+    What is beyond the last level is taken to be like the last level, and nothing below the
+    first counts. Derivatives with respect to the block, the restitution and the hazard, in
+    both modes, are those of the boundaries found; a boundary that rounding hides adds nothing
+    to them (see `overturning_boundaries`), under `jit` most of those of long records. What
+    they say of a change of some per cent, `rate_elasticities` compares.
 
-    What is unseen is estimated as Good and Turing did: a level hits a window between two others as
-    often as it is wide. So the windows that one level alone has hit are together as wide as
-    those that none has hit, up to scatter, for which twice their standard deviation is added, and
-    three windows of the usual width, since there may be so many where none was hit. The standard
-    error takes the records for independent samples.
+    What is unseen is estimated as Good and Turing did: a level hits a window between two
+    others as often as it is wide. So the windows that one level alone has hit are together as
+    wide as those that none has hit, up to scatter, for which twice their standard deviation is
+    added, and three windows of the usual width, since there may be so many where none was hit.
+    The standard error takes the records for independent samples.
 
     Examples
     --------
@@ -142,7 +143,9 @@ def overturning_rate(
     restitution = as_real("restitution", restitution)
     shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
     if any(shapes) or any(np.shape(record.scale) for record in suite):
-        raise ValueError("block, restitution and scales of records must be single ones, got arrays")
+        raise ValueError(
+            "block, restitution and scales of records must be single ones, got arrays"
+        )
     places = levels_of(hazard, levels)
     at_levels = hazard(places)
     if not isinstance(at_levels, jax.core.Tracer):
@@ -185,13 +188,17 @@ def _levels_found(value: Reals, any_level: Reals) -> Reals:
 
 
 @eqx.filter_jit
-def _summed(found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals) -> dict[str, Any]:
+def _summed(
+    found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals
+) -> dict[str, Any]:
     """The fields of an `OverturningRate` but the boundaries, from hazards at these and levels."""
     signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
     changes = jnp.where(jnp.isfinite(found.value), signs * rates, 0).sum(axis=-1)
     contributions = changes + jnp.where(found.overturns_first, at_levels[0], 0)
     number = len(contributions)
-    scatter = contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
+    scatter = (
+        contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
+    )
     listed = jnp.isfinite(found.value).sum(axis=-1)
     complete = found.complete.all() & ~found.overturns_first.any()
     return {
@@ -245,5 +252,7 @@ def _unseen(found_and_rates: Any, levels: Any) -> Reals:
     steps = rates[:-1] - rates[1:]
     number = changed.sum()
     width = jnp.where(changed, steps[None, :], 0).sum()
-    typical = jnp.where(number > 0, width / jnp.maximum(number, 1).astype(rates.dtype), steps.max())
+    typical = jnp.where(
+        number > 0, width / jnp.maximum(number, 1).astype(rates.dtype), steps.max()
+    )
     return (alone.sum() + scatter + _UNSEEN * typical) / len(overturned) + rates[-1]

@@ -62,11 +62,11 @@ def rate_elasticities(
     """How much the rate of overturning changes with each number, in two ways.
 
     The derivative of `overturning_rate` is exact for the boundaries found. Where a block rocks
-    long before it overturns, many of these bound narrow windows and move fast, each its own way,
-    and their sum is as irregular as they are: a small change says nothing about a larger one. The
-    difference of the rates at both ends of a change averages over such windows. In these rates a
-    boundary between two levels is where the line through their margins vanishes. Trust the slope
-    where the two agree, and the difference where not.
+    long before it overturns, many of these bound narrow windows and move fast, each its own
+    way, and their sum is as irregular as they are: a small change says nothing about a larger
+    one. The difference of the rates at both ends of a change averages over such windows. In
+    these rates a boundary between two levels is where the line through their margins vanishes.
+    Trust the slope where the two agree, and the difference where not.
 
     Parameters
     ----------
@@ -101,7 +101,9 @@ def rate_elasticities(
     # Every number in turn at both ends of its change.
     ends = np.stack([at * np.where(np.eye(at.size), 1 + s * change, 1) for s in (-1, 1)])
     least, most = (
-        np.array([{"inertia_ratio": one, "restitution": two}.get(name, three) for name in names])
+        np.array(
+            [{"inertia_ratio": one, "restitution": two}.get(name, three) for name in names]
+        )
         for one, two, three in ((1, 0, 0), (np.inf, 1, np.inf))
     )
     ends = np.clip(ends, least, most)

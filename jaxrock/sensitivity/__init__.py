@@ -9,7 +9,13 @@ from .measures import (
     sensitivities,
     tornado,
 )
-from .scatter import MomentEstimate, ReliabilityResult, failure_probability, monte_carlo, propagate
+from .scatter import (
+    MomentEstimate,
+    ReliabilityResult,
+    failure_probability,
+    monte_carlo,
+    propagate,
+)
 
 __all__ = [
     "DerivativeBasedMeasures",

@@ -33,8 +33,9 @@ def value_and_slopes(
     argnums : int or sequence of int
         Arguments to differentiate by: numbers, arrays, or a `Scene` or `Block` of them.
     mask_beyond : bool
-        Whether slopes are NaN where the value is, as beyond the overturning threshold. By default
-        they are 0 there, which leaves sums intact and must not be read as "no influence".
+        Whether slopes are NaN where the value is, as beyond the overturning threshold. By
+        default they are 0 there, which leaves sums intact and must not be read as "no
+        influence".
 
     Returns
     -------
@@ -59,7 +60,9 @@ def value_and_slopes(
     def differentiated(*arguments: Any, **named: Any) -> tuple[Array, Any]:
         value, slopes = _value_and_slopes(function, argnums, arguments, named)
         if mask_beyond:
-            slopes = jax.tree.map(lambda leaf: jnp.where(jnp.isnan(value), jnp.nan, leaf), slopes)
+            slopes = jax.tree.map(
+                lambda leaf: jnp.where(jnp.isnan(value), jnp.nan, leaf), slopes
+            )
         return value, slopes
 
     return differentiated

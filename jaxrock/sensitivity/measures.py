@@ -164,7 +164,9 @@ class DerivativeBasedMeasures(Printed):
     left_out: float
 
     def __str__(self) -> str:
-        first = f"{self.mean:.6g} +- {self.standard_deviation:.6g}, left out {self.left_out:.3g}"
+        first = (
+            f"{self.mean:.6g} +- {self.standard_deviation:.6g}, left out {self.left_out:.3g}"
+        )
         columns = {name: getattr(self, name) for name in ("mean_slope", "measure", "bound")}
         return table(first, self.names, **columns)
 
@@ -175,8 +177,8 @@ def derivative_based_measures(
     """Which parameters matter over whole ranges, from gradients at random points.
 
     A parameter whose `bound` is near 0 need not be known well (I. M. Sobol and S. Kucherenko,
-    Derivative based global sensitivity measures and their link with global sensitivity indices,
-    Math. Comput. Simul. 79 (2009) 3009-3017).
+    Derivative based global sensitivity measures and their link with global sensitivity
+    indices, Math. Comput. Simul. 79 (2009) 3009-3017).
 
     Parameters
     ----------

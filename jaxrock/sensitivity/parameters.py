@@ -81,7 +81,9 @@ def parametric(
     for path, leaf in leaves:
         as_real(keystr(path, simple=True, separator="."), leaf)  # refuses strings
         if jnp.ndim(leaf):
-            raise ValueError(f"at must consist of single numbers, got an array in {keystr(path)}")
+            raise ValueError(
+                f"at must consist of single numbers, got an array in {keystr(path)}"
+            )
     last = [keystr(path[-1:], simple=True) or "value" for path, _ in leaves]
     names = tuple(
         short if last.count(short) == 1 else keystr(path, simple=True, separator=".")

@@ -28,8 +28,8 @@ class MomentEstimate(Printed):
         that estimate, over the standard deviation; inf where a sample has no answer. Share of
         such samples.
     valid : bool
-        Whether both errors are at most 0.1. Not so where the answer is too nonlinear within the
-        scatter, chaotic, or ceases to exist because the block overturns.
+        Whether both errors are at most 0.1. Not so where the answer is too nonlinear within
+        the scatter, chaotic, or ceases to exist because the block overturns.
     """
 
     first_order_mean: float
@@ -47,7 +47,11 @@ class MomentEstimate(Printed):
 
 
 def propagate(
-    answer: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 1000, seed: int = 0
+    answer: Answer,
+    at: Any,
+    coefficients_of_variation: Spread,
+    samples: int = 1000,
+    seed: int = 0,
 ) -> MomentEstimate:
     """Mean and standard deviation of an answer under scatter, to first and second order.
 
@@ -91,7 +95,11 @@ def propagate(
 
 
 def monte_carlo(
-    answer: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 10_000, seed: int = 0
+    answer: Answer,
+    at: Any,
+    coefficients_of_variation: Spread,
+    samples: int = 10_000,
+    seed: int = 0,
 ) -> np.ndarray:
     """Answers for random parameters, distributed as in `propagate`.
 
@@ -108,7 +116,9 @@ def monte_carlo(
     return function.series(z)[0]
 
 
-def _estimate(names: tuple[str, ...], series: Any, z: np.ndarray, answers: Any) -> MomentEstimate:
+def _estimate(
+    names: tuple[str, ...], series: Any, z: np.ndarray, answers: Any
+) -> MomentEstimate:
     """Moments of a quadratic in standard normal numbers, compared with answers at some."""
     value, gradient, hessian = series
     first_variance = float((gradient**2).sum())
@@ -175,7 +185,11 @@ class ReliabilityResult:
 
 
 def failure_probability(
-    margin: Answer, at: Any, coefficients_of_variation: Spread, samples: int = 2000, seed: int = 0
+    margin: Answer,
+    at: Any,
+    coefficients_of_variation: Spread,
+    samples: int = 2000,
+    seed: int = 0,
 ) -> ReliabilityResult:
     """Probability that a smooth margin is negative, by first- and second-order reliability.
 
@@ -209,14 +223,16 @@ def failure_probability(
     """
     function, z = under_scatter(margin, at, coefficients_of_variation, samples, seed)
     if not any(coefficients_of_variation.values()):
-        raise ValueError("coefficients_of_variation must be greater than 0 for at least one number")
+        raise ValueError(
+            "coefficients_of_variation must be greater than 0 for at least one number"
+        )
     point, converged = _most_likely(function, np.zeros(z.shape[1]))
     _, gradient, hessian = function.series(point, 2)
     steepness = float(np.linalg.norm(gradient))
     normal = -gradient / steepness if steepness else np.zeros_like(gradient)
     beta = float(normal @ point)
-    # Curvature in the tangent plane: samples fail where normal . z > beta + u . K u / 2, with u
-    # the part of z in that plane.
+    # Curvature in the tangent plane: samples fail where normal . z > beta + u . K u / 2, with
+    # u the part of z in that plane.
     tangent = np.linalg.svd(normal[None])[2][1:]
     curvature = tangent @ hessian @ tangent.T / (steepness or 1.0)
     mean = 0.5 * float(np.trace(curvature))

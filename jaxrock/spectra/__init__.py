@@ -14,5 +14,10 @@ from .resonance import resonance_spectrum
 from .tables import overturned_share as overturned_share
 from .tables import write_table
 
-__all__ = ["harmonic_spectrum", "overturning_map", "overturning_spectrum", "resonance_spectrum"]
+__all__ = [
+    "harmonic_spectrum",
+    "overturning_map",
+    "overturning_spectrum",
+    "resonance_spectrum",
+]
 __all__ += ["rocking_spectrum", "write_table"]

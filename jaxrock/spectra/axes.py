@@ -47,7 +47,9 @@ def axis(name: str, value: Values) -> np.ndarray:
     values = np.atleast_1d(values)
     distinct, counts = np.unique(values, return_counts=True)
     if distinct.size < values.size:
-        raise ValueError(f"{name} must not have a value twice, got {distinct[counts > 1][0]:g}")
+        raise ValueError(
+            f"{name} must not have a value twice, got {distinct[counts > 1][0]:g}"
+        )
     return values
 
 

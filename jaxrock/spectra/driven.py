@@ -60,8 +60,8 @@ def rocking_spectrum(
     Parameters
     ----------
     motion : Motion or Suite
-        A pulse, a `Harmonic` or a `Record`, the same for all; or a `Suite`, each record of which
-        all meet.
+        A pulse, a `Harmonic` or a `Record`, the same for all; or a `Suite`, each record of
+        which all meet.
     period : array_like
         2 pi / p of the blocks [s], a number or one-dimensional.
     slenderness, critical_angle : array_like
@@ -75,9 +75,9 @@ def rocking_spectrum(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
-        Compute each block to this relative error of the peak rotation; see `respond_within`. The
-        dataset then has the variables rtol, error and within_tolerance, 0 where the response is
-        so chaotic that no tolerance is good enough.
+        Compute each block to this relative error of the peak rotation; see `respond_within`.
+        The dataset then has the variables rtol, error and within_tolerance, 0 where the
+        response is so chaotic that no tolerance is good enough.
     chunks : mapping of str to int or "auto", optional
         For a lazy dataset; see `resonance_spectrum`.
 
@@ -104,7 +104,9 @@ def rocking_spectrum(
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     records = [*motion] if isinstance(motion, Suite) else [motion]
     if any(map(_is_several, records)):
-        raise ValueError("motion must be a single one, or a suite of these, got an array of them")
+        raise ValueError(
+            "motion must be a single one, or a suite of these, got an array of them"
+        )
     if (slenderness is None) == (critical_angle is None):
         raise ValueError("slenderness or critical_angle must be given, one of the two")
     if critical_angle is not None:
@@ -191,12 +193,16 @@ def overturning_spectrum(
     kind = pulse_class(shape)
     block, c, uplift = unit_block(slenderness, restitution, inertia_ratio, model)
     scales = (uplift, float(block.frequency_parameter))
-    about = {"motion": kind.name, "gravity": float(block.gravity), "inertia_ratio": inertia_ratio}
+    about = {
+        "motion": kind.name,
+        "gravity": float(block.gravity),
+        "inertia_ratio": inertia_ratio,
+    }
     problem = functools.partial(_pulses_of_ratios, kind, *scales)
     shared = (block, as_real("restitution", c))
-    return _grid("Overturning spectrum", axes, problem, shared, model, tolerance, about).dataset(
-        chunks
-    )
+    return _grid(
+        "Overturning spectrum", axes, problem, shared, model, tolerance, about
+    ).dataset(chunks)
 
 
 def _pulses_of_ratios(
@@ -258,7 +264,10 @@ def _grid(
 
 
 def _of_records(
-    compute: Callable[..., dict[str, np.ndarray]], _: None, records: np.ndarray, *parts: np.ndarray
+    compute: Callable[..., dict[str, np.ndarray]],
+    _: None,
+    records: np.ndarray,
+    *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """The responses to the records of a suite."""
     return compute(Suite([*records]), *parts)

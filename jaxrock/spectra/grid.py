@@ -43,14 +43,15 @@ class Grid:
         The values along each; an axis that is no dimension of a variable becomes a scalar
         coordinate.
     variables : mapping
-        Dimensions, type and attributes of each. Dimensions are axes in their order, and after them
-        `columns`.
+        Dimensions, type and attributes of each. Dimensions are axes in their order, and after
+        them `columns`.
     compute : callable
-        Takes what is `shared` and the values along each axis in a chunk, and returns an array of
-        each variable over the dimensions of that. Is pickled, and what it returns for a point is
-        the same bits whatever else is in the chunk.
+        Takes what is `shared` and the values along each axis in a chunk, and returns an array
+        of each variable over the dimensions of that. Is pickled, and what it returns for a
+        point is the same bits whatever else is in the chunk.
     largest, usual : int
-        Most points that are computed at once, and most in a chunk of a lazy dataset by default.
+        Most points that are computed at once, and most in a chunk of a lazy dataset by
+        default.
     names : mapping
         Names along axes whose values are none of a coordinate, and what these are names of.
     labels : mapping
@@ -104,7 +105,9 @@ class Grid:
         """All variables, in memory."""
         if math.prod(values.size for values in self.axes.values()) <= self.largest:
             answers = self.compute(self.shared, *self.axes.values())
-            return {n: np.ascontiguousarray(answers[n], v[1]) for n, v in self.variables.items()}
+            return {
+                n: np.ascontiguousarray(answers[n], v[1]) for n, v in self.variables.items()
+            }
         arrays = {
             name: np.empty([self.size(dim) for dim in dims], dtype)
             for name, (dims, dtype, _) in self.variables.items()
@@ -159,7 +162,9 @@ class Grid:
                 for name, (dims, dtype, described) in self.variables.items():
                     missing = math.nan if np.dtype(dtype).kind == "f" else None
                     target = file.createVariable(name, dtype, dims, fill_value=missing)
-                    target.setncatts({**described, **({"coordinates": scalars} if scalars else {})})
+                    target.setncatts(
+                        {**described, **({"coordinates": scalars} if scalars else {})}
+                    )
                 self.fill({name: file[name] for name in self.variables})
         return xarray.open_dataset(path)
 
@@ -187,13 +192,15 @@ def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     return shape, points.reshape(len(parts), -1)
 
 
-def in_tiles(function: Callable[..., Any], tile: int, points: np.ndarray, workers: int = 0) -> Any:
+def in_tiles(
+    function: Callable[..., Any], tile: int, points: np.ndarray, workers: int = 0
+) -> Any:
     """An elementwise function of points of shape (arguments, n), n > 0, in tiles of one size.
 
     XLA makes another program for every shape, and not all of these round alike. In tiles each
-    point has the same bits whatever the others are, and one program serves all grids. The function
-    takes the number of the tile and its points, and is called by as many threads as there are
-    `workers`, by default one for each processor. Returns NumPy arrays.
+    point has the same bits whatever the others are, and one program serves all grids. The
+    function takes the number of the tile and its points, and is called by as many threads as
+    there are `workers`, by default one for each processor. Returns NumPy arrays.
     """
     size = points.shape[1]
     numbers = range(-(-size // tile))
@@ -229,7 +236,9 @@ def of_few_shapes(function: Callable[[Any], Any], tree: Any) -> np.ndarray:
     room = max(256, 1 << (size - 1).bit_length())
 
     def padded(leaf: Any) -> Any:
-        return np.pad(np.asarray(leaf), (0, room - size), mode="edge") if np.ndim(leaf) else leaf
+        return (
+            np.pad(np.asarray(leaf), (0, room - size), mode="edge") if np.ndim(leaf) else leaf
+        )
 
     answers = np.asarray(function(jax.tree.map(padded, tree)))
     return answers[:size] if answers.ndim else answers

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 _CHUNK = 2**14  # points of a spectrum that are computed at once
 _USUAL = 2**12  # and in a chunk of a lazy dataset
 _TILE = 2**6  # and whose orbits go through a program at once
-# Of these programs only one runs at a time: in JAX 0.10 the threads of several wait for each other.
+# Of these programs only one runs at a time: in JAX 0.10 the threads of several wait for each
+# other.
 _turns = threading.Lock()
 _DISTURBANCE = 1e-3  # of the launch velocity, relative
 
@@ -91,10 +92,10 @@ def harmonic_spectrum(
     -------
     xarray.Dataset
         With dimensions frequency_ratio and amplitude_ratio the variables velocity_ratio,
-        rotation_ratio, phase, trace and multiplier of `harmonic_orbit`, NaN where there is none;
-        region: no_orbit, stable, or what a block does that is launched near an orbit that is not
-        stable, symmetry_broken where it goes on to rock in another way, overturned where it
-        reaches pi / 2; and from_rest. The same for every size of block.
+        rotation_ratio, phase, trace and multiplier of `harmonic_orbit`, NaN where there is
+        none; region: no_orbit, stable, or what a block does that is launched near an orbit
+        that is not stable, symmetry_broken where it goes on to rock in another way, overturned
+        where it reaches pi / 2; and from_rest. The same for every size of block.
 
     Raises
     ------
@@ -103,9 +104,9 @@ def harmonic_spectrum(
 
     Notes
     -----
-    Near an orbit means in its phase but 0.1 % faster. At a restitution of 1 no orbit is stable,
-    and at best what is disturbed stays nearby. Where motions are chaotic single points of the
-    regions are due to rounding.
+    Near an orbit means in its phase but 0.1 % faster. At a restitution of 1 no orbit is
+    stable, and at best what is disturbed stays nearby. Where motions are chaotic single points
+    of the regions are due to rounding.
 
     Examples
     --------
@@ -145,7 +146,14 @@ def harmonic_spectrum(
     compute = functools.partial(_of_floors, uplift, rate, critical, cycles, model)
     shared = (block, as_real("restitution", restitution))
     grid = Grid(
-        "Harmonic spectrum", axes, variables, attributes, compute, _CHUNK, _USUAL, shared=shared
+        "Harmonic spectrum",
+        axes,
+        variables,
+        attributes,
+        compute,
+        _CHUNK,
+        _USUAL,
+        shared=shared,
     )
     found = grid.dataset(chunks)
     for name, long_name in _AXES.items():
@@ -170,7 +178,9 @@ def _of_floors(
 
     def of_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
         with _turns:
-            return jax.block_until_ready(harmonic_orbit(block, restitution, *floors, model=model))
+            return jax.block_until_ready(
+                harmonic_orbit(block, restitution, *floors, model=model)
+            )
 
     orbit = in_tiles(of_tile, _TILE, np.stack([amplitude, frequency]))
     motion = Harmonic(amplitude, frequency, cycles)
@@ -203,14 +213,18 @@ def _region(
         # Some more than once, so that few sizes are compiled.
         places = np.resize(unstable, 1 << (unstable.size - 1).bit_length())
         motion = Harmonic(amplitude.flat[places], frequency.flat[places], cycles)
-        phase, launch = (np.asarray(x).flat[places] for x in (orbit.phase, orbit.launch_velocity))
+        phase, launch = (
+            np.asarray(x).flat[places] for x in (orbit.phase, orbit.launch_velocity)
+        )
         faster = (1 + _DISTURBANCE) * launch
         peak = peak_after_launch(block, restitution, motion, phase, faster, model)
         region.flat[places] = 2 + _topples(peak)
     return region
 
 
-def _from_rest(block: Block, restitution: Any, motion: Harmonic, model: RockingModel) -> np.ndarray:
+def _from_rest(
+    block: Block, restitution: Any, motion: Harmonic, model: RockingModel
+) -> np.ndarray:
     """What blocks at rest do, as in `_FLAGS`."""
     response = follow_batch(Batch.of(block, restitution, motion), model)
     peak = np.asarray(response.peak_rotation)

@@ -27,7 +27,11 @@ _LISTED = 16  # boundaries at each frequency in a lazy dataset
 _PLANE = ("frequency_ratio", "boundary")
 _LINE = ("frequency_ratio",)
 _BOUNDARIES: dict[str, tuple[Sequence[str], Any, str]] = {  # dimensions, type, long name
-    "amplitude_ratio": (_PLANE, float, "amplitude of the pulse over what just lifts the block"),
+    "amplitude_ratio": (
+        _PLANE,
+        float,
+        "amplitude of the pulse over what just lifts the block",
+    ),
     "overturns_beyond": (_PLANE, np.int8, "1 where the block overturns beyond the boundary"),
     "impacts": (_PLANE, int, "impacts before it overturns, -1 for none"),
     "overturns_first": (_LINE, np.int8, "1 where it overturns at the lowest amplitude"),

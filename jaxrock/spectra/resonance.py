@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 Devices = Sequence[Any] | None
 
 RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
-# Points that go through a program at once: on one processor, whose cache holds what passes between
-# its loops then, and on several, which share each loop. Both round alike, which the tests compare.
+# Points that go through a program at once: on one processor, whose cache holds what passes
+# between its loops then, and on several, which share each loop. Both round alike, which the
+# tests compare.
 _TILES = (2**12, 2**15)
 _LARGEST = _USUAL = 2**20  # points of a grid at once, and in a chunk of a lazy dataset
 
@@ -73,20 +74,22 @@ def resonance_spectrum(
         lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional; only an
         array of intensities adds a dimension.
     model : Linearized or Nonlinear, their names, or "auto"
-        "auto": at each point the cheapest that keeps the `tolerance`, as the variable model says.
+        "auto": at each point the cheapest that keeps the `tolerance`, as the variable model
+        says.
     tolerance : float
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
     gravity, inertia_ratio : float
         g [m/s2] and kappa [-] of all blocks; see `Block`.
     store : path, optional
         A NetCDF file that the values go to as they are computed, and that the dataset reads on
-        demand: neither has to fit into memory. One that exists is replaced by the whole new one.
+        demand: neither has to fit into memory. One that exists is replaced by the whole new
+        one.
     devices : sequence of jax.Device, optional
         That share the work; all of this process unless given. The numbers are the same.
     chunks : mapping of str to int or "auto", optional
         Lengths along dimensions, as in ``{"slenderness": 50}``; the others stay whole. Then
-        nothing is computed, and the dataset is lazy: of Dask arrays, one task for each chunk, the
-        same numbers. Needs ``jaxrock[cluster]``; see `jaxrock.cluster`.
+        nothing is computed, and the dataset is lazy: of Dask arrays, one task for each chunk,
+        the same numbers. Needs ``jaxrock[cluster]``; see `jaxrock.cluster`.
 
     Returns
     -------
@@ -99,8 +102,8 @@ def resonance_spectrum(
     Raises
     ------
     ValueError
-        If an argument is empty, has several dimensions or a value outside of what is allowed; if
-        `store` cannot be written.
+        If an argument is empty, has several dimensions or a value outside of what is allowed;
+        if `store` cannot be written.
 
     Examples
     --------
@@ -116,9 +119,13 @@ def resonance_spectrum(
     single = None if model == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if devices and chunks is not None:
-        raise ValueError("devices goes without chunks, which each worker computes with its own")
+        raise ValueError(
+            "devices goes without chunks, which each worker computes with its own"
+        )
     given = (slenderness, width, restitution, intensity)
-    axes = {name: axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)}
+    axes = {
+        name: axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
+    }
     dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
     variables: dict[str, Any] = {
         name: (dims, jnp.result_type(float), {"long_name": long_name, "units": units})
@@ -139,7 +146,9 @@ def resonance_spectrum(
         axes,
         variables,
         attributes,
-        functools.partial(_over_axes, compute, {name: len(v[0]) for name, v in variables.items()}),
+        functools.partial(
+            _over_axes, compute, {name: len(v[0]) for name, v in variables.items()}
+        ),
         _LARGEST,
         _USUAL,
         shared=tuple(shared),
@@ -221,7 +230,8 @@ def _at_points(
     def of_tile(number: int, tile: np.ndarray) -> Any:
         given = (tile, gravity, inertia_ratio)
         if elsewhere:
-            # Each tile by the program for one device: of what is partitioned XLA makes another.
+            # Each tile by the program for one device: of what is partitioned XLA makes
+            # another.
             given = jax.device_put(given, devices[number % len(devices)])
         return _of_scenes(given, argument, function=function)
 

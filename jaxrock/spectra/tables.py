@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """Write a dataset as CSV: a column each dimension and variable, a row each grid point.
 
-    Lines that begin with # say what it was computed from, the heads name the units. Part by part,
-    so that the table need not fit into memory. An existing file is replaced.
+    Lines that begin with # say what it was computed from, the heads name the units. Part by
+    part, so that the table need not fit into memory. An existing file is replaced.
 
     Parameters
     ----------
@@ -36,7 +36,9 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
         for index, part in enumerate(with_progress(parts_of(dataset), "table")):
             frame = dataset.isel(part).to_dataframe().reset_index()
             heads = [heading(str(n), dataset[n].attrs.get("units", "")) for n in frame.columns]
-            frame.to_csv(file, header=heads if index == 0 else False, index=False, na_rep="nan")
+            frame.to_csv(
+                file, header=heads if index == 0 else False, index=False, na_rep="nan"
+            )
 
 
 def overturned_share(dataset: "xarray.Dataset") -> float:

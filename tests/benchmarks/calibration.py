@@ -42,7 +42,9 @@ def main():
     tests = impact_times(1000, 9)
 
     def many(**options):
-        return [jr.fit_free_rocking(t, BLOCK, repair=False, **options).restitution for t in tests]
+        return [
+            jr.fit_free_rocking(t, BLOCK, repair=False, **options).restitution for t in tests
+        ]
 
     show("1,000 fits, p known", many, 1)
     show("1,000 fits, p fitted", lambda: many(frequency_known=False), 1)
@@ -59,7 +61,9 @@ def main():
             lambda model=model: jr.harmonic_orbit(BLOCK, 0.9, amplitudes, 20.0, model=model),
         )
     grid = np.linspace(1, 12, 100), np.geomspace(0.05, 12, 100)
-    show("spectrum of 10,000 points, 100 periods", lambda: jr.harmonic_spectrum(*grid).region, 2)
+    show(
+        "spectrum of 10,000 points, 100 periods", lambda: jr.harmonic_spectrum(*grid).region, 2
+    )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """Two worker processes with a processor each against one process with two threads.
 
-Run as ``python tests/benchmarks/cluster.py``; with ``small`` a tenth of it. Two grids: 20 million
-points in closed form, and 20 records x 1,000 blocks x 20 factors. In memory, and by workers:
-added up there, gathered here, written to a Zarr store. After compilation, in turns, medians. Then
-what a chunk costs beside its work, and the memory of a worker over the length of its chunks.
+Run as ``python tests/benchmarks/cluster.py``; with ``small`` a tenth of it. Two grids: 20
+million points in closed form, and 20 records x 1,000 blocks x 20 factors. In memory, and by
+workers: added up there, gathered here, written to a Zarr store. After compilation, in turns,
+medians. Then what a chunk costs beside its work, and the memory of a worker over the length of
+its chunks.
 """
 
 import shutil
@@ -110,7 +111,10 @@ def overhead(folder):
         return jr.cluster.write_zarr(grid(count), folder / f"{time.time()}.zarr")
 
     with jr.cluster.local_cluster(2) as cluster, Client(cluster):
-        for name, job in (("added up", lambda count: added_up(grid(count))), ("stored", stored)):
+        for name, job in (
+            ("added up", lambda count: added_up(grid(count))),
+            ("stored", stored),
+        ):
             job(10)
             few, many = (min(times(job, count)) for count in (10, 500))
             print(f"a chunk, {name}: {1e3 * (many - few) / 490:.1f} ms", flush=True)

@@ -188,7 +188,9 @@ def _library():
             [os.environ.get("CC", "gcc"), *flags, source, "-o", target, "-lm"], check=True
         )
     except FileNotFoundError as error:
-        raise FileNotFoundError("the ceiling needs a C compiler, gcc or the one in CC") from error
+        raise FileNotFoundError(
+            "the ceiling needs a C compiler, gcc or the one in CC"
+        ) from error
     return ctypes.CDLL(target)
 
 

@@ -113,7 +113,12 @@ def main():
         begin = time.perf_counter()
         others = [
             driven_by_brentq(
-                b[k], slenderness[k], c[k], duration[k], (0.9 * edge[k], 1.1 * edge[k]), watched
+                b[k],
+                slenderness[k],
+                c[k],
+                duration[k],
+                (0.9 * edge[k], 1.1 * edge[k]),
+                watched,
             )
             for k in single
         ]

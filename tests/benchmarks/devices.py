@@ -32,7 +32,9 @@ def measure():
         "spectrum, 1,048,576 points": lambda: jr.resonance_spectrum(
             *axes, 0.15, model=jr.Nonlinear()
         ),
-        "batch, 20,000 blocks": lambda: jr.respond_batch(blocks, 0.9, jr.example_record(), 20.0),
+        "batch, 20,000 blocks": lambda: jr.respond_batch(
+            blocks, 0.9, jr.example_record(), 20.0
+        ),
     }
     found = {}
     for name, job in jobs.items():
@@ -71,7 +73,9 @@ def main():
         for count, turns in results.items():
             median = statistics.median(found[name][0] for found in turns)
             ratio = median / single
-            print(f"  {count} devices {1e3 * median:8.0f} ms, {ratio:.2f} times (bar: 1, as slow)")
+            print(
+                f"  {count} devices {1e3 * median:8.0f} ms, {ratio:.2f} times (bar: 1, as slow)"
+            )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
 """How long the first call of everything takes, the next one, and the first with a cache.
 
-Run as ``python tests/benchmarks/first_calls.py [words] [--repeats N] [--write]``: with words only
-what has one of them in its name. Each entry is the median of processes of its own, which take
-turns and find nothing compiled. The third figure is the first call of a process that finds what
-another one compiled, in the folder of ``JAX_COMPILATION_CACHE_DIR``; commands always keep what they
-compile, so their second figure is of that kind. Beside it stand what was last written into
-``first_calls.json`` and the table in ``docs/speed_and_accuracy.md`` with ``--write``, and the bar;
-what is over the bar is marked. Float64.
+Run as ``python tests/benchmarks/first_calls.py [words] [--repeats N] [--write]``: with words
+only what has one of them in its name. Each entry is the median of processes of its own, which
+take turns and find nothing compiled. The third figure is the first call of a process that
+finds what another one compiled, in the folder of ``JAX_COMPILATION_CACHE_DIR``; commands
+always keep what they compile, so their second figure is of that kind. Beside it stand what was
+last written into ``first_calls.json`` and the table in ``docs/speed_and_accuracy.md`` with
+``--write``, and the bar; what is over the bar is marked. Float64.
 """
 
 import argparse
@@ -196,7 +196,9 @@ def driven_fit():
 
     block, pulse = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8)
     time = np.linspace(0, 4, 101)
-    rotation = json.loads(run(["-c", MEASUREMENT])[0])  # by another process: nothing is compiled
+    rotation = json.loads(
+        run(["-c", MEASUREMENT])[0]
+    )  # by another process: nothing is compiled
     return lambda: jr.fit_driven_rocking(time, rotation, block, pulse).restitution
 
 
@@ -260,7 +262,14 @@ IMPORTS = {"import jax": "import jax", "import jaxrock": "import jaxrock"}
 ADDED = 0.3
 COMMANDS = {
     "jaxrock assess": ["assess", "--width", "0.8", "--height", "4", "--restitution", "0.7"],
-    "jaxrock respond, file": ["respond", "--record", "record.csv", "--unit", "m/s2", "--force"],
+    "jaxrock respond, file": [
+        "respond",
+        "--record",
+        "record.csv",
+        "--unit",
+        "m/s2",
+        "--force",
+    ],
 }
 COMMAND_BARS = Case(lambda: None, (3, 6), (1.6, 2.5))
 
@@ -306,7 +315,9 @@ def count(name):
 
 def run(arguments, **variables):
     """Run Python where nothing is compiled yet; what it printed last, and how long it took."""
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    inherited = {
+        name: value for name, value in os.environ.items() if not name.startswith("JAX_")
+    }
     begin = time.perf_counter()
     done = subprocess.run(
         [sys.executable, *map(str, arguments)],
@@ -372,7 +383,13 @@ def line(name, found, before, bar):
 
 def seconds(value):
     """As many digits as count."""
-    return f"{value:.1f}" if value > 0.95 else f"{value:.2g}" if value > 0.0095 else f"{value:.1g}"
+    return (
+        f"{value:.1f}"
+        if value > 0.95
+        else f"{value:.2g}"
+        if value > 0.0095
+        else f"{value:.1g}"
+    )
 
 
 def table(written):
@@ -387,7 +404,9 @@ def table(written):
         shown = " of ".join(f"`{word}`" for word in function.split(" of "))
         rows.append(f"| {shown}{', ' * bool(what)}{what} | {first} | {cached} | {following} |")
     for name in COMMANDS:
-        pair = (" / ".join(seconds(python[name][k]) for python in (new, old)) for k in range(2))
+        pair = (
+            " / ".join(seconds(python[name][k]) for python in (new, old)) for k in range(2)
+        )
         rows.append(f"| `{name.partition(',')[0]}` | {' | '.join(pair)} | |")
     return "\n".join([*rows, ""])
 
@@ -428,7 +447,9 @@ def main():
             lines[name] = int(run([__file__, "--count", program])[0])
             print(f"{name:40} {lines[name]:6}, was {before.get(name, '-')}")
     if given.write:
-        before.update({name: [float(f"{t:.3g}") for t in found] for name, found in medians.items()})
+        before.update(
+            {name: [float(f"{t:.3g}") for t in found] for name, found in medians.items()}
+        )
         before.update(lines)
         FILE.write_text(json.dumps(committed, indent=1) + "\n", encoding="utf-8")
         text = PAGE.read_text(encoding="utf-8")

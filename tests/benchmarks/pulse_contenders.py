@@ -1,9 +1,9 @@
 """What one follows many blocks under one-sine pulses with today, to be timed beside jaxrock.
 
-`numba_taylor` is a scalar loop over Taylor polynomials with the series of the sine; `heyoka_batch`
-the same by heyoka, four blocks side by side, impacts as terminal events. Both begin where the
-pulse lifts the block, and neither knows rest. Numba and heyoka are asked for on use; neither
-belongs to what the project needs.
+`numba_taylor` is a scalar loop over Taylor polynomials with the series of the sine;
+`heyoka_batch` the same by heyoka, four blocks side by side, impacts as terminal events. Both
+begin where the pulse lifts the block, and neither knows rest. Numba and heyoka are asked for
+on use; neither belongs to what the project needs.
 """
 
 import functools

@@ -1,8 +1,8 @@
 """Blocks under pulses: jaxrock against heyoka and a loop in Numba, and error against tolerance.
 
-Run as ``python tests/benchmarks/pulses.py [blocks]``. heyoka and numba are left out where they are
-not installed. All are timed in turn in one run, after compilation; the ratio of the medians
-counts. Set ``taskset -c 0`` and ``NUMBA_NUM_THREADS=1`` for one core.
+Run as ``python tests/benchmarks/pulses.py [blocks]``. heyoka and numba are left out where they
+are not installed. All are timed in turn in one run, after compilation; the ratio of the
+medians counts. Set ``taskset -c 0`` and ``NUMBA_NUM_THREADS=1`` for one core.
 """
 
 import importlib.util

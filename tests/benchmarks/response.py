@@ -35,7 +35,11 @@ def median(run, repeats=21):
 def batch(count, dtype):
     """As many random blocks on the north component, 40 s at 100 samples a second."""
     rng = np.random.default_rng(0)
-    draws = (rng.uniform(0.1, 0.5, count), rng.uniform(3, 8, count), rng.uniform(0.5, 0.95, count))
+    draws = (
+        rng.uniform(0.1, 0.5, count),
+        rng.uniform(3, 8, count),
+        rng.uniform(0.5, 0.95, count),
+    )
     half_width, slenderness, c = (jnp.asarray(draw, dtype) for draw in draws)
     record = jr.example_record()
     record = jr.Record(jnp.asarray(record.acceleration[:SAMPLES], dtype), 0.01)

@@ -26,7 +26,9 @@ ROUNDS, REPEATS = 7, 5
 
 def linearized_by_hand(slenderness, half_width, restitution, intensity):
     square = 1 + slenderness**2
-    critical = np.arctan(1 / slenderness) * np.sqrt(0.75 * GRAVITY / (half_width * np.sqrt(square)))
+    critical = np.arctan(1 / slenderness) * np.sqrt(
+        0.75 * GRAVITY / (half_width * np.sqrt(square))
+    )
     launch = 0.75 * slenderness * intensity / (half_width * square)
     x = launch / (1 - restitution) / critical
     return np.where(x < 1, x**2 / (1 + np.sqrt(np.maximum((1 - x) * (1 + x), 0))), np.nan)
@@ -109,7 +111,9 @@ def kind(name, by_hand, model, grid):
     against("NumPy over jaxrock, values", "NumPy", "jaxrock", "at least 2")
     against("4 slopes over values", "jaxrock, 4 slopes", "jaxrock", "below 3")
     slopes = "jaxrock, 4 slopes"
-    against("central differences over 4 slopes", "NumPy, central differences", slopes, "at least 5")
+    against(
+        "central differences over 4 slopes", "NumPy, central differences", slopes, "at least 5"
+    )
     against("forward differences over 4 slopes", "NumPy, forward differences", slopes, "none")
     for label, function in (("values", ratio), ("4 slopes", sloped)):
         peak = peak_memory(function, on_device)

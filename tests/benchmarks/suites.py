@@ -55,7 +55,9 @@ def main():
     twice = jr.Suite([*scaled, *scaled])
     show("40 records x 1,000 levels", lambda: jr.respond_batch(block, 0.8, twice), 2)
     show(
-        "fragility, 25 levels", lambda: jr.fragility(block, 0.8, suite, levels[::40]).level.data, 3
+        "fragility, 25 levels",
+        lambda: jr.fragility(block, 0.8, suite, levels[::40]).level.data,
+        3,
     )
     show("overturning_rate", lambda: jr.overturning_rate(block, 0.8, suite, hazard).rate, 1)
     show(

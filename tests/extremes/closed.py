@@ -48,7 +48,9 @@ def frozen_truth(name, precision, corner, row):
     """What `corners.expected` said when the table was written."""
     asked, answer = frozen.entry("corners", name, precision, corner)
     x, undecided, value, gradient, hessian = answer
-    assert asked == list(row), f"{corner} is another one: python tests/tools/freezing.py corners"
+    assert asked == list(row), (
+        f"{corner} is another one: python tests/tools/freezing.py corners"
+    )
     if gradient is not None:
         gradient = [frozen.number(digits) for digits in gradient]
         below = iter(map(frozen.number, hessian))
@@ -87,7 +89,10 @@ def count_failures(model_name: str, precision: str) -> dict[tuple[str, str], str
     dtype, model = PRECISIONS[precision], MODELS[model_name]
     rows = [arguments(corner, model_name, dtype) for corner in CORNERS]
     function = Function(
-        lambda *a: jr.overturning_half_cycle(scene(*a), model), lambda *a: None, model_name, "count"
+        lambda *a: jr.overturning_half_cycle(scene(*a), model),
+        lambda *a: None,
+        model_name,
+        "count",
     )
     failed = {}
     found = answers(function, jnp.asarray(np.array(rows), dtype))
@@ -193,4 +198,6 @@ def _must_vanish(exact, value, derivatives):
 
 
 def _times(error, bound, ours, theirs):
-    return f"{mp.nstr(error / bound, 3)} times the bound: {ours} instead of {mp.nstr(theirs, 8)}"
+    return (
+        f"{mp.nstr(error / bound, 3)} times the bound: {ours} instead of {mp.nstr(theirs, 8)}"
+    )

@@ -60,7 +60,11 @@ CORNERS = {
         b=1e-4, slenderness=1e4, gravity=1.62, restitution=0.0, intensity="half of critical"
     ),
     "huge, stocky, C = 1 - 1e-15, in a centrifuge": _corner(
-        b=1e3, slenderness=0.1, gravity=981.0, restitution=1 - 1e-15, intensity="half of critical"
+        b=1e3,
+        slenderness=0.1,
+        gravity=981.0,
+        restitution=1 - 1e-15,
+        intensity="half of critical",
     ),
 }
 
@@ -68,13 +72,17 @@ CORNERS = {
 def arguments(corner: str, model_name: str, dtype: type) -> tuple[float, ...]:
     """b, slenderness, gravity, C and I as numbers of a precision."""
     numbers = CORNERS[corner]
-    b, slenderness, gravity, restitution = (float(dtype(v)) for v in list(numbers.values())[:-1])
+    b, slenderness, gravity, restitution = (
+        float(dtype(v)) for v in list(numbers.values())[:-1]
+    )
     if restitution == 1 > numbers["restitution"]:
         restitution = float(np.nextafter(dtype(1), dtype(0)))
     intensity = numbers["intensity"]
     if isinstance(intensity, str):
         block = tuple(map(mp.mpf, (b, slenderness, gravity, restitution)))
-        exact = closed_forms.critical_intensity(getattr(closed_forms, model_name), *block, mp.inf)
+        exact = closed_forms.critical_intensity(
+            getattr(closed_forms, model_name), *block, mp.inf
+        )
         critical = dtype(float(exact))
         intensity = {
             "subnormal": np.nextafter(dtype(0), dtype(1)),
@@ -170,7 +178,9 @@ def _functions():
                     lambda b, s, g, c, i, n=float(count), m=model: jr.critical_intensity(
                         jr.Block(b, s, g), c, n, m
                     ),
-                    lambda b, s, g, c, i, n=count, t=theirs: _critical_intensity(t, b, s, g, c, n),
+                    lambda b, s, g, c, i, n=count, t=theirs: _critical_intensity(
+                        t, b, s, g, c, n
+                    ),
                     model_name,
                     "finite",
                 ),
@@ -223,7 +233,9 @@ def expected(function: Function, corner: str, dtype: type) -> Exact:
             return Exact(x, False, value, None, None)
         if x >= 1 and function.kind == "standing":
             return Exact(x, undecided, mp.nan, None, None)
-        return Exact(x, undecided and function.kind == "standing", *_differences(function, numbers))
+        return Exact(
+            x, undecided and function.kind == "standing", *_differences(function, numbers)
+        )
 
 
 def _differences(function, numbers):
@@ -231,7 +243,9 @@ def _differences(function, numbers):
     steps = [STEP * (n if n > 0 else 1) for n in numbers]
 
     def at(*raised):
-        return function.theirs(*(n + raised.count(k) * steps[k] for k, n in enumerate(numbers)))
+        return function.theirs(
+            *(n + raised.count(k) * steps[k] for k, n in enumerate(numbers))
+        )
 
     size = range(len(numbers))
     value = at()

@@ -90,7 +90,10 @@ def _cases(excess):
     yield "just lifted", _followed(Case(amplitude=9.81 / 5 * (1 + excess), duration=0.3))
     yield "for an hour", _followed(_launched(restitution=1.0), 3600.0)
     needed, hour = 9.81 / 5, {"duration": 3600.0, "followed": 3600.0}
-    yield "not quite lifted in an hour", Case(amplitude=needed * (1 - excess), fate="rests", **hour)
+    yield (
+        "not quite lifted in an hour",
+        Case(amplitude=needed * (1 - excess), fate="rests", **hour),
+    )
     yield "pushed over in an hour", Case(amplitude=1.5 * needed, fate="falls", **hour)
     over = Case(amplitude=1e6, duration=1.0, followed=10.0, fate="falls")
     yield "pushed over with 1e6 m/s2", over

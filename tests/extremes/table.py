@@ -53,7 +53,9 @@ QUANTITIES = {"float64": corners.QUANTITIES, "float32": ("value", "gradient")}
 def text() -> str:
     bounds = "".join(
         f"| {solver}, {precision} | "
-        + " | ".join(f"{bound[what]:.0e}" if what in bound else "-" for what in corners.QUANTITIES)
+        + " | ".join(
+            f"{bound[what]:.0e}" if what in bound else "-" for what in corners.QUANTITIES
+        )
         + " |\n"
         for (solver, precision), bound in driven.BOUNDS.items()
     )
@@ -66,7 +68,8 @@ def text() -> str:
         for what in QUANTITIES[precision]
     ]
     closed_rows = {
-        corner: [_cell(corner, None, *column) for column in of_closed] for corner in corners.CORNERS
+        corner: [_cell(corner, None, *column) for column in of_closed]
+        for corner in corners.CORNERS
     }
     driven_rows = {
         name: [
@@ -81,7 +84,10 @@ def text() -> str:
             _table([" ".join(column) for column in of_closed], closed_rows) + DRIVEN + bounds,
             _table([" ".join(column) for column in of_driven], driven_rows),
             "## Known limits\n",
-            *(f"{number}. {_sentence(limit)}" for number, limit in enumerate(limits.LIMITS, 1)),
+            *(
+                f"{number}. {_sentence(limit)}"
+                for number, limit in enumerate(limits.LIMITS, 1)
+            ),
             "",
         )
     )

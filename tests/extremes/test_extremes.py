@@ -148,7 +148,9 @@ def test_table_is_as_printed():
 
 def test_limits_name_cells_that_are_there():
     for subject, corner, precision, quantity in limits.KNOWN:
-        driven_cells = (corner in driven.CASES[precision]) if subject in driven.SOLVERS else False
+        driven_cells = (
+            (corner in driven.CASES[precision]) if subject in driven.SOLVERS else False
+        )
         assert driven_cells or (subject in corners.FUNCTIONS and corner in corners.CORNERS)
         assert quantity in corners.QUANTITIES
 

@@ -137,15 +137,21 @@ def stabilized(name):
 def critical_intensity(model, b, slenderness, gravity, restitution, count):
     critical = model.critical_velocity(b, slenderness, gravity)
     if count == mp.inf:
-        return critical * (1 - restitution) / launch_velocity(b, slenderness, gravity, mp.mpf(1))
-    return critical / half_cycle_velocity(b, slenderness, gravity, restitution, mp.mpf(1), count)
+        return (
+            critical * (1 - restitution) / launch_velocity(b, slenderness, gravity, mp.mpf(1))
+        )
+    return critical / half_cycle_velocity(
+        b, slenderness, gravity, restitution, mp.mpf(1), count
+    )
 
 
 def _at_intensity(model, count, intensity, around, scene_of):
     """Where the critical intensity is that of the scene; sought on logarithms."""
 
     def excess(logarithm):
-        return mp.log(critical_intensity(model, *scene_of(mp.exp(logarithm)), count) / intensity)
+        return mp.log(
+            critical_intensity(model, *scene_of(mp.exp(logarithm)), count) / intensity
+        )
 
     tolerance = mp.mpf(10) ** (-1.6 * mp.mp.dps)
     return mp.exp(mp.findroot(excess, (mp.log(around), mp.log(2 * around)), tol=tolerance))

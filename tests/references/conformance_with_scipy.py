@@ -120,7 +120,9 @@ def of_limit(name, case):
 ANSWERS = {
     "critical_angle": lambda case: closed_forms.critical_angle(mp.mpf(case["slenderness"])),
     "frequency_parameter": lambda case: closed_forms.frequency(*block_of(case)),
-    "housner_restitution": lambda case: 1 - mp.mpf(1.5) / (1 + mp.mpf(case["slenderness"]) ** 2),
+    "housner_restitution": lambda case: (
+        1 - mp.mpf(1.5) / (1 + mp.mpf(case["slenderness"]) ** 2)
+    ),
     "critical_velocity": lambda case: model_of(case).critical_velocity(*block_of(case)),
     "peak_rotation": half_cycle_peak_rotation,
     "half_cycle_peak_rotation": half_cycle_peak_rotation,
@@ -130,7 +132,9 @@ ANSWERS = {
     "velocity": lambda case: motion(case)[1],
     "half_cycle_velocity": launch,
     "critical_intensity": critical_intensity,
-    "stabilized_velocity": lambda case: closed_forms.half_cycle_velocity(*scene_of(case), mp.inf),
+    "stabilized_velocity": lambda case: closed_forms.half_cycle_velocity(
+        *scene_of(case), mp.inf
+    ),
     "overturning_half_cycle": overturning_half_cycle,
 } | {
     name: functools.partial(of_limit, name)

@@ -1,10 +1,11 @@
 """Driven rocking again, without JAX: an independent reference for peaks, impacts and outcomes.
 
-Many blocks side by side in NumPy, each at its own pace, by the stages of SciPy's DOP853. A step
-ends where the input has a corner and never goes beyond the next peak, dip or impact: those
-are found by taking the step again with another length, so that neither an interpolant nor the
-ends of steps decide what the largest rotation is. ``python tests/references/stepping.py``
-searches the shipped record for cases that do not depend on the tolerance.
+Many blocks side by side in NumPy, each at its own pace, by the stages of SciPy's DOP853. A
+step ends where the input has a corner and never goes beyond the next peak, dip or impact:
+those are found by taking the step again with another length, so that neither an interpolant
+nor the ends of steps decide what the largest rotation is.
+``python tests/references/stepping.py`` searches the shipped record for cases that do not
+depend on the tolerance.
 """
 
 import csv
@@ -267,7 +268,11 @@ class _Motion:
     def wait(self, k):
         """At rest: lifted now, or within this piece, or not; of both sides to the stronger one."""
         stop, begin = self.until(k), self.time[k]
-        when, side, strength = np.full(k.size, np.inf), np.ones(k.size), np.full(k.size, -np.inf)
+        when, side, strength = (
+            np.full(k.size, np.inf),
+            np.ones(k.size),
+            np.full(k.size, -np.inf),
+        )
         for s in (1.0, -1.0):
 
             def excess(t, s=s, some=self.rocker(k)):
@@ -386,10 +391,14 @@ def follow(rocker, ground, settle=None, rtol=1e-12, start=(0.0, 0.0), landings=N
             m.wait(waiting)
         if moving.size:
             m.step(moving)
-    times, velocities = ([np.array([i[n] for i in each]) for each in m.impacts] for n in (0, 1))
+    times, velocities = (
+        [np.array([i[n] for i in each]) for each in m.impacts] for n in (0, 1)
+    )
     counts = np.array([len(each) for each in m.impacts])
     rotation, velocity = m.side * m.x, m.side * m.v
-    return Outcome(m.peak, m.overturned, counts, rotation, velocity, m.margin, times, velocities)
+    return Outcome(
+        m.peak, m.overturned, counts, rotation, velocity, m.margin, times, velocities
+    )
 
 
 def _write(path, names, rows):
@@ -430,7 +439,9 @@ def _ridgecrest(rng):
             for case, (peak, *rest) in zip(some, outcome, strict=True)
             if peak > 0
         ]
-    names = "half_width slenderness restitution component vertical scale peak_rotation overturned"
+    names = (
+        "half_width slenderness restitution component vertical scale peak_rotation overturned"
+    )
     _write(CASES, f"{names} impacts stable", rows)
 
 
@@ -451,7 +462,9 @@ def _pulses(rng, count=1000):
                 numbers.T.tolist(), r.peak.tolist(), r.overturned, strict=True
             )
         ]
-    names = "shape half_width slenderness restitution amplitude duration peak_rotation overturned"
+    names = (
+        "shape half_width slenderness restitution amplitude duration peak_rotation overturned"
+    )
     _write(PULSES, names, rows)
 
 

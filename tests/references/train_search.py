@@ -161,7 +161,9 @@ def played(case, plan, bound, hair=0.0):
                 time = low + np.maximum((high - low) * plan.part[:, k], hair)
                 from_ = (rotation, q) if j == 0 else (np.zeros_like(x), x)
                 there = motion.later(*from_, np.where(chosen, time - begin, 0))
-                state = tuple(np.where(chosen, a, b) for a, b in zip(there, state, strict=True))
+                state = tuple(
+                    np.where(chosen, a, b) for a, b in zip(there, state, strict=True)
+                )
                 due = np.where(chosen, time, due)
                 side = np.where(chosen & (j % 2 == 1), -side, side)
             if np.isfinite(due).all():

@@ -96,7 +96,9 @@ def on_the_verge(kind, count):
             float(closed_forms.critical_intensity(theirs, *_exact(each), count))
             for each in zip(*blocks, restitution, strict=True)
         ]
-        return Samples((*blocks, restitution, *_round(dtype, np.array(intensity))), np.zeros(n))
+        return Samples(
+            (*blocks, restitution, *_round(dtype, np.array(intensity))), np.zeros(n)
+        )
 
     return sample
 
@@ -248,7 +250,9 @@ def _cases():
             only_blocks,
         )
         for name in ("peak_rotation", "half_cycle_duration"):
-            yield Case(f"{kind}.{name}", method(name), getattr(theirs, name), with_velocity(kind))
+            yield Case(
+                f"{kind}.{name}", method(name), getattr(theirs, name), with_velocity(kind)
+            )
         yield Case(
             f"{kind}.peak_amplification",
             method("peak_amplification"),
@@ -303,7 +307,9 @@ def _cases():
             lambda *a, n=float(count), model=model: jr.critical_slenderness(
                 jr.Block(*a[:3]), *a[3:], n, model
             ),
-            lambda *a, n=count, theirs=theirs: closed_forms.critical_slenderness(theirs, *a, n),
+            lambda *a, n=count, theirs=theirs: closed_forms.critical_slenderness(
+                theirs, *a, n
+            ),
             on_the_verge(kind, count),
             ulps=8,  # Newton's method, on logarithms
         )
@@ -312,7 +318,9 @@ def _cases():
             lambda *a, n=float(count), model=model: jr.critical_restitution(
                 jr.Block(*a[:3]), a[4], n, model
             ),
-            lambda *a, n=count, theirs=theirs: closed_forms.critical_restitution(theirs, *a, n),
+            lambda *a, n=count, theirs=theirs: closed_forms.critical_restitution(
+                theirs, *a, n
+            ),
             with_critical_restitution(kind, count),
             ulps=8,
         )
@@ -336,9 +344,9 @@ def _cases():
     for index, name in enumerate(("displacement", "velocity")):
         yield Case(
             f"Oscillator.motion {name}",
-            lambda omega, xi, v, t, index=index: jr.resonance.Oscillator(omega, xi).motion(v, t)[
-                index
-            ],
+            lambda omega, xi, v, t, index=index: jr.resonance.Oscillator(omega, xi).motion(
+                v, t
+            )[index],
             lambda *a, index=index: closed_forms.oscillator_motion(*a)[index],
             oscillators,
             path=True,

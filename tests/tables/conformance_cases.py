@@ -1,8 +1,8 @@
 """The cases of the conformance table, computed by jaxrock.
 
 ``python tests/tables/conformance_cases.py`` computes all of them again and prints where they
-differ from the frozen ones by more than a tenth of their tolerance; with ``--write`` the frozen
-ones are replaced. Takes minutes, most of them for compiling.
+differ from the frozen ones by more than a tenth of their tolerance; with ``--write`` the
+frozen ones are replaced. Takes minutes, most of them for compiling.
 """
 
 import itertools
@@ -119,10 +119,16 @@ def _geometry(_: Motions) -> Iterator[Row]:
     for quantity, value, source in (
         ("critical_angle", of.critical_angle, "arctan(1 / lambda)"),
         ("frequency_parameter", of.frequency_parameter, "sqrt(3 g / (4 R))"),
-        ("housner_restitution", housner_restitution(of), HOUSNER + ", as a ratio of velocities"),
+        (
+            "housner_restitution",
+            housner_restitution(of),
+            HOUSNER + ", as a ratio of velocities",
+        ),
     ):
         what = f"The {quantity.replace('_', ' ')} of a stocky block."
-        yield _row(f"geometry-{quantity}", "geometry", quantity, what, of, value, source=source)
+        yield _row(
+            f"geometry-{quantity}", "geometry", quantity, what, of, value, source=source
+        )
 
 
 def _free_rocking(_: Motions) -> Iterator[Row]:
@@ -356,7 +362,11 @@ def _windows(_: Motions) -> Iterator[Row]:
     }
     edge = 9.81 / 5
     for name, ratio, what in (
-        ("before", 3.0, "Whether a pulse between the first two boundaries overturns the block."),
+        (
+            "before",
+            3.0,
+            "Whether a pulse between the first two boundaries overturns the block.",
+        ),
         ("inside", 8.0 / edge, "Whether a pulse inside the window overturns the block."),
     ):
         pulse = Sine(ratio * edge, 0.5)
@@ -426,7 +436,12 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
     scene = Scene(Block(*_WALL), 0.7, 0.15)
 
     def row(
-        quantity: str, what: str, value: Any, equation: str = "either", at: Scene = scene, **rest
+        quantity: str,
+        what: str,
+        value: Any,
+        equation: str = "either",
+        at: Scene = scene,
+        **rest,
     ) -> Row:
         tail = {"linearized": "-linearized", "nonlinear": "-nonlinear", "either": ""}[equation]
         number = rest.get("number")
@@ -454,7 +469,11 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
         at = scene if equation == "linearized" else strong
         source = "Eq. 12" if equation == "linearized" else "Eq. 10 and energy"
         for quantity, what, function in (
-            ("stabilized_rotation", "Limit of the peak rotation.", resonance.stabilized_rotation),
+            (
+                "stabilized_rotation",
+                "Limit of the peak rotation.",
+                resonance.stabilized_rotation,
+            ),
             ("stabilized_period", "Limit of the full period.", resonance.stabilized_period),
             (
                 "amplification",
@@ -463,7 +482,9 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
             ),
         ):
             how = (
-                "Eq. 11" if (quantity, equation) == ("stabilized_period", "linearized") else source
+                "Eq. 11"
+                if (quantity, equation) == ("stabilized_period", "linearized")
+                else source
             )
             if (quantity, equation) == ("stabilized_period", "nonlinear"):
                 how = "Eq. 10 and an elliptic integral of the first kind"
@@ -585,7 +606,9 @@ def _driven(
     """Rows for what is wanted of one driven motion, by both integrators."""
     model, record = _MODELS[equation], isinstance(motion, Record)
     given: Any = {"rotation": start[0], "velocity": start[1]} if start else {}
-    adaptive = respond(block, c, motion, time, rtol=1e-11, model=model, max_impacts=256, **given)
+    adaptive = respond(
+        block, c, motion, time, rtol=1e-11, model=model, max_impacts=256, **given
+    )
     if start:  # The lockstep integrator begins at rest.
         other: Any = respond(
             block, c, motion, time, rtol=1e-10, model=model, solver="Dopri8", **given
@@ -783,7 +806,9 @@ def _driven_derivatives(motions: Motions) -> Iterator[Row]:
     piece = motions["piece.csv"]
     end = 4.0
 
-    def under_wavelet(half_width: Any, slenderness: Any, restitution: Any, amplitude: Any) -> Any:
+    def under_wavelet(
+        half_width: Any, slenderness: Any, restitution: Any, amplitude: Any
+    ) -> Any:
         block, pulse = Block(half_width, slenderness), Ricker(amplitude, 0.7)
         return respond_batch(block, restitution, pulse, end).peak_rotation
 
@@ -901,9 +926,13 @@ def main() -> None:
         if off > 0.1 * (case["absolute"] + case["relative"] * abs(case["value"])):
             print(case["id"], case["value"], "frozen is", old and old["value"])
     if "--write" in sys.argv:
-        given = [{key: value for key, value in case.items() if value is not None} for case in found]
+        given = [
+            {key: value for key, value in case.items() if value is not None} for case in found
+        ]
         lines = ",\n  ".join(map(json.dumps, given))
-        head = json.dumps({key: frozen[key] for key in frozen if key != "cases"}, indent=1)[:-2]
+        head = json.dumps({key: frozen[key] for key in frozen if key != "cases"}, indent=1)[
+            :-2
+        ]
         FROZEN.write_text(f'{head},\n "cases": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
 
 

@@ -17,4 +17,6 @@ def cases(stable):
 
 
 def motion_of(row):
-    return jr.example_record(row["component"], vertical=bool(row["vertical"])).scaled(row["scale"])
+    return jr.example_record(row["component"], vertical=bool(row["vertical"])).scaled(
+        row["scale"]
+    )

@@ -1,7 +1,8 @@
 """What mpmath says, kept as decimal strings: to compute all of it takes a quarter of an hour.
 
-Whoever adds a case or changes a reference runs ``python tests/tools/freezing.py`` (with names of
-tables, only those). A file has a line for each entry: its key, what it was asked, the answer.
+Whoever adds a case or changes a reference runs ``python tests/tools/freezing.py`` (with names
+of tables, only those). A file has a line for each entry: its key, what it was asked, the
+answer.
 """
 
 import functools
@@ -17,7 +18,11 @@ FOLDER = Path(__file__).parent / "frozen_values"
 
 def text(number: Any, digits: int) -> str | None:
     """A number in so many digits; none where it is complex, which is no answer."""
-    return None if isinstance(number, mp.mpc) else mp.nstr(number, digits, min_fixed=0, max_fixed=0)
+    return (
+        None
+        if isinstance(number, mp.mpc)
+        else mp.nstr(number, digits, min_fixed=0, max_fixed=0)
+    )
 
 
 def number(digits: str | None) -> Any:

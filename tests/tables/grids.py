@@ -17,16 +17,26 @@ GRIDS = {
         [{"slenderness": 5, "intensity": 1}, {"slenderness": 2, "width": 2}, "auto"],
     ),
     "resonance, each by its model": (
-        lambda **chunks: jr.resonance_spectrum(*AXES, 0.15, model="auto", tolerance=0.01, **chunks),
+        lambda **chunks: jr.resonance_spectrum(
+            *AXES, 0.15, model="auto", tolerance=0.01, **chunks
+        ),
         [{"slenderness": 2}],
     ),
     "rocking": (
-        lambda **chunks: jr.rocking_spectrum(record(200, 3), [1.0, 2.0, 3.0], [4.0, 6.0], **chunks),
+        lambda **chunks: jr.rocking_spectrum(
+            record(200, 3), [1.0, 2.0, 3.0], [4.0, 6.0], **chunks
+        ),
         [{"period": 1}, {"period": 2, "slenderness": 1}],
     ),
     "rocking of a suite": (
         lambda **chunks: jr.rocking_spectrum(
-            suite(), [1.0, 2.0], 5.0, [0.7, 0.9], factor=[0.5, 1.0, 2.0], tolerance=1e-3, **chunks
+            suite(),
+            [1.0, 2.0],
+            5.0,
+            [0.7, 0.9],
+            factor=[0.5, 1.0, 2.0],
+            tolerance=1e-3,
+            **chunks,
         ),
         [{"record": 1, "factor": 3}, {"record": 2, "factor": 2}],
     ),
@@ -43,7 +53,9 @@ GRIDS = {
         [{"frequency_ratio": 2}],
     ),
     "fragility": (
-        lambda **chunks: jr.fragility(BLOCK, 0.8, suite(), [0.1, 0.2, 0.4, 0.8, 1.6], **chunks),
+        lambda **chunks: jr.fragility(
+            BLOCK, 0.8, suite(), [0.1, 0.2, 0.4, 0.8, 1.6], **chunks
+        ),
         [{"record": 1}, {"record": 2, "level": 2}],
     ),
 }
@@ -67,4 +79,6 @@ def same_bits(found, expected):
 def blocks(**chunks):
     """Fifteen chunks that take a moment each."""
     motion = jr.example_record().scaled(1.5)
-    return jr.rocking_spectrum(motion, np.linspace(1, 4, 15), np.linspace(3, 9, 20), 0.9, **chunks)
+    return jr.rocking_spectrum(
+        motion, np.linspace(1, 4, 15), np.linspace(3, 9, 20), 0.9, **chunks
+    )

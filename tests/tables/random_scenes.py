@@ -15,7 +15,10 @@ NUMBER = 2000  # one number, since each takes seconds to compile
 def scenes(seed, number, stocky=1.0):
     """Scenes of any kind, some on the verge of overturning, some over it."""
     rng = np.random.default_rng(seed)
-    slenderness, half_width = 10 ** rng.uniform(0, 2.5, number), 10 ** rng.uniform(-2, 0.5, number)
+    slenderness, half_width = (
+        10 ** rng.uniform(0, 2.5, number),
+        10 ** rng.uniform(-2, 0.5, number),
+    )
     near_one = 1 - 10 ** rng.uniform(-4, -1, number)
     restitution = np.where(rng.random(number) < 0.8, rng.uniform(0, 0.95, number), near_one)
     x = np.where(rng.random(number) < 0.8, rng.uniform(0.001, 1.2, number), near_one)

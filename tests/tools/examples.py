@@ -1,7 +1,7 @@
 """Run the example of every command as a newcomer would: ``python tests/tools/examples.py FOLDER``.
 
-In a new folder, each in a process of its own, `jaxrock run` with the study of `docs/commands.md`.
-Ends with 1 if one of them fails, warns or says anything on standard error.
+In a new folder, each in a process of its own, `jaxrock run` with the study of
+`docs/commands.md`. Ends with 1 if one of them fails, warns or says anything on standard error.
 """
 
 import re

@@ -82,7 +82,9 @@ def _in_corner(asked, name, precision, corner):
         # The half of the Hessian that says all; 0 what is less than the differences can tell.
         least, scale = 10**9 * corners.STEP * abs(exact.value), corners.scales(asked)
         pairs = [(i, j) for i in range(5) for j in range(i + 1)]
-        gradient = [0 if abs(g * s) < least else g for g, s in zip(gradient, scale, strict=True)]
+        gradient = [
+            0 if abs(g * s) < least else g for g, s in zip(gradient, scale, strict=True)
+        ]
         hessian = [(hessian[i][j], scale[i] * scale[j]) for i, j in pairs]
         hessian = [0 if abs(h * s) < least else h for h, s in hessian]
     return [

@@ -76,7 +76,9 @@ def closed_slopes():
             continue
         samples = case.sample(np.random.default_rng(SEED), SAMPLES, np.float64)
         arguments = tuple(map(jnp.asarray, samples.arguments))
-        found = jax.jit(jax.vmap(jax.grad(case.ours, tuple(range(len(arguments))))))(*arguments)
+        found = jax.jit(jax.vmap(jax.grad(case.ours, tuple(range(len(arguments))))))(
+            *arguments
+        )
         for index, value, slopes, _ in _exact(case, samples):
             if 1 - samples.x[index] ** 2 < 1e-3:
                 continue
@@ -93,7 +95,9 @@ def paper():
     report = regenerate()
     agreeing = sum(entry.agrees for entry in report.entries)
     faults = sum(bool(entry.fault) for entry in report.entries)
-    return f"{agreeing} of {len(report.entries)} to the last digit, {faults} a fault of the paper"
+    return (
+        f"{agreeing} of {len(report.entries)} to the last digit, {faults} a fault of the paper"
+    )
 
 
 def impacts():
@@ -121,7 +125,11 @@ def thresholds():
     worst = 0.0
     for duration in (0.5, 1.0, 2.0):
         found = jr.critical_amplitude(
-            block, 0.9, jr.Rectangular, duration / block.frequency_parameter, model="linearized"
+            block,
+            0.9,
+            jr.Rectangular,
+            duration / block.frequency_parameter,
+            model="linearized",
         )
         ratio = found.value[0] / (9.81 * block.critical_angle)
         worst = max(worst, abs(float(ratio * -np.expm1(-duration)) - 1))
@@ -205,12 +213,18 @@ ROWS = (
     Row("times of 20 impacts of free rocking, relative", RESPONSE, impacts),
     Row("peak and margin through impacts against SciPy, relative", RESPONSE, scipy),
     Row("slope of a peak to C through impacts, relative", RESPONSE, driven_slope),
-    Row("Housner's critical rectangular pulses, relative", "tests/test_boundaries.py", thresholds),
+    Row(
+        "Housner's critical rectangular pulses, relative",
+        "tests/test_boundaries.py",
+        thresholds,
+    ),
     Row("the default tolerance against 1e-13 on a record", "tests/test_choose.py", tolerances),
     Row("a million rotation ratios, linearized", SPEED, lambda: million(jr.Linearized())),
     Row("a million rotation ratios, nonlinear", SPEED, lambda: million(jr.Nonlinear())),
     Row("the same with their four slopes", SPEED, lambda: million(jr.Nonlinear(), True)),
-    Row("100,000 critical intensities, nonlinear", "tests/benchmarks/critical.py", intensities),
+    Row(
+        "100,000 critical intensities, nonlinear", "tests/benchmarks/critical.py", intensities
+    ),
     Row("one block on 40 s of a record, `respond`", "tests/benchmarks/response.py", one),
     Row("1,000 of them, `respond_batch`", "tests/benchmarks/response.py", lambda: many(1000)),
     Row("10,000 of them", "tests/benchmarks/response.py", lambda: many(10_000)),
@@ -222,7 +236,9 @@ def table(figures):
     rows = [f"| {row.what} | {figure} | `{row.where}` |" for row, figure in figures]
     device = jax.devices()[0].device_kind
     where = f"Measured with JAX {version('jax')} on {os.cpu_count()} cores ({device})."
-    return "\n".join([where, "", "| what | measured | tested in |", "|---|---|---|", *rows, ""])
+    return "\n".join(
+        [where, "", "| what | measured | tested in |", "|---|---|---|", *rows, ""]
+    )
 
 
 def main():
@@ -236,7 +252,9 @@ def main():
     if text.count(BEGIN) != 1 or text.count(END) != 1:
         sys.exit(f"{PAGE} must have the two marks of the table once each")
     before, rest = text.split(BEGIN)
-    PAGE.write_text(before + BEGIN + table(figures) + END + rest.split(END)[1], encoding="utf-8")
+    PAGE.write_text(
+        before + BEGIN + table(figures) + END + rest.split(END)[1], encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":
