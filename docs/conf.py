@@ -55,7 +55,7 @@ class CommandHelp(Directive):
     has_content: ClassVar[bool] = False
 
     def run(self):
-        """A block of text."""
+        """Make a block of text."""
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             main([self.arguments[0], "--help"])
@@ -86,7 +86,7 @@ def enter_by_the_front_door(app, exception):
 
 
 def setup(app):
-    """What Sphinx calls."""
+    """Connect what is above; called by Sphinx."""
     app.add_directive("command-help", CommandHelp)
     app.connect("autodoc-skip-member", skip)
     app.connect("build-finished", enter_by_the_front_door)

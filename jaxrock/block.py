@@ -79,7 +79,7 @@ class Block(Printed, Checked):
 
     @classmethod
     def from_size(cls, *, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
-        """The rectangular block of a given full width 2b [m] and height 2a [m].
+        """Make the rectangular block of a given full width 2b [m] and height 2a [m].
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Block(Printed, Checked):
         gravity: Number = 9.81,
         inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
     ) -> "Block":
-        """The block of a given frequency parameter p [1/s] and critical angle alpha_c [rad].
+        """Make the block of a frequency parameter p [1/s] and a critical angle alpha_c [rad].
 
         Both can be measured without knowing what is inside of the body. They decide how it
         rocks on moving ground; the inertia ratio then only how large it is, how hard it
@@ -148,7 +148,7 @@ class Block(Printed, Checked):
         inertia_about_centre: Number,
         gravity: Number = 9.81,
     ) -> "Block":
-        """The block that rocks like a body whose mass and inertia are known.
+        """Make the block that rocks like a body whose mass and inertia are known.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ def share_in_centre(inertia_ratio: Reals) -> Reals:
 
 
 def is_rectangle(block: Block) -> bool:
-    """Whether the inertia ratio is known to be that of a homogeneous rectangle."""
+    """Tell whether the inertia ratio is known to be that of a homogeneous rectangle."""
     ratio = block.inertia_ratio
     if isinstance(ratio, jax.core.Tracer) or not isinstance(ratio, jax.Array | np.ndarray):
         return False

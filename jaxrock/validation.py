@@ -95,7 +95,7 @@ def as_real(name: str, value: Any) -> Array:
 
 
 def described(value: Any) -> str:
-    """A value in a few words, for what an error got."""
+    """Describe a value in a few words, for what an error got."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, eqx.Module):
@@ -145,7 +145,7 @@ def _shapes(name: str, value: Any, own_axes: int = 0) -> list[tuple[str, tuple[i
 
 
 def of_one_precision(tree: _T) -> _T:
-    """A pytree of numbers, all in the precision that JAX promotes them to together."""
+    """Bring a pytree of numbers to the precision that JAX promotes them to together."""
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*jax.tree.leaves(tree))
 
@@ -176,7 +176,7 @@ def check(name: str, value: Any, domain: Domain | None) -> None:
 
 
 def quantity(domain: Domain | None, unit: str = "", own_axes: int = 0) -> Any:
-    """A field of a `Checked` module: its domain, unit, and how many axes are none of a batch."""
+    """Declare a field of a `Checked` module: domain, unit, and axes that are no batch's."""
     return eqx.field(metadata={"domain": domain, "unit": unit, "own_axes": own_axes})
 
 
@@ -241,7 +241,7 @@ _guarded: contextvars.ContextVar[list[tuple[Any, Domain]] | None] = contextvars.
 
 @contextlib.contextmanager
 def guarding() -> Iterator[None]:
-    """A scope in which no value is guarded twice."""
+    """Guard no value twice inside."""
     token = _guarded.set([])
     try:
         yield
@@ -250,7 +250,7 @@ def guarding() -> Iterator[None]:
 
 
 def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
-    """The value, a number or a module, with stand-ins outside of domains; where it is valid."""
+    """Put stand-ins for values outside of domains; tell where the values are valid."""
     if isinstance(value, Checked):
         oks = []
         for name, its_domain, _, _ in _fields(type(value)):
@@ -270,7 +270,7 @@ def within(value: _T, domain: Domain | None = None) -> tuple[_T, Any]:
 
 
 def _all(oks: Iterable[Any]) -> Any:
-    """Where all are valid; True where nothing had to be guarded."""
+    """Tell where all are valid; True where nothing had to be guarded."""
     return functools.reduce(operator.and_, [ok for ok in oks if ok is not True] or [True])
 
 
@@ -336,7 +336,7 @@ def elementwise(
 
 
 def _documented(text: str, signature: inspect.Signature, guards: dict[str, Domain]) -> str:
-    """A docstring in sections, with what signature and domains say."""
+    """Write a docstring in sections, with what signature and domains say."""
     summary, result, rest = text.partition("\nReturns ")
     if result and not rest.startswith("\n"):
         text = f"{summary}\nParameters\n----------\n"

@@ -108,7 +108,7 @@ def choose(
     shape: type[Pulse] | None = None,
     duration: Number = 0.0,
 ) -> Choice:
-    """The cheapest level of fidelity, precision and tolerance of steps that keep a tolerance.
+    """Choose the cheapest level of fidelity, precision and tolerance that keep a tolerance.
 
     Parameters
     ----------

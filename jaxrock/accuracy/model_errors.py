@@ -143,7 +143,7 @@ class ModelError(Printed, eqx.Module):
 def model_error(
     scene: Scene, shape: type[Pulse] | None = None, duration: Number = 0.0
 ) -> ModelError:
-    """What simplifications cost a scene, before anything expensive is computed.
+    """Bound what simplifications cost a scene, before anything expensive is computed.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
 
 
 def _rounded(scene: Scene, kind: Any) -> Scene:
-    """A scene whose numbers are rounded to a precision."""
+    """Round the numbers of a scene to a precision."""
 
     def rounded(leaf: Reals) -> Reals:
         return jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant)
@@ -330,14 +330,14 @@ def _relative(value: Reals, reference: Reals) -> Reals:
 
 
 def answers_of(scene: Scene, model: RockingModel) -> Answers:
-    """The three answers by a closed form."""
+    """Compute the three answers by a closed form."""
     critical = critical_intensity(scene.block, scene.restitution, model=model)
     return Answers(rotation_ratio(scene, model), stabilized_period(scene, model), critical)
 
 
 @jax.jit
 def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
-    """Where the block stands and linearizing costs no answer more than the tolerance.
+    """Tell where the block stands and linearizing costs no answer more than the tolerance.
 
     Cheaper than either closed form: the cost grows with the velocity, so that it is within the
     tolerance up to one velocity, which in units of the critical one depends on the slenderness
@@ -353,7 +353,7 @@ def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
     allowed = jnp.asarray(tolerance, over.dtype) - 16 * float(jnp.finfo(over.dtype).eps)
 
     def enough(x: Reals) -> Booleans:
-        """Whether it is at a velocity in units of the critical one."""
+        """Tell whether it is enough at a velocity in units of the critical one."""
         sides = ((linearized, x * over), (nonlinear, x))
         ratios = (model._rotation_ratio(block, v) for model, v in sides)
         durations = (model._half_cycle_duration(block, v, x * single) for model, v in sides)

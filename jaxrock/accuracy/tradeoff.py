@@ -92,7 +92,7 @@ class Tradeoff(Printed):
     dataset: "xarray.Dataset"
 
     def best(self, tolerance: float, batch: int | None = None) -> str | None:
-        """The fastest setting that keeps a relative tolerance, in words.
+        """Name the fastest setting that keeps a relative tolerance.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class Tradeoff(Printed):
         return "; ".join(uses) + "."
 
     def notes(self) -> list[str]:
-        """Which values of a dial are on no front, a sentence for each such dial.
+        """Say which values of a dial are on no front, in a sentence for each such dial.
 
         Returns
         -------
@@ -228,7 +228,7 @@ def measure_tradeoff(
 
 
 def default_scene() -> DrivenScene:
-    """A block under a pulse so short that every level of fidelity has something to say about it."""
+    """Make a block under a pulse so short that every level of fidelity can tell of it."""
     return DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
 
 

@@ -83,7 +83,7 @@ class DrivenFit(Printed, eqx.Module):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before the numbers are used, in sentences."""
+        """Sentences to know before the numbers are used."""
         said = []
         if not bool(self.converged):
             said.append("the search has not converged")
@@ -199,7 +199,7 @@ def _checked(
     initial: tuple[Number, Number],
     model: RockingModel,
 ) -> ShakingTest:
-    """The test, all of it concrete and allowed."""
+    """Check the test: all of it concrete and allowed."""
     check_kind("block", block, Block)
     check_kind("motion", motion, Motion)
     if isinstance(parameters, str) or not parameters:

@@ -118,7 +118,7 @@ class FreeRockingFit(Printed, eqx.Module):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before the numbers are used, in sentences."""
+        """Sentences to know before the numbers are used."""
         said = [*self.repairs, *self.notes]
         change = abs(float(self.restitution_change)) > _NEGLIGIBLE
         if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
@@ -265,7 +265,7 @@ class _Found(NamedTuple):
 
 
 def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
-    """The best numbers, with the noises by and by where these are found beside each other."""
+    """Fit the numbers, and in turn with them the noises that are not given."""
     timed = measured.times.size > 1
     peaked = measured.peaks.size > 0
     both = timed and peaked and not all(noises.known)
@@ -364,7 +364,7 @@ def _result(
 
 
 def _name_of(measured: Measured) -> str:
-    """The argument that the motion was sought for."""
+    """Return the argument that the motion was sought for."""
     return "impact_times" if measured.times.size > 1 else "peak_rotations"
 
 

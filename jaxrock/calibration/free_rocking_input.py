@@ -16,7 +16,7 @@ _ANY_SHAPE = 5.0  # slenderness where none is known: the linearized equation has
 def measurements(
     impact_times: Numbers | None, peak_rotations: Numbers | None
 ) -> tuple[Measured, np.dtype]:
-    """The measurements, and the precision in which they are given."""
+    """Return the measurements, and the precision in which they are given."""
     times = None if impact_times is None else as_real("impact_times", impact_times)
     peaks = None if peak_rotations is None else as_real("peak_rotations", peak_rotations)
     given = [part for part in (times, peaks) if part is not None]
@@ -79,7 +79,7 @@ def known_of(
     frequency_known: bool,
     dtype: np.dtype,
 ) -> Known:
-    """What need not be fitted."""
+    """Name the numbers that need not be fitted."""
     timed = measured.times.size > 1
     peaked = measured.peaks.size > 0
     if block is None and not isinstance(model, Linearized):

@@ -44,7 +44,7 @@ class Measured(NamedTuple):
 
     @property
     def counted(self) -> int:
-        """How many count."""
+        """The number of those that count."""
         return int(self.time_counts.sum() + self.peak_counts.sum())
 
 
@@ -70,7 +70,7 @@ class Known(NamedTuple):
         return self.shape.half_width.dtype
 
     def freed(self, place: int, free: bool = True) -> "Known":
-        """The same with one more number that is fitted, or one less."""
+        """Return the same with one more number that is fitted, or one less."""
         flags = self.free.copy()
         flags[place] = free
         return self._replace(free=flags)
@@ -125,7 +125,7 @@ class Rows(NamedTuple):
         return cls(first.times, time_counts, impacts, first.peaks, peak_counts, arcs, free)
 
     def at(self, places: Places) -> "Rows":
-        """Some of them."""
+        """Return some of them."""
         parts = self.time_counts, self.impacts, self.peak_counts, self.arcs, self.free
         time_counts, impacts, peak_counts, arcs, free = (part[places] for part in parts)
         return Rows(self.times, time_counts, impacts, self.peaks, peak_counts, arcs, free)
@@ -147,7 +147,7 @@ def velocity_ratios(numbers: Values, amplitudes: Values) -> tuple[Values, Values
 
 
 def _sums(steps: Values) -> Values:
-    """Sums of all before each."""
+    """Sum all before each."""
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
 
 
@@ -159,7 +159,7 @@ def compute_residuals(
     noises: Noises,
     with_jacobian: bool = True,
 ) -> tuple[Values, Values]:
-    """What is computed less what is measured, over the noise; of times, then of peaks.
+    """Compute residuals over the noise: computed less measured, of times, then of peaks.
 
     And the Jacobian of that, empty if it is not asked for.
     """

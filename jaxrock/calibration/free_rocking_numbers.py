@@ -12,7 +12,7 @@ _STEPS = 50  # of each fit: they are many, and only the best one counts
 
 
 def with_numbers(measured: Measured, numbering: Numbering) -> Measured:
-    """The measurements with their numbers; peaks count between impacts in succession."""
+    """Return the numbered measurements; peaks count between impacts in succession."""
     impacts = numbering.impacts
     used = numbering.used
     renumbered = measured._replace(impacts=impacts, time_counts=used)
@@ -25,7 +25,7 @@ def with_numbers(measured: Measured, numbering: Numbering) -> Measured:
 def number_impacts(
     measured: Measured, known: Known, noises: Noises
 ) -> tuple[Numbering, float]:
-    """Number the impacts by the times alone.
+    """Count the impacts by the times alone.
 
     Repairs compete with two other explanations, another p and a C that changes. The
     explanation wins that chance would produce least often. Also returns the logarithm of the

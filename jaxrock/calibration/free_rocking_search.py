@@ -67,7 +67,7 @@ def fit_together(
 
 
 def _extent(measured: Measured | Rows, noises: Noises) -> float:
-    """How large the measurements are together, over their noises."""
+    """Compute the norm of all measurements over their noises."""
     largest = np.abs(measured.times).max() / noises.times
     largest = max(largest, measured.peaks.max(initial=0) / noises.rotations)
     return float(largest) * (measured.times.size + measured.peaks.size) ** 0.5
@@ -79,7 +79,7 @@ def rounding_of(dtype: DTypeLike) -> float:
 
 
 def is_least(fit: Fitted, measured: Measured, known: Known, noises: Noises) -> bool:
-    """Whether a further Gauss-Newton step is far below the standard errors, or rounding."""
+    """Tell whether a further Gauss-Newton step is far below the standard errors, or rounding."""
     if not (np.isfinite(fit.residuals).all() and np.isfinite(fit.jacobian).all()):
         return False
     freedom = max(measured.counted - known.free.sum(), 1)

@@ -115,7 +115,7 @@ def _covariance(fit: Fitted, free: np.ndarray) -> Values:
 
 
 def _chance(constant: Fitted, freer: Fitted, freedom: int, noise_known: bool) -> float:
-    """How often one more number lowers the sum of squares as much by chance.
+    """Compute the chance that one more number lowers the sum of squares as much.
 
     By Student's distribution, or by the normal one where the noise is known.
     """

@@ -48,7 +48,7 @@ def repair(
     noise_known: bool,
     rounding: float,
 ) -> Numbering:
-    """The numbering of impacts that explains the times.
+    """Find the numbering of impacts that explains the times.
 
     `squares_of` gives sums of squares, in units of the noise where that is known; `rounding`
     is how far off a time may be, in these units, because of the arithmetic.

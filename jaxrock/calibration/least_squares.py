@@ -86,7 +86,7 @@ def minimize(
 def _steps(
     residuals: Values, jacobian: Values, damping: Values
 ) -> tuple[Values, Values, Values]:
-    """The next steps, by how much the sums of squares should fall, and would without damping."""
+    """Compute the next steps; how much sums of squares should fall, and would undamped."""
     scale = np.sqrt(np.sum(jacobian**2, axis=1))
     scale[scale == 0] = 1
     scaled = jacobian / scale[:, None]

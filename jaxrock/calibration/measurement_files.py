@@ -80,12 +80,12 @@ def _fields(path: Path, number: int, line: str) -> list[str]:
 
 
 def _are_names(fields: list[str]) -> bool:
-    """Whether these are names of columns; what begins like a number is a mistyped one."""
+    """Tell whether words name columns; a word that begins like a number is a mistyped one."""
     return not is_number(fields[0]) and fields[0][:1].isalpha()
 
 
 def _units(path: Path, number: int, line: str, names: list[str]) -> tuple[float, float]:
-    """The units of the columns [s], [rad], by their names."""
+    """Tell the units of the columns [s], [rad], from their names."""
     time, peak = (name.replace("_", " ") for name in (*names, "")[:2])
     time = re.sub(r"\b(?:of|the)\b|impacts?(?![a-z])", " ", time, flags=re.I)
     seconds = times_in(" ".join(time.split()))
@@ -108,7 +108,7 @@ def _in_brackets(name: str) -> str:
 
 
 def _radians(name: str) -> float | None:
-    """The unit of a column of rotations; None if it is none, or in an unknown one."""
+    """Tell the unit of a column of rotations; None if it is none, or in an unknown one."""
     inside = _in_brackets(name)
     for unit, radians in _ANGLES.items():
         pattern, text = (

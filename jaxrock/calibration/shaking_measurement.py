@@ -58,7 +58,7 @@ class ShakingTest(NamedTuple):
         return self.gravity.dtype
 
     def numbers(self, restitution: float) -> Values:
-        """The numbers of the block that is given, with some restitution."""
+        """Return the numbers of the block that is given, with some restitution."""
         restitution = min(max(restitution, 0.01), 0.999)
         known = self.known | {
             "restitution": restitution / (1 - restitution),
@@ -68,7 +68,7 @@ class ShakingTest(NamedTuple):
         return np.log([known[name] for name in self.parameters])
 
     def values(self, numbers: Values) -> tuple[Values, Values]:
-        """The parameters themselves, and their slopes along the numbers."""
+        """Return the parameters themselves, and their slopes along the numbers."""
         with np.errstate(over="ignore", invalid="ignore"):
             growth = np.exp(numbers)
             shares = growth / (1 + growth)
@@ -163,7 +163,7 @@ class Stage(NamedTuple):
     converged: bool
 
     def follows(self, last: "Stage") -> bool:
-        """Whether it is the same motion as that of the part before, and still tells something."""
+        """Tell whether a fit follows the motion of the part before, and still tells something."""
         if not self.converged or not last.converged:
             return self.converged
         errors = np.sqrt(np.diagonal(last.covariance))
@@ -171,7 +171,7 @@ class Stage(NamedTuple):
         return self.off <= _ROUGHER * last.off + _EXACT and bool(near.all())
 
     def closer(self, other: "Stage") -> bool:
-        """Whether it is the better one of two fits to the same part."""
+        """Tell whether it is the better one of two fits to the same part."""
         if self.converged != other.converged:
             return self.converged
         return not self.off >= other.off
@@ -230,7 +230,7 @@ def _is_straight(
     rotation: Values,
     slope: Values,
 ) -> bool:
-    """Whether a change of one standard error does what the derivative says."""
+    """Tell whether a change of one standard error does what the derivative says."""
     moved = numbers.copy()
     moved[place] += error
     change = test.follow(moved, end)[0][counts] - rotation
@@ -253,7 +253,7 @@ def _first_numbers(test: ShakingTest, restitution: float | None, end: float) -> 
 
 
 def _ends(time: np.ndarray, sides: np.ndarray) -> list[float]:
-    """Times up to which one more part of the impacts is over."""
+    """Return times up to which one more part of the impacts is over."""
     seen = np.flatnonzero(sides)
     changes = seen[1:][np.diff(sides[seen]) != 0]
     if not changes.size:
@@ -263,13 +263,13 @@ def _ends(time: np.ndarray, sides: np.ndarray) -> list[float]:
 
 
 def sides_of(test: ShakingTest, rotation: np.ndarray) -> np.ndarray:
-    """The side on which a block is seen at each time, 0 where it is not."""
+    """Tell on which side a block is seen at each time, 0 where it is not."""
     seen = np.abs(rotation) > _SEEN * test.noise
     return np.where(seen & test.counts, np.sign(rotation), 0)
 
 
 def rough_noise(rotation: np.ndarray) -> float:
-    """A noise beyond which a rotation tells the side."""
+    """Return a noise beyond which a rotation tells the side."""
     return max(_seen_noise(rotation), 0.01 * float(np.max(np.abs(rotation))))
 
 

@@ -65,7 +65,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return self.answer or ("rotation-ratio" if self.shaken else "critical-intensity")
 
     def _at(self) -> dict[str, float]:
-        """The numbers that the answer depends on."""
+        """Return the numbers that the answer depends on."""
         block = self.block
         at = {"half_width": float(block.half_width), "slenderness": float(block.slenderness)}
         at["restitution"] = self.coefficient
@@ -102,7 +102,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return self.model or ("nonlinear" if self.shaken else "linearized")
 
     def _question(self, at: Mapping[str, Any]) -> Any:
-        """The answer as a function of the numbers that it depends on."""
+        """Make the answer a function of the numbers that it depends on."""
         block = Block(at["half_width"], at["slenderness"], self.gravity, self.inertia_ratio)
         c = at["restitution"]
         model = self._model
@@ -178,7 +178,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         return Answer(text, data | {"rows": rows})
 
     def _draw_map(self, at: dict[str, float], path: Path, label: str) -> None:
-        """The elasticity with respect to the restitution, over restitution and slenderness."""
+        """Draw the elasticity with respect to the restitution, over it and the slenderness."""
         import xarray
 
         from ..plot import plot_sensitivity_map

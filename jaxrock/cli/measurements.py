@@ -106,7 +106,7 @@ _UNITS = {
 
 
 def _columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[Any]]:
-    """A value for each time; NaN where there is none, as of C of the first and the last impact."""
+    """List a value for each time; NaN where there is none, as of C of the first impact."""
     columns = {
         "impact": fit.impact_numbers,
         "time": fit.impact_times,
@@ -123,7 +123,7 @@ def _columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[An
 
 
 def _data(fit: FreeRockingFit) -> dict[str, Any]:
-    """What the fit says, with NaN for what it says nothing about."""
+    """Collect the numbers of the fit, NaN for those that it does not determine."""
     values = {name: float(getattr(fit, name)) for name in fit.names}
     errors = {
         name: math.nan if math.isnan(value) else float(fit.standard_errors[name])

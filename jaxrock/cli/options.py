@@ -73,7 +73,7 @@ class Command(abc.ABC):
 
     @abc.abstractmethod
     def _steps(self) -> Steps:
-        """Yields the names of the files once all is checked; then gets the folder for them."""
+        """Yield the names of the files once all is checked; then get the folder for them."""
 
     @functools.cached_property
     def _begun(self) -> tuple[Sequence[str], Steps]:
@@ -94,7 +94,7 @@ class Command(abc.ABC):
         return replace(answer, text=text, data=data)
 
     def _remark(self) -> str:
-        """What a user should look at again."""
+        """Say what a user should look at again."""
         return ""
 
     def check(self) -> None:
@@ -112,18 +112,18 @@ class Command(abc.ABC):
                 raise ValueError(f"{name} goes with {only_with} only")
 
     def numbers(self, name: str) -> list[float]:
-        """The numbers of an option, given one by one or as START:STOP:COUNT."""
+        """List the numbers of an option, given one by one or as START:STOP:COUNT."""
         values: Grid = getattr(self, name)
         if not values:
             raise ValueError(f"{name} must be at least one number, got none")
         return [number for value in values for number in _span(name, value)]
 
     def _given(self) -> dict[str, Any]:
-        """The options, with what follows from them in their place."""
+        """Return the options, with what follows from them in their place."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def paths(self) -> dict[str, Any]:
-        """The options that are paths: those of that type, and names of record files."""
+        """Return the options that are paths: those of that type, and names of record files."""
         return {
             name: value
             for name, value in vars(self).items()
@@ -157,7 +157,7 @@ class Writing(Command):
 
     @property
     def about(self) -> dict[str, Any]:
-        """What its files were computed from: version, command and options."""
+        """Version, command and options, from which its files were computed."""
         name = re.sub("(?<!^)(?=[A-Z])", "-", type(self).__name__).lower()
         said = {
             name: _words(value)
@@ -295,7 +295,7 @@ _OF_PULSE = ("amplitude", "pulse_duration")
 
 @functools.cache
 def read(record: str | None, **options: Any) -> Record | str:
-    """A record, or what is wrong with it; the jobs of a study that ask for it read it once."""
+    """Read a record, or say what is wrong with it; the jobs of a study read it once."""
     try:
         if record is None:
             raise ValueError("record must be given")
@@ -333,7 +333,7 @@ class MotionOptions(RecordOptions):
 
     @property
     def shaken(self) -> bool:
-        """Whether a pulse or a record is given."""
+        """True if a pulse or a record is given."""
         return self.pulse is not None or self.record is not None
 
     def check(self) -> None:

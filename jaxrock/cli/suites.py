@@ -103,7 +103,7 @@ class Fragility(BlockOptions, Storing):
     def _answer(
         self, suite: Suite, levels: np.ndarray, hazard: Hazard | None, curves: Any
     ) -> Answer:
-        """What is said of the curves; with a hazard of the rate as well."""
+        """Describe the curves, and with a hazard the rate as well."""
         chaotic = 1 - float(curves.within_tolerance.mean())
         medians = {
             "median": curves["lognormal_median"].values,

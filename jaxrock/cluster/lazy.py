@@ -27,7 +27,7 @@ def lazy_arrays(
     columns: Mapping[str, int],
     about: Any,
 ) -> dict[str, da.Array]:
-    """The variables over a grid; nothing is computed.
+    """Make the variables over a grid lazily; nothing is computed.
 
     `compute` is a function that can be pickled. It takes what is `shared` and the values along
     each axis in a chunk, and returns an array for each variable, over the dimensions of that.
@@ -85,7 +85,7 @@ def lazily_from(
     arguments: Sequence[Any],
     variables: Mapping[str, tuple[Sequence[int], Any]],
 ) -> dict[str, da.Array]:
-    """What a function makes of a whole lazy array and of other arguments, in one task.
+    """Apply a function to a whole lazy array and to other arguments, in one task.
 
     Each variable has some axes of the array, and a type; the first one is cut as in the array.
     """
@@ -118,7 +118,7 @@ def lazily_from(
 def chunks_along(
     chunks: Chunks, sizes: Mapping[str, int], largest: int
 ) -> dict[str, tuple[int, ...]]:
-    """The chunks along each axis; "auto" is at most `largest` points, the last axes whole first.
+    """Choose the chunks along each axis; "auto" is at most `largest` points, last axes whole.
 
     A `ValueError` if they are not those of these sizes.
     """
@@ -169,7 +169,7 @@ def _taken(chunk: Any, variable: str) -> np.ndarray:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a setting means the same in another process, unlike a device."""
+    """Tell whether a setting means the same in another process, unlike a device."""
     return value is None or isinstance(value, bool | int | float | str | enum.Enum)
 
 
@@ -178,7 +178,7 @@ class _Weak(float):
 
 
 def _packed(tree: Any) -> Any:
-    """A pytree for other processes, which have settings of their own when they receive it."""
+    """Pack a pytree for other processes, which have settings of their own when they get it."""
 
     def one(leaf: Any) -> Any:
         return _Weak(leaf) if leaf.weak_type and not leaf.ndim else np.asarray(leaf)

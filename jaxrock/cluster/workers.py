@@ -72,7 +72,7 @@ class OwnProcessors(WorkerPlugin):
         self.workers = workers
 
     def setup(self, worker: Worker) -> None:
-        """Called in each worker before its first task.
+        """Give the worker its own processors; called before its first task.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class OwnProcessors(WorkerPlugin):
 
 
 def number_of(name: Any) -> int:
-    """The number at the end of a worker's name; a `ValueError` if it has none."""
+    """Read the number at the end of a worker's name; a `ValueError` if it has none."""
     found = re.search(r"\d+$", str(name))
     if not found or ":" in str(name):  # an address, where a worker has been given no name
         raise ValueError(
@@ -104,7 +104,7 @@ def number_of(name: Any) -> int:
 
 
 def share_of(all_of_them: list[int], number: int, workers: int) -> list[int]:
-    """The processors of one worker: at least one, those of several being next to each other."""
+    """Choose the processors of a worker: at least one, several next to each other."""
     size = len(all_of_them)
     if workers >= size:
         return [all_of_them[number % size]]
@@ -114,7 +114,7 @@ def share_of(all_of_them: list[int], number: int, workers: int) -> list[int]:
 def accelerator_of(
     number: int, workers: int, environment: Mapping[str, str]
 ) -> dict[str, str]:
-    """What a worker's environment has to say for it to see one accelerator, if there are any."""
+    """Return the environment by which a worker sees one accelerator, if there are any."""
     visible = environment.get("CUDA_VISIBLE_DEVICES")
     if visible is None:
         visible = (

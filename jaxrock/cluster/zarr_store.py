@@ -138,7 +138,7 @@ def _filled(path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array])
 
 
 def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
-    """The variables that are Dask arrays, whose chunks are checked."""
+    """Return the variables that are Dask arrays, and check their chunks."""
     arrays = {
         str(n): v.data for n, v in dataset.data_vars.items() if isinstance(v.data, da.Array)
     }
@@ -155,7 +155,7 @@ def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
 
 
 def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
-    """Whether an array is made of others of these."""
+    """Tell whether an array is made of others of these."""
     others = {other.name for other in arrays.values()} - {array.name}
     dependencies = array.dask.dependencies
     seen = set[str]()
@@ -168,7 +168,7 @@ def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
 
 
 def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
-    """A store with everything but the lazy arrays."""
+    """Begin a store with everything but the lazy arrays."""
     about = {_IDENTITY: identity, _MADE_BY: _versions(), _UNFINISHED: "chunks are missing"}
     try:
         with written_whole("store", path.parent, [path.name], overwrite=False) as scratch:
@@ -227,7 +227,7 @@ def _equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool:
 def _difference(
     there: xarray.Dataset, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]
 ) -> str:
-    """What tells a store from a dataset."""
+    """Say in what a store differs from a dataset."""
     if _IDENTITY not in there.attrs:
         return "is no Zarr store that write_zarr has begun"
     for name, made_by in (("source", dataset.attrs.get("source")), (_MADE_BY, _versions())):
@@ -258,7 +258,7 @@ def _lengths(variable: xarray.DataArray) -> str:
 
 
 def _present(path: Path, name: str) -> set[Index]:
-    """The chunks of a variable that are there."""
+    """List the chunks of a variable that are there."""
     with os.scandir(path / name) as entries:
         words = (entry.name.split(".") for entry in entries)
         return {
@@ -267,7 +267,7 @@ def _present(path: Path, name: str) -> set[Index]:
 
 
 def _whole_chunks(path: Path, name: str) -> set[Index]:
-    """The chunks of a variable that are there, and that decode to their size."""
+    """List the chunks of a variable that are there, and that decode to their size."""
     array: Any = zarr.open_array(f"{path}/{name}", mode="r", zarr_format=_FORMAT)
     whole = set()
     for index in _present(path, name):
@@ -285,7 +285,7 @@ def _whole_chunks(path: Path, name: str) -> set[Index]:
 
 
 def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
-    """A lazy array of ones, one for each chunk, which is written before."""
+    """Make a lazy array of ones, one for each chunk, which is written before."""
     arrays = list(group.values())
     return da.map_blocks(
         _write,
@@ -324,7 +324,7 @@ def _read(path: str, name: str, region: tuple[slice, ...]) -> np.ndarray:
 
 
 def _with_stored(graph: Any, path: Path, stored: Mapping[str, da.Array]) -> Any:
-    """A graph in which some arrays are read from the store, instead of computed."""
+    """Make a graph in which some arrays are read from the store, instead of computed."""
     layers = dict(graph.layers)
     dependencies = dict(graph.dependencies)
     for name, array in stored.items():

@@ -74,7 +74,7 @@ class _Cubic(NamedTuple):
 
 
 def _newton(slope: Coefficients, time: Any, inside: Booleans, latest: Any) -> Any:
-    """The time of an extreme by a step of Newton's method, if that stays before `latest`."""
+    """Improve the time of an extreme by Newton's method, if that stays before `latest`."""
     curved = evaluate(derivative(slope), time)
     better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
     return materialized(jnp.where(inside & (better > 0) & (better < latest), better, time))
@@ -83,7 +83,7 @@ def _newton(slope: Coefficients, time: Any, inside: Booleans, latest: Any) -> An
 def _landing(
     path: Coefficients, slope: Coefficients, parabola: Any, latest: Any
 ) -> tuple[Any, Booleans]:
-    """When a rotation falls through 0 that is negative at `latest`, and whether that was located.
+    """Locate where a rotation that is negative at `latest` falls through 0; tell whether it did.
 
     By Halley's method from the root of a parabola. One more step shows whether that was
     enough, and gives the time its derivatives.
@@ -111,7 +111,7 @@ def _landing(
 
 
 def _parabola(path: Coefficients, latest: Any, depth: Any) -> tuple[Any, Any, Any]:
-    """The coefficients of one that is close to a path down to its depth at `latest`."""
+    """Return the coefficients of one that is close to a path down to its depth at `latest`."""
     width = jnp.where(latest > 0, latest, 1)
     chord = (depth - path[0] - path[1] * width) / (width * width)
     # A small bounce fills little of the step.
@@ -120,7 +120,7 @@ def _parabola(path: Coefficients, latest: Any, depth: Any) -> tuple[Any, Any, An
 
 
 def _fourth_derivative(path: Coefficients, step: Any) -> Any:
-    """A bound on the magnitude of the fourth derivative within a step."""
+    """Bound the magnitude of the fourth derivative within a step."""
     terms = (math.perm(k, 4) * jnp.abs(path[k]) for k in range(4, len(path)))
     return evaluate(tuple(terms), step)
 
@@ -188,7 +188,7 @@ class Flight(NamedTuple):
     def of(
         cls, path: Coefficients, step: Any, moves: Any, peak: Any, tolerance: Any
     ) -> "Flight":
-        """The flight on a polynomial, up to a time.
+        """Describe the flight on a polynomial, up to a time.
 
         A highest rotation above the peak so far is found to the tolerance.
         """

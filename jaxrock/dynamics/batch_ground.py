@@ -58,11 +58,11 @@ class GroundMotions(eqx.Module):
 
     @property
     def numbers(self) -> tuple[Any, ...]:
-        """What differs from block to block, in the order of the fields."""
+        """The numbers that differ from block to block, in the order of the fields."""
         return self.factor, self.length, self.start, self.end, self.motion
 
     def with_numbers(self, numbers: tuple[Any, ...]) -> "GroundMotions":
-        """The same inputs for other blocks."""
+        """Return the same inputs for other blocks."""
         return GroundMotions(self.parts, *numbers, begins=self.begins)
 
     def scaled(self, factor: Any) -> "GroundMotions":
@@ -123,7 +123,7 @@ class Batch(eqx.Module):
 
     @property
     def traced(self) -> bool:
-        """Whether it is part of a transformation."""
+        """True if it is part of a transformation."""
         return _library_for(self) is jnp
 
     @property
@@ -142,7 +142,7 @@ class Batch(eqx.Module):
         return self.block, self.restitution, factor, length, start, self.until, motion
 
     def rows(self) -> tuple[Any, Any]:
-        """The numbers of each block in a column, and the form of the tree of which they are."""
+        """Flatten the numbers, a column each block; return the tree's structure as well."""
         leaves, form = jax.tree.flatten(self._numbers)
         library = _library_for(leaves)
         shape = self.shape
@@ -150,7 +150,7 @@ class Batch(eqx.Module):
         return library.stack(flat), form
 
     def part(self, index: np.ndarray) -> "Batch":
-        """Some of a concrete batch, by their places in the flat one."""
+        """Select some of a concrete batch, by their places in the flat one."""
         shape = self.shape
 
         def taken(leaf: Any) -> Any:
@@ -258,7 +258,7 @@ def _library_for(tree: Any) -> Any:
 def _dealt(
     samples: Sequence[Any], counts: Sequence[int], grouped: bool
 ) -> tuple[tuple[RecordInput, ...], tuple[int, ...]]:
-    """Records, one after the other, in groups that memory allows; and the first of each group."""
+    """Group records, one after the other, as memory allows; with the first of each group."""
     edges = np.concatenate([[0], np.cumsum(counts)])
     begins = [0]
     traced = _library_for(samples) is jnp
@@ -291,7 +291,7 @@ def _dealt(
 
 
 def _room_for(samples: int) -> int:
-    """The padded length for a number of samples, one of few."""
+    """Return the padded length for a number of samples, one of few."""
     room = _LEAST
     while room < min(samples, _MOST):
         room *= 4

@@ -24,7 +24,7 @@ STRIDE = 8  # intervals that are passed over together
 
 
 def negligible(dtype: Any) -> float:
-    """What counts as nothing beside 1."""
+    """Return the number below which something is nothing beside 1."""
     return 64 * float(jnp.finfo(dtype).eps)
 
 
@@ -38,7 +38,7 @@ class PulseInput(eqx.Module):
 
     @classmethod
     def of(cls, kind: type[Pulse], dtype: Any, intervals: Any = 1) -> "PulseInput":
-        """The input for pulses of a kind, or for as many of them without a break."""
+        """Make the input for pulses of a kind, or for as many of them without a break."""
         harmonic = jax.tree.map(lambda part: np.asarray(part, dtype), kind.harmonic)
         extent = np.asarray(kind.extremes[-1], dtype)
         return cls(harmonic, extent, np.asarray(intervals, np.int32))
@@ -76,7 +76,7 @@ class PulseInput(eqx.Module):
         return rate * along + (-2 * math.pi if self.harmonic is None else self.harmonic[1])
 
     def uplifts(self, rate: Any, ratio: Any) -> tuple[Any, ...]:
-        """Times at which the magnitude of the pulse rises through a ratio, inf for none."""
+        """Compute when the magnitude of the pulse rises through a ratio, inf for never."""
         if self.harmonic is None:
             inner, outer = _wavelet_crossings(ratio)
             phases = (-outer, -inner[0], inner[1])
@@ -92,7 +92,7 @@ class PulseInput(eqx.Module):
         return tuple(map(time, phases))
 
     def uplift(self, case: Any, lanes: Any, horizontal: Any, *_: Any) -> tuple[Any, Any, Any]:
-        """Whether a block at rest is lifted in the interval, when, and to which side."""
+        """Tell whether a block at rest is lifted in the interval, when, and to which side."""
         at_once = jnp.abs(horizontal[0]) > case.equation.tangent * (
             1 + negligible(lanes.rotation.dtype)
         )
@@ -113,11 +113,11 @@ class PulseInput(eqx.Module):
         return lifted, wait, jnp.where(side, -1.0, 1.0)
 
     def extent_of(self, motion: Any) -> tuple[Any, Any]:
-        """The place of the first interval, and the number of intervals."""
+        """Return the place of the first interval, and the number of intervals."""
         return jnp.zeros_like(motion), jnp.broadcast_to(self.intervals, motion.shape)
 
     def is_finite(self, motion: Any) -> Any:
-        """Whether a motion is: what its amplitude says is enough."""
+        """Tell whether a motion is finite, by its amplitude."""
         return jnp.ones(motion.shape, bool)
 
     def grade(self, needed: Any) -> Any:
@@ -125,7 +125,7 @@ class PulseInput(eqx.Module):
         return jnp.zeros(needed.shape, jnp.int32)
 
     def next_interval(self, interval: Any, case: Any) -> Any:
-        """The interval itself: all are equally strong."""
+        """Return the interval itself: all are equally strong."""
         return jnp.minimum(interval, case.intervals)
 
 
@@ -207,7 +207,7 @@ class RecordInput(eqx.Module):
     def uplift(
         self, case: Any, lanes: Any, horizontal: Any, lift: Any, step: Any
     ) -> tuple[Any, Any, Any]:
-        """Whether a block at rest is lifted in the interval, when, and to which side."""
+        """Tell whether a block at rest is lifted in the interval, when, and to which side."""
         del lanes
         tangent = case.equation.tangent
         needed = (tangent * (1 + negligible(step.dtype)), jnp.zeros_like(step))
@@ -232,20 +232,20 @@ class RecordInput(eqx.Module):
         return lifted, jnp.where(at_once, 0, wait), side
 
     def extent_of(self, motion: Any) -> tuple[Any, Any]:
-        """The place of the first interval of a motion, and its number of intervals."""
+        """Return the place of the first interval of a motion, and its number of intervals."""
         return self.first[motion], self.intervals[motion]
 
     def is_finite(self, motion: Any) -> Any:
-        """Whether all samples of a motion are."""
+        """Tell whether all samples of a motion are finite."""
         return self.finite[motion]
 
     def grade(self, needed: Any) -> Any:
-        """The highest grade that passes over no interval stronger than a block needs."""
+        """Choose the highest grade that passes over no interval as strong as a block needs."""
         steps = jnp.ceil(2 * jnp.log2(self.strongest / needed))
         return jnp.clip(steps, 0, GRADES - 1).astype(jnp.int32)
 
     def next_interval(self, interval: Any, case: Any) -> Any:
-        """The first interval from `interval` on that may be strong enough, or their number."""
+        """Find the first interval from `interval` on that may be strong enough, or the end."""
         place = case.first + interval
         index = (place // STRIDE) * GRADES + case.grade
         following = self.following.at[index].get(mode="clip") * STRIDE

@@ -56,7 +56,7 @@ def work_off(
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
 ) -> Ends:
-    """What became of the first `count` blocks of a queue, which `step` takes further."""
+    """Take the first `count` blocks of a queue to their ends, by `step`."""
     dtype = queue.duration.dtype
     size = queue.duration.size
 
@@ -104,7 +104,7 @@ def work_off(
 
 
 def _running_sum(x: Any) -> Any:
-    """Sums of all up to each, by doubling: XLA's own takes all pairs."""
+    """Sum all up to each, by doubling: XLA's own takes all pairs."""
     shift = 1
     while shift < x.size:
         x = x + jnp.pad(x[:-shift], (shift, 0))

@@ -53,7 +53,7 @@ class Case(NamedTuple):
     def of(
         cls, ground: PulseInput | RecordInput, arguments: tuple[Any, ...], model: RockingModel
     ) -> "Case":
-        """The case of the arguments of `respond_batch`, elementwise.
+        """Make the case of the arguments of `respond_batch`, elementwise.
 
         `factor` is on the motion (its amplitude or scale), `length` that of an interval,
         `motion` the index where there are several.
@@ -102,13 +102,13 @@ class Case(NamedTuple):
         )
 
     def for_steps(self) -> "Case":
-        """What the steps need of it."""
+        """Return the part that the steps need."""
         unused = (None, None)
         equation = eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), self.equation, unused)
         return self._replace(equation=equation, unit=None, finite=None)
 
     def valid(self) -> Booleans:
-        """Whether all arguments are allowed."""
+        """Tell whether all arguments are allowed."""
         equation = self.equation
         restitution = self.restitution
         total = equation.p_squared + equation.tangent + self.strength + self.start
@@ -143,7 +143,7 @@ class Lanes(NamedTuple):
         return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
 
     def active(self, case: Case) -> Booleans:
-        """Whether the motion goes on."""
+        """Tell whether the motion goes on."""
         return self.moves | (self.interval < case.intervals)
 
 
@@ -231,7 +231,7 @@ def _settles(
     leaving: Any,
     peak: Any,
 ) -> Booleans:
-    """Whether a block comes to rest after an impact: if all further bounces end within the step.
+    """Tell whether a block comes to rest after an impact: all further bounces end in the step.
 
     Their time is bounded by that of bounces to the side where the ground presses less, under
     an acceleration that must not change much meanwhile, whatever the input does.
@@ -259,5 +259,5 @@ def _settles(
 
 
 def _fastest(series: Coefficients, time: Any) -> Any:
-    """A bound on the magnitude of the derivative of a series up to a time."""
+    """Bound the magnitude of the derivative of a series up to a time."""
     return evaluate(derivative(tuple(map(jnp.abs, series))), time)

@@ -25,7 +25,7 @@ class Forces(NamedTuple):
     loss: Reals  # time when nothing presses any longer, inf before
 
     def and_also(self, demand: Reals, normal: Reals, loss: Reals) -> "Forces":
-        """The extremes of these and others."""
+        """Combine these extremes with others."""
         return Forces(
             larger(self.demand, demand), smaller(self.normal, normal), smaller(self.loss, loss)
         )
@@ -45,7 +45,7 @@ def with_step(
     accelerations: Reals,
     counts: Booleans,
 ) -> Forces:
-    """The extremes so far, and in a step if that counts."""
+    """Combine the extremes so far with those in a step, if that counts."""
     # Most steps come nowhere near the extremes so far, which values at nodes show: between
     # nodes the forces exceed those values by much less than half their spread.
     step = jax.lax.stop_gradient((segment, times, states, accelerations))
@@ -95,7 +95,7 @@ def _extremes_of_step(segment: Segment, times: Reals, states: Reals) -> tuple[Re
 def _time_of_loss(
     segment: Segment, times: Reals, states: Reals, accelerations: Reals
 ) -> Reals:
-    """When the normal force vanishes within a step, or is smallest; without derivative."""
+    """Find when the normal force vanishes in a step, or is smallest; without derivative."""
 
     def narrower(_: Any, bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
         share, width = bracket

@@ -57,5 +57,5 @@ class Driven(DrivenScene):
     velocity: Reals = quantity(FINITE, "rad/s")
 
     def bucketed(self) -> "Driven":
-        """The same under a motion in one of few shapes, so that few programs are compiled."""
+        """Give the motion one of few shapes, so that few programs are compiled."""
         return eqx.tree_at(lambda driven: driven.motion, self, self.motion.bucketed())

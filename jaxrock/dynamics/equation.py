@@ -39,12 +39,12 @@ class Equation(eqx.Module):
 
     @property
     def linearized(self) -> bool:
-        """Whether sin(x) = x and cos(x) = 1."""
+        """True where sin(x) = x and cos(x) = 1."""
         return isinstance(self.model, Linearized)
 
     @classmethod
     def of(cls, block: Block, model: RockingModel) -> "Equation":
-        """The equation of a block."""
+        """Make the equation of a block."""
         angle = block.critical_angle
         return cls(
             p_squared=block.frequency_parameter**2,
@@ -57,7 +57,7 @@ class Equation(eqx.Module):
         )
 
     def right_hand_side(self, sine: Any, cosine: Any, push: Any, lift: Any) -> Any:
-        """The angular acceleration, of numbers or of power series in time."""
+        """Compute the angular acceleration, of numbers or of power series in time."""
         return (cosine * push - sine * (lift + 1.0)) * self.p_squared
 
     def acceleration(self, rotation: Reals, push: Reals, lift: Reals) -> Reals:

@@ -55,7 +55,7 @@ def peak_after_launch(
 def _follow(
     ground: PulseInput, rows: Any, groups: Any, form: Any, model: RockingModel
 ) -> Reals:
-    """The first groups of rows, one after the other."""
+    """Return the first groups of rows, one after the other."""
 
     def group(number: Any, peaks: Reals) -> Reals:
         arguments, time, velocity = jax.tree.unflatten(form, list(rows[number]))

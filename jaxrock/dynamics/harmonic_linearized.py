@@ -85,7 +85,7 @@ class LinearizedPath(eqx.Module):
 
 
 def linearized_steady(scene: HarmonicScene) -> Steady:
-    """The steady motion on the upper branch."""
+    """Compute the steady motion on the upper branch."""
     c = scene.restitution
     w = scene.frequency
     t, loss, squares = _coefficients(c, w)
@@ -124,7 +124,7 @@ def _coefficients(c: Reals, w: Reals) -> tuple[Reals, Reals, Reals]:
 
 
 def _trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
-    """The trace of the derivative of the map is the second term over m, less the first."""
+    """Compute two terms of the trace of the map's derivative: the second over m, less the first."""
     length = math.pi / w
     rise = 2 * jnp.sinh(0.5 * length) ** 2  # cosh(T) - 1
     from_parts = 2 * c * (1 + rise) + 0.5 * rise * (1 + w**2) * (1 - c) ** 2

@@ -85,7 +85,7 @@ def _maps_in(dtype: Any) -> _Collocation:
 
 
 def _times(matrix: Reals, values: Reals) -> Reals:
-    """A product in full precision, on accelerators too."""
+    """Multiply in full precision, on accelerators too."""
     return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
 
 
@@ -109,14 +109,14 @@ class PolynomialPath(eqx.Module):
 
 
 def nonlinear_steady(scene: HarmonicScene) -> Steady:
-    """The steady motion on the branch that begins as that of the linearized block."""
+    """Compute the steady motion on the branch that begins as the linearized one."""
     unknowns, found = _solution(scene)
     return _steady(scene, unknowns, found)
 
 
 @eqx.filter_custom_jvp
 def _solution(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """The unknowns, differentiated by the implicit function theorem; whether they were found."""
+    """Find the unknowns, differentiated by the implicit function theorem; tell if found."""
     return _search(scene)
 
 
@@ -137,7 +137,7 @@ def _(primals: Any, tangents: Any) -> Any:
 
 
 def _equations(scene: HarmonicScene, amplitude: Reals, unknowns: Reals) -> tuple[Reals, Reals]:
-    """What is 0 in a steady motion, and its Jacobian matrix."""
+    """Compute the residuals of a steady motion, and their Jacobian matrix."""
     maps = _maps_in(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
@@ -157,7 +157,7 @@ def _equations(scene: HarmonicScene, amplitude: Reals, unknowns: Reals) -> tuple
 
 
 def _acceleration(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
-    """That of the equation of motion at the nodes; its derivatives by rotation and push."""
+    """Compute the acceleration at the nodes, and its derivatives by rotation and push."""
     maps = _maps_in(unknowns.dtype)
     half = 0.5 * scene.half_period
     rotation = half**2 * _times(maps.between, unknowns[:-2])
@@ -180,7 +180,7 @@ class _Newton(NamedTuple):
 
 
 def _search(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """The unknowns, arbitrary where there is no steady motion, and whether there is one."""
+    """Find the unknowns, arbitrary where there is no steady motion; tell if there is one."""
     maps = _maps_in(scene.amplitude.dtype)
     dtype = scene.amplitude.dtype
     times, beyond = _ABOVE
@@ -225,7 +225,7 @@ def _search(scene: HarmonicScene) -> tuple[Reals, Booleans]:
 
 
 def _steady(scene: HarmonicScene, unknowns: Reals, found: Booleans) -> Steady:
-    """What the unknowns say of the motion."""
+    """Compute the steady motion that belongs to the unknowns."""
     maps = _maps_in(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]

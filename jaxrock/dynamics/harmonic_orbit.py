@@ -150,7 +150,7 @@ def _quantities(
     frequency: Number,
     model: RockingModel,
 ) -> tuple[Any, ...]:
-    """The real fields that do not follow from others, and the acceleration that lifts."""
+    """Return the fields that do not follow from others, and the acceleration that lifts."""
     equation = Equation.of(block, model)
     rate = block.frequency_parameter
     angle = equation.critical_angle
@@ -201,7 +201,7 @@ def _steady(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]
 
 
 def _peak(path: Any, half_period: Reals, shares: Reals, rotations: Reals) -> Reals:
-    """The highest rotation, from the highest of some instants on by Newton's method."""
+    """Find the highest rotation, from the highest of some instants on by Newton's method."""
     top = jnp.argmax(rotations)
     low, high = (shares[jnp.clip(top + k, 0, shares.size - 1)] for k in (-1, 1))
 
@@ -229,7 +229,7 @@ def _with_stability(
     determinant: Reals,
     uplift: Reals,
 ) -> HarmonicOrbit:
-    """The orbit, whose existence the launch velocity says."""
+    """Make the orbit; it exists where the launch velocity is not NaN."""
     exists = ~jnp.isnan(launch)
     known = jnp.where(exists, trace, 0)
     share = jnp.where(exists, determinant, 0)

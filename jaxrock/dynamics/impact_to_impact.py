@@ -112,7 +112,7 @@ follow = eqx.filter_jit(through_jacobian(run))
 def _response(
     problem: Problem, state: State, lists: tuple[Reals, Reals], valid: Booleans, full: Booleans
 ) -> Response:
-    """The response whose last event is given; NaN where it is not known."""
+    """Make the response whose last event is given; NaN where it is not known."""
     broken = (state.failed & valid) | (state.events >= _MAX_EVENTS)
     status = jnp.where(state.balanced, Status.BALANCED, Status.COMPLETE)
     status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, status))
@@ -178,7 +178,7 @@ def _step(problem: Problem, before: State) -> State:
 
 
 def _start(problem: Problem, state: State) -> State:
-    """The initial state, on the side to which the block is rotated or moves."""
+    """Return the initial state, on the side to which the block is rotated or moves."""
     driven = problem.driven
     towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
     side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
@@ -212,7 +212,7 @@ def _wait(problem: Problem, state: State, stop: Reals) -> State:
 
 
 def _with_corner(problem: Problem, state: State, acted: Booleans) -> State:
-    """The state at the corner of the input with which it coincides, where there is one.
+    """Return the state at the corner of the input with which it coincides, where there is one.
 
     This changes derivatives only. Up to the corner the block moves for a time that is 0 but
     has a derivative, under the input as it is before the corner.

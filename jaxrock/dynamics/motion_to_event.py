@@ -69,7 +69,7 @@ class Problem:
     uplifts: Uplifts
 
     def segment(self, time: Reals, side: Reals, acts: Booleans) -> Segment:
-        """The one that begins at a time."""
+        """Begin a segment at a time."""
         return Segment(self.equation, self.driven.motion, time, side, acts)
 
 
@@ -82,7 +82,7 @@ class Ends(eqx.Module):
     hold: Reals  # time before which it does not end
 
     def left(self, y: Reals) -> Reals:
-        """What is positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
+        """Compute event functions, positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
         unit = 1 / self.equation.critical_angle
         none = jnp.zeros_like(self.hold)
         contact = jnp.where(self.rising, TOPPLED_ROTATION * unit, 0)
@@ -91,7 +91,7 @@ class Ends(eqx.Module):
 
     @jax.jit
     def change(self, rate: Reals) -> Reals:
-        """The rate at which that changes, linear in that of the state."""
+        """Compute the rate of the event functions, linear in the rate of the state."""
         unit = 1 / self.equation.critical_angle
         up = jnp.where(self.rising, unit, -unit)
         critical = jnp.where(self.rising & ~self.crossed, -unit, 0)
@@ -193,7 +193,7 @@ def _advance(
 
 
 def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
-    """Where the segment ends within a step, nearly: by bisection on the interpolant."""
+    """Locate where the segment ends in a step, nearly, by bisection on the interpolant."""
     ends, flight, step = jax.lax.stop_gradient((ends, flight, step))
     limits = jnp.finfo(flight.elapsed.dtype)
     smallest = float(limits.tiny) / float(limits.eps)  # below it a bracket underflows
@@ -211,7 +211,7 @@ def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
 
 
 def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Integers) -> Reals:
-    """The end of a segment by Halley's method, from a time and the state there."""
+    """Refine the end of a segment by Halley's method, from a time and the state there."""
     rate = segment.field(time, y)
     _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
     parts = ends.left(y), ends.change(rate), ends.change(change)
@@ -230,7 +230,7 @@ def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Intege
 def forces_until(
     problem: Problem, state: State, until: Reals, acts: Booleans
 ) -> Forces | None:
-    """The forces with those under a block that moves with the ground until some time."""
+    """Add the forces under a block that moves with the ground until some time."""
     if state.forces is None:
         return None
     demand, normal = problem.uplifts.forces(state.time, until, acts)

@@ -44,7 +44,7 @@ def free_motion_margin(
     velocity: Number,
     model: ModelLike = Nonlinear(),
 ) -> Reals:
-    """How far a block in free motion is from overturning; negative where it overturns.
+    """Compute how far a block in free motion is from overturning; negative where it overturns.
 
     From a rotation [rad] and velocity [rad/s] on, with the ground at rest. A block beyond the
     critical angle has not overturned yet: one that moves back fast enough returns, and may

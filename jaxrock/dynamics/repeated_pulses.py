@@ -105,7 +105,7 @@ def pulsed_next_velocity(
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-9,
 ) -> Reals:
-    """The half-cycle map: one landing velocity to the next.
+    """Apply the half-cycle map: one landing velocity to the next.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def pulsed_phase(
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-9,
 ) -> PulsedPhase:
-    """The stabilized phase under pulses of finite duration.
+    """Find the stabilized phase under pulses of finite duration.
 
     The fixed point of `pulsed_next_velocity` that is reached from rest: by the first pulse, on
     a block at rest, and by the next ones. Where that motion dies out or never begins, the
@@ -189,7 +189,7 @@ def pulsed_phase(
 def checked(
     block: Block, restitution: Number, pulse: Pulse, velocity: Number, rtol: float
 ) -> tuple[PulsedScene, Reals]:
-    """The scene and the velocity in one precision; a `ValueError` if they are not allowed."""
+    """Bring scene and velocity to one precision; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
     check_kind("pulse", pulse, Pulse)
     if not 0 < rtol <= 1e-3:
@@ -226,19 +226,19 @@ def half_cycle(
 
 
 def tolerance_of(like: Reals, rtol: float) -> float:
-    """A tolerance that the precision of an array can deliver."""
+    """Return a tolerance that the precision of an array can deliver."""
     return max(rtol, 20 * float(jnp.finfo(like.dtype).eps))
 
 
 def _landing(
     scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Any, Reals, Reals]]:
-    """The next landing velocity; outcome, time of the impact and peak rotation."""
+    """Compute the next landing velocity; outcome, time of the impact and peak rotation."""
     return landing_of(half_cycle(scene, velocity, LONGEST, model, rtol))
 
 
 def landing_of(followed: Followed) -> tuple[Reals, tuple[Any, Reals, Reals]]:
-    """The landing velocity at the end of a half-cycle; outcome, time of the impact and peak."""
+    """Compute the landing velocity after a half-cycle; outcome, time of impact and peak."""
     response = followed.response
     landed = followed.response.impacts > 0
     time, arriving = followed.struck
@@ -260,7 +260,7 @@ def _next_velocity(
 def _residual(
     scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...], Int[Array, ""]]:
-    """What a half-cycle adds, 0 at a fixed point; rate, time and peak there; and the outcome."""
+    """Compute what a half-cycle adds, 0 at a fixed point; its rate, time, peak and outcome."""
 
     def landing(velocity: Reals) -> tuple[Reals, Any]:
         return _landing(scene, velocity, model, rtol)
@@ -283,7 +283,7 @@ class _Search(NamedTuple):
 
 
 def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
-    """The fixed point reached from rest; where the motion dies out, the largest stable one."""
+    """Find the fixed point reached from rest; where motion dies out, the largest stable."""
     block, _, pulse = scene
     critical = model.critical_velocity(block)
     p = block.frequency_parameter
@@ -333,7 +333,7 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
 def _from_rest(
     search: _Search, new: Sample, outcome: Int[Array, ""], stands: Booleans, top: Reals
 ) -> _Search:
-    """The map itself, in longer steps while it is nearly linear, which it often is."""
+    """Iterate the map, in longer steps while it is nearly linear, which it often is."""
     scan = search.scan
     old = search.scan.last
     width = new.place - old.place

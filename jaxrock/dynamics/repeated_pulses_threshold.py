@@ -138,7 +138,7 @@ def _margin(
     model: RockingModel,
     rtol: float,
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans, Any]]:
-    """The margin at the end of the pulse, its slope; the velocity then; how it went.
+    """Compute the margin at the end of the pulse, its slope; the velocity then; the outcome.
 
     That is whether the block landed under the pulse, and whether it overturned under one
     before.
@@ -170,7 +170,7 @@ def _margin(
 def _last_of(
     count: Integers, scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Response, Booleans]:
-    """The response to the last pulse, or to the one before that overturns; whether it is that."""
+    """Follow the last pulse, or the one before if that overturns; tell which it is."""
 
     def step(state: Any) -> Any:
         left, velocity, early, _ = state
@@ -199,7 +199,7 @@ def _residual(
     model: RockingModel,
     rtol: float,
 ) -> tuple[Reals, tuple[Reals, ...]]:
-    """What is 0 at the threshold, and the rate of the half-cycle map there."""
+    """Compute what is 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
     margin, slope, (velocity, *_) = _margin(
         scene, logarithm, along_velocity, count, model, rtol
@@ -274,7 +274,7 @@ _root = through_residual(_search, _residual)
 def _threshold(
     scene: PulsedScene, model: RockingModel, rtol: float, count: Integers | None
 ) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
-    """The threshold, pulses a little weaker; how fast the block should land then, and how near."""
+    """Find the threshold; a slightly weaker pulse, the landing velocity due then, how near."""
     block, _, pulse = scene
     root = _root(scene, count=count, model=model, rtol=rtol)
     (rate,) = root.values

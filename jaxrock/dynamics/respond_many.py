@@ -101,7 +101,7 @@ def _march(
     lanes: int,
     order: int,
 ) -> BatchResponse:
-    """The first `count` columns of arguments, the leaves of a tree of the given form."""
+    """Return the first `count` columns of arguments, leaves of a tree of the given form."""
     case = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
@@ -134,7 +134,7 @@ def _march(
 
 
 def _takes_option(name: str, value: Any) -> bool:
-    """Whether the compiler takes an option: versions differ, and none must make the batch fail."""
+    """Tell whether the compiler takes an option: versions differ, and none must fail."""
     try:
         trial = jax.jit(lambda x: materialized(x + x) * x, compiler_options={name: value})
         with jax.default_device(jax.local_devices(backend="cpu")[0]):

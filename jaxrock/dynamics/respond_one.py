@@ -143,7 +143,7 @@ def respond(
 
 
 def _with_all_impacts(driven: Driven, settings: dict[str, Any]) -> Response:
-    """The response with lists of just the right length; of concrete numbers."""
+    """Return the response with lists of just the right length; of concrete numbers."""
     bucketed = driven.bucketed()
     max_impacts = _MAX_IMPACTS
     response = follow(bucketed, max_impacts=max_impacts, **settings).response

@@ -69,7 +69,7 @@ class Stepper:
     def step(
         self, segment: Segment, begin: Reals, end: Reals, y: Reals, solver_state: Any
     ) -> Step:
-        """A trial step from one time to another."""
+        """Try a step from one time to another."""
         last, error, interpolant, solver_state, _ = self.solver.step(
             self.term, begin, end, y, segment, solver_state, made_jump=False
         )
@@ -83,7 +83,7 @@ class Stepper:
         return Step(last, jnp.asarray(accepted), length, interpolant, solver_state)
 
     def interpolated(self, begin: Reals, end: Reals, step: Step, time: Reals) -> Reals:
-        """The state at a time within a step."""
+        """Interpolate the state at a time within a step."""
         return self.solver.interpolation_cls(t0=begin, t1=end, **step.interpolant).evaluate(
             time
         )
@@ -98,7 +98,7 @@ def close_to(motion: Motion, time: Reals) -> Reals:
 def limited(
     segment: Segment, length: Reals, begin: Reals, end: Reals, y: Reals, acceleration: Reals
 ) -> Reals:
-    """The end of a step: no later than the next kink and the last time, and at most one peak on."""
+    """Limit the end of a step: by the next kink, the last time, and at most one peak."""
     begin, end, y, acceleration = jax.lax.stop_gradient((begin, end, y, acceleration))
     slowing = y[1] * acceleration < 0
     braking = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
@@ -112,7 +112,7 @@ def limited(
 
 
 def first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:
-    """The end of the first step: a quarter of the arc, or while the acceleration keeps its sign.
+    """Choose the end of the first step: a quarter of the arc, or of one sign of acceleration.
 
     The acceleration of a block that has just been lifted has no sign, up to rounding.
     """

@@ -32,7 +32,7 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
 
 
 def materialized(values: Any) -> Any:
-    """The values, computed here and once: XLA would compute them again wherever they are used."""
+    """Compute the values here and once: XLA would do so again wherever they are used."""
     return jax.lax.optimization_barrier(values)
 
 
@@ -83,7 +83,7 @@ def rotation_series(
 
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:
-    """The value of the series at a time."""
+    """Evaluate the series at a time."""
     total: Any = c[-1]
     for part in reversed(c[:-1]):
         total = total * time + part
@@ -91,7 +91,7 @@ def evaluate(c: Coefficients, time: Reals) -> Reals:
 
 
 def derivative(c: Coefficients) -> Coefficients:
-    """The series of the derivative."""
+    """Differentiate the series."""
     return tuple(k * part for k, part in enumerate(c))[1:]
 
 
@@ -116,7 +116,7 @@ def binary_power(y: Reals, dtype: Any) -> Reals:
 
 
 def accurate_step(c: tuple[Any, ...], tolerance: Any) -> Reals:
-    """The longest step in which the last two terms are small beside the largest of the first.
+    """Choose the longest step in which the last two terms are small beside the first ones.
 
     Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
     power is the whole motion.

@@ -28,7 +28,7 @@ class Uplifts(eqx.Module):
 
     @classmethod
     def of(cls, equation: Equation, motion: Motion) -> "Uplifts":
-        """The table of a motion."""
+        """Make the table of a motion."""
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
         lifted = jnp.stack([equation.uplift_excess(side * push, lift) > 0 for side in _SIDES])
@@ -40,7 +40,7 @@ class Uplifts(eqx.Module):
         return cls(equation, motion, knots, lifted, *forces, jax.lax.stop_gradient(lasting))
 
     def next_knot(self, time: Reals, stop: Reals) -> Reals:
-        """The first knot after a time, or `stop` if that is earlier."""
+        """Return the first knot after a time, or `stop` if that is earlier."""
         return jnp.min(self.knots, initial=stop, where=self.knots > time)
 
     def following(self, time: Reals, stop: Reals) -> tuple[Booleans, Reals, Reals]:

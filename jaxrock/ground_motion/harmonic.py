@@ -109,11 +109,11 @@ class Harmonic(Motion):
         return self.start + jnp.clip(numbers, 0, self._number) * self.period
 
     def next_kink(self, time: Reals) -> Reals:
-        """Always inf, since the motion has no kink inside; see `Motion.next_kink`."""
+        """Return inf, since the motion has no kink inside; see `Motion.next_kink`."""
         return jnp.full_like(time, jnp.inf)
 
     def scaled(self, factor: Number) -> "Harmonic":
-        """The motion of another amplitude; see `Motion.scaled`."""
+        """Return the motion of another amplitude; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda motion: motion.amplitude, self, self.amplitude * factor)
@@ -123,7 +123,7 @@ class Harmonic(Motion):
         return self.cycles
 
     def bucketed(self) -> "Harmonic":
-        """The motion with room for more periods, unless it is traced; see `Motion.bucketed`."""
+        """Make room for more periods, unless it is traced; see `Motion.bucketed`."""
         traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
         return self if traced else WithRoom(self)
 
@@ -150,7 +150,7 @@ class WithRoom(Harmonic):
 
 
 def _counted(cycles: Any) -> int:
-    """The argument `cycles`, checked to be a whole number of periods."""
+    """Check that the argument `cycles` is a whole number of periods."""
     try:
         number = 0 if isinstance(cycles, bool | np.bool_) else operator.index(cycles)
     except TypeError:  # also of a traced number

@@ -20,7 +20,7 @@ MEASURES = {
 
 
 def intensity_measure(record: Record, measure: str, block: Block | None = None) -> Reals:
-    """How strong the horizontal motion of a record is.
+    """Measure how strong the horizontal motion of a record is.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def _measured(record: Record, measure: str, block: Block | None) -> Reals:
 
 
 def _peak_velocity(samples: Reals, last: Any) -> Reals:
-    """The largest velocity of one motion, over its time step."""
+    """Return the largest velocity of one motion, over its time step."""
     before = samples[..., :-1]
     after = samples[..., 1:]
     inside = jnp.arange(before.shape[-1], dtype=samples.dtype) < jnp.asarray(last)

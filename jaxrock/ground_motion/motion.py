@@ -71,7 +71,7 @@ class Motion(Printed, Checked):
 
     @abc.abstractmethod
     def knots(self) -> Float[Array, " knots"]:
-        """Times between which the horizontal acceleration is monotone.
+        """Return times between which the horizontal acceleration is monotone.
 
         Returns
         -------
@@ -81,7 +81,7 @@ class Motion(Printed, Checked):
 
     @abc.abstractmethod
     def next_kink(self, time: Reals) -> Reals:
-        """The next time inside the motion at which its acceleration has a kink.
+        """Return the next time inside the motion at which its acceleration has a kink.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class Motion(Printed, Checked):
 
     @abc.abstractmethod
     def scaled(self, factor: Number) -> "Motion":
-        """The motion with all accelerations multiplied by a factor.
+        """Multiply all accelerations by a factor.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class Motion(Printed, Checked):
         """
 
     def shifted(self, delay: Number) -> "Motion":
-        """The motion, starting later.
+        """Delay the motion.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Motion(Printed, Checked):
         return _acceleration(self.bucketed(), as_real("time", time))[1]
 
     def acts(self, time: Reals) -> Booleans:
-        """Whether the ground moves: from the start on and before the end.
+        """Tell whether the ground moves: from the start on and before the end.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class Motion(Printed, Checked):
         return (time >= self.start) & (time < self.end)
 
     def bucketed(self) -> "Motion":
-        """The motion in one of few shapes, so that records of many lengths share a program.
+        """Give the motion one of few shapes, so that records of many lengths share a program.
 
         Returns
         -------

@@ -116,22 +116,22 @@ class Pulse(Motion):
         return horizontal, jnp.zeros_like(horizontal)
 
     def knots(self) -> Float[Array, " knots"]:
-        """The `extremes` as times [s]; see `Motion.knots`."""
+        """Return the `extremes` as times [s]; see `Motion.knots`."""
         return self.start + self.duration * jnp.asarray(self.extremes, self.duration.dtype)
 
     def next_kink(self, time: Reals) -> Reals:
-        """Always inf, since a pulse has no kink inside; see `Motion.next_kink`."""
+        """Return inf, since a pulse has no kink inside; see `Motion.next_kink`."""
         return jnp.full_like(time, jnp.inf)
 
     def scaled(self, factor: Number) -> "Pulse":
-        """The pulse of another amplitude; see `Motion.scaled`."""
+        """Return the pulse of another amplitude; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
 
 
 def pulse_class(shape: Any) -> type[Pulse]:
-    """The argument `shape` of a function, checked to be a class of pulses."""
+    """Check that the argument `shape` is a class of pulses."""
     if not (isinstance(shape, type) and issubclass(shape, Pulse)):
         raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
     return shape

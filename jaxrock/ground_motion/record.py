@@ -140,12 +140,12 @@ class Record(Motion):
         return horizontal, self.scale * _interpolated(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
-        """The times of the samples [s], the last one repeated if padded; see `Motion.knots`."""
+        """Return the times of the samples [s], padded with the last; see `Motion.knots`."""
         numbers = jnp.arange(self.acceleration.shape[-1], dtype=self.time_step.dtype)
         return self.start + self.time_step * jnp.minimum(numbers, self._last)
 
     def next_kink(self, time: Reals) -> Reals:
-        """The time of the next sample [s], inf beyond the last one; see `Motion.next_kink`."""
+        """Return the next sample's time [s], inf beyond the last; see `Motion.next_kink`."""
         position = (time - self.start) / self.time_step
         index = jnp.maximum(jnp.floor(position + self._rounding(position)) + 1, 0)
         kink = self.start + index * self.time_step
@@ -160,12 +160,12 @@ class Record(Motion):
         return 4 * (self._last + 1) * float(jnp.finfo(position.dtype).eps)
 
     def bucketed(self) -> "Record":
-        """The record padded, unless it is traced; see `Motion.bucketed`."""
+        """Return the record padded, unless it is traced; see `Motion.bucketed`."""
         traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
         return self if traced else Padded(self)
 
     def scaled(self, factor: Number) -> "Record":
-        """The record with another `scale`; see `Motion.scaled`."""
+        """Return the record with another `scale`; see `Motion.scaled`."""
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
@@ -173,7 +173,7 @@ class Record(Motion):
 
 @jax.jit
 def _sum(samples: Reals, last: Any) -> Reals:
-    """The integral over the time step, by the trapezoidal rule."""
+    """Integrate over the time step, by the trapezoidal rule."""
     at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
     return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
 
@@ -206,12 +206,12 @@ class Padded(Record):
 
 
 def room_for(samples: int) -> int:
-    """The padded length for a number of samples, one of few."""
+    """Return the padded length for a number of samples, one of few."""
     return _SHORT if samples <= _SHORT else -(-samples // _LONG) * _LONG
 
 
 def padded(samples: Any, room: int) -> np.ndarray:
-    """Samples with zeros after them, up to a length."""
+    """Pad samples with zeros, up to a length."""
     samples = np.asarray(samples)
     return np.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, room - samples.shape[-1])])
 

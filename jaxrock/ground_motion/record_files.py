@@ -155,7 +155,7 @@ def from_obspy(
 
 
 def example_record(component: str = "north", *, vertical: bool = False) -> Record:
-    """The Ridgecrest earthquake as recorded at China Lake, California.
+    """Return the Ridgecrest earthquake as recorded at China Lake, California.
 
     Moment magnitude 7.1, 2019-07-06 03:19:53 UTC, station CI.CLC of the Southern California
     Seismic Network: 60 s of uncorrected acceleration, minus the mean before the event.

@@ -75,7 +75,7 @@ class _Text:
         self.lines = _decoded(content.splitlines())
 
     def fault(self, reason: str, line: int = 0) -> ValueError:
-        """What is wrong with the file, or with one line of it."""
+        """Make the error that says what is wrong with the file, or with one line of it."""
         return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
 
     def refuse(self, wrong: bool, reason: str, line: int = 0) -> None:
@@ -84,7 +84,7 @@ class _Text:
             raise self.fault(reason, line)
 
     def number(self, word: str, line: int, name: str = "a value") -> float:
-        """A word as a finite number; `name` says of what."""
+        """Convert a word to a finite number; `name` says of what."""
         try:
             value = float(word.replace("_", "?"))  # 1_000 is a number in Python only
         except ValueError:
@@ -101,7 +101,7 @@ class _Text:
         quick: Callable[[list[str]], np.ndarray],
         numbers: Callable[[str, int], Iterable[float]],
     ) -> np.ndarray:
-        """The numbers after line `top`, by `quick` from all lines, else by `numbers` from each."""
+        """Read the numbers after line `top`, by `quick` all at once, else by `numbers`."""
         lines = self.lines[top:]
         with contextlib.suppress(ValueError):
             if np.isfinite(values := quick(lines)).all():
@@ -112,7 +112,7 @@ class _Text:
     def agreed(
         self, about: tuple[str, float], statements: Statements, missing: str, at: int = 0
     ) -> float:
-        """The value that all statements agree on, the first one's."""
+        """Return the value that all statements agree on, the first one's."""
         self.refuse(not statements, missing, at)
         line, first, value = statements[0]
         self.refuse(math.isnan(value), f"{first}, which is not {about[0]}", line)
@@ -139,7 +139,7 @@ def _stated(of: Callable[[str], list[Stated]], lines: _Lines, where: str) -> Sta
 
 
 def read_at2(path: Path, units: Statements, steps: Statements) -> Component:
-    """The one component of a file, where the caller states `units` and `steps`."""
+    """Return the one component of a file, where the caller states `units` and `steps`."""
     text = _Text(path)
     top, points, step = _points_and_step(text)
     header = list(enumerate(text.lines[:top], 1))
@@ -166,7 +166,7 @@ def read_at2(path: Path, units: Statements, steps: Statements) -> Component:
 
 
 def _points_and_step(text: _Text) -> tuple[int, int, float]:
-    """The last line of the header, and the number of values and the time step [s] in it."""
+    """Find the last line of the header, and its number of values and time step [s]."""
     for number, line in enumerate(text.lines[:_HEADER_LINES], 1):
         matches = (re.search(pattern, line.upper()) for pattern in _POINTS_AND_STEP)
         if not (match := next(filter(None, matches), None)):
@@ -190,7 +190,7 @@ def _points_and_step(text: _Text) -> tuple[int, int, float]:
 
 
 def _split(text: _Text, word: str, line: int) -> list[float]:
-    """The numbers in a word: one, or several of fixed columns without space between them."""
+    """Split the numbers in a word: one, or several of fixed columns without a space."""
     if not _FIELDS.fullmatch(word):
         return [text.number(word, line)]
     # .1-02.3-02 may be .1e-02 and .3e-02 or .1 and -02.3e-02, unless a number begins with 0.
@@ -257,7 +257,7 @@ def read_csv(
 
 
 def columns_of(path: Path) -> list[str]:
-    """The names of the columns of a .csv file but those of times, velocities and displacements."""
+    """Name the columns of a .csv file but those of times, velocities, displacements."""
     _, names = _column_names(_Text(path))
     return [
         n for n in names if times_in(n) is None and not re.search(_NOT_ACCELERATION, n, re.I)
@@ -265,7 +265,7 @@ def columns_of(path: Path) -> list[str]:
 
 
 def _column_names(text: _Text) -> tuple[int, list[str]]:
-    """The number of the line above the numbers, and the names of the columns."""
+    """Return the number of the line above the numbers, and the names of the columns."""
     for number, line in enumerate(text.lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
             wrong = f"columns must be separated by commas, got semicolons in {_short(line)}"
@@ -283,7 +283,7 @@ def _column_names(text: _Text) -> tuple[int, list[str]]:
 
 
 def _columns(text: _Text, top: int, names: list[str], wanted: list[str]) -> np.ndarray:
-    """The values of some columns, shape (columns, samples)."""
+    """Read the values of some columns, shape (columns, samples)."""
     indices = [names.index(name) for name in wanted]
 
     def quick(lines: list[str]) -> np.ndarray:
@@ -327,11 +327,11 @@ def _uniform_step(text: _Text, top: int, name: str, times: np.ndarray) -> float:
 
 
 def _quoted(names: Iterable[str]) -> str:
-    """The first of several names, for a message."""
+    """Return the first of several names, for a message."""
     names = [*names]
     return ", ".join([_short(name) for name in names[:12]]) + (", ..." if names[12:] else "")
 
 
 def _short(word: str) -> str:
-    """A word in quotes, cut if it is long."""
+    """Quote a word, cut if it is long."""
     return repr(word if len(word) <= 60 else f"{word[:57]}...")

@@ -88,23 +88,23 @@ _NO_UNIT_AFTER = rf"\s*(?:$|[(;)\]]|[,.](?!\d)|[\[(]?\s*{_WORD}\s*[=:])"
 
 
 def factor_of(unit: str) -> float:
-    """A unit in m/s2; NaN if it is not understood."""
+    """Return a unit in m/s2; NaN if it is not understood."""
     match = re.fullmatch(_KNOWN, _plain(str(unit)).strip(), re.I)
     return _stated(match)[1] if match else math.nan
 
 
 def units_in_name(name: str) -> list[Stated]:
-    """The units that the name of a column states, for example acc_cm_s2 or acc [g]."""
+    """Find the units that the name of a column states, for example acc_cm_s2 or acc [g]."""
     return [_stated(match) for match in re.finditer(_START + _ANY + _END, _plain(name), re.I)]
 
 
 def speeds_in_name(name: str) -> list[Stated]:
-    """The units of velocity that the name of a column states, for example pgv [cm/s], in m/s."""
+    """Find the units of velocity that a column's name states, such as pgv [cm/s], in m/s."""
     return [_stated(match) for match in re.finditer(_SPEED, _plain(name), re.I)]
 
 
 def units_in_text(line: str) -> list[Stated]:
-    """The units of acceleration that a line of text states, from left to right."""
+    """Return the units of acceleration that a line of text states, from left to right."""
     line = _plain(line)
     stated = {
         match.start("unit"): _stated(match, "unit")
@@ -118,7 +118,7 @@ def units_in_text(line: str) -> list[Stated]:
 
 
 def times_in(name: str) -> float | None:
-    """The unit [s] of a column of times, NaN if not understood; None if it is no such column."""
+    """Tell the unit [s] of a column of times, NaN if not understood; None if it has none."""
     match = re.fullmatch(_TIMES, _plain(name), re.I)
     if match is None:
         return None
@@ -129,7 +129,7 @@ def times_in(name: str) -> float | None:
 
 
 def steps_in_text(line: str) -> list[Stated]:
-    """The time steps [s] that a line of text states, also as a number of samples per second."""
+    """Find the time steps [s] that a line states, also as a number of samples per second."""
     line = _plain(line)
     stated = []
     for pattern in (_STEP, _RATE):
@@ -152,14 +152,14 @@ def steps_in_text(line: str) -> list[Stated]:
 
 
 def unit_after(tail: str) -> Stated:
-    """The unit [s] of a number from the text after it: 1 if there is none, NaN if not clear."""
+    """Tell the unit [s] of a number by the text after it: 1 for none, NaN if not clear."""
     if match := re.match(_UNIT_AFTER, tail):
         return match[0], _seconds(match["unit"])
     return "", 1.0 if re.match(_NO_UNIT_AFTER, tail) else math.nan
 
 
 def as_number(word: str) -> float:
-    """The value of a `NUMBER`, as Fortran may write it."""
+    """Return the value of a `NUMBER`, as Fortran may write it."""
     word = word.lower().replace("d", "e")
     return float(word if "e" in word else re.sub(r"(?<=[\d.])(?=[-+])", "e", word))
 

@@ -47,14 +47,14 @@ class Still(Motion):
         return jnp.zeros_like(time), jnp.zeros_like(time)
 
     def knots(self) -> Float[Array, " knots"]:
-        """The start [s]; see `Motion.knots`."""
+        """Return the start [s]; see `Motion.knots`."""
         return self.start[None]
 
     def next_kink(self, time: Reals) -> Reals:
-        """Always inf, since the motion has no kink; see `Motion.next_kink`."""
+        """Return inf, since the motion has no kink; see `Motion.next_kink`."""
         return jnp.full_like(time, jnp.inf)
 
     def scaled(self, factor: Number) -> "Still":
-        """The same; see `Motion.scaled`."""
+        """Return the same; see `Motion.scaled`."""
         check("factor", as_real("factor", factor), FINITE)
         return self

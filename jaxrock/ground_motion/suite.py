@@ -124,7 +124,7 @@ class Suite(Printed, eqx.Module):
         return self.records[which]
 
     def measure(self, measure: str, block: Block | None = None) -> Reals:
-        """An intensity measure of each record, as it is scaled now.
+        """Measure the intensity of each record, as it is scaled now.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class Suite(Printed, eqx.Module):
         return jax.device_put(np.stack(each))  # compiles nothing
 
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
-        """The factors that bring each record to levels of an intensity measure.
+        """Compute the factors that bring each record to levels of an intensity measure.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class Suite(Printed, eqx.Module):
         )
 
     def scaled(self, factors: Number) -> "Suite":
-        """The suite with other scales.
+        """Scale the records.
 
         Parameters
         ----------

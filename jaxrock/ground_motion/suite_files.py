@@ -135,7 +135,7 @@ def example_suite(*, vertical: bool = False) -> Suite:
 
 
 def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
-    """The files of a suite; a `ValueError` if there is none."""
+    """Return the files of a suite; a `ValueError` if there is none."""
     if isinstance(source, str | os.PathLike):
         folder = Path(source)
         if not folder.is_dir():
@@ -164,7 +164,7 @@ def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
 
 
 def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part]:
-    """The horizontal components of a file."""
+    """Return the horizontal components of a file."""
     if path.suffix.lower() == ".at2":
         if not _is_vertical(path):
             yield path.stem, path, None, _upward_of(path, paths) if vertical else None
@@ -196,13 +196,13 @@ def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part
 
 
 def _has(pattern: str, words: str) -> bool:
-    """Whether one of the words of a name, also those of camelCase, is of a pattern."""
+    """Tell whether one of the words of a name, also those of camelCase, is of a pattern."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
     return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
 
 
 def _without_unit(name: str) -> str:
-    """The name of a column without the unit that it states."""
+    """Return the name of a column without the unit that it states."""
     stated = units_in_name(name)
     if stated:
         at = name.rfind(stated[-1][0])
@@ -226,7 +226,7 @@ def _is_vertical(path: Path) -> bool:
 
 
 def _upward_of(path: Path, paths: list[Path]) -> Path:
-    """The vertical component beside a horizontal one, both .AT2 files, by their names."""
+    """Find the vertical component beside a horizontal one, .AT2 files, by their names."""
     found: dict[str, Path] = {}
     for other in paths:
         if (

@@ -19,7 +19,7 @@ def labelled(
     coordinates: Mapping[str, Labelled],
     attributes: Mapping[str, Any],
 ) -> "xarray.Dataset":
-    """A dataset with what CF asks for."""
+    """Make a dataset with what CF asks for."""
     import xarray
 
     no_fill_value = {"_FillValue": None}  # coordinates have no missing values
@@ -36,7 +36,7 @@ def labelled(
 def with_names(
     dataset: "xarray.Dataset", **names: tuple[Sequence[str], str]
 ) -> "xarray.Dataset":
-    """The dataset with names along dimensions, each with what they are names of.
+    """Add names along dimensions, each with what they are names of.
 
     CF wants numbers along dimensions: it is not claimed any more.
     """

@@ -5,7 +5,7 @@ from typing import Any
 
 
 def optional(room: str) -> Any:
-    """A room of the package, imported now; a `ModuleNotFoundError` says what to install."""
+    """Import a room of the package; a `ModuleNotFoundError` says what to install."""
     package = __name__.partition(".")[0]
     try:
         return importlib.import_module(f"{package}.{room}")

@@ -15,7 +15,7 @@ _unfinished: dict[int, list[Path]] = {}  # what this process is to remove, of ea
 
 
 def read_regular(path: Path) -> bytes:
-    """The content of a file; an `OSError` for a pipe or a device, which might never end."""
+    """Read a file; an `OSError` for a pipe or a device, which might never end."""
     if not path.is_dir() and not stat.S_ISREG(path.stat().st_mode):
         raise OSError(errno.EINVAL, "a regular file was expected, not a pipe or a device")
     return path.read_bytes()

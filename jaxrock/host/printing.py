@@ -11,7 +11,7 @@ from ..validation import Checked, Domain, quantities
 
 
 def shown(value: Any, unit: str = "") -> str:
-    """A number with its unit; the range of an array, the type of a traced value."""
+    """Write a number with its unit; the range of an array, the type of a traced value."""
     if isinstance(value, jax.core.Tracer):
         return f"traced {jax.typeof(value)}"
     if isinstance(value, dict):
@@ -42,7 +42,7 @@ class Printed:
 
 
 def derivatives(module: Checked) -> str:
-    """The numbers of a module as derivatives, if that is what they are; else nothing.
+    """Write the numbers of a module as derivatives, if that is what they are; else nothing.
 
     Known by a number that the quantity itself cannot be, such as a negative width.
     """
@@ -67,7 +67,7 @@ def _is_outside(value: Any, domain: Domain | None) -> bool:
 
 
 def table(first: str, names: Sequence[str], **columns: Any) -> str:
-    """A table: the first line, then one for each name, with a column for each keyword."""
+    """Write a table: the first line, then one for each name, a column for each keyword."""
     labels = (label.replace("_", " ") for label in columns)
     lines = [first, f"{'':20}" + "".join(f"{label:>14}" for label in labels)]
     for name, *row in zip(names, *columns.values(), strict=True):
@@ -76,7 +76,7 @@ def table(first: str, names: Sequence[str], **columns: Any) -> str:
 
 
 def listed(result: Any, **units: str) -> str:
-    """The named fields of a result with their units, one per line."""
+    """Write the named fields of a result with their units, one per line."""
     return "\n".join(
         f"{name.replace('_', ' '):20}{shown(getattr(result, name), unit)}"
         for name, unit in units.items()

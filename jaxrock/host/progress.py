@@ -15,7 +15,7 @@ _silent = contextvars.ContextVar("_silent", default=False)
 
 @contextlib.contextmanager
 def without_progress() -> Iterator[None]:
-    """A scope that shows nothing: of a part of something that has a progress of its own."""
+    """Show nothing inside: of a part of something that has a progress of its own."""
     token = _silent.set(True)
     try:
         yield

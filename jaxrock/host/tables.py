@@ -12,7 +12,7 @@ from .files import read_regular
 
 
 def numbered_lines(path: Path) -> list[tuple[int, str]]:
-    """The lines of a text file with their numbers, without empty ones and those that begin with #.
+    """Read the lines of a text file with their numbers, but for empty ones and comments (#).
 
     A `ValueError` names the file if it cannot be read or is binary.
     """
@@ -35,7 +35,7 @@ def numbered_lines(path: Path) -> list[tuple[int, str]]:
 
 
 def is_number(word: str) -> bool:
-    """Whether a word of a file is a number, NaN and infinity among them."""
+    """Tell whether a word of a file is a number, NaN and infinity among them."""
     try:
         float(word.replace("_", "?"))  # 1_000 is a number in Python only
     except ValueError:
@@ -44,7 +44,7 @@ def is_number(word: str) -> bool:
 
 
 def heading(name: str, unit: str = "") -> str:
-    """The head of a column: its name, and its unit in brackets, as CF or as one writes it."""
+    """Write the head of a column: its name, and its unit in brackets, as CF or as one does."""
     above = re.sub(r"\S+-\d", "", unit).split()
     below = re.findall(r"(\S+)-(\d)", unit)
     for word, power in below:
@@ -54,7 +54,7 @@ def heading(name: str, unit: str = "") -> str:
 
 
 def write_about(file: TextIO, about: Mapping[str, Any]) -> None:
-    """What a table was computed from, in lines that begin with #."""
+    """Write what a table was computed from, in lines that begin with #."""
     for name, value in about.items():
         words = (
             value if isinstance(value, str) else " ".join(map(str, np.ravel(value).tolist()))
@@ -68,7 +68,7 @@ def write_csv(
     units: Mapping[str, str],
     about: Mapping[str, Any],
 ) -> None:
-    """A table with a head, below what it was computed from."""
+    """Write a table with a head, below what it was computed from."""
     heads = [heading(name, units.get(name, "")) for name in columns]
     rows: Iterable[Any] = zip(*columns.values(), strict=True)
     with open(path, "w", newline="", encoding="utf-8") as file:

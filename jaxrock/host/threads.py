@@ -16,14 +16,14 @@ _NAME = "jaxrock-worker"  # of threads
 
 
 def processors() -> int:
-    """How many of them this process may use."""
+    """Count the processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def mapped(function: Callable[[_T], _R], items: Iterable[_T], workers: int) -> list[_R]:
-    """The results of a function, computed by threads, in the order of the items.
+    """Compute the results of a function by threads, in the order of the items.
 
     However many threads call this at once, as those of Dask do, together they keep no more
     processors busy than there are.
@@ -46,7 +46,7 @@ def _pool(workers: int) -> concurrent.futures.ThreadPoolExecutor:
 
 
 def settings_of_jax() -> dict[str, Any]:
-    """The settings of JAX that a context manager can make, for a thread or process to take over.
+    """Collect the settings of JAX that a context manager can make, for a thread or process.
 
     A setting made by a context manager, such as ``with jax.enable_x64(True):``, applies to its
     own thread only.
@@ -56,7 +56,7 @@ def settings_of_jax() -> dict[str, Any]:
 
 @contextlib.contextmanager
 def under(settings: Mapping[str, Any]) -> Iterator[None]:
-    """A scope in which JAX has these settings."""
+    """Give JAX these settings inside."""
     with contextlib.ExitStack() as stack:
         for name, value in settings.items():
             if getattr(jax.config, f"jax_{name}") != value:

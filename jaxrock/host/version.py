@@ -4,5 +4,5 @@ import importlib.metadata
 
 
 def version() -> str:
-    """The version that is installed."""
+    """Return the version that is installed."""
     return importlib.metadata.version("jaxrock")

@@ -21,7 +21,7 @@ def quotient(numerator: Reals, denominator: Reals) -> Reals:
 
 
 def larger(first: Reals, second: Reals) -> Reals:
-    """The larger of two; of equal ones the first, with all of its derivative.
+    """Return the larger of two; of equal ones the first, with all of its derivative.
 
     ``jnp.maximum`` would take the mean of both derivatives, which belongs to neither.
     """
@@ -29,12 +29,12 @@ def larger(first: Reals, second: Reals) -> Reals:
 
 
 def smaller(first: Reals, second: Reals) -> Reals:
-    """The smaller of two, as in `larger`."""
+    """Return the smaller of two, as in `larger`."""
     return jnp.where(second < first, second, first)
 
 
 def largest(values: Reals) -> Reals:
-    """The largest along the last axis, as in `larger`."""
+    """Return the largest along the last axis, as in `larger`."""
     index = jnp.expand_dims(jnp.argmax(values, axis=-1), -1)
     return jnp.take_along_axis(values, index, axis=-1)[..., 0]
 
@@ -149,7 +149,7 @@ def minus_log(ratio: Reals) -> Reals:
 
 
 def share_of_one(ratio: Number, count: Number) -> Reals:
-    """The first term's share in ``1 + C + ... + C^(n - 1)``: ``(1 - C) / (1 - C^n)``.
+    """Compute the share of the first term in ``1 + C + ... + C^(n - 1)``.
 
     For a ratio C between 0 and 1 and a count n from 1 to inf, with respect to which it is not
     differentiated. It is 1/n at C = 1.

@@ -84,7 +84,7 @@ def chosen(condition: Any, first: Any, second: Any) -> Any:
 def _between(
     left: Sample, right: Sample, last: Sample, halve: Booleans
 ) -> tuple[Booleans, Reals]:
-    """Whether a falling root may hide in an interval, and where to look for it."""
+    """Tell whether a falling root may hide in an interval, and where to look for it."""
     low = left.place
     high = right.place
     width = right.place - left.place

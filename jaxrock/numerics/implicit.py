@@ -12,7 +12,7 @@ from ..validation import Booleans, Reals
 
 
 def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function with derivatives in both modes with respect to its positional arguments.
+    """Give a function derivatives in both modes with respect to its positional arguments.
 
     The Jacobian is computed forward, once, at the cost of one forward derivative per perturbed
     number, and then applied: a linear map, which both modes can use.

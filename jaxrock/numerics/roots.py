@@ -147,7 +147,7 @@ def _with_neighbour(
 def brackets_traced(
     margin_and_mode: MarginAndMode, values: Any, levels: int, max_boundaries: int
 ) -> Brackets:
-    """The first sign changes of each case in a transformation: every interval is halved."""
+    """Find the first sign changes of each case, by halving every interval, in a transformation."""
     share = jnp.arange(1 << levels, dtype=values.dtype) / (1 << levels)
     inner = (
         values[:, :-1, None] + (values[:, 1:, None] - values[:, :-1, None]) * share[None, None]
@@ -196,7 +196,7 @@ class _Iterate(NamedTuple):
 def located(
     margin: Callable[[Any, Any], Any], pairs: Brackets, traced: bool, alone: bool = False
 ) -> tuple[Any, Any, Any]:
-    """The values on both sides of each sign change, to rounding.
+    """Locate the values on both sides of each sign change, to rounding.
 
     Concrete ones are sought in the way that is fastest for so many; to be found as if each
     were `alone`, by one method whatever their number.
@@ -245,13 +245,13 @@ def located(
 
 
 def _chandrupatla(margin: Any, iterate: _Iterate, case: Any, library: Any) -> _Iterate:
-    """A step of Chandrupatla's method."""
+    """Take a step of Chandrupatla's method."""
     x = _proposed(iterate, library)
     return _with_margin(iterate, x, margin(case, x), library)
 
 
 def _proposed(iterate: _Iterate, library: Any) -> Any:
-    """Where Chandrupatla's method looks next.
+    """Propose where to look next, by Chandrupatla's method.
 
     By inverse quadratic interpolation where that is safe, bisection where not, as at a jump.
     """
@@ -269,7 +269,7 @@ def _proposed(iterate: _Iterate, library: Any) -> Any:
 
 
 def _with_margin(iterate: _Iterate, x: Any, f: Any, library: Any) -> _Iterate:
-    """The sign change in a smaller interval, which ends at a value between the first two."""
+    """Shrink the interval of the sign change to one that ends at a value inside."""
     (x1, x2, _), (f1, f2, _), tolerance = iterate
     same = (f < 0) == (f1 < 0)
     others = [library.where(same, *pair) for pair in ((x2, x1), (x1, x2), (f2, f1), (f1, f2))]
@@ -311,7 +311,7 @@ def _ahead(margin: Any, iterate: _Iterate, case: Any, levels: int) -> _Iterate:
 
 
 def _multisection(margin: Any, iterate: _Iterate, case: Any, parts: int) -> _Iterate:
-    """The best of `parts` intervals between the first two values.
+    """Choose the best of `parts` intervals between the first two values.
 
     Half of the values are equidistant, the others approach the secant's root from both sides.
     """

@@ -145,14 +145,14 @@ def overturning_boundaries(
 def searched(
     block: Block, restitution: Number, motion: Motion | Suite, values: Numbers, search: Search
 ) -> Boundaries:
-    """The boundaries in a range; a `ValueError` if an argument is not allowed."""
+    """Search the boundaries in a range; a `ValueError` if an argument is not allowed."""
     subject, places = checked(block, restitution, motion, search.along, values)
     return boundaries_of(subject, places, search)
 
 
 @with_clock("boundaries")
 def boundaries_of(subject: Subject, places: Reals, search: Search) -> Boundaries:
-    """The boundaries between values, of a subject that has been checked."""
+    """Search the boundaries between values, of a subject that has been checked."""
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
     # What is found for a record does not depend on the others.
@@ -163,7 +163,7 @@ def boundaries_of(subject: Subject, places: Reals, search: Search) -> Boundaries
 
 @eqx.filter_custom_jvp
 def _boundaries(subject: Subject, values: Any, *, search: Search) -> Boundaries:
-    """The search. All boundaries are listed, under a transformation `max_boundaries`."""
+    """Search. All boundaries are listed, under a transformation `max_boundaries`."""
     traced = is_traced((subject, values))
     library: Any = jnp if traced else np
     numbers, samples = split(subject)

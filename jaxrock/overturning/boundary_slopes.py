@@ -20,7 +20,7 @@ _ROOM = 512
 
 
 def moved(subject: Subject, changes: Any, values: Any, found: Any, search: Search) -> Any:
-    """How far the boundaries move when the numbers of the subject change.
+    """Compute how far the boundaries move when the numbers of the subject change.
 
     Elementwise in all numbers that are perturbed; 0 where there is no boundary.
     """
@@ -94,7 +94,7 @@ class _Edges(NamedTuple):
         return eqx.combine(jax.tree.unflatten(self.form, list(self.rows[1:])), self.samples)
 
     def slopes(self, moving: Sequence[int], until: Any) -> Any:
-        """Derivatives (numbers, boundaries) with respect to the numbers that move."""
+        """Compute derivatives (numbers, boundaries) with respect to the numbers that move."""
         number = self.rows.shape[1]
         directions = np.repeat(np.array([0, *(k + 1 for k in moving)], np.int32), number)
         times = len(moving) + 1
@@ -130,7 +130,7 @@ def _vanishing_slopes(
     form: Any,
     search: Search,
 ) -> Any:
-    """Derivatives of what is 0 at a boundary: of each column to the row of its direction."""
+    """Differentiate what is 0 at a boundary, each column in the direction of its row."""
 
     def vanishing(rows: Any) -> Any:
         at, *numbers = rows

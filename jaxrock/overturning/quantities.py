@@ -71,7 +71,7 @@ UNITS = {"amplitude": "m/s2", "duration": "s", "frequency": "rad/s", "half_width
 
 
 def with_unit(along: str, value: float) -> str:
-    """A value of a quantity as one writes it, an acceleration also in g."""
+    """Write a value of a quantity, an acceleration also in g."""
     text = f"{value:.6g} {UNITS.get(along, '')}".rstrip()
     return f"{text} ({value / 9.81:.3g} g)" if along == "amplitude" else text
 
@@ -79,7 +79,7 @@ def with_unit(along: str, value: float) -> str:
 def checked(
     block: Block, restitution: Number, motion: Motion | Suite, along: str, values: Numbers
 ) -> tuple[Subject, Array]:
-    """The subject and the values of a search; a `ValueError` if they are not allowed."""
+    """Check the subject and the values of a search; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     single = motion[0] if isinstance(motion, Suite) else motion
@@ -110,7 +110,7 @@ def checked(
 
 
 def split(subject: Subject) -> tuple[Any, Any]:
-    """The numbers of a subject, one a block, and the samples of records, which all share."""
+    """Return the numbers of a subject, one a block, and the samples that all share."""
     is_number = jax.tree.map_with_path(
         lambda path, _: all(getattr(step, "name", "") != "parts" for step in path), subject
     )
@@ -118,12 +118,12 @@ def split(subject: Subject) -> tuple[Any, Any]:
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether any number of a tree is traced."""
+    """Tell whether any number of a tree is traced."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def subject_at(subject: Subject, value: Any, search: Search) -> Subject:
-    """The subject at a value of the quantity."""
+    """Return the subject at a value of the quantity."""
     *_, place = _QUANTITIES[search.along]
     value = place(subject) * value if search.along == "factor" else value
     return eqx.tree_at(place, subject, value)  # unchecked: the values have been
@@ -132,7 +132,7 @@ def subject_at(subject: Subject, value: Any, search: Search) -> Subject:
 def respond_at(
     subject: Subject, value: Any, search: Search, until: Any = None, count: Any = None
 ) -> BatchResponse:
-    """The response at a value, to a time or to the end of the input."""
+    """Follow the response at a value, to a time or to the end of the input."""
     at = subject_at(subject, value, search)
     batch = Batch.of(at.block, at.restitution, at.motion, until)
     return follow_batch(batch, search.model, count=count)

@@ -82,14 +82,14 @@ def axes_or_new(ax: Axes | None, **settings: Any) -> Axes:
 
 
 def labelled(ax: Axes, x: str, y: str, grid: Any = "both") -> Axes:
-    """The axes, with labels and a grid."""
+    """Label the axes, and give them a grid."""
     ax.set(xlabel=x, ylabel=y)
     ax.grid(axis=grid, alpha=0.3)
     return ax
 
 
 def add_level(ax: Axes, level: float, name: str | None) -> None:
-    """A level to both sides of 0, with one entry in the legend, or none."""
+    """Draw a level to both sides of 0, with one entry in the legend, or none."""
     for sign, label in ((1, name), (-1, None)):
         ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
 

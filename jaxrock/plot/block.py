@@ -248,7 +248,7 @@ def animate(
 
 
 def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
-    """How far right the ground is of its mean over two seconds [m], at increasing times."""
+    """Compute how far right of its mean over two seconds the ground is [m], at rising times."""
     step = 0.005
     around = 200
     fine = np.arange(0, times[-1] + 1 + step, step)
@@ -274,7 +274,7 @@ def _rotated(points: np.ndarray, block: Block, rotation: float) -> np.ndarray:
 
 
 def _block_on(ax: Axes, block: Block, reach: float, top: float) -> Polygon:
-    """The upright block on the ground, on axes that show so much to either side and up [m]."""
+    """Draw the upright block on the ground; axes show so much to either side and up [m]."""
     bottom = -0.12 * top
     ax.set(xlim=(-reach, reach), ylim=(bottom, top), aspect="equal")
     ax.set(xlabel="horizontal [m]", ylabel="height [m]")

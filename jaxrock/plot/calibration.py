@@ -110,7 +110,7 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
 
 
 def _linear(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
-    """The ends of the line of a C that is linear in the velocity, through the mean of the points.
+    """Return the ends of the line of a C linear in the velocity, through the mean point.
 
     Of the constant C come the velocities between which C changes as much as the fit says.
     """
@@ -128,7 +128,7 @@ def _linear(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _last_impact(fit: FreeRockingFit) -> int:
-    """The number of the last impact that the measurements say something about."""
+    """Return the number of the last impact that the measurements say something about."""
     if fit.impact_times.size > 1:
         return int(np.asarray(fit.impact_numbers)[np.asarray(fit.used)][-1])
     return int(np.flatnonzero(np.isfinite(np.asarray(fit.rotation_residuals)))[-1]) + 1

@@ -193,7 +193,7 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def strip_above(ax: Axes, low: float, high: float) -> Axes:
-    """New axes over the top of `ax`, which shows `low` to `high`, ticks up to it, below them."""
+    """Make axes over the top of `ax`, which shows `low` to `high` below them."""
     share = 0.28  # of the height
     ax.set_ylim(low, low + (high - low) / (1 - share))
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)

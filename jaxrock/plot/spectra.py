@@ -77,7 +77,7 @@ def plot_curves(
 def _curves(
     variable: xarray.DataArray, hue: str, along: str, ax: Axes | None
 ) -> tuple[Axes, list[Any]]:
-    """A panel of curves, and of each its level, its colour and line, x and y."""
+    """Prepare a panel of curves: of each its level, its colour and line, x and y."""
     if set(variable.dims) != {along, hue}:
         raise ValueError(
             f"variable must have the dimensions {along} and {hue}, got {variable.dims}"
@@ -108,7 +108,7 @@ def _finished(ax: Axes, variable: xarray.DataArray, hue: str) -> Axes:
 
 
 def _last(y: np.ndarray) -> np.ndarray:
-    """Where there is a value, and none on one side of it."""
+    """Find where there is a value, and none on one side of it."""
     standing = np.isfinite(y)
     return standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
 
@@ -213,7 +213,7 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
 def _panels(
     data: Any, draw: Callable[[Any, Axes], Any], size: tuple[float, float], **most: int
 ) -> Figure:
-    """A panel for each intensity and restitution, of at most so many values, and one legend."""
+    """Make a panel for each intensity and restitution, of at most so many, and one legend."""
     for name, number in most.items():
         if data.sizes.get(name, 1) > number:
             chosen = np.linspace(0, data.sizes[name] - 1, number).round().astype(int)

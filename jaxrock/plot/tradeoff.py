@@ -61,7 +61,7 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def _write(ax: Axes, ends: dict[tuple[str, ...], np.ndarray]) -> None:
-    """What tells the lines of a level apart, at the less accurate end of each."""
+    """Write what tells the lines of a level apart, at the less accurate end of each."""
     taken: list[tuple[np.ndarray, str]] = []
     for (level, text), end in ends.items():
         near = [other for at, other in taken if (abs(np.log10(at / end)) < [1, 0.7]).all()]

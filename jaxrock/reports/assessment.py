@@ -109,7 +109,7 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
 
 @functools.cache
 def _programs(scene: Scene) -> list[Callable[[Scene], Any]]:
-    """The programs for a scene of these types, compiled side by side.
+    """Compile the programs for a scene of these types side by side.
 
     Each runs once, so what counts is how long it takes to compile.
     """
@@ -184,7 +184,7 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
 
 
 def text(result: dict[str, Any]) -> str:
-    """The answers of `assess` as a page to read."""
+    """Write the answers of `assess` as a page to read."""
     scene = result["scene"]
     models = result["models"]
     columns = ({"scene": scene} | models["linearized"], models["nonlinear"])

@@ -40,7 +40,7 @@ FILES = ("cases.csv", "cases.json", *RECORDS)
 
 
 def table() -> dict[str, Any]:
-    """The content of ``cases.json``, each case with all fields."""
+    """Return the content of ``cases.json``, each case with all fields."""
     resource = files("jaxrock") / "data" / "conformance.json"
     stored = json.loads(resource.read_text(encoding="utf-8"))
     cases = [
@@ -50,7 +50,7 @@ def table() -> dict[str, Any]:
 
 
 def records() -> dict[str, Record]:
-    """The ground motions that are written as files, by name."""
+    """Return the ground motions that are written as files, by name."""
     north = example_record("north")
     east = example_record("east", vertical=True)
     time = np.arange(201) * 0.01

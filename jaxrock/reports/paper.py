@@ -56,7 +56,7 @@ class Entry:
 
     @property
     def agrees(self) -> bool:
-        """Whether `computed` is `printed` to the digits given there."""
+        """True if `computed` is `printed` to the digits given there."""
         if self.printed == "overturning":
             return math.isnan(self.computed)
         if self.printed == "inf":
@@ -85,7 +85,7 @@ class Report:
 
     @property
     def mismatches(self) -> list[str]:
-        """What disagrees without being a known fault, and known faults that do not show."""
+        """Disagreements that are no known faults, and known faults that do not show."""
         entries = [
             f"Table {e.table}, {e.quantity}, {e.row}, {e.column}:"
             f" printed {e.printed}, computed {e.computed:.6g}"
@@ -97,7 +97,7 @@ class Report:
 
 
 def printed_tables() -> dict[str, Any]:
-    """The tables as printed, the claims and the faults, with the bounds that judge them."""
+    """Read the printed tables, the claims and the faults, with the bounds that judge them."""
     return json.loads((files("jaxrock") / "data" / "paper.json").read_text(encoding="utf-8"))
 
 
@@ -135,7 +135,7 @@ def regenerate() -> Report:
 
 
 def finding(row: Mapping[str, Any], numbers: Mapping[str, np.ndarray]) -> Finding:
-    """Whether the numbers that a claim is about are within their bounds."""
+    """Check that the numbers of a claim are within their bounds."""
     valid = True
     for name, bounds in row["within"].items():
         # NaN where there is none
@@ -196,7 +196,7 @@ def write(report: Report, folder: Path) -> None:
 
 
 def _thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
-    """The slenderness from which on each block overturns, where rotation ratios are drawn."""
+    """Find the slenderness from which on each block overturns, where ratios are drawn."""
     if variable.name != "rotation_ratio":
         return None
     blocks = Block(variable.width.values / 2, 1.0)
@@ -206,7 +206,7 @@ def _thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
 
 
 def summary(report: Report) -> str:
-    """What agrees, in a sentence."""
+    """Say what agrees, in a sentence."""
     known = sum(bool(entry.fault) for entry in report.entries)
     return (
         f"{sum(entry.agrees for entry in report.entries)} of {len(report.entries)} printed"
@@ -254,17 +254,17 @@ def _cells(entry: Entry) -> tuple[str, ...]:
 
 
 def _scene(slenderness: Any, width: Any, restitution: Any) -> Scene:
-    """A block under the pulses of the paper."""
+    """Make a block under the pulses of the paper."""
     return Scene(Block(width / 2, slenderness), restitution, _INTENSITY)
 
 
 def _spectrum() -> "xarray.Dataset":
-    """The stabilized phase over all that the paper draws and makes claims about."""
+    """Compute the stabilized phase over all that the paper draws and makes claims about."""
     return resonance_spectrum(_SLENDERNESS, _WIDTHS, _RESTITUTION, _INTENSITY)
 
 
 def _of_tables() -> dict[str, Any]:
-    """The tables by both models; NaN where no block is involved."""
+    """Compute the tables by both models; NaN where no block is involved."""
     block = Block(_WIDTHS[:, None] / 2, np.array([[3.0, 5.0, 8.0, 10.0]]))
     velocity = block.pulse_velocity(_INTENSITY)
     durations = np.stack([model.half_cycle_duration(block, velocity) for model in _MODELS])
@@ -380,7 +380,7 @@ def _of_damping() -> dict[str, Any]:
 
 
 def _of_linearizing() -> dict[str, Any]:
-    """What it costs at slenderness 3, up to 0.9 of the critical velocity and close to it."""
+    """Compute what linearizing costs at slenderness 3, up to 0.9 of v_c and close to it."""
     block = Block(0.5, 3.0)
     critical, true = (float(model.critical_velocity(block)) for model in _MODELS)
     velocity = np.append(np.linspace(1e-3, 0.9, 200), 0.995) * critical

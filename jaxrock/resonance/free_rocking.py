@@ -94,7 +94,7 @@ class RockingModel(eqx.Module):
 
     @elementwise(velocity=NON_NEGATIVE, growth=GROWTH)
     def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
-        """How many times higher a block rocks if launched ``1 + growth`` times as fast [rad/s].
+        """Compute how much higher a block rocks if launched ``1 + growth`` times as fast [rad/s].
 
         The quotient of two peaks would lose its derivatives where they are small, and its
         digits where they are almost equal.
@@ -249,7 +249,7 @@ ModelLike = TypeAliasType("ModelLike", RockingModel | Literal["linearized", "non
 
 
 def as_model(model: Any) -> RockingModel:
-    """The model itself, from its name too; anything else is a `ValueError`."""
+    """Return the model itself, from its name too; anything else is a `ValueError`."""
     if isinstance(model, RockingModel):
         return model
     for kind in (Linearized, Nonlinear):
@@ -267,7 +267,7 @@ def _barrier(x: Reals) -> Reals:
 
 
 def _weight_of(intensity: Reals, block: Block) -> Reals:
-    """A pulse as a pure number; its square is twice the peak it causes, if it is weak."""
+    """Express a pulse as a pure number; its square is twice the peak of a weak one."""
     return intensity / jnp.sqrt(block.gravity * block.half_width * block.inertia_ratio)
 
 

@@ -70,7 +70,7 @@ def launch_velocity(scene: Scene) -> Reals:
 
 @elementwise(velocity=NON_NEGATIVE)
 def next_velocity(scene: Scene, velocity: Number) -> Reals:
-    """The half-cycle map: one launch velocity [rad/s] to the next (Eq. 8, its recursion).
+    """Apply the half-cycle map: one launch velocity [rad/s] to the next (Eq. 8).
 
     The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
     pulse adds `launch_velocity`: exact in both models.
@@ -188,7 +188,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
 @elementwise(model=as_model)
 def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """The first half-cycle in which the block overturns.
+    """Find the first half-cycle in which the block overturns.
 
     Linearized, it may be too late: v_c is too large.
 
@@ -234,7 +234,7 @@ def _where_stabilized(
     model: ModelLike,
     quantity: Callable[[RockingModel, Block, Reals, Reals], Reals],
 ) -> Reals:
-    """A quantity from x* and the single pulse that launches as fast; NaN without a limit."""
+    """Compute a quantity from x* and the pulse that launches as fast; NaN without limit."""
     model = as_model(model)
     x, limited = _limit(scene, model)
     stands = limited & (x < 1)

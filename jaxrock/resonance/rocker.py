@@ -57,7 +57,7 @@ class Rocker(NamedTuple):
         return rotation, velocity, falls
 
     def on_flight(self, x: Reals, since: Reals, duration: Reals) -> Flight:
-        """The state at a time since the launch [s] in a half-cycle; see `since_launch`."""
+        """Compute the state at a time since the launch [s]; see `since_launch`."""
         _, velocity, falls = self.motion(x, since, duration)
         q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
         square = (x - q) * (x + q)
@@ -66,9 +66,10 @@ class Rocker(NamedTuple):
         return Flight(drop, jnp.where(falls, -q, q))
 
     def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
-        """The velocity `on_flight`, strictly between launch and impact, with short derivatives.
+        """Compute the velocity `on_flight`, strictly between launch and impact.
 
-        Those of Jacobi's functions take a minute to compile: they are of one step of Newton's.
+        Derivatives of Jacobi's functions take a minute to compile: those here are of one step of
+        Newton's method.
         """
         if isinstance(self.model, Linearized):
             return self.on_flight(x, since, duration).q
@@ -114,7 +115,7 @@ class Rocker(NamedTuple):
         return self.model._time_from_ground(self.block, angle, x, q)
 
     def struck(self, flight: Flight, impulse: Reals) -> Flight:
-        """The state after an outward pulse, its intensity over `unit`.
+        """Apply an outward pulse, its intensity over `unit`.
 
         Linearized, a pulse acts the same at all rotations (Eq. 2). In the full equation it
         turns the block the more, the more upright the diagonal to the corner is.
@@ -127,5 +128,5 @@ class Rocker(NamedTuple):
 
 
 def _largest_subcritical(x: Reals) -> float:
-    """The largest x of which a duration is computed: at 1 it is infinite."""
+    """Return the largest x of which a duration is computed: at 1 it is infinite."""
     return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6

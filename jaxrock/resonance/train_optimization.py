@@ -43,12 +43,12 @@ class Problem(NamedTuple):
 
     @property
     def seeks_pulses(self) -> bool:
-        """Whether the smallest pulses are sought, not the highest peak."""
+        """True if the smallest pulses are sought, not the highest peak."""
         return self.goal != "most rotation"
 
     @property
     def constrained(self) -> bool:
-        """Whether the times of the pulses are."""
+        """True if the times of the pulses are."""
         return self.spacing > 0 or self.latest < np.inf
 
     @property
@@ -91,16 +91,16 @@ class Candidate(NamedTuple):
         return self.numbers[self.impacts.size : -1]
 
     def outcome(self, problem: Problem, raised: float = 0.0) -> Outcome:
-        """What the train does if its pulses are raised in proportion."""
+        """Compute what the train does if its pulses are raised in proportion."""
         numbers = np.append(self.numbers[:-1], self.numbers[-1] + raised)
         return _evaluate(self._replace(numbers=numbers), problem)[0]
 
     def feasible(self, problem: Problem) -> bool:
-        """Whether it keeps the constraints."""
+        """Tell whether it keeps the constraints."""
         return self.violation < problem.tolerance
 
     def merit(self, problem: Problem) -> float:
-        """What it is compared by: anything feasible is lower than what is not.
+        """Compute what candidates are compared by: anything feasible is below what is not.
 
         Of equally good trains the earlier one counts as better: a pulse right before an impact
         does as much as one right after the impact before.
@@ -224,7 +224,7 @@ def search(candidates: list[Candidate], problem: Problem) -> list[Candidate]:
     moved: dict[tuple, Candidate] = {}
 
     def after_best_move(candidate: Candidate, k: int) -> Candidate:
-        """What the best move of pulse k leads to, if it improves; found once for each train."""
+        """Find what the best move of pulse k leads to, if it improves; once for each train."""
         # Through the same impacts to the same loss: two starts have come to one train.
         merit = candidate.merit(problem)
         key = k, candidate.used, candidate.impacts.tobytes(), round(merit, 6)

@@ -39,7 +39,7 @@ class Outcome(NamedTuple):
 def evaluate(
     numbers: Any, impacts: Any, count: Any, rocker: Rocker, spacing: Any
 ) -> tuple[Outcome, Any, Any]:
-    """What the train of optimised numbers does; what is limited in that, and its derivatives.
+    """Compute what the train of optimised numbers does, and what is limited, with derivatives.
 
     The numbers are the phases, the impulses over a bound and the logarithm of that bound.
     Limited are the logarithm of x, what is lacking for each pulse, and the time of the last.
@@ -59,7 +59,7 @@ def evaluate(
 
 
 def shot(rocker: Rocker, train: Train, spacing: Any = 0.0, count: Any = None) -> Outcome:
-    """What a train does whose pulses come at least `spacing` apart [s].
+    """Compute what a train does whose pulses come at least `spacing` apart [s].
 
     Pulses from the number `count` on do not come.
     """

@@ -116,7 +116,7 @@ def _needed(rocker: Rocker, train: Train, delay: float | None = None) -> float:
 
 
 def _equally_spaced(rocker: Rocker, count: int, least: float) -> float:
-    """The smallest strength, from `least` on, with which alternating pulses overturn.
+    """Find the smallest strength, from `least` on, with which alternating pulses overturn.
 
     NaN if it is not inside of the range that was searched.
     """
@@ -168,7 +168,7 @@ def _lowest(
 def _overturn(
     rocker: Rocker, count: int, spacings: jax.Array, strengths: jax.Array
 ) -> jax.Array:
-    """Which of many trains of alternating pulses, equally spaced, overturn the block."""
+    """Tell which of many trains of alternating pulses, equally spaced, overturn the block."""
     number = jnp.arange(count).astype(spacings.dtype)
     alternating = rocker.unit * jnp.where(number % 2 == 0, 1, -1)
 

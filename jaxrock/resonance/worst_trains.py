@@ -100,7 +100,7 @@ def worst_train(
     starts: int = 10,
     seed: int = 0,
 ) -> WorstTrain:
-    """The worst train of instantaneous pulses, over their times, signs and intensities.
+    """Find the worst train of instantaneous pulses, over their times, signs and intensities.
 
     Between the pulses the block moves freely, and through impacts. Random trains descend by
     sequential quadratic programming, and then try what descent cannot do: to strike a pulse
@@ -224,7 +224,7 @@ def _random_candidates(
 
 
 def _result(candidates: list[Candidate], problem: Problem, latest: float) -> WorstTrain:
-    """The best train of all candidates, verified."""
+    """Pick the best train of all candidates, and verify it."""
     unit = float(problem.rocker.unit)
     losses = np.array([c.loss if c.feasible(problem) else np.inf for c in candidates])
     objectives = {
@@ -272,7 +272,7 @@ def _result(candidates: list[Candidate], problem: Problem, latest: float) -> Wor
 def _verified(
     best: Candidate, problem: Problem, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, bool]:
-    """When the pulses come, and whether the train, followed over time, does what it should.
+    """Time the pulses, and tell whether the train, followed over time, does what it should.
 
     Raised a little it has to overturn, lowered a little not. Each is timed by its own impacts,
     which come later in a stronger train: a pulse on the wrong side of an impact acts the other

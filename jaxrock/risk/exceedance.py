@@ -16,7 +16,7 @@ _REMARK = 160  # characters of the longest remark, and a few more
 
 
 def about(long_name: str, units: str = "1") -> dict[str, str]:
-    """The attributes of a variable, its unit as CF writes it."""
+    """Make the attributes of a variable, its unit as CF writes it."""
     return {
         "long_name": long_name,
         "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
@@ -83,7 +83,7 @@ def _exceeds(threshold: Threshold, ratio: Any, overturned: Any) -> Any:
 def _curves(
     counts: np.ndarray, levels: np.ndarray, number: int, confidence: float
 ) -> dict[str, np.ndarray]:
-    """Counted and fitted curves, for counts of shape (levels, thresholds)."""
+    """Make counted and fitted curves, for counts of shape (levels, thresholds)."""
     from scipy.special import betaincinv
 
     # The exact interval of Clopper and Pearson, doi:10.1093/biomet/26.4.404.

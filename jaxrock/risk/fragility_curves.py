@@ -162,7 +162,7 @@ def fragility(
 def _responses(
     tolerance: float, model: RockingModel, shared: Any, records: np.ndarray, levels: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The responses to some records, which come with their intensities, at some levels."""
+    """Follow responses to some records, which come with their intensities, at some levels."""
     block, restitution = shared
     suite = Suite([record for record, _ in records])
     strengths = np.stack([strength for _, strength in records])
@@ -189,7 +189,7 @@ def threshold_names(thresholds: Sequence[Threshold]) -> list[str]:
 
 
 def _name(threshold: Threshold) -> str:
-    """A threshold as its label; a `ValueError` if it is none."""
+    """Name a threshold; a `ValueError` if it is none."""
     if isinstance(threshold, str):
         if threshold not in _WORDS:
             must = f"thresholds must be rotation ratios, {' or '.join(map(repr, _WORDS))}"

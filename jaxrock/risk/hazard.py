@@ -82,7 +82,7 @@ class Hazard(Printed, Checked):
         )
 
     def __call__(self, level: Number) -> Reals:
-        """The rate of exceedance.
+        """Interpolate the rate of exceedance.
 
         Parameters
         ----------

@@ -89,7 +89,7 @@ def read_hazard(
 
 
 def _understood(head: str, unit: str | None, expected: str | None) -> tuple[float, str]:
-    """The unit of the levels in m/s or m/s2 and the measure, from the names of the columns."""
+    """Tell the unit of the levels in m/s or m/s2 and the measure, from the columns' names."""
     columns = [name.strip().strip('"').strip() for name in head.split(",")]
     if len(columns) != 2:
         raise ValueError(f"two columns were expected, as in {_EXAMPLE}, got {head[:60]!r}")

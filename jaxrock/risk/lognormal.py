@@ -15,7 +15,7 @@ class LognormalFit(NamedTuple):
     remark: str = ""  # why there is none, or what is wrong with it; empty if all is well
 
     def at(self, levels: np.ndarray) -> np.ndarray:
-        """The curve at levels."""
+        """Evaluate the curve at levels."""
         from scipy.special import ndtr
 
         if self.dispersion == 0:
@@ -24,7 +24,7 @@ class LognormalFit(NamedTuple):
 
 
 def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> LognormalFit:
-    """The most likely curve for counts of exceedance at levels, with `trials` at each."""
+    """Fit the most likely curve to counts of exceedance at levels, with `trials` at each."""
     from scipy.optimize import minimize
     from scipy.special import log_ndtr
 

@@ -75,7 +75,7 @@ def overturning_rate(
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 64,
 ) -> OverturningRate:
-    """How often a year a block overturns, without a fit between.
+    """Compute how often a year a block overturns, without a fit between.
 
     Each record, scaled to a level x of the intensity measure, overturns the block on a union
     of intervals between its boundaries a_0 < a_1 < ..., survival windows included. With the
@@ -191,7 +191,7 @@ def _levels_found(value: Reals, any_level: Reals) -> Reals:
 def _summed(
     found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals
 ) -> dict[str, Any]:
-    """The fields of an `OverturningRate` but the boundaries, from hazards at these and levels."""
+    """Compute the fields of an `OverturningRate` from hazards at boundaries and levels."""
     signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
     changes = jnp.where(jnp.isfinite(found.value), signs * rates, 0).sum(axis=-1)
     contributions = changes + jnp.where(found.overturns_first, at_levels[0], 0)
@@ -211,7 +211,7 @@ def _summed(
 
 
 def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
-    """The levels between which boundaries are sought; a `ValueError` if they are not allowed."""
+    """Choose the levels between which to seek boundaries; a `ValueError` if not allowed."""
     ends = None
     if isinstance(hazard, Hazard) and not isinstance(hazard.levels, jax.core.Tracer):
         ends = np.asarray(hazard.levels)[[0, -1]].tolist()
@@ -240,7 +240,7 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
 
 
 def _unseen(found_and_rates: Any, levels: Any) -> Reals:
-    """How much windows that no level hits, and what is beyond the levels, may change."""
+    """Estimate what windows that no level hits, and levels beyond, may change."""
     found, rates = found_and_rates
     # NaN is not below anything.
     before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)

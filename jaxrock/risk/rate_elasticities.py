@@ -59,7 +59,7 @@ def rate_elasticities(
     change: float = 0.05,
     model: ModelLike = Nonlinear(),
 ) -> RateElasticities:
-    """How much the rate of overturning changes with each number, in two ways.
+    """Compute how much the rate of overturning changes with each number, in two ways.
 
     The derivative of `overturning_rate` is exact for the boundaries found. Where a block rocks
     long before it overturns, many of these bound narrow windows and move fast, each its own
@@ -124,7 +124,7 @@ def rate_elasticities(
 def _rates(
     hazard: Hazard | Callable[[Any], Any], levels: np.ndarray, response: BatchResponse
 ) -> np.ndarray:
-    """The rates of responses (records, ..., levels), in the mean over the records."""
+    """Average the rates of responses (records, ..., levels) over the records."""
     over = np.asarray(response.overturned)
     margin = np.asarray(response.margin)
     changes = over[..., 1:] != over[..., :-1]

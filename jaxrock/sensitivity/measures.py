@@ -101,7 +101,7 @@ class TornadoBars(Printed):
 
 
 def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
-    """How far each parameter moves an answer within its range, one at a time.
+    """Move each parameter within its range, one at a time, and compute the answer.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class DerivativeBasedMeasures(Printed):
 def derivative_based_measures(
     answer: Answer, at: Any, ranges: Ranges, samples: int = 4096, seed: int = 0
 ) -> DerivativeBasedMeasures:
-    """Which parameters matter over whole ranges, from gradients at random points.
+    """Measure which parameters matter over whole ranges, from gradients at random points.
 
     A parameter whose `bound` is near 0 need not be known well (I. M. Sobol and S. Kucherenko,
     Derivative based global sensitivity measures and their link with global sensitivity

@@ -43,7 +43,7 @@ class ParametricAnswer(eqx.Module):
         return self.values.at[varied].set(point)
 
     def __call__(self, point: Array) -> Array:
-        """The answer at a point."""
+        """Compute the answer at a point."""
         parameters = jax.tree.unflatten(self.form, list(self.parameters(point)))
         value = jnp.asarray(self.answer(parameters))
         if value.ndim:
@@ -73,7 +73,7 @@ def _series(answer: ParametricAnswer, points: Array, order: int) -> list[Array]:
 def parametric(
     answer: Answer, at: Any, argument: str = "", varied: Iterable[str] | None = None
 ) -> ParametricAnswer:
-    """The answer as a function of the parameters that an `argument` names, or of all."""
+    """Make the answer a function of the parameters that an `argument` names, or of all."""
     check_kind("answer", answer, Callable)
     leaves = jax.tree.leaves_with_path(at)
     if not leaves:
@@ -101,7 +101,7 @@ def parametric(
 def under_scatter(
     answer: Answer, at: Any, variations: Spread, samples: int, seed: int
 ) -> tuple[ParametricAnswer, np.ndarray]:
-    """The answer as a function of independent standard normal numbers, and samples of these."""
+    """Make the answer a function of independent standard normal numbers; sample these."""
     function = parametric(answer, at, "coefficients_of_variation", variations)
     wanted = np.asarray(list(variations.values()), float)
     check("coefficients_of_variation", wanted, NON_NEGATIVE)
@@ -124,7 +124,7 @@ def quantiles(z: Array, median: Array, width: Array, bounded: Array) -> Array:
 def widths(
     names: Iterable[str], median: np.ndarray, variation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How wide distributions of given coefficients of variation are, and which are bounded.
+    """Compute the widths of distributions from coefficients of variation; which are bounded.
 
     Bounded by 0 and 1 are the logit-normal ones. Others are lognormal where positive, normal
     where not. The width is the standard deviation of the logit, of the logarithm, or (normal)
@@ -140,7 +140,7 @@ def widths(
 
 
 def _logit_width(name: str, median: float, variation: float) -> float:
-    """Standard deviation of the logit that gives a coefficient of variation, by quadrature."""
+    """Find the logit's standard deviation for a coefficient of variation, by quadrature."""
     must_be = f"coefficient of variation of {name} must be"
     if median >= 1:
         raise ValueError(f"{must_be} 0 at {median:g}, got {variation:g}")

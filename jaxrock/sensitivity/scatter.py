@@ -253,7 +253,7 @@ def failure_probability(
 
 
 def _most_likely(function: ParametricAnswer, z: np.ndarray) -> tuple[np.ndarray, bool]:
-    """The point of the limit state next to 0 (Hasofer, Lind, Rackwitz, Fiessler).
+    """Find the point of the limit state next to 0 (Hasofer, Lind, Rackwitz, Fiessler).
 
     Each step goes to the nearest point of the tangent plane, or part of the way where a merit
     of distance and margin would not decrease. Also whether that has converged.

@@ -35,7 +35,7 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 
 
 def axis(name: str, value: Values) -> np.ndarray:
-    """The values along an axis: one or more, different, and all in its domain."""
+    """Check the values along an axis: one or more, different, and all in its domain."""
     as_real(name, value)  # in the precision of JAX; the axis keeps its own
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:
@@ -54,6 +54,6 @@ def axis(name: str, value: Values) -> np.ndarray:
 
 
 def label(name: str) -> dict[str, str]:
-    """The attributes of what is named like an axis."""
+    """Return the attributes of what is named like an axis."""
     long_name, units, _ = _AXES[name]
     return {"long_name": long_name, "units": units}

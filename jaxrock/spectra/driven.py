@@ -162,7 +162,7 @@ def overturning_spectrum(
     tolerance: float | None = None,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Which pulses of one shape overturn a block, in the plane of the literature.
+    """Compute which pulses of one shape overturn a block, in the plane of the literature.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def overturning_spectrum(
 def _pulses_of_ratios(
     kind: type[Pulse], uplift: float, rate: float, shared: Any, *ratios: np.ndarray
 ) -> tuple[Block, Any, Motion]:
-    """The block and its restitution, and the pulses at points of an overturning spectrum."""
+    """Make the block, its restitution, and the pulses at points of an overturning spectrum."""
     frequency_ratio, amplitude_ratio = ratios
     return *shared, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * rate))
 
@@ -216,7 +216,7 @@ def _pulses_of_ratios(
 def unit_block(
     slenderness: float, restitution: float | None, inertia_ratio: float, model: ModelLike
 ) -> tuple[Block, float, float]:
-    """A block of any size, its restitution, and the acceleration that just lifts it."""
+    """Make a block of any size, its restitution, and the acceleration that just lifts it."""
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     c = float(_restitution(block)) if restitution is None else restitution
     check("restitution", as_real("restitution", c), UNIT_INTERVAL)
@@ -269,7 +269,7 @@ def _of_records(
     records: np.ndarray,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """The responses to the records of a suite."""
+    """Follow the responses to the records of a suite."""
     return compute(Suite([*records]), *parts)
 
 
@@ -281,7 +281,7 @@ def _responses(
     shared: Any,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """The responses over a part of a grid."""
+    """Follow the responses over a part of a grid."""
     shape, points = flat(*parts)
     if isinstance(shared, Suite):
         shape = (len(shared), *shape)

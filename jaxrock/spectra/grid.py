@@ -76,7 +76,7 @@ class Grid:
     def dataset(
         self, chunks: "Chunks | None" = None, store: str | Path | None = None
     ) -> "xarray.Dataset":
-        """Computed, in memory or in a NetCDF file; or lazy, if there are chunks."""
+        """Compute it, in memory or in a NetCDF file; or make it lazy, if there are chunks."""
         if chunks is None:
             return self.stored(store) if store is not None else self.labelled(self.computed())
         if store is not None:
@@ -130,7 +130,7 @@ class Grid:
                 target[tuple(at.get(dim, slice(None)) for dim in dims)] = answers[name]
 
     def labelled(self, arrays: Mapping[str, Any]) -> "xarray.Dataset":
-        """The dataset of arrays of all variables."""
+        """Make the dataset of arrays of all variables."""
         entries = {name: (v[0], arrays[name], v[2]) for name, v in self.variables.items()}
         dataset = labelled(self.title, entries, self.coordinates(), self.attributes)
         return with_names(dataset, **self.names) if self.names else dataset
@@ -148,7 +148,7 @@ class Grid:
         }
 
     def stored(self, store: str | Path) -> "xarray.Dataset":
-        """Computed into a NetCDF file, from which the dataset reads on demand."""
+        """Compute into a NetCDF file, from which the dataset reads on demand."""
         import netCDF4
         import xarray
 
@@ -184,7 +184,7 @@ def along(things: Sequence[Any]) -> np.ndarray:
 
 
 def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """The shape of a part of a grid, and the value along each axis at each of its points."""
+    """Return the shape of a part of a grid, and each axis' value at each of its points."""
     shape = tuple(part.size for part in parts)
     points = np.empty((len(parts), *shape))
     for place, part in enumerate(parts):
@@ -195,7 +195,7 @@ def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
 def in_tiles(
     function: Callable[..., Any], tile: int, points: np.ndarray, workers: int = 0
 ) -> Any:
-    """An elementwise function of points of shape (arguments, n), n > 0, in tiles of one size.
+    """Apply an elementwise function to points of shape (arguments, n), n > 0, in tiles.
 
     XLA makes another program for every shape, and not all of these round alike. In tiles each
     point has the same bits whatever the others are, and one program serves all grids. The
@@ -228,7 +228,7 @@ def in_tiles(
 
 
 def of_few_shapes(function: Callable[[Any], Any], tree: Any) -> np.ndarray:
-    """An elementwise function of a pytree of numbers and flat arrays, in NumPy.
+    """Apply an elementwise function to a pytree of numbers and flat arrays, in NumPy.
 
     Padded, so that few shapes are compiled whatever the chunks are.
     """

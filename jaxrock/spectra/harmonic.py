@@ -225,7 +225,7 @@ def _region(
 def _from_rest(
     block: Block, restitution: Any, motion: Harmonic, model: RockingModel
 ) -> np.ndarray:
-    """What blocks at rest do, as in `_FLAGS`."""
+    """Tell what blocks at rest do, as in `_FLAGS`."""
     response = follow_batch(Batch.of(block, restitution, motion), model)
     peak = np.asarray(response.peak_rotation)
     return (peak > 0) + _topples(peak)

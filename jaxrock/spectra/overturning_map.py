@@ -137,7 +137,7 @@ def _boundaries(
     shared: Any,
     ratios: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """The boundaries at some frequencies, at least `columns`; 0 for as many as there are."""
+    """Search boundaries at some frequencies, at least `columns`; 0 for all there are."""
     durations = kind.angle / (ratios * rate)
     block, c = shared
     found = each_critical_amplitude(block, c, kind, durations, *search)

@@ -178,7 +178,7 @@ def _over_axes(
     shared: Sequence[Array],
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """What `compute` says of the points of a grid, by the number of axes of each variable."""
+    """Apply `compute` to the points of a grid, by the number of axes of each variable."""
     shape, points = flat(*parts)
     answers = compute(points, shared)
     full = len(shape)
@@ -220,7 +220,7 @@ def _at_points(
     devices: Devices,
     argument: Any,
 ) -> Any:
-    """A function of a scene and an argument, at points of shape (axes, n), in NumPy."""
+    """Apply a function of a scene and an argument at points of shape (axes, n), in NumPy."""
     gravity, inertia_ratio = shared
     devices = devices or jax.local_devices()
     on_processor = devices[0].platform == "cpu"

@@ -42,7 +42,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
 
 
 def overturned_share(dataset: "xarray.Dataset") -> float:
-    """The share of the scenes in a spectrum that overturn under unlimited pulses."""
+    """Compute the share of the scenes in a spectrum that overturn under unlimited pulses."""
     margin = dataset.overturning_margin
     parts = with_progress(parts_of(dataset), "overturned")
     return sum(int((margin.isel(part) <= 0).sum()) for part in parts) / margin.size
