@@ -67,6 +67,16 @@ def test_a_line_has_one_statement():
     assert parallel <= count / 1000
 
 
+def test_a_class_has_a_name_of_its_own():
+    names = [
+        node.name
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    ]
+    assert len(names) == len(set(names))
+
+
 def test_what_is_listed_is_there_and_nothing_of_the_inside():
     assert dir(jr) == sorted([*jr.__all__, "cluster"])
     assert all(hasattr(jr, name) for name in dir(jr))

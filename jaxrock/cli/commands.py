@@ -19,7 +19,7 @@ from ..spectra import (
 )
 from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .dependence import Sensitivity
-from .harmonic import Harmonic
+from .harmonic import HarmonicFloor
 from .measurements import Fit
 from .one_block import Assess, Critical, Respond
 from .options import (
@@ -47,6 +47,8 @@ class Spectrum(Storing):
 
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
     """
+
+    command = "spectrum"
 
     slenderness: Grid = ("3:10:141",)
     """Height over width [-]."""
@@ -114,6 +116,8 @@ class RockingSpectrum(RecordOptions, Storing):
     Example: jaxrock rocking-spectrum --record example --scale 1.5
     """
 
+    command = "rocking-spectrum"
+
     record: str | None = "example"
     period: Grid = ("1:4:241", "4.05:8:80")
     """2 pi / p of the blocks [s]."""
@@ -152,7 +156,7 @@ class RockingSpectrum(RecordOptions, Storing):
         )
 
 
-class Tradeoff(MotionOptions, BlockOptions, Writing):
+class MeasureTradeoff(MotionOptions, BlockOptions, Writing):
     """Speed against accuracy on this machine: every dial turned, errors and times measured.
 
     Of a block under a pulse or a record, with --intensity under the pulses of resonance, by
@@ -160,6 +164,8 @@ class Tradeoff(MotionOptions, BlockOptions, Writing):
 
     Example: jaxrock tradeoff --record example
     """
+
+    command = "tradeoff"
 
     intensity: float | None = None
     """Change of ground velocity in each instantaneous pulse [m/s]."""
@@ -203,6 +209,8 @@ class Paper(Writing):
     Example: jaxrock paper --out paper
     """
 
+    command = "paper"
+
     out: Folder = Path("paper")
 
     def _steps(self) -> Steps:
@@ -233,6 +241,8 @@ class Conformance(Writing):
     Example: jaxrock conformance --out conformance
     """
 
+    command = "conformance"
+
     out: Folder = Path("conformance")
 
     def _steps(self) -> Steps:
@@ -240,17 +250,18 @@ class Conformance(Writing):
         return Answer(f"{count} cases", {"cases": count})
 
 
-COMMANDS: dict[str, type[Command]] = {
-    "assess": Assess,
-    "spectrum": Spectrum,
-    "respond": Respond,
-    "rocking-spectrum": RockingSpectrum,
-    "fragility": Fragility,
-    "critical": Critical,
-    "sensitivity": Sensitivity,
-    "harmonic": Harmonic,
-    "fit": Fit,
-    "tradeoff": Tradeoff,
-    "paper": Paper,
-    "conformance": Conformance,
-}
+_ALL = (
+    Assess,
+    Spectrum,
+    Respond,
+    RockingSpectrum,
+    Fragility,
+    Critical,
+    Sensitivity,
+    HarmonicFloor,
+    Fit,
+    MeasureTradeoff,
+    Paper,
+    Conformance,
+)
+COMMANDS: dict[str, type[Command]] = {each.command: each for each in _ALL}

@@ -48,6 +48,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     Example: jaxrock sensitivity --answer rotation-ratio --restitution 0.7
     """
 
+    command = "sensitivity"
+
     answer: AnswerName | None = None
     """What to examine; by default the critical intensity, under a pulse or record the ratio."""
     intensity: float = 0.15

@@ -10,7 +10,7 @@ from ..validation import AT_LEAST_ONE, COUNT, POSITIVE, UNIT_INTERVAL, as_real, 
 from .options import Answer, Count, Folder, Grid, ModelName, Steps, Writing, picture
 
 
-class Harmonic(Writing):
+class HarmonicFloor(Writing):
     """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
 
     Where one impact in every half period goes on for ever, whether that is stable, how high
@@ -19,6 +19,8 @@ class Harmonic(Writing):
 
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
     """
+
+    command = "harmonic"
 
     slenderness: float = 5.0
     """Height over width [-]."""

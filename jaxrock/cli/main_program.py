@@ -22,7 +22,7 @@ from .signals import end_on_signals
 from .storing import Storing
 from .study import Run
 
-_PARSER = make_parser({**COMMANDS, "run": Run})
+_PARSER = make_parser({**COMMANDS, Run.command: Run})
 
 
 def run_main(arguments: Sequence[str] | None) -> None:

@@ -27,6 +27,8 @@ class Fit(Writing):
     Example: jaxrock fit times.csv --width 0.2 --height 1
     """
 
+    command = "fit"
+
     file: Path = field(kw_only=False)
     """The file with the times of the impacts."""
     width: float | None = None

@@ -49,6 +49,8 @@ class Assess(BlockOptions):
     Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7
     """
 
+    command = "assess"
+
     intensity: float = 0.15
     """Change of ground velocity in each pulse [m/s]."""
     tolerance: float | None = None
@@ -71,6 +73,8 @@ class Respond(MotionOptions, BlockOptions, Writing):
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
     """
+
+    command = "respond"
 
     duration: float | None = None
     """Time to follow the block [s]; by default 10 s beyond the input."""
@@ -157,6 +161,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
 
     Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
     """
+
+    command = "critical"
 
     intensity: float = 0.15
     """Change of ground velocity in each instantaneous pulse [m/s]."""

@@ -3,11 +3,10 @@
 import abc
 import contextlib
 import functools
-import re
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, dataclass_transform
+from typing import Annotated, Any, ClassVar, Literal, dataclass_transform
 
 import numpy as np
 from cyclopts import Group, Parameter, Token
@@ -63,6 +62,7 @@ class Command(abc.ABC):
     What it does is a generator: above the `yield` all is checked, below it is computed.
     """
 
+    command: ClassVar[str]  # as it is called
     as_json: Annotated[bool, OF_OUTPUT, Parameter(name="--json")] = False
     """Print JSON; null stands for what does not exist or never happens."""
     no_cache: Annotated[bool, OF_OUTPUT] = False
@@ -158,13 +158,12 @@ class Writing(Command):
     @property
     def about(self) -> dict[str, Any]:
         """Version, command and options, from which its files were computed."""
-        name = re.sub("(?<!^)(?=[A-Z])", "-", type(self).__name__).lower()
         said = {
             name: _words(value)
             for name, value in self._given().items()
             if value is not None and name not in _OF_WRITING
         }
-        return {"source": f"jaxrock {version()}", "command": name, **said}
+        return {"source": f"jaxrock {version()}", "command": self.command, **said}
 
     @property
     def names(self) -> Sequence[str]:

@@ -29,6 +29,8 @@ class Run(Command):
     Example: jaxrock run study.toml
     """
 
+    command = "run"
+
     study: Path = field(kw_only=False)
     """The study file."""
 

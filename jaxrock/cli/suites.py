@@ -33,6 +33,8 @@ class Fragility(BlockOptions, Storing):
     Example: jaxrock fragility --records example --width 0.6 --height 2.4 --restitution 0.8
     """
 
+    command = "fragility"
+
     records: str = "example"
     """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
     unit: str | None = None

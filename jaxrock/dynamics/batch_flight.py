@@ -173,7 +173,7 @@ def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
     return rises | falls | (slow >= apart) | (fast <= -apart)
 
 
-class Flight(NamedTuple):
+class StepFlight(NamedTuple):
     """What a block in motion does in a step."""
 
     time: Any  # until its impact or the end of the step
@@ -187,7 +187,7 @@ class Flight(NamedTuple):
     @classmethod
     def of(
         cls, path: Coefficients, step: Any, moves: Any, peak: Any, tolerance: Any
-    ) -> "Flight":
+    ) -> "StepFlight":
         """Describe the flight on a polynomial, up to a time.
 
         A highest rotation above the peak so far is found to the tolerance.

@@ -16,7 +16,7 @@ from .batch_step import Case, Lanes, max_steps
 _STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
 
 
-class Ends(NamedTuple):
+class FinalStates(NamedTuple):
     """The states and counts of blocks that have finished."""
 
     peak: Any
@@ -28,7 +28,7 @@ class Ends(NamedTuple):
     followed: Any  # 1 if to the end, otherwise 0
 
     @classmethod
-    def of(cls, lanes: Lanes, case: Case) -> "Ends":
+    def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
         """Those of all lanes, finished or not."""
         return cls(
             lanes.peak,
@@ -55,7 +55,7 @@ def work_off(
     count: Any,
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
-) -> Ends:
+) -> FinalStates:
     """Take the first `count` blocks of a queue to their ends, by `step`."""
     dtype = queue.duration.dtype
     size = queue.duration.size
@@ -64,7 +64,7 @@ def work_off(
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
         idle = ~lanes.active(case)
-        rows = jnp.stack(Ends.of(lanes, case), axis=-1)
+        rows = jnp.stack(FinalStates.of(lanes, case), axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
         number = _running_sum(idle.astype(jnp.int32))
         place = taken + number - 1
@@ -97,10 +97,10 @@ def work_off(
         jnp.full(lanes, size, jnp.int32),
         any_case,
         jnp.zeros((), jnp.int32),
-        jnp.zeros((size + 1, len(Ends._fields)), dtype),
+        jnp.zeros((size + 1, len(FinalStates._fields)), dtype),
     )
     *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
-    return Ends(*results[:-1].T)
+    return FinalStates(*results[:-1].T)
 
 
 def _running_sum(x: Any) -> Any:

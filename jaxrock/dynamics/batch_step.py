@@ -15,7 +15,7 @@ from ..impact import velocity_after_impact
 from ..numerics import larger
 from ..resonance import Linearized, RockingModel
 from ..validation import Booleans
-from .batch_flight import LONGEST, Flight
+from .batch_flight import LONGEST, StepFlight
 from .batch_input import PulseInput, RecordInput, negligible
 from .equation import Equation
 from .overturning_criterion import TOPPLED_ROTATION
@@ -185,7 +185,7 @@ def take_step(
     step = materialized(
         jnp.where(lanes.moves, jnp.minimum(step, accurate_step(path, tolerance)), 0)
     )
-    flight = Flight.of(path, step, lanes.moves, lanes.peak, tolerance)
+    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, tolerance)
     leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
     settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
     settles = materialized(flight.lands & settles)

@@ -21,7 +21,7 @@ from .motion_to_event import (
     REST,
     RISING,
     TOPPLED,
-    Problem,
+    Integration,
     State,
     fly,
     forces_until,
@@ -67,7 +67,7 @@ def run(
         valid = jnp.all(valid)
     uplifts = Uplifts.of(equation, driven.motion)
     dtype = driven.duration.dtype
-    problem = Problem(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
+    integration = Integration(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
 
     def goes_on(carry: _Carry) -> Booleans:
         state, _ = carry
@@ -77,7 +77,7 @@ def run(
 
     def step(carry: _Carry) -> _Carry:
         before, lists = carry
-        state = _step(problem, before)
+        state = _step(integration, before)
         # Logged outside of the branches of `_step`, which would copy the lists.
         if max_impacts:
             place = jnp.where(state.impacts > before.impacts, before.impacts, max_impacts)
@@ -101,7 +101,7 @@ def run(
     begin = State(**fields), (unknown, unknown[: max_impacts + 1, :2])
     state, lists = jax.lax.while_loop(goes_on, step, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
-    response = _response(problem, state, lists, valid, full)
+    response = _response(integration, state, lists, valid, full)
     return Followed(response, response.peak_rotation, state.last_impact)
 
 
@@ -110,7 +110,11 @@ follow = eqx.filter_jit(through_jacobian(run))
 
 
 def _response(
-    problem: Problem, state: State, lists: tuple[Reals, Reals], valid: Booleans, full: Booleans
+    integration: Integration,
+    state: State,
+    lists: tuple[Reals, Reals],
+    valid: Booleans,
+    full: Booleans,
 ) -> Response:
     """Make the response whose last event is given; NaN where it is not known."""
     broken = (state.failed & valid) | (state.events >= _MAX_EVENTS)
@@ -139,16 +143,16 @@ def _response(
         at_rest=good & (state.phase == REST),
         status=jnp.where(valid, status, Status.INVALID),
         events=Events(*events.T),
-        scene=problem.driven,
-        model=problem.equation.model,
+        scene=integration.driven,
+        model=integration.equation.model,
         **{name: jnp.where(good, value, jnp.nan) for name, value in known.items()},
     )
 
 
-def _step(problem: Problem, before: State) -> State:
+def _step(integration: Integration, before: State) -> State:
     """From an event to the next."""
-    driven = problem.driven
-    motion = problem.driven.motion
+    driven = integration.driven
+    motion = integration.driven.motion
     begins = before.events == 0
     acts = motion.acts(before.time)
     # The next edge of the input, or the end; of those that coincide, the end.
@@ -159,34 +163,34 @@ def _step(problem: Problem, before: State) -> State:
     state = jax.lax.switch(
         jnp.where(begins, 0, jnp.where(before.phase == REST, 1, 2)),
         [
-            lambda state: _start(problem, state),
-            lambda state: _wait(problem, state, stop),
-            lambda state: fly(problem, state, stop),
+            lambda state: _start(integration, state),
+            lambda state: _wait(integration, state, stop),
+            lambda state: fly(integration, state, stop),
         ],
         before,
     )
-    state = _with_corner(problem, state, acts & ~begins)
+    state = _with_corner(integration, state, acts & ~begins)
     # The overturning criterion is read where the input ends.
     input_end = smaller(motion.end, driven.duration)
     reached = (state.time >= input_end) | (state.phase == TOPPLED)
     reads = begins | ((before.time < input_end) & reached)
     margins = free_motion_margins(
-        problem.equation, driven.restitution, state.rotation, state.velocity
+        integration.equation, driven.restitution, state.rotation, state.velocity
     )
     margin = jnp.where(reads, smaller_margin(*margins), state.margin)
     return state._replace(margin=margin, events=before.events + 1)
 
 
-def _start(problem: Problem, state: State) -> State:
+def _start(integration: Integration, state: State) -> State:
     """Return the initial state, on the side to which the block is rotated or moves."""
-    driven = problem.driven
+    driven = integration.driven
     towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
     side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
     rotation = side * driven.rotation
     velocity = side * driven.velocity
     phase = jnp.where(velocity < 0, FALLING, RISING)
     phase = jnp.where((rotation == 0) & (velocity == 0), REST, phase)
-    crossed = rotation >= problem.equation.critical_angle
+    crossed = rotation >= integration.equation.critical_angle
     return state._replace(
         side=side,
         rotation=rotation,
@@ -197,28 +201,28 @@ def _start(problem: Problem, state: State) -> State:
     )
 
 
-def _wait(problem: Problem, state: State, stop: Reals) -> State:
+def _wait(integration: Integration, state: State, stop: Reals) -> State:
     """At rest until the input lifts the block, or until the next edge of the input."""
-    lifted, time, side = problem.uplifts.following(state.time, stop)
-    acts = problem.driven.motion.acts(state.time)
+    lifted, time, side = integration.uplifts.following(state.time, stop)
+    acts = integration.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
     return state._replace(
-        forces=forces_until(problem, state, until, acts),
+        forces=forces_until(integration, state, until, acts),
         time=until,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),
     )
 
 
-def _with_corner(problem: Problem, state: State, acted: Booleans) -> State:
+def _with_corner(integration: Integration, state: State, acted: Booleans) -> State:
     """Return the state at the corner of the input with which it coincides, where there is one.
 
     This changes derivatives only. Up to the corner the block moves for a time that is 0 but
     has a derivative, under the input as it is before the corner.
     """
-    motion = problem.driven.motion
-    duration = problem.driven.duration
+    motion = integration.driven.motion
+    duration = integration.driven.duration
     time = state.time
     near = close_to(motion, time)
     kink = motion.next_kink(time - near)
@@ -229,7 +233,7 @@ def _with_corner(problem: Problem, state: State, acted: Booleans) -> State:
     move = corner - time
     move = move - jax.lax.stop_gradient(move)
     stays = (state.phase == REST) | (state.phase == TOPPLED)
-    segment = problem.segment(time, state.side, acted)
+    segment = integration.segment(time, state.side, acted)
     rate = segment.field(jnp.zeros_like(move), state.y)
     rotation, velocity = state.y + jnp.where(stays, 0, move) * rate
     return state._replace(time=time + move, rotation=rotation, velocity=velocity)

@@ -59,7 +59,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Problem:
+class Integration:
     """What all steps of the loop have in common."""
 
     driven: Driven
@@ -73,8 +73,8 @@ class Problem:
         return Segment(self.equation, self.driven.motion, time, side, acts)
 
 
-class Ends(eqx.Module):
-    """Where a segment ends, of a block that rises or falls, maybe beyond the critical angle."""
+class EventFunctions(eqx.Module):
+    """Event functions g(y), each positive before its event: the ends of a segment."""
 
     equation: Equation
     rising: Booleans
@@ -99,7 +99,7 @@ class Ends(eqx.Module):
         return jnp.stack([peak * rate[1], -up * rate[0], critical * rate[0]])
 
 
-class Flight(NamedTuple):
+class SegmentState(NamedTuple):
     """From step to step of a segment."""
 
     elapsed: Reals  # since it began
@@ -122,15 +122,17 @@ def flown(
     *,
     moves: Booleans,
     lifted: Booleans,
-    ends: Ends | None = None,
+    ends: EventFunctions | None = None,
     forces: Forces | None = None,
-) -> Flight:
+) -> SegmentState:
     """From the state at its beginning to the end of a segment, or for its whole length."""
     zero = jnp.zeros_like(length)
     none = jnp.zeros((), int)
     until = first_step(segment, length, y, lifted)
     solver_state = stepper.begin(segment, y)
-    begin = Flight(zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state)
+    begin = SegmentState(
+        zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state
+    )
     return jax.lax.while_loop(
         lambda flight: ~flight.done & (flight.steps < _MAX_STEPS),
         lambda flight: _advance(stepper, segment, length, ends, flight),
@@ -139,8 +141,12 @@ def flown(
 
 
 def _advance(
-    stepper: Stepper, segment: Segment, length: Reals, ends: Ends | None, flight: Flight
-) -> Flight:
+    stepper: Stepper,
+    segment: Segment,
+    length: Reals,
+    ends: EventFunctions | None,
+    flight: SegmentState,
+) -> SegmentState:
     """One step, or one more repetition of the last."""
     step = stepper.step(segment, flight.elapsed, flight.until, flight.y, flight.solver_state)
     repeats = flight.repetitions > 0
@@ -187,12 +193,14 @@ def _advance(
     steps = flight.steps + 1
     states = step.solver_state, flight.solver_state
     solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *states)
-    return Flight(
+    return SegmentState(
         elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state
     )
 
 
-def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
+def _located(
+    stepper: Stepper, ends: EventFunctions, flight: SegmentState, step: Step
+) -> Reals:
     """Locate where the segment ends in a step, nearly, by bisection on the interpolant."""
     ends, flight, step = jax.lax.stop_gradient((ends, flight, step))
     limits = jnp.finfo(flight.elapsed.dtype)
@@ -210,7 +218,9 @@ def _located(stepper: Stepper, ends: Ends, flight: Flight, step: Step) -> Reals:
     return jax.lax.while_loop(wide, halve, (flight.elapsed, flight.until))[1]
 
 
-def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Integers) -> Reals:
+def _improved(
+    segment: Segment, ends: EventFunctions, time: Reals, y: Reals, event: Integers
+) -> Reals:
     """Refine the end of a segment by Halley's method, from a time and the state there."""
     rate = segment.field(time, y)
     _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
@@ -228,18 +238,18 @@ def _improved(segment: Segment, ends: Ends, time: Reals, y: Reals, event: Intege
 
 
 def forces_until(
-    problem: Problem, state: State, until: Reals, acts: Booleans
+    integration: Integration, state: State, until: Reals, acts: Booleans
 ) -> Forces | None:
     """Add the forces under a block that moves with the ground until some time."""
     if state.forces is None:
         return None
-    demand, normal = problem.uplifts.forces(state.time, until, acts)
+    demand, normal = integration.uplifts.forces(state.time, until, acts)
     loss = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
     return state.forces.and_also(demand, normal, loss)
 
 
 def _balance(
-    problem: Problem, state: State, segment: Segment, stop: Reals
+    integration: Integration, state: State, segment: Segment, stop: Reals
 ) -> tuple[Booleans, Booleans, Reals, Forces | None]:
     """Let a block in balance wait until the input changes.
 
@@ -247,20 +257,20 @@ def _balance(
     block waits, whether it otherwise falls back to the ground, the end of the segment, and the
     forces.
     """
-    until = jnp.where(segment.acts, problem.uplifts.next_knot(state.time, stop), stop)
+    until = jnp.where(segment.acts, integration.uplifts.next_knot(state.time, stop), stop)
     fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))
     later = fixed.field(after, y)[1]
     waits = (later == 0) | ~segment.acts
-    meanwhile = forces_until(problem, state, until, segment.acts)
+    meanwhile = forces_until(integration, state, until, segment.acts)
     forces = jax.tree.map(lambda a, b: jnp.where(waits, a, b), meanwhile, state.forces)
     return waits, later < 0, jnp.where(waits, until, stop), forces
 
 
-def fly(problem: Problem, state: State, stop: Reals) -> State:
+def fly(integration: Integration, state: State, stop: Reals) -> State:
     """Through a segment and the event at its end, unless the block has come to rest."""
-    motion = problem.driven.motion
-    critical_angle = problem.equation.critical_angle
-    segment = problem.segment(state.time, state.side, motion.acts(state.time))
+    motion = integration.driven.motion
+    critical_angle = integration.equation.critical_angle
+    segment = integration.segment(state.time, state.side, motion.acts(state.time))
     fixed, y = jax.lax.stop_gradient((segment, state.y))
     acceleration = fixed.field(jnp.zeros_like(stop), y)[1]
     # A block that has stopped at an edge of the input may turn.
@@ -274,7 +284,7 @@ def fly(problem: Problem, state: State, stop: Reals) -> State:
     # A branch, since it looks at all of the input, and hardly ever.
     waits, falls, stop, forces = jax.lax.cond(
         balanced,
-        lambda: _balance(problem, state, segment, stop),
+        lambda: _balance(integration, state, segment, stop),
         lambda: (balanced, balanced, stop, state.forces),
     )
     phase = jnp.where(balanced, jnp.where(falls, FALLING, RISING), phase)
@@ -283,25 +293,29 @@ def fly(problem: Problem, state: State, stop: Reals) -> State:
     # down again; nor is a time that the clock cannot resolve one in which it moves. One that
     # leaves its balance begins as slowly.
     slow = lifted | balanced
-    hold = jnp.where(slow, problem.uplifts.lasting + close_to(motion, state.time), 0)
+    hold = jnp.where(slow, integration.uplifts.lasting + close_to(motion, state.time), 0)
     end = flown(
-        problem.stepper,
+        integration.stepper,
         segment,
         stop - state.time,
         state.y,
         moves=(phase != REST) & ~waits,
         lifted=lifted,
-        ends=Ends(problem.equation, phase == RISING, state.rotation >= critical_angle, hold),
+        ends=EventFunctions(
+            integration.equation, phase == RISING, state.rotation >= critical_angle, hold
+        ),
         forces=forces,
     )
     state = state._replace(phase=phase)
-    return jax.lax.cond(phase == REST, lambda: state, lambda: _land(problem, stop, state, end))
+    return jax.lax.cond(
+        phase == REST, lambda: state, lambda: _land(integration, stop, state, end)
+    )
 
 
-def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
+def _land(integration: Integration, stop: Reals, state: State, flight: SegmentState) -> State:
     """From the end of a segment to what follows it: a peak, an impact, rest."""
-    equation = problem.equation
-    restitution = problem.driven.restitution
+    equation = integration.equation
+    restitution = integration.driven.restitution
     rising = state.phase == RISING
     time = jnp.where(flight.event == STOP, stop, state.time + flight.elapsed)
     rotation, velocity = flight.y
@@ -321,7 +335,7 @@ def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     arriving = -velocity
     leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
-    other_side = problem.segment(time, -state.side, problem.driven.motion.acts(time))
+    other_side = integration.segment(time, -state.side, integration.driven.motion.acts(time))
     fixed = jax.lax.stop_gradient((other_side, jnp.stack([zero, leaving])))
     deceleration = -fixed[0].field(zero, fixed[1])[1]
     # Bounces under a constant deceleration end in finite time. Once that is short beside the
@@ -330,9 +344,9 @@ def _land(problem: Problem, stop: Reals, state: State, flight: Flight) -> State:
     # that is dropped is this velocity. The times are multiplied by the deceleration.
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
-    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _SETTLED * problem.rtol * lost
-    slow = leaving**2 <= 2 * problem.rtol**2 * deceleration * state.peak
-    unresolved = 2 * leaving <= close_to(problem.driven.motion, time) * lost
+    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _SETTLED * integration.rtol * lost
+    slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * state.peak
+    unresolved = 2 * leaving <= close_to(integration.driven.motion, time) * lost
     rests = lands & pressed & short & (slow | unresolved)
     return state._replace(
         time=time,

@@ -270,7 +270,7 @@ def _residual(
     return value - velocity, (rate, time, peak), outcome
 
 
-class _Search(NamedTuple):
+class _PhaseSearch(NamedTuple):
     """From rest, or with the first point of its scan for the largest fixed point."""
 
     scan: Scan
@@ -295,7 +295,7 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
     def points(index: Any) -> Reals:
         return top * (bottom / top) ** (index / (_POINTS - 1))
 
-    def step(state: tuple[_Search, Any]) -> tuple[_Search, Any]:
+    def step(state: tuple[_PhaseSearch, Any]) -> tuple[_PhaseSearch, Any]:
         search = state[0]
         velocity = state[0].scan.trial
         gap, values, outcome = _residual(scene, velocity, model=model, rtol=rtol)
@@ -317,7 +317,7 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
 
     zero = jnp.zeros_like(top)
     no = jnp.zeros((), bool)
-    begin = _Search(Scan.beginning(zero), zero + 1, no, zero, ~no, no, no)
+    begin = _PhaseSearch(Scan.beginning(zero), zero + 1, no, zero, ~no, no, no)
     start = begin, (zero, zero, zero)
     end, values = jax.lax.while_loop(lambda state: state[0].goes_on, step, start)
     root, *values = (jnp.where(end.exists, x, 0) for x in (end.scan.last.place, *values))
@@ -331,8 +331,8 @@ def _search(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
 
 
 def _from_rest(
-    search: _Search, new: Sample, outcome: Int[Array, ""], stands: Booleans, top: Reals
-) -> _Search:
+    search: _PhaseSearch, new: Sample, outcome: Int[Array, ""], stands: Booleans, top: Reals
+) -> _PhaseSearch:
     """Iterate the map, in longer steps while it is nearly linear, which it often is."""
     scan = search.scan
     old = search.scan.last
@@ -369,7 +369,7 @@ def _from_rest(
         point=jnp.where(dies, 0, scan.point),
         since=jnp.where(dies, 0, scan.since + 1),
     )
-    return _Search(
+    return _PhaseSearch(
         scan=following,
         reach=reach,
         extrapolates=jnp.abs(step) > (1 + 1e-9) * jnp.abs(gap),

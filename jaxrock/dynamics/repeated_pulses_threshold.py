@@ -209,7 +209,7 @@ def _residual(
     return margin, (-velocity * slope,)
 
 
-class _Search(NamedTuple):
+class _ThresholdSearch(NamedTuple):
     scan: Scan  # of minus the logarithm of the amplitude, so that it goes up
     found: Booleans
     goes_on: Booleans
@@ -232,7 +232,7 @@ def _search(
     def points(index: Any) -> Reals:
         return -first - _STEP * index
 
-    def step(search: _Search) -> _Search:
+    def step(search: _ThresholdSearch) -> _ThresholdSearch:
         scan = search.scan
         one = zero + 1
         # Once the threshold is found, along the velocity, for the rate of the map.
@@ -254,12 +254,12 @@ def _search(
         at_once = (following.since == 0) & (following.right.kind == ABOVE)
         goes_on = found | ~at_once & (following.point <= _STEPS)
         following = following._replace(trial=jnp.where(found, scan.trial, following.trial))
-        onward = _Search(following, found, goes_on, -velocity * slope, zero)
+        onward = _ThresholdSearch(following, found, goes_on, -velocity * slope, zero)
         done = search._replace(goes_on=no, rate=-velocity * slope)
         return chosen(search.found, done, onward)
 
     scan = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
-    begin = _Search(scan, no, ~no, zero, zero)
+    begin = _ThresholdSearch(scan, no, ~no, zero, zero)
     end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
     root, rate, gain = (
         jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain)

@@ -39,7 +39,7 @@ _TIMES = 512  # of a history at once
 _Samples = Float[Array | np.ndarray, "..."]
 
 
-class Motion(NamedTuple):
+class FreeMotion(NamedTuple):
     """A block in its half-cycle, and what it has done so far."""
 
     x: Reals  # launch velocity of the half-cycle, over the critical one
@@ -75,7 +75,7 @@ class TrainResponse(Printed, eqx.Module):
     side: Reals
     complete: Booleans
     times: Reals
-    after_pulses: Motion
+    after_pulses: FreeMotion
     rocker: Rocker
 
     def history(self, time: Numbers) -> tuple[Reals, Reals]:
@@ -181,8 +181,8 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     """`respond_to_train`, with nothing checked."""
 
     def pulse(
-        motion: Motion, interval_and_intensity: tuple[Reals, Reals]
-    ) -> tuple[Motion, tuple[Reals, Reals, Motion]]:
+        motion: FreeMotion, interval_and_intensity: tuple[Reals, Reals]
+    ) -> tuple[FreeMotion, tuple[Reals, Reals, FreeMotion]]:
         interval, intensity = interval_and_intensity
         now = _rocked(rocker, motion, interval)
         flight = rocker.on_flight(now.x, now.since, now.duration)
@@ -204,7 +204,7 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
         return after, (x, now.side, after)
 
     zero = jnp.zeros_like(times[0])
-    at_rest = Motion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
+    at_rest = FreeMotion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
     intervals = jnp.diff(times, prepend=times[:1])
     last, (ratios, sides, after_pulses) = jax.lax.scan(
         pulse, at_rest, (intervals, intensities)
@@ -228,8 +228,8 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
 
 
 def _select(
-    namespace: ModuleType, time: _Samples, times: _Samples, after_pulses: Motion
-) -> tuple[Motion, Reals]:
+    namespace: ModuleType, time: _Samples, times: _Samples, after_pulses: FreeMotion
+) -> tuple[FreeMotion, Reals]:
     """Take the motion after the last pulse that has come at each time, and the time since [s]."""
     pulse = namespace.searchsorted(times, time, side="right") - 1
     pulse = namespace.maximum(pulse, 0)
@@ -241,7 +241,7 @@ def _select(
 
 @eqx.filter_jit
 @functools.partial(jax.vmap, in_axes=(None, 0, 0))
-def _sample(rocker: Rocker, motion: Motion, interval: Reals) -> tuple[Reals, Reals]:
+def _sample(rocker: Rocker, motion: FreeMotion, interval: Reals) -> tuple[Reals, Reals]:
     """Compute rotation [rad] and velocity [rad/s] at an interval after a motion."""
     now = _rocked(rocker, motion, interval)
     # A block that has overturned never falls back.
@@ -254,12 +254,12 @@ def _sample(rocker: Rocker, motion: Motion, interval: Reals) -> tuple[Reals, Rea
     return side * rotation, jnp.where(falls, -side, side) * velocity
 
 
-def _rocked(rocker: Rocker, motion: Motion, interval: Reals) -> Motion:
+def _rocked(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMotion:
     """Free rocking over an interval, through impacts."""
     # Below this velocity the block counts as resting: its impacts would never end.
     rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
 
-    def highest(motion: Motion, until: Any) -> Any:
+    def highest(motion: FreeMotion, until: Any) -> Any:
         """With the peak of this half-cycle, if the block passes it until then."""
         half = 0.5 * motion.duration
         passes = (motion.since <= half) & (until >= half)
@@ -273,7 +273,7 @@ def _rocked(rocker: Rocker, motion: Motion, interval: Reals) -> Motion:
     def impact(carry: Any) -> Any:
         motion, left = carry
         x = velocity_after_impact(rocker.restitution, motion.x)
-        after = Motion(
+        after = FreeMotion(
             x=x,
             duration=rocker.duration(x),
             since=jnp.zeros_like(x),

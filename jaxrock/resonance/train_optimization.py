@@ -29,7 +29,7 @@ _NO_GAIN = 1e-9  # improvement that is none
 _RANGE = (-20.0, 5.0)
 
 
-class Problem(NamedTuple):
+class TrainProblem(NamedTuple):
     """What all trains have in common."""
 
     rocker: Rocker
@@ -90,16 +90,16 @@ class Candidate(NamedTuple):
         """The pulses over the bound, outward positive."""
         return self.numbers[self.impacts.size : -1]
 
-    def outcome(self, problem: Problem, raised: float = 0.0) -> Outcome:
+    def outcome(self, problem: TrainProblem, raised: float = 0.0) -> Outcome:
         """Compute what the train does if its pulses are raised in proportion."""
         numbers = np.append(self.numbers[:-1], self.numbers[-1] + raised)
         return _evaluate(self._replace(numbers=numbers), problem)[0]
 
-    def feasible(self, problem: Problem) -> bool:
+    def feasible(self, problem: TrainProblem) -> bool:
         """Tell whether it keeps the constraints."""
         return self.violation < problem.tolerance
 
-    def merit(self, problem: Problem) -> float:
+    def merit(self, problem: TrainProblem) -> float:
         """Compute what candidates are compared by: anything feasible is below what is not.
 
         Of equally good trains the earlier one counts as better: a pulse right before an impact
@@ -122,7 +122,7 @@ class _Measured(NamedTuple):
 
 
 def _evaluate(
-    candidate: Candidate, problem: Problem
+    candidate: Candidate, problem: TrainProblem
 ) -> tuple[Outcome, np.ndarray, np.ndarray]:
     numbers, impacts, used, *_ = candidate
     outcome, *limited = evaluate(numbers, impacts, used, problem.rocker, problem.spacing)
@@ -130,7 +130,7 @@ def _evaluate(
     return outcome, values, slopes
 
 
-def _measure(candidate: Candidate, problem: Problem) -> _Measured:
+def _measure(candidate: Candidate, problem: TrainProblem) -> _Measured:
     _, values, slopes = _evaluate(candidate, problem)
     log_x = values[0]
     log_x_slope = slopes[0]
@@ -155,7 +155,7 @@ def _measure(candidate: Candidate, problem: Problem) -> _Measured:
     return _Measured(loss, bound * slope, log_x, room, room_slopes, loss * np.exp(-log_x))
 
 
-def descend(candidate: Candidate, problem: Problem) -> Candidate:
+def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
     """Find the best train through the same impacts, from one on."""
     from scipy.optimize import minimize  # which loads slowly
 
@@ -203,7 +203,7 @@ def descend(candidate: Candidate, problem: Problem) -> Candidate:
     )
 
 
-def _bounds(candidate: Candidate, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(candidate: Candidate, problem: TrainProblem) -> tuple[np.ndarray, np.ndarray]:
     """Of the numbers of a train; equal if one is given."""
     ones = np.ones(candidate.impacts.size)
     lows = -ones
@@ -219,7 +219,7 @@ def _bounds(candidate: Candidate, problem: Problem) -> tuple[np.ndarray, np.ndar
     return np.concatenate([0 * ones, lows, [least]]), np.concatenate([ones, highs, [most]])
 
 
-def search(candidates: list[Candidate], problem: Problem) -> list[Candidate]:
+def search(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate]:
     """Find the best train that each leads to, by descents and moves between them."""
     moved: dict[tuple, Candidate] = {}
 
@@ -250,7 +250,7 @@ def search(candidates: list[Candidate], problem: Problem) -> list[Candidate]:
     return found
 
 
-def _apart(candidate: Candidate, problem: Problem) -> Candidate:
+def _apart(candidate: Candidate, problem: TrainProblem) -> Candidate:
     """With as many impacts between the pulses as these take to be far enough apart."""
     # What one pulse needs depends on those before.
     for _ in range(candidate.impacts.size if problem.spacing > 0 else 0):
@@ -260,7 +260,7 @@ def _apart(candidate: Candidate, problem: Problem) -> Candidate:
     return candidate
 
 
-def _moves(candidate: Candidate, problem: Problem, k: int) -> Iterator[Candidate]:
+def _moves(candidate: Candidate, problem: TrainProblem, k: int) -> Iterator[Candidate]:
     """Yield trains with pulse k where no descent leads, since there are valleys between.
 
     A pulse does most early in a half-cycle outward, or late inward.
@@ -293,7 +293,7 @@ def _moves(candidate: Candidate, problem: Problem, k: int) -> Iterator[Candidate
         yield candidate._replace(used=k, numbers=strong, impacts=fewest)
 
 
-def _allowed(impacts: int, problem: Problem) -> int:
+def _allowed(impacts: int, problem: TrainProblem) -> int:
     return int(np.clip(impacts, problem.fewest_impacts, problem.most_impacts))
 
 

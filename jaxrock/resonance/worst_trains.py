@@ -22,7 +22,7 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow
-from .train_optimization import MOST_IMPACTS, Candidate, Goal, Problem, descend, search
+from .train_optimization import MOST_IMPACTS, Candidate, Goal, TrainProblem, descend, search
 from .train_through_impacts import MAX_IMPACTS
 
 
@@ -183,7 +183,7 @@ def worst_train(
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
     rocker = Rocker(block, restitution, as_model(model))
-    problem = Problem(
+    problem = TrainProblem(
         rocker=rocker,
         goal=goal,
         largest=largest / float(rocker.unit) if largest is not None else 1.0,
@@ -209,7 +209,7 @@ def worst_train(
 
 
 def _random_candidates(
-    problem: Problem, count: int, starts: int, seed: int
+    problem: TrainProblem, count: int, starts: int, seed: int
 ) -> list[Candidate]:
     random = np.random.default_rng(seed)
     fewest = problem.fewest_impacts
@@ -223,7 +223,7 @@ def _random_candidates(
     return [Candidate(*each, count) for each in zip(numbers, impacts, strict=True)]
 
 
-def _result(candidates: list[Candidate], problem: Problem, latest: float) -> WorstTrain:
+def _result(candidates: list[Candidate], problem: TrainProblem, latest: float) -> WorstTrain:
     """Pick the best train of all candidates, and verify it."""
     unit = float(problem.rocker.unit)
     losses = np.array([c.loss if c.feasible(problem) else np.inf for c in candidates])
@@ -270,7 +270,7 @@ def _result(candidates: list[Candidate], problem: Problem, latest: float) -> Wor
 
 
 def _verified(
-    best: Candidate, problem: Problem, intensities: np.ndarray, peak: float
+    best: Candidate, problem: TrainProblem, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, bool]:
     """Time the pulses, and tell whether the train, followed over time, does what it should.
 
