@@ -9,12 +9,12 @@ part of a step.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from ..validation import Booleans
+from ..validation import Booleans, Number, Reals
 from .taylor import Coefficients, derivative, evaluate, materialized
 
 # Longest step times the fastest rate: on longer ones the cubic is rarely close enough.
@@ -29,13 +29,13 @@ _FROM_ITS_SLOPE = 1 / 120
 class _Cubic(NamedTuple):
     """That through both ends of a step, which begins at time 0."""
 
-    step: Any
-    rotation: Any
-    slope: Any
-    end_rotation: Any
-    end_slope: Any
+    step: Reals
+    rotation: Reals | float
+    slope: Reals | float
+    end_rotation: Reals
+    end_slope: Reals
 
-    def bounds(self) -> tuple[Any, Any]:
+    def bounds(self) -> tuple[Reals, Reals]:
         """Bound the cubic by its smallest and its largest Bernstein coefficient."""
         third = self.step * (1 / 3)
         near = self.rotation + third * self.slope
@@ -48,7 +48,7 @@ class _Cubic(NamedTuple):
         )
         return low, high
 
-    def slope_bounds(self) -> tuple[Any, Any]:
+    def slope_bounds(self) -> tuple[Reals, Reals]:
         """Bound its slope in the same way."""
         mean = (self.end_rotation - self.rotation) / jnp.where(self.step > 0, self.step, 1)
         middle = 3 * mean - self.slope - self.end_slope
@@ -56,7 +56,7 @@ class _Cubic(NamedTuple):
         high = jnp.maximum(jnp.maximum(self.slope, self.end_slope), middle)
         return low, high
 
-    def extreme(self, sign: float) -> tuple[Any, Booleans]:
+    def extreme(self, sign: float) -> tuple[Reals, Booleans]:
         """Find the time of its maximum (sign 1) or minimum (-1), and whether the step has one."""
         mean = (self.end_rotation - self.rotation) / jnp.where(self.step > 0, self.step, 1)
         a = sign * self.slope
@@ -73,7 +73,7 @@ class _Cubic(NamedTuple):
         return jnp.where(inside, share * self.step, self.step), inside
 
 
-def _newton(slope: Coefficients, time: Any, inside: Booleans, latest: Any) -> Any:
+def _newton(slope: Coefficients, time: Reals, inside: Booleans, latest: Reals) -> Reals:
     """Improve the time of an extreme by Newton's method, if that stays before `latest`."""
     curved = evaluate(derivative(slope), time)
     better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
@@ -81,8 +81,8 @@ def _newton(slope: Coefficients, time: Any, inside: Booleans, latest: Any) -> An
 
 
 def _landing(
-    path: Coefficients, slope: Coefficients, parabola: Any, latest: Any
-) -> tuple[Any, Booleans]:
+    path: Coefficients, slope: Coefficients, parabola: Coefficients, latest: Reals
+) -> tuple[Reals, Booleans]:
     """Locate where a rotation that is negative at `latest` falls through 0; tell whether it did.
 
     By Halley's method from the root of a parabola. One more step shows whether that was
@@ -110,7 +110,7 @@ def _landing(
     return time, near & (steep < 0) & (time > 0) & (time <= latest)
 
 
-def _parabola(path: Coefficients, latest: Any, depth: Any) -> tuple[Any, Any, Any]:
+def _parabola(path: Coefficients, latest: Reals, depth: Reals) -> Coefficients:
     """Return the coefficients of one that is close to a path down to its depth at `latest`."""
     width = jnp.where(latest > 0, latest, 1)
     chord = (depth - path[0] - path[1] * width) / (width * width)
@@ -119,13 +119,13 @@ def _parabola(path: Coefficients, latest: Any, depth: Any) -> tuple[Any, Any, An
     return path[0], path[1], jnp.where(small, path[2], chord)
 
 
-def _fourth_derivative(path: Coefficients, step: Any) -> Any:
+def _fourth_derivative(path: Coefficients, step: Reals) -> Reals:
     """Bound the magnitude of the fourth derivative within a step."""
     terms = (math.perm(k, 4) * jnp.abs(path[k]) for k in range(4, len(path)))
     return evaluate(tuple(terms), step)
 
 
-def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Any, lowest: Any) -> Booleans:
+def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Reals, lowest: Reals) -> Booleans:
     """Certify that a rotation stays above the ground in a step; `lowest` is that of its dip."""
     step = cubic.step
     _, c1, c2, c3 = path[:4]
@@ -142,20 +142,20 @@ def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Any, lowest: Any) ->
     return (chords >= 0) | (low >= apart) | (lowest >= 2 * apart)
 
 
-def _is_first(path: Coefficients, fourth: Any, landing: Any) -> Booleans:
+def _is_first(path: Coefficients, fourth: Reals, landing: Reals) -> Booleans:
     """Certify that a root is the first one: p(t) / t falls up to it."""
     c0, _, c2, c3 = path[:4]
     rises = c2 + landing * (2 * jnp.maximum(c3, 0) + landing * fourth * (1 / 8))
     return rises * landing * landing <= c0
 
 
-def _is_top(slope: Coefficients, time: Any, missing: Any) -> Booleans:
+def _is_top(slope: Coefficients, time: Reals, missing: Number) -> Booleans:
     """Check that a maximum is found: the rotation there is too low by `missing` at most."""
     bend = jnp.minimum(evaluate(derivative(slope), time), 0)
     return evaluate(slope, time) ** 2 <= -2 * bend * missing
 
 
-def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
+def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Reals) -> Booleans:
     """Certify that a rotation rises, or falls, throughout a step."""
     step = cubic.step
     _, c1, c2, c3 = path[:4]
@@ -176,17 +176,17 @@ def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Any) -> Booleans:
 class StepFlight(NamedTuple):
     """What a block in motion does in a step."""
 
-    time: Any  # until its impact or the end of the step
-    rotation: Any  # then
-    velocity: Any  # then, before the impact
-    highest: Any  # rotation
-    lands: Any
-    blocked: Any  # whether the step is too long to tell, and is not taken
-    reach: Any  # longest step then
+    time: Reals  # until its impact or the end of the step
+    rotation: Reals  # then
+    velocity: Reals  # then, before the impact
+    highest: Reals  # rotation
+    lands: Booleans
+    blocked: Booleans  # whether the step is too long to tell, and is not taken
+    reach: Reals  # longest step then
 
     @classmethod
     def of(
-        cls, path: Coefficients, step: Any, moves: Any, peak: Any, tolerance: Any
+        cls, path: Coefficients, step: Reals, moves: Booleans, peak: Reals, tolerance: Number
     ) -> "StepFlight":
         """Describe the flight on a polynomial, up to a time.
 

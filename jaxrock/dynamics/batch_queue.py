@@ -5,11 +5,13 @@ impacts.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
+from ..validation import Integers, Reals
 from .batch_input import PulseInput, RecordInput
 from .batch_step import Case, Lanes, max_steps
 
@@ -19,13 +21,13 @@ _STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
 class FinalStates(NamedTuple):
     """The states and counts of blocks that have finished."""
 
-    peak: Any
-    rotation: Any  # signed, like the velocity
-    velocity: Any
-    end_rotation: Any  # at the end of the input
-    end_velocity: Any
-    impacts: Any
-    followed: Any  # 1 if to the end, otherwise 0
+    peak: Reals
+    rotation: Reals  # signed, like the velocity
+    velocity: Reals
+    end_rotation: Reals  # at the end of the input
+    end_velocity: Reals
+    impacts: Reals
+    followed: Reals  # 1 if to the end, otherwise 0
 
     @classmethod
     def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
@@ -43,16 +45,16 @@ class FinalStates(NamedTuple):
 
 class _Progress(NamedTuple):
     lanes: Lanes
-    block: Any  # of each lane, its place in the queue; beyond its end for none
+    block: Integers  # of each lane, its place in the queue; beyond its end for none
     case: Case  # of the lanes
-    taken: Any  # from the queue
-    results: Any  # (queue + 1, results): those of no block go to the last row
+    taken: Integers  # from the queue
+    results: Reals  # (queue + 1, results): those of no block go to the last row
 
 
 def work_off(
     ground: PulseInput | RecordInput,
     queue: Case,
-    count: Any,
+    count: Integers | int,
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
 ) -> FinalStates:
@@ -72,7 +74,7 @@ def work_off(
         place = jnp.clip(place, 0, size - 1)
         block = jnp.where(idle, jnp.where(gets, place, size), block)
 
-        def replaced(new: Any, old: Any) -> Any:
+        def replaced(new: Array, old: Array) -> Array:
             return jnp.where(gets, new, old)
 
         next_case = jax.tree.map(
@@ -103,7 +105,7 @@ def work_off(
     return FinalStates(*results[:-1].T)
 
 
-def _running_sum(x: Any) -> Any:
+def _running_sum(x: Integers) -> Integers:
     """Sum all up to each, by doubling: XLA's own takes all pairs."""
     shift = 1
     while shift < x.size:

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
 from ..impact import velocity_after_impact
 from ..numerics import larger
 from ..resonance import Linearized, RockingModel
-from ..validation import Booleans
+from ..validation import Booleans, Integers, Number, Reals
 from .batch_flight import LONGEST, StepFlight
 from .batch_input import PulseInput, RecordInput, negligible
 from .equation import Equation
@@ -34,20 +35,20 @@ class Case(NamedTuple):
     """What follows from the arguments once for all steps. Times are in units of `unit`."""
 
     equation: Equation
-    on_ground: tuple[Any, Any]  # sine and cosine of the tilt on the ground
-    unit: Any  # of time
-    longest: Any  # part of a step behind the end of the input
-    restitution: Any
-    strength: Any  # factor over g
-    length: Any  # of an interval
-    rate: Any  # of the phase of the input
-    start: Any
-    duration: Any
-    first: Any  # place of the first interval of the motion
-    intervals: Any  # of the motion
-    grade: Any  # of intervals that might lift the block
-    uplifts: tuple[Any, ...]  # times at which a pulse might, and to which side
-    finite: Any  # whether the motion is
+    on_ground: tuple[Reals, Reals]  # sine and cosine of the tilt on the ground
+    unit: Reals  # of time
+    longest: Reals  # part of a step behind the end of the input
+    restitution: Reals
+    strength: Reals  # factor over g
+    length: Reals  # of an interval
+    rate: Reals  # of the phase of the input
+    start: Reals
+    duration: Reals
+    first: Integers  # place of the first interval of the motion
+    intervals: Integers  # of the motion
+    grade: Integers  # of intervals that might lift the block
+    uplifts: tuple[Reals, ...]  # times at which a pulse might, and to which side
+    finite: Booleans  # whether the motion is
 
     @classmethod
     def of(
@@ -120,21 +121,21 @@ class Case(NamedTuple):
 class Lanes(NamedTuple):
     """Where the blocks are."""
 
-    interval: Any
-    along: Any  # time in the interval
-    side: Any
-    rotation: Any
-    velocity: Any
-    reach: Any  # longest step
-    moves: Any
-    peak: Any
-    impacts: Any
-    steps: Any  # in motion
-    end_rotation: Any  # at the end of the input, or now if that is earlier
-    end_velocity: Any
+    interval: Integers
+    along: Reals  # time in the interval
+    side: Reals
+    rotation: Reals
+    velocity: Reals
+    reach: Reals  # longest step
+    moves: Booleans
+    peak: Reals
+    impacts: Integers
+    steps: Integers  # in motion
+    end_rotation: Reals  # at the end of the input, or now if that is earlier
+    end_velocity: Reals
 
     @classmethod
-    def at_rest(cls, interval: Any, dtype: Any) -> "Lanes":
+    def at_rest(cls, interval: Integers, dtype: DTypeLike) -> "Lanes":
         """Blocks that have not moved, in an interval."""
         zero = jnp.zeros(interval.shape, dtype)
         count = jnp.zeros_like(interval)
@@ -147,7 +148,7 @@ class Lanes(NamedTuple):
         return self.moves | (self.interval < case.intervals)
 
 
-def max_steps(case: Case) -> Any:
+def max_steps(case: Case) -> Integers:
     """Largest number of steps of a lane, which bounds the time; reported where it is reached."""
     return 1000 * jnp.minimum(case.intervals, 2 * 10**6) + 10**6
 
@@ -156,7 +157,7 @@ def take_step(
     lanes: Lanes,
     case: Case,
     ground: PulseInput | RecordInput,
-    tolerance: Any,
+    tolerance: Number,
     order: int,
 ) -> Lanes:
     """Take each lane a step further: to its impact, its uplift or the end of its interval."""
@@ -226,10 +227,10 @@ def _settles(
     case: Case,
     push: Coefficients,
     lift: Coefficients,
-    flight: Any,
-    step: Any,
-    leaving: Any,
-    peak: Any,
+    flight: Reals,
+    step: Reals,
+    leaving: Reals,
+    peak: Reals,
 ) -> Booleans:
     """Tell whether a block comes to rest after an impact: all further bounces end in the step.
 
@@ -258,6 +259,6 @@ def _settles(
     return ((little > 0) & (settled <= step) & steady & low) | (nothing & level)
 
 
-def _fastest(series: Coefficients, time: Any) -> Any:
+def _fastest(series: Coefficients, time: Reals) -> Reals:
     """Bound the magnitude of the derivative of a series up to a time."""
     return evaluate(derivative(tuple(map(jnp.abs, series))), time)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..impact import velocity_after_impact
+from ..validation import Booleans, Integers, Reals
 from .pulse_train import Flight, Rocker
 
 MAX_IMPACTS = 20  # between two pulses
@@ -19,33 +20,33 @@ class Train(NamedTuple):
     energy after the pulse is linear in that.
     """
 
-    phase: Any
-    impulse: Any  # intensity over `Rocker.unit`, outward positive
-    impacts: Any  # whole numbers, between a pulse and the one before
+    phase: Reals
+    impulse: Reals  # intensity over `Rocker.unit`, outward positive
+    impacts: Integers  # whole numbers, between a pulse and the one before
 
 
 class Outcome(NamedTuple):
     """What a train does; all but x of shape (pulses,)."""
 
-    x: Any  # in the end; after the impact, if the block moves towards one
-    times: Any
-    sides: Any  # on which the block is struck
-    delays: Any  # since the impact, in half-cycles
-    lacking: Any  # by how much the half-cycle ends before the pulse may come [s]
-    required: Any  # impacts within the spacing
+    x: Reals  # in the end; after the impact, if the block moves towards one
+    times: Reals
+    sides: Reals  # on which the block is struck
+    delays: Reals  # since the impact, in half-cycles
+    lacking: Reals  # by how much the half-cycle ends before the pulse may come [s]
+    required: Integers  # impacts within the spacing
 
 
 @jax.jit
 def evaluate(
-    numbers: Any, impacts: Any, count: Any, rocker: Rocker, spacing: Any
-) -> tuple[Outcome, Any, Any]:
+    numbers: Reals, impacts: Integers, count: Integers, rocker: Rocker, spacing: Reals
+) -> tuple[Outcome, Reals, Reals]:
     """Compute what the train of optimised numbers does, and what is limited, with derivatives.
 
     The numbers are the phases, the impulses over a bound and the logarithm of that bound.
     Limited are the logarithm of x, what is lacking for each pulse, and the time of the last.
     """
 
-    def limited(numbers: Any) -> tuple[Any, tuple[Outcome, Any]]:
+    def limited(numbers: Reals) -> tuple[Reals, tuple[Outcome, Reals]]:
         phases, weights, log_bound = jnp.split(numbers, [impacts.size, 2 * impacts.size])
         train = Train(phases, jnp.exp(log_bound) * weights, impacts)
         outcome = shot(rocker, train, spacing, count)
@@ -115,8 +116,8 @@ def shot(rocker: Rocker, train: Train, spacing: Any = 0.0, count: Any = None) ->
 
 
 def _cosine_after(
-    rocker: Rocker, x: Any, wait: Any, duration: Any, waits: Any, otherwise: Any
-) -> Any:
+    rocker: Rocker, x: Reals, wait: Reals, duration: Reals, waits: Booleans, otherwise: Reals
+) -> Reals:
     """Cosine of the phase of the flight after a wait since the launch, at its end at most."""
     inside = waits & (wait < duration) & (x > 0)
     rate = rocker.block.frequency_parameter
