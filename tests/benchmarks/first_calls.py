@@ -298,7 +298,7 @@ def measure(name):
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    exec(USED)  # imports are none of a first call
+    exec(USED, {})  # imports are none of a first call
     call = CASES[name].prepare()
     times = []
     for _ in range(4):
