@@ -43,6 +43,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(
-        [*__all__, "cluster"]
-    )  # not among what a star imports, which it may not find
+    # A star imports no `cluster`: not everybody has Dask.
+    return sorted([*__all__, "cluster"])

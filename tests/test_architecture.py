@@ -89,10 +89,8 @@ def test_what_is_not_there_is_said():
         _ = jr.nothing
 
 
-MODULES = {
-    "netcdf4": "netCDF4",
-    "lazy-loader": "lazy_loader",
-}  # by distribution, where the name is another
+# By distribution, where the name is another.
+MODULES = {"netcdf4": "netCDF4", "lazy-loader": "lazy_loader"}
 
 
 def test_what_is_imported_is_declared_and_the_other_way_round():

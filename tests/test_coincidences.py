@@ -16,12 +16,8 @@ import jaxrock as jr
 
 pytestmark = pytest.mark.float64
 NUMBERS = ["half_width", "slenderness", "restitution", "duration", "rotation", "start"]
-DURATION, ROTATION, START, LENGTH = (
-    3,
-    4,
-    5,
-    6,
-)  # the last one: of a pulse, or a step of a record
+# The last one: of a pulse, or a step of a record.
+DURATION, ROTATION, START, LENGTH = 3, 4, 5, 6
 SAMPLES = [4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0]
 LAST = len(SAMPLES) - 1
 FINAL, VELOCITY, IMPACT, FORCES = slice(0, 4), 1, 4, slice(5, 7)

@@ -154,10 +154,8 @@ def test_one_cycle_is_a_sine(model):
 
 
 # From just above uplift to overturning. The first two blocks come to rest in each half-cycle,
-# and are lifted again in all of them.
-STRENGTH = np.array(
-    [1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)]
-)  # over that of uplift
+# and are lifted again in all of them. The strength is over that of uplift.
+STRENGTH = np.array([1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)])
 RESTITUTION = np.array([0.1, 0.2, *np.repeat([0.7, 0.85], 5)])
 _RNG = np.random.default_rng(5)
 HALF_WIDTH, SLENDERNESS = _RNG.uniform(0.1, 0.5, 12), _RNG.uniform(3, 8, 12)

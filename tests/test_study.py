@@ -123,9 +123,8 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
 def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypatch):
     (tmp_path / "a.csv").write_text("t,acc_g\n0,0.1\n0.5,-0.2\n1,0.1\n")
     job = "[[job]]\ncommand = 'rocking-spectrum'\nrecord = 'a.csv'\nout = '{}'\n"
-    text = (
-        "".join(job.format(i) for i in range(4)) + "unit = 'g'\n"
-    )  # the last one asks otherwise
+    # The last one asks otherwise.
+    text = "".join(job.format(i) for i in range(4)) + "unit = 'g'\n"
     text += "[[job]]\ncommand = 'critical'\nrecord = 'a.csv'\n"
     counted = Counter()
 

@@ -260,9 +260,8 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
             return respond_batch(*given, rtol=dials.tolerance).peak_rotation
         response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
         return np.where(response.overturned, np.nan, response.peak_rotation)
-    zero = jnp.zeros_like(
-        scene.restitution
-    )  # after the stabilized half-cycle there is no other
+    # After the stabilized half-cycle there is no other.
+    zero = jnp.zeros_like(scene.restitution)
     still = Rectangular(zero, zero + 1)
     velocity = stabilized_velocity(scene)
     settings = {"rtol": dials.tolerance, "solver": dials.solver}

@@ -170,7 +170,7 @@ class MeasureTradeoff(MotionOptions, BlockOptions, Writing):
     intensity: float | None = None
     """Change of ground velocity in each instantaneous pulse [m/s]."""
     repeats: Count = 15
-    """How many times each setting is timed."""
+    """Number of times each setting is timed."""
     out: Folder = Path("tradeoff")
 
     def _steps(self) -> Steps:

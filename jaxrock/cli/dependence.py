@@ -144,9 +144,8 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
         variation = dict.fromkeys(at, self.coefficient_of_variation)
         scatter = propagate(self._question, at, variation, samples)
-        order = [
-            bars.names.index(name) for name in slopes.names
-        ]  # bars begin with the longest
+        # The bars begin with the longest.
+        order = [bars.names.index(name) for name in slopes.names]
         columns = {
             "quantity": list(slopes.names),
             "unit": [_UNITS_OF_NUMBERS.get(name, "-") for name in slopes.names],

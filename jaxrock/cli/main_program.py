@@ -30,9 +30,8 @@ def run_main(arguments: Sequence[str] | None) -> None:
     if arguments is None:
         end_on_signals()
         gc.freeze()  # what was imported stays
-        gc.set_threshold(
-            100_000, 20, 50
-        )  # tracing makes many objects, of which few are garbage
+        # Tracing makes many objects, and few of them are garbage.
+        gc.set_threshold(100_000, 20, 50)
     jax.config.update("jax_enable_x64", True)
     try:
         code = _run(arguments)

@@ -98,9 +98,8 @@ class PulseInput(eqx.Module):
         )
         time = jnp.full_like(lanes.along, jnp.inf)
         side = jnp.ones_like(lanes.along)
-        first = (
-            1.0 if self.harmonic is not None else -1.0
-        )  # sign of the first, and of the third
+        # The sign of the first extreme, and of the third.
+        first = 1.0 if self.harmonic is not None else -1.0
         for rise, sign in reversed(
             list(zip(case.uplifts, (first, -first, first), strict=True))
         ):

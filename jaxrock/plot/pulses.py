@@ -108,9 +108,8 @@ def plot_train(
     response = _respond(block, restitution, train, model)
     launch = response.velocity_ratio[-1] * model.critical_velocity(block)
     longest = _LONGEST / float(block.frequency_parameter)
-    duration = np.fmin(
-        model.half_cycle_duration(block, launch), longest
-    )  # NaN if it overturns
+    # The duration is NaN if the block overturns.
+    duration = np.fmin(model.half_cycle_duration(block, launch), longest)
     rotation, velocity = response.history(times[-1])
     # A block that falls towards the ground may go higher on the other side.
     impacts = 2 if float(rotation * velocity) < 0 else 1

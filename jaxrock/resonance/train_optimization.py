@@ -70,9 +70,8 @@ class TrainProblem(NamedTuple):
 class Candidate(NamedTuple):
     """A train, and how good it is."""
 
-    numbers: (
-        np.ndarray
-    )  # (2 pulses + 1,) phases, pulses over the bound, logarithm of the bound
+    # (2 pulses + 1,): phases, pulses over the bound, logarithm of the bound.
+    numbers: np.ndarray
     impacts: np.ndarray  # (pulses,) between a pulse and the one before
     used: int  # pulses of the train, the others are left out
     loss: float = np.inf

@@ -196,9 +196,8 @@ def driven_fit():
 
     block, pulse = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8)
     time = np.linspace(0, 4, 101)
-    rotation = json.loads(
-        run(["-c", MEASUREMENT])[0]
-    )  # by another process: nothing is compiled
+    # By another process, so that nothing is compiled in this one.
+    rotation = json.loads(run(["-c", MEASUREMENT])[0])
     return lambda: jr.fit_driven_rocking(time, rotation, block, pulse).restitution
 
 
