@@ -11,9 +11,9 @@ forms (half-cycle map, limits, critical intensities, pulse trains) are linearize
 of driven motion is nonlinear.
 
 What is here is what most scenes need. Result classes and further tools are in the packages:
-`resonance`, `ground_motion`, `dynamics`, `overturning`, `sensitivity`, `accuracy`, `risk`,
-`calibration`, `spectra`, `plot`, `reports`. ``jaxrock.__version__`` says which version this
-is.
+`resonance`, `ground_motion`, `driven`, `steady`, `overturning`, `sensitivity`, `calibration`,
+`accuracy`, `grids`, `spectra`, `risk`, `plot`, `reports`. ``jaxrock.__version__`` says which
+version this is.
 
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
@@ -26,22 +26,10 @@ from typing import Any
 import lazy_loader
 
 # What is listed in `__init__.pyi` is imported when it is used first: JAX takes a second.
-_find, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return importlib.metadata.version(__name__)
-    if name == "cluster":  # imports Dask, which not every user has
-        from .host import optional
-
-        try:
-            return optional(name)
-        except ModuleNotFoundError as error:  # which `hasattr` would let through
-            raise AttributeError(str(error)) from error
     return _find(name)
-
-
-def __dir__() -> list[str]:
-    # A star imports no `cluster`: not everybody has Dask.
-    return sorted([*__all__, "cluster"])

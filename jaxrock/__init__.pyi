@@ -2,7 +2,8 @@
 
 from . import accuracy as accuracy
 from . import calibration as calibration
-from . import dynamics as dynamics
+from . import driven as driven
+from . import grids as grids
 from . import ground_motion as ground_motion
 from . import overturning as overturning
 from . import plot as plot
@@ -11,19 +12,18 @@ from . import resonance as resonance
 from . import risk as risk
 from . import sensitivity as sensitivity
 from . import spectra as spectra
+from . import steady as steady
 from .accuracy import choose as choose
 from .accuracy import model_error as model_error
-from .accuracy import respond_within as respond_within
 from .block import Block as Block
 from .calibration import fit_driven_rocking as fit_driven_rocking
 from .calibration import fit_free_rocking as fit_free_rocking
-from .dynamics import DrivenScene as DrivenScene
-from .dynamics import Status as Status
-from .dynamics import critical_pulsed_amplitude as critical_pulsed_amplitude
-from .dynamics import harmonic_orbit as harmonic_orbit
-from .dynamics import pulsed_phase as pulsed_phase
-from .dynamics import respond as respond
-from .dynamics import respond_batch as respond_batch
+from .driven import DrivenScene as DrivenScene
+from .driven import Status as Status
+from .driven import respond as respond
+from .driven import respond_batch as respond_batch
+from .driven import respond_within as respond_within
+from .grids import write_table as write_table
 from .ground_motion import Cosine as Cosine
 from .ground_motion import HalfSine as HalfSine
 from .ground_motion import Harmonic as Harmonic
@@ -74,6 +74,8 @@ from .spectra import overturning_map as overturning_map
 from .spectra import overturning_spectrum as overturning_spectrum
 from .spectra import resonance_spectrum as resonance_spectrum
 from .spectra import rocking_spectrum as rocking_spectrum
-from .spectra import write_table as write_table
+from .steady import critical_pulsed_amplitude as critical_pulsed_amplitude
+from .steady import harmonic_orbit as harmonic_orbit
+from .steady import pulsed_phase as pulsed_phase
 
 __version__: str

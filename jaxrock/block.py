@@ -20,6 +20,7 @@ from .validation import (
     as_real,
     check,
     elementwise,
+    is_traced,
     quantity,
 )
 
@@ -239,7 +240,7 @@ def share_in_centre(inertia_ratio: Reals) -> Reals:
 def is_rectangle(block: Block) -> bool:
     """Tell whether the inertia ratio is known to be that of a homogeneous rectangle."""
     ratio = block.inertia_ratio
-    if isinstance(ratio, jax.core.Tracer) or not isinstance(ratio, jax.Array | np.ndarray):
+    if is_traced(ratio) or not isinstance(ratio, jax.Array | np.ndarray):
         return False
     return bool(np.allclose(ratio, RECTANGLE_INERTIA_RATIO, rtol=1e-6, atol=0))
 

@@ -157,7 +157,7 @@ PULSE = jr.HalfSine(4.0, 0.4)
         lambda model: jr.rotation_ratio(SCENE, model),
         lambda model: jr.critical_intensity(BLOCK, 0.7, model=model),
         lambda model: jr.critical_slenderness(BLOCK, 0.7, 0.1, model=model),
-        lambda model: jr.dynamics.free_motion_margin(BLOCK, 0.7, 0.01, 0.1, model),
+        lambda model: jr.driven.free_motion_margin(BLOCK, 0.7, 0.01, 0.1, model),
         pytest.param(
             lambda model: (
                 jr.respond_to_train(BLOCK, 0.7, [0.0, 0.3], [0.1, -0.1], model).peak_rotation

@@ -125,7 +125,7 @@ def test_blocks_that_are_barely_lifted(shape, rtol):
 def test_what_is_certified_is_so(shape):
     """Peaks of blocks that are barely lifted: the error stated is never less than the true one."""
     block, c, pulse, peak, excess = barely_lifted(shape)
-    found = jr.accuracy.respond_within(block, c, pulse, 1e-9, pulse.end + 1.0)
+    found = jr.driven.respond_within(block, c, pulse, 1e-9, pulse.end + 1.0)
     error = np.abs(found.response.peak_rotation / peak - 1)
     sure = np.asarray(found.within_tolerance) & ~np.asarray(found.response.overturned)
     assert sure.sum() > 30

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
-from jaxrock.dynamics import Equation
+from jaxrock.driven import Equation
 
 RATIOS = [1.0, 1.1, 1.25, 1.6, 2.5]
 MODELS = [jr.Linearized(), jr.Nonlinear()]

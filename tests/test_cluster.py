@@ -22,8 +22,8 @@ from tables.grids import AXES, GRIDS, blocks, record, same_bits
 from tools.command import run
 
 import jaxrock as jr
-from jaxrock.cluster import local_cluster, write_zarr
-from jaxrock.cluster.workers import accelerator_of, number_of, share_of
+from jaxrock.grids import local_cluster, write_zarr
+from jaxrock.grids.workers import accelerator_of, number_of, share_of
 
 OWN = ("identity", "computed_with")  # attributes of a store
 
@@ -90,7 +90,7 @@ sys.path.insert(0, {here!r})
 import dask
 dask.config.set(scheduler="synchronous")
 from tables.grids import blocks, jr
-jr.cluster.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
+jr.grids.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
 """
 
 
@@ -190,7 +190,7 @@ def refused(lazy, path, message):
 def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
     path = tmp_path / "grid.zarr"
     write_zarr(grid(), path)
-    monkeypatch.setattr("jaxrock.cluster.zarr_store._versions", lambda: "JAX 99.0")
+    monkeypatch.setattr("jaxrock.grids.zarr_store._versions", lambda: "JAX 99.0")
     refused(grid(), path, "was begun by JAX .*, and this is JAX 99.0")
     group = zarr.open_group(path, mode="r+", zarr_format=2)
     group.attrs["source"] = "jaxrock 0.1"
@@ -208,7 +208,7 @@ def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
 def test_what_is_missing_in_the_end_is_said(tmp_path, monkeypatch):
     """As where a worker writes to another disk of the same path."""
     monkeypatch.setattr(
-        "jaxrock.cluster.zarr_store._write", lambda *_, block_id, **__: np.ones(1)
+        "jaxrock.grids.zarr_store._write", lambda *_, block_id, **__: np.ones(1)
     )
     with pytest.raises(
         ValueError, match="3 chunks of rotation_ratio are not there; do all work"
@@ -291,7 +291,7 @@ def test_a_disk_that_is_full(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("jaxrock.cluster.zarr_store._write", full)
+    monkeypatch.setattr("jaxrock.grids.zarr_store._write", full)
     with pytest.raises(
         ValueError, match=r"store: .* cannot be written to: No space left"
     ) as error:
@@ -340,7 +340,7 @@ def test_workers_are_told_apart_by_their_names():
 
 
 def test_accelerators(monkeypatch, tmp_path):
-    monkeypatch.setattr("jaxrock.cluster.workers._GPUS", tmp_path / "none")
+    monkeypatch.setattr("jaxrock.grids.workers._GPUS", tmp_path / "none")
     assert accelerator_of(0, 2, {}) == {}
     assert accelerator_of(0, 2, {"CUDA_VISIBLE_DEVICES": ""}) == {}
     two = {"CUDA_VISIBLE_DEVICES": "4,7"}
@@ -349,7 +349,7 @@ def test_accelerators(monkeypatch, tmp_path):
     assert shared == {"CUDA_VISIBLE_DEVICES": "4", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
     for name in ("first", "second"):
         (tmp_path / "gpus" / name).mkdir(parents=True)
-    monkeypatch.setattr("jaxrock.cluster.workers._GPUS", tmp_path / "gpus")
+    monkeypatch.setattr("jaxrock.grids.workers._GPUS", tmp_path / "gpus")
     assert accelerator_of(1, 2, {}) == {"CUDA_VISIBLE_DEVICES": "1"}
 
 
@@ -397,7 +397,7 @@ def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
 def test_fragility_as_a_store(client, tmp_path, monkeypatch, capsys, own):
     """By workers that are there, and by workers of its own."""
     quiet = functools.partial(local_cluster, dashboard_address=":0")
-    monkeypatch.setattr(jr.cluster, "local_cluster", quiet)
+    monkeypatch.setattr("jaxrock.grids.workers.local_cluster", quiet)
     for k in range(2):
         samples = "\n".join(map(str, np.asarray(record(150, k).acceleration)))
         (tmp_path / f"{k}.csv").write_text(samples)

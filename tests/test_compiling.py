@@ -123,9 +123,7 @@ CALLS = {
     "fit_free_rocking": lambda k: jr.fit_free_rocking(
         impact_times(k), jr.Block(0.1 + 0.01 * k, 5)
     ),
-    "free_motion_margin": lambda k: jr.dynamics.free_motion_margin(
-        block(k), 0.8, 0.01 * k, 0.1
-    ),
+    "free_motion_margin": lambda k: jr.driven.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
     "derivative_based_measures": lambda k: jr.sensitivity.derivative_based_measures(
         jr.rotation_ratio, scene(k), _RANGES, samples=64
     ),
@@ -137,7 +135,7 @@ CALLS = {
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
     "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(seed=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
-    "least_harmonic_amplitude": lambda k: jr.dynamics.least_harmonic_amplitude(
+    "least_harmonic_amplitude": lambda k: jr.steady.least_harmonic_amplitude(
         block(k), 0.9, 10.0 + k
     ),
     "model_error": lambda k: jr.model_error(scene(k)),
@@ -164,7 +162,7 @@ CALLS = {
     "propagate": lambda k: jr.sensitivity.propagate(
         jr.rotation_ratio, scene(k), _VARIATION, samples=50
     ),
-    "pulsed_next_velocity": lambda k: jr.dynamics.pulsed_next_velocity(
+    "pulsed_next_velocity": lambda k: jr.steady.pulsed_next_velocity(
         block(k), 0.7, pulse(k, jr.HalfSine), 0.2
     ),
     "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
@@ -194,7 +192,7 @@ CALLS = {
     "stabilized_period": lambda k: jr.stabilized_period(scene(k)),
     "stabilized_rotation": lambda k: jr.stabilized_rotation(scene(k)),
     "stabilized_velocity": lambda k: jr.stabilized_velocity(scene(k)),
-    "symmetry_breaking_amplitude": lambda k: jr.dynamics.symmetry_breaking_amplitude(
+    "symmetry_breaking_amplitude": lambda k: jr.steady.symmetry_breaking_amplitude(
         block(k), 0.9, 10.0 + k
     ),
     "survival_windows": lambda k: jr.survival_windows(
@@ -233,7 +231,7 @@ LEFT_OUT = {
 
 # Only functions make them.
 ANSWERS = {
-    jr.dynamics.BatchResponse,
+    jr.driven.BatchResponse,
     jr.overturning.Boundaries,
     jr.accuracy.Choice,
     jr.sensitivity.DerivativeBasedMeasures,
@@ -241,10 +239,10 @@ ANSWERS = {
     jr.sensitivity.ReliabilityResult,
     jr.calibration.DrivenFit,
     jr.calibration.FreeRockingFit,
-    jr.dynamics.HarmonicOrbit,
-    jr.dynamics.PulsedPhase,
-    jr.dynamics.PulsedThreshold,
-    jr.dynamics.Response,
+    jr.steady.HarmonicOrbit,
+    jr.steady.PulsedPhase,
+    jr.steady.PulsedThreshold,
+    jr.driven.Response,
     jr.sensitivity.MomentEstimate,
     jr.sensitivity.Sensitivities,
     jr.overturning.SurvivalWindows,
@@ -252,9 +250,9 @@ ANSWERS = {
     jr.accuracy.Tradeoff,
     jr.risk.OverturningRate,
     jr.risk.RateElasticities,
-    jr.cluster.Stored,
+    jr.grids.Stored,
     jr.resonance.TrainResponse,
-    jr.accuracy.EstimatedResponse,
+    jr.driven.EstimatedResponse,
     jr.resonance.WorstTrain,
 }
 

@@ -10,7 +10,7 @@ import pytest
 from references import stepping
 
 import jaxrock as jr
-from jaxrock.dynamics import ground_of
+from jaxrock.driven import ground_of
 from jaxrock.ground_motion import PULSES, Harmonic, Motion, pulse_class
 from jaxrock.ground_motion.harmonic import _counted
 

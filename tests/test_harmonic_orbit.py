@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.dynamics import (
+from jaxrock.steady import (
     harmonic_orbit,
     least_harmonic_amplitude,
     symmetry_breaking_amplitude,
@@ -235,7 +235,7 @@ def test_known_linearized_motions(w, c, beta, velocity, ratio):
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_collocation_of_the_linearized_equation_is_its_closed_form(monkeypatch):
-    steady = "jaxrock.dynamics.harmonic_orbit"
+    steady = "jaxrock.steady.harmonic_orbit"
     import sys
 
     module = sys.modules[steady]

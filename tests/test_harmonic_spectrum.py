@@ -8,13 +8,13 @@ from scipy.integrate import solve_ivp
 from tools.cf_conventions import assert_follows_cf
 
 import jaxrock as jr
-from jaxrock.dynamics import (
+from jaxrock.plot import plot_harmonic
+from jaxrock.spectra import harmonic_spectrum
+from jaxrock.steady import (
     harmonic_orbit,
     least_harmonic_amplitude,
     symmetry_breaking_amplitude,
 )
-from jaxrock.plot import plot_harmonic
-from jaxrock.spectra import harmonic_spectrum
 
 MEANINGS = {
     "region": "no_orbit stable symmetry_broken overturned",
@@ -203,7 +203,7 @@ def test_lanes_left_over_repeat_blocks_that_there_are(monkeypatch):
         return np.zeros(rows[:, 0].shape)
 
     monkeypatch.setattr(
-        "jaxrock.dynamics.harmonic_departure._compiled", lambda platform: noted
+        "jaxrock.driven.many_blocks.launched_blocks._compiled", lambda platform: noted
     )
     harmonic_spectrum(2.0, [6.0, 8.0, 9.0], cycles=2)
     columns = given[0].swapaxes(0, 1).reshape(given[0].shape[1], -1).T

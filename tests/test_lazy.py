@@ -12,10 +12,10 @@ from tables.grids import AXES, BLOCK, GRIDS, record, same_bits, suite
 from tools.selection import some_by_default
 
 import jaxrock as jr
-from jaxrock import cluster
-from jaxrock.dynamics import follow_batch
+from jaxrock.driven import follow_batch
+from jaxrock.grids.grid import of_few_shapes
+from jaxrock.grids.lazy import chunks_along
 from jaxrock.spectra import resonance
-from jaxrock.spectra.grid import of_few_shapes
 
 SHORT = {"resonance", "rocking"}  # to compile
 
@@ -211,16 +211,16 @@ def incomplete(*arguments, **options):
 
 
 def test_without_the_extra(monkeypatch):
-    for name in [name for name in sys.modules if name.startswith("jaxrock.cluster")]:
+    for name in [
+        name for name in sys.modules if name == "jaxrock.grids.lazy" or "zarr_store" in name
+    ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "dask", None)
-    monkeypatch.delattr(jr, "cluster", raising=False)
     said = r"dask is not installed; .* 'jaxrock\[cluster\]' brings it"
     with pytest.raises(ModuleNotFoundError, match=said):
         jr.resonance_spectrum(*AXES, 0.15, chunks="auto")
-    assert not hasattr(jr, "cluster")
-    with pytest.raises(AttributeError, match=said):
-        _ = jr.cluster
+    with pytest.raises(ModuleNotFoundError, match=said):
+        _ = jr.grids.write_zarr
 
 
 @pytest.mark.parametrize(
@@ -232,10 +232,8 @@ def test_without_the_extra(monkeypatch):
     ],
 )
 def test_usual_chunks(sizes, largest, expected):
-    assert cluster.chunks_along("auto", sizes, largest) == expected
-    explicit = cluster.chunks_along(
-        {"a": expected["a"], "b": expected["b"][0]}, sizes, largest
-    )
+    assert chunks_along("auto", sizes, largest) == expected
+    explicit = chunks_along({"a": expected["a"], "b": expected["b"][0]}, sizes, largest)
     assert explicit == expected
 
 

@@ -34,7 +34,7 @@ def falls(rotation, velocity, linearized):
 def test_margin_says_what_free_motion_does(linearized):
     rotation, velocity = random_states()
     model = jr.Linearized() if linearized else jr.Nonlinear()
-    margin = jr.dynamics.free_motion_margin(BLOCK, C, rotation, velocity, model)
+    margin = jr.driven.free_motion_margin(BLOCK, C, rotation, velocity, model)
     assert 10 < int((margin < 0).sum()) < 70
     np.testing.assert_array_equal(margin < 0, falls(rotation, velocity, linearized))
 
@@ -62,7 +62,7 @@ def test_respond_from_any_state(linearized):
 def test_margin_is_continuous():
     block = jr.Block(0.3, 4.0)
     velocity = np.linspace(-3, 3, 20001)
-    margin = jr.dynamics.free_motion_margin(block, 0.95, 1.2 * block.critical_angle, velocity)
+    margin = jr.driven.free_motion_margin(block, 0.95, 1.2 * block.critical_angle, velocity)
     assert np.abs(np.diff(margin)).max() < 2e-3
 
 

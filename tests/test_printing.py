@@ -66,13 +66,11 @@ def test_arguments_and_answers_print_themselves(thing, text):
             "stands everywhere in the range",
         ),
         (
-            jr.dynamics.PulsedThreshold(
-                *jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])
-            ),
+            jr.steady.PulsedThreshold(*jnp.array([2.0, 0.1, 0.5]), *jnp.array([True, False])),
             "amplitude           2 m",
         ),
         (
-            jr.dynamics.PulsedPhase(*jnp.arange(5.0), *jnp.array([True, True, False, False])),
+            jr.steady.PulsedPhase(*jnp.arange(5.0), *jnp.array([True, True, False, False])),
             "period              2 s",
         ),
         (

@@ -51,16 +51,16 @@ def test_fixed_point_and_rate():
     phase = jr.pulsed_phase(BLOCK, C, pulse)
     velocity, errors = 0.0, []
     for _ in range(12):
-        velocity = jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, velocity)
+        velocity = jr.steady.pulsed_next_velocity(BLOCK, C, pulse, velocity)
         errors.append(float(phase.velocity - velocity))
     rates = np.array(errors[1:]) / errors[:-1]
     assert rates[-1] == pytest.approx(float(phase.rate), rel=1e-2)
-    again = jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, phase.velocity)
+    again = jr.steady.pulsed_next_velocity(BLOCK, C, pulse, phase.velocity)
     assert float(again) == pytest.approx(float(phase.velocity), rel=1e-9)
     assert float(again) == pytest.approx(
         scipy_landing(BLOCK, C, pulse, float(phase.velocity))[0], rel=1e-8
     )
-    slope = jax.grad(lambda v: jr.dynamics.pulsed_next_velocity(BLOCK, C, pulse, v))(
+    slope = jax.grad(lambda v: jr.steady.pulsed_next_velocity(BLOCK, C, pulse, v))(
         phase.velocity
     )
     assert float(slope) == pytest.approx(float(phase.rate), rel=1e-8)

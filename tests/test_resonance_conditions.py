@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.dynamics import least_harmonic_amplitude, peak_after_launch
+from jaxrock.driven import peak_after_launch
+from jaxrock.steady import least_harmonic_amplitude
 
 PAGE = Path(__file__).parent.parent / "docs" / "resonance_conditions.md"
 TEXT = PAGE.read_text(encoding="utf-8")

@@ -161,9 +161,9 @@ def test_two_impulses():
 
         def speed(intensity, duration=duration):
             pulse = jr.Rectangular(intensity / duration, duration)
-            landing = jr.dynamics.pulsed_next_velocity(block, c, pulse, 0.0)
+            landing = jr.steady.pulsed_next_velocity(block, c, pulse, 0.0)
             return np.isnan(landing) or np.isnan(
-                jr.dynamics.pulsed_next_velocity(block, c, pulse, landing)
+                jr.steady.pulsed_next_velocity(block, c, pulse, landing)
             )
 
         found.append(threshold(speed, 0.5 * float(closed), 2 * float(closed)))
@@ -456,7 +456,7 @@ def test_lists_go_on(monkeypatch):
     times = np.linspace(0, 20, 100)
     whole = free()
     history = whole.history(times)
-    monkeypatch.setattr("jaxrock.dynamics.respond_one._MAX_IMPACTS", 8)
+    monkeypatch.setattr("jaxrock.driven.one_block.respond_one._MAX_IMPACTS", 8)
     parts = free()
     assert whole.impacts > 5 * 8
     assert parts.impact_times.shape == (int(whole.impacts),)

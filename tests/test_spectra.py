@@ -8,8 +8,8 @@ from tools.cf_conventions import assert_follows_cf
 from tools.selection import first_by_default
 
 import jaxrock as jr
+from jaxrock.grids import tables
 from jaxrock.spectra import resonance as spectra
-from jaxrock.spectra import tables
 
 
 def test_a_grid_is_its_scenes_one_by_one():

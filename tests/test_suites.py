@@ -18,7 +18,7 @@ import pytest
 import xarray as xr
 
 import jaxrock as jr
-from jaxrock.dynamics import batch_ground
+from jaxrock.driven.many_blocks import batch as batch_ground
 from jaxrock.ground_motion import intensity_measure
 
 G = 9.80665

@@ -3,8 +3,6 @@
 Names beside those in ``__all__`` are for the other packages.
 """
 
-from .batch_to_tolerance import EstimatedResponse, respond_within
-from .batch_to_tolerance import follow_within as follow_within
 from .cheapest_setting import Choice, choose
 from .model_errors import ModelError, model_error
 from .model_errors import linearized_is_enough as linearized_is_enough
@@ -13,11 +11,9 @@ from .tradeoff import default_scene as default_scene
 
 __all__ = [
     "Choice",
-    "EstimatedResponse",
     "ModelError",
     "Tradeoff",
     "choose",
     "measure_tradeoff",
     "model_error",
-    "respond_within",
 ]

@@ -9,7 +9,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ..dynamics import DrivenScene
+from ..driven import TOLERANCES, DrivenScene, respond_within
 from ..ground_motion import Harmonic, Pulse, Record
 from ..host import Printed, listed
 from ..resonance import Scene
@@ -22,8 +22,8 @@ from ..validation import (
     as_real,
     check,
     check_kind,
+    is_traced,
 )
-from .batch_to_tolerance import TOLERANCES, respond_within
 from .model_errors import Answers, ModelError, model_error
 
 
@@ -88,7 +88,7 @@ class Choice(Printed, eqx.Module):
         return self.settings[int(self.index)]
 
     def __str__(self) -> str:
-        if isinstance(self.index, jax.core.Tracer):
+        if is_traced(self.index):
             return listed(self, index="", error="", within_tolerance="")
         if jnp.ndim(self.index):
             counts = np.bincount(np.ravel(self.index), minlength=len(self.settings))

@@ -32,8 +32,9 @@ from ..validation import (
     as_real,
     check_kind,
     check_shapes,
-    described,
+    describe,
     elementwise,
+    is_traced,
     of_one_precision,
 )
 
@@ -187,10 +188,10 @@ def model_error(
     """
     check_kind("scene", scene, Scene)
     if shape not in tuple(_PULSES):
-        raise ValueError(f"shape must be Rectangular or HalfSine, got {described(shape)}")
+        raise ValueError(f"shape must be Rectangular or HalfSine, got {describe(shape)}")
     duration = as_real("duration", duration)
     check_shapes(scene=scene, duration=duration)
-    if shape is None and not isinstance(duration, jax.core.Tracer) and np.any(duration != 0):
+    if shape is None and not is_traced(duration) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
     # Broadcast here, so that what is compiled depends on the shape of the result alone.
     leaves, structure = jax.tree.flatten(of_one_precision((scene, duration)))

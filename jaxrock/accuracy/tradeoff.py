@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..dynamics import DrivenScene, respond, respond_batch
+from ..driven import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import Printed, labelled, with_progress
 from ..resonance import (

@@ -7,11 +7,11 @@ that was compiled once.
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.core
 import numpy as np
 from jaxtyping import Bool, Float, Int, PyTree
 from typing_extensions import TypeAliasType
+
+from ..validation import is_traced
 
 Values = TypeAliasType("Values", Float[np.ndarray, "..."])
 Flags = TypeAliasType("Flags", Bool[np.ndarray, "..."])
@@ -37,7 +37,7 @@ class Least(NamedTuple):
 
 def check_concrete(tree: PyTree) -> None:
     """Raise `ValueError` if any of the numbers is traced."""
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree)):
+    if is_traced(tree):
         raise ValueError(
             "arguments must be concrete here: a fit is made outside of jit and vmap"
         )

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..block import Block
-from ..dynamics import Status, respond
+from ..driven import Status, respond
 from ..ground_motion import Motion
 from ..resonance import RockingModel
 from ..validation import Integers, Reals

@@ -6,17 +6,11 @@ from typing import Any, Literal
 
 from ..accuracy import default_scene, measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..dynamics import DrivenScene
+from ..driven import DrivenScene
+from ..grids import axis, overturned_share, write_table
 from ..reports import conformance, paper
 from ..resonance import Scene
-from ..spectra import (
-    RESONANCE_AXES,
-    axis,
-    overturned_share,
-    resonance_spectrum,
-    rocking_spectrum,
-    write_table,
-)
+from ..spectra import RESONANCE_AXES, resonance_spectrum, rocking_spectrum
 from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .dependence import Sensitivity
 from .harmonic import HarmonicFloor

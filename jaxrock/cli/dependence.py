@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import resonance
 from ..block import Block
-from ..dynamics import respond
+from ..driven import respond
 from ..ground_motion import PULSES, Motion
 from ..host import write_csv
 from ..overturning import UNITS

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..spectra import axis, harmonic_spectrum, write_table
+from ..grids import axis, write_table
+from ..spectra import harmonic_spectrum
 from ..validation import AT_LEAST_ONE, COUNT, POSITIVE, UNIT_INTERVAL, as_real, check
 from .options import Answer, Count, Folder, Grid, ModelName, Steps, Writing, picture
 

@@ -9,11 +9,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from .. import resonance
-from ..dynamics import Status, respond
+from ..driven import Status, respond
+from ..grids import write_table
 from ..host import labelled, write_csv
 from ..overturning import UNITS, checked, critical_amplitude, overturning_boundaries
 from ..reports import assessment
-from ..spectra import write_table
 from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
 from .options import (
     OF_OUTPUT,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..host import optional
 from .options import OF_STORE, Answer, Count, Writing
 from .signals import started_deaf
 
@@ -71,31 +70,35 @@ class Storing(Writing):
         """Write a lazy dataset to the store; what is said of that, and how much there was."""
         import xarray
 
-        cluster = optional("cluster")
+        from ..grids import write_zarr
+
+        (store,) = self.targets
         dataset = lazy.assign_attrs(self.about)
-        with self._client(cluster):
-            stored = cluster.write_zarr(dataset, self.store)
-            with xarray.open_zarr(self.store, zarr_format=2) as found:
+        with self._client():
+            stored = write_zarr(dataset, store)
+            with xarray.open_zarr(store, zarr_format=2) as found:
                 said = answer(found)
         data = {
-            "store": str(self.store),
+            "store": str(store),
             "chunks": stored.chunks,
             "taken_over": stored.taken_over,
         }
         return Answer(f"{said.text}\n{stored}", {**said.data, **data}, said.code, said.errors)
 
     @contextlib.contextmanager
-    def _client(self, cluster: Any) -> Iterator[None]:
+    def _client(self) -> Iterator[None]:
         """Workers for Dask: those of the scheduler, or some of this machine."""
         from concurrent.futures import CancelledError
 
         from distributed import Client
         from distributed.scheduler import KilledWorker
 
+        from ..grids import local_cluster
+
         with contextlib.ExitStack() as stack:
             if self.scheduler is None:
                 with started_deaf():
-                    where = stack.enter_context(cluster.local_cluster(self.workers))
+                    where = stack.enter_context(local_cluster(self.workers))
             else:
                 where = self.scheduler
             client = stack.enter_context(Client(where))

@@ -6,21 +6,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..grids import write_table
 from ..ground_motion import MEASURES, Suite, example_suite, read_suite
 from ..host import table
 from ..risk import Hazard, fragility, rate_elasticities, read_hazard, threshold_names
-from ..spectra import write_table
 from ..validation import POSITIVE, as_real, check
-from .options import (
-    Answer,
-    BlockOptions,
-    Folder,
-    Grid,
-    ModelName,
-    Steps,
-    leave_out,
-    picture,
-)
+from .options import Answer, BlockOptions, Folder, Grid, ModelName, Steps, leave_out, picture
 from .storing import Storing
 
 

@@ -5,8 +5,6 @@ import operator
 from typing import Any, SupportsIndex
 
 import equinox as eqx
-import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -21,6 +19,7 @@ from ..validation import (
     as_array,
     as_real,
     check,
+    is_traced,
     quantity,
 )
 from .motion import Motion
@@ -124,7 +123,7 @@ class Harmonic(Motion):
 
     def bucketed(self) -> "Harmonic":
         """Make room for more periods, unless it is traced; see `Motion.bucketed`."""
-        traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
+        traced = is_traced(self)
         return self if traced else WithRoom(self)
 
 

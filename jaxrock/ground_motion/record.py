@@ -20,6 +20,7 @@ from ..validation import (
     as_array,
     as_real,
     check,
+    is_traced,
     quantity,
 )
 from .motion import Motion
@@ -161,7 +162,7 @@ class Record(Motion):
 
     def bucketed(self) -> "Record":
         """Return the record padded, unless it is traced; see `Motion.bucketed`."""
-        traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self))
+        traced = is_traced(self)
         return self if traced else Padded(self)
 
     def scaled(self, factor: Number) -> "Record":

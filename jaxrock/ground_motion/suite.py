@@ -11,7 +11,17 @@ import numpy as np
 
 from ..block import Block
 from ..host import Printed
-from ..validation import FINITE, POSITIVE, Number, Numbers, Reals, as_real, check, described
+from ..validation import (
+    FINITE,
+    POSITIVE,
+    Number,
+    Numbers,
+    Reals,
+    as_real,
+    check,
+    describe,
+    is_traced,
+)
 from .intensity import intensity_measure
 from .record import Record
 
@@ -50,7 +60,7 @@ class Suite(Printed, eqx.Module):
 
     def __init__(self, records: Sequence[Record], names: Sequence[str] | None = None):
         if isinstance(records, Record) or not isinstance(records, Sequence):
-            raise ValueError(f"records must be a list of records, got {described(records)}")
+            raise ValueError(f"records must be a list of records, got {describe(records)}")
         if not records:
             raise ValueError("records must be at least one record, got none")
         self.records = tuple(records)
@@ -142,7 +152,7 @@ class Suite(Printed, eqx.Module):
             If there is no such measure, or a ratio is asked for without a block.
         """
         each = [intensity_measure(record, measure, block) for record in self.records]
-        if any(isinstance(value, jax.core.Tracer) for value in each):
+        if is_traced(each):
             return jnp.stack(each)
         return jax.device_put(np.stack(each))  # compiles nothing
 
@@ -205,7 +215,7 @@ class Suite(Printed, eqx.Module):
         each: Any = [factors] * len(self)
         if factors.ndim:
             # JAX would compile how an array is taken apart.
-            each = factors if isinstance(factors, jax.core.Tracer) else np.asarray(factors)
+            each = factors if is_traced(factors) else np.asarray(factors)
         scaled = [
             record.scaled(factor) for record, factor in zip(self.records, each, strict=True)
         ]
@@ -215,7 +225,7 @@ class Suite(Printed, eqx.Module):
 def positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
     """Return `Suite.measure`; a `ValueError` if a record has none, so that no factor scales it."""
     measures = suite.measure(measure, block)
-    if not isinstance(measures, jax.core.Tracer):
+    if not is_traced(measures):
         for name, value in zip(suite.names, np.asarray(measures), strict=True):
             if not (value > 0).all():
                 must = f"every record must have a {measure} greater than 0 to be scaled"

@@ -2,7 +2,7 @@
 
 from .datasets import labelled as labelled
 from .datasets import with_names as with_names
-from .extras import optional as optional
+from .extras import import_optional as import_optional
 from .files import CannotWrite as CannotWrite
 from .files import check_free as check_free
 from .files import read_regular as read_regular

@@ -1,17 +1,17 @@
-"""Rooms of the package that need what not every user has installed."""
+"""Modules of the package that need what not every user has installed."""
 
 import importlib
 from typing import Any
 
 
-def optional(room: str) -> Any:
-    """Import a room of the package; a `ModuleNotFoundError` says what to install."""
+def import_optional(module: str, extra: str) -> Any:
+    """Import a module of the package; a `ModuleNotFoundError` says what to install."""
     package = __name__.partition(".")[0]
     try:
-        return importlib.import_module(f"{package}.{room}")
+        return importlib.import_module(module)
     except ModuleNotFoundError as error:
         if str(error.name).startswith(package):
             raise
         missing = str(error.name).partition(".")[0]
-        said = f"{missing} is not installed; pip install '{package}[{room}]' brings it"
+        said = f"{missing} is not installed; pip install '{package}[{extra}]' brings it"
         raise ModuleNotFoundError(said, name=error.name) from error

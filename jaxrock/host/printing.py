@@ -7,12 +7,12 @@ import jax
 import jax.core
 import numpy as np
 
-from ..validation import Checked, Domain, quantities
+from ..validation import Checked, Domain, is_traced, quantities
 
 
 def shown(value: Any, unit: str = "") -> str:
     """Write a number with its unit; the range of an array, the type of a traced value."""
-    if isinstance(value, jax.core.Tracer):
+    if is_traced(value):
         return f"traced {jax.typeof(value)}"
     if isinstance(value, dict):
         return ", ".join(f"{name} {shown(part)}" for name, part in value.items())
@@ -60,7 +60,7 @@ def derivatives(module: Checked) -> str:
 def _is_outside(value: Any, domain: Domain | None) -> bool:
     if domain is None or not isinstance(value, jax.Array | np.ndarray | float):
         return False  # also what stands for an array under some transformations
-    if isinstance(value, jax.core.Tracer):
+    if is_traced(value):
         return False
     values = np.asarray(value)
     return bool((~np.isnan(values) & ~np.asarray(domain.contains(values))).any())

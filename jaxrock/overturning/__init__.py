@@ -16,7 +16,6 @@ from .pulse_thresholds import each_critical_amplitude as each_critical_amplitude
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search
 from .quantities import checked as checked
-from .quantities import is_traced as is_traced
 
 __all__ = ["Boundaries", "SurvivalWindows"]
 __all__ += [

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..dynamics import TOPPLED_ROTATION, BatchResponse, GroundMotions
+from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
 from ..host import Printed, listed, with_clock
 from ..numerics import brackets, brackets_traced, located
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Booleans, Integers, Number, Numbers, Reals
+from ..validation import Booleans, Integers, Number, Numbers, Reals, is_traced
 from .boundary_slopes import moved
-from .quantities import Search, Subject, checked, is_traced, respond_at, split, with_unit
+from .quantities import Search, Subject, checked, respond_at, split, with_unit
 
 
 class Boundaries(Printed, eqx.Module):

@@ -9,10 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..dynamics import TOPPLED_ROTATION, compiler_options
+from ..driven import TOPPLED_ROTATION, compiler_options
 from ..ground_motion import Pulse
 from ..host import mapped, processors
-from .quantities import Search, Subject, is_traced, respond_at, split, subject_at
+from ..validation import is_traced
+from .quantities import Search, Subject, respond_at, split, subject_at
 
 # Columns of one program, each a derivative of one boundary: so many that one program serves
 # all numbers of boundaries, and derivatives with respect to whatever moves.

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.core
@@ -11,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..dynamics import uplift_acceleration
+from ..driven import uplift_acceleration
 from ..ground_motion import Motion, Pulse, pulse_class
 from ..host import Printed, shown
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, Numbers, as_real, check_kind
+from ..validation import Number, Numbers, as_real, check_kind, namespace_of
 from .boundaries import Boundaries, overturning_boundaries, searched
 from .quantities import Search
 
@@ -117,8 +116,8 @@ def _amplitudes(
     uplift = jax.lax.stop_gradient(
         jnp.asarray(uplift_acceleration(block, as_model(search.model)))
     )
-    library: Any = jnp if isinstance(uplift, jax.core.Tracer) else np
-    amplitudes = library.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
+    namespace = namespace_of(uplift)
+    amplitudes = namespace.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
     return searched(block, restitution, pulse, amplitudes, search)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..block import Block
-from ..dynamics import Batch, BatchResponse, GroundMotions, follow_batch
+from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..validation import (
     AT_LEAST_ONE,
@@ -25,6 +25,7 @@ from ..validation import (
     check,
     check_kind,
     check_shapes,
+    is_traced,
     of_one_precision,
 )
 
@@ -115,11 +116,6 @@ def split(subject: Subject) -> tuple[Any, Any]:
         lambda path, _: all(getattr(step, "name", "") != "parts" for step in path), subject
     )
     return eqx.partition(subject, is_number)
-
-
-def is_traced(tree: Any) -> bool:
-    """Tell whether any number of a tree is traced."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def subject_at(subject: Subject, value: Any, search: Search) -> Subject:

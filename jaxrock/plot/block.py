@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
 
 from ..block import Block, is_rectangle
-from ..dynamics import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
+from ..driven import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
 from ..ground_motion import Motion
 from .axes import (
     ABOVE,

@@ -11,14 +11,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from .. import resonance
 from ..block import Block
-from ..resonance import (
-    Linearized,
-    ModelLike,
-    RockingModel,
-    Scene,
-    TrainResponse,
-    WorstTrain,
-)
+from ..resonance import Linearized, ModelLike, RockingModel, Scene, TrainResponse, WorstTrain
 from ..validation import as_real
 from .axes import (
     ACCENT,

@@ -28,7 +28,7 @@ from ..numerics import (
     one_minus_square,
     quotient,
 )
-from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, described, elementwise
+from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, describe, elementwise
 
 
 class RockingModel(eqx.Module):
@@ -257,7 +257,7 @@ def as_model(model: Any) -> RockingModel:
             return kind()
     raise ValueError(
         'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear",'
-        f" got {described(model)}"
+        f" got {describe(model)}"
     )
 
 

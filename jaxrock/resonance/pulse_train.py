@@ -28,6 +28,7 @@ from ..validation import (
     as_real,
     check,
     check_kind,
+    is_traced,
     of_one_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
@@ -104,7 +105,7 @@ class TrainResponse(Printed, eqx.Module):
         """
         wanted = as_real("time", time)
         shape = wanted.shape
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((self, wanted))):
+        if is_traced((self, wanted)):
             flat = wanted.astype(self.times.dtype).reshape(-1)
             found = _sample(self.rocker, *_select(jnp, flat, self.times, self.after_pulses))
             return found[0].reshape(shape), found[1].reshape(shape)
@@ -170,7 +171,7 @@ def respond_to_train(
             "times and intensities must be two lists of one length, got shapes"
             f" {t.shape} and {pulses.shape}"
         )
-    if not isinstance(t, jax.core.Tracer) and (np.diff(np.asarray(t)) < 0).any():
+    if not is_traced(t) and (np.diff(np.asarray(t)) < 0).any():
         raise ValueError("times must not decrease")
     block, c, t, pulses = of_one_precision((block, c, t, pulses))
     return follow(Rocker(block, c, as_model(model)), t, pulses)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..host import optional, with_names
+from ..host import with_names
 from .lognormal import fit_lognormal
 
 if TYPE_CHECKING:
@@ -60,7 +60,9 @@ def with_curves(
         kinds = {
             name: ([plane.index(dim) for dim in e[0]], e[1]) for name, e in entries.items()
         }
-        curves = optional("cluster").lazily_from(_curves, counts, arguments, kinds)
+        from ..grids import lazily_from
+
+        curves = lazily_from(_curves, counts, arguments, kinds)
     variables = {}
     for name, (dims, _, long_name, units) in entries.items():
         described = about(long_name, units) if units else {"long_name": long_name}

@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from ..accuracy import follow_within
 from ..block import Block
-from ..dynamics import Batch
+from ..driven import Batch, follow_within
+from ..grids import Grid, along
 from ..ground_motion import MEASURES, Suite, positive_measures
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..spectra import Grid, along
 from ..validation import POSITIVE, UNIT_INTERVAL, Number, Numbers, as_real, check, check_kind
 from .exceedance import Threshold, about, with_curves
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..cluster import Chunks
+    from ..grids import Chunks
 
 _WORDS = ("uplift", "overturning")
 # responses at once, and in a chunk of a lazy dataset

@@ -7,7 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..host import Printed
-from ..validation import POSITIVE, Checked, Number, Numbers, Reals, as_real, quantity
+from ..validation import (
+    POSITIVE,
+    Checked,
+    Number,
+    Numbers,
+    Reals,
+    as_real,
+    is_traced,
+    quantity,
+)
 
 HAZARD_MEASURES = ("pgv", "pga")  # of hazard curves: those that do not depend on the block
 
@@ -65,7 +74,7 @@ class Hazard(Printed, Checked):
             ("levels", self.levels, 1, "increase"),
             ("rates", self.rates, -1, "fall"),
         ):
-            if isinstance(values, jax.core.Tracer):
+            if is_traced(values):
                 continue
             steps = sign * np.diff(np.asarray(values))
             if (steps <= 0).any():

@@ -14,9 +14,20 @@ import numpy as np
 from ..block import Block
 from ..ground_motion import Suite, positive_measures
 from ..host import Printed, shown
-from ..overturning import Boundaries, Search, boundaries_of, checked, is_traced
+from ..overturning import Boundaries, Search, boundaries_of, checked
 from ..resonance import ModelLike, Nonlinear
-from ..validation import POSITIVE, Booleans, Number, Numbers, Reals, as_real, check, check_kind
+from ..validation import (
+    POSITIVE,
+    Booleans,
+    Number,
+    Numbers,
+    Reals,
+    as_real,
+    check,
+    check_kind,
+    is_traced,
+    namespace_of,
+)
 from .hazard import Hazard
 
 _MEASURES = ("pga", "pgv")
@@ -148,7 +159,7 @@ def overturning_rate(
         )
     places = levels_of(hazard, levels)
     at_levels = hazard(places)
-    if not isinstance(at_levels, jax.core.Tracer):
+    if not is_traced(at_levels):
         check("the rates of the hazard", at_levels, POSITIVE)
         if (np.diff(np.asarray(at_levels)) >= 0).any():
             raise ValueError("the rates of the hazard must fall with the level, got others")
@@ -171,12 +182,12 @@ def _padded(found: Boundaries) -> Boundaries:
     """With room for more boundaries, so that few programs are compiled."""
     columns = found.value.shape[-1]
     room = max(8, 1 << (columns - 1).bit_length())
-    library: Any = jnp if is_traced(found) else np
+    namespace = namespace_of(found)
     missing = {"value": np.nan, "overturns_beyond": False}
 
     def wide(name: str) -> Any:
         padding = [(0, 0), (0, room - columns)]
-        return library.pad(getattr(found, name), padding, constant_values=missing[name])
+        return namespace.pad(getattr(found, name), padding, constant_values=missing[name])
 
     names = tuple(missing)
     return eqx.tree_at(lambda f: [getattr(f, n) for n in names], found, [*map(wide, names)])
@@ -213,7 +224,7 @@ def _summed(
 def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
     """Choose the levels between which to seek boundaries; a `ValueError` if not allowed."""
     ends = None
-    if isinstance(hazard, Hazard) and not isinstance(hazard.levels, jax.core.Tracer):
+    if isinstance(hazard, Hazard) and not is_traced(hazard.levels):
         ends = np.asarray(hazard.levels)[[0, -1]].tolist()
     if levels is None:
         if ends is None:
@@ -226,7 +237,7 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
     if places.ndim != 1 or len(places) < 2:
         must = "levels must be one-dimensional, of at least two values"
         raise ValueError(f"{must}, got an array of shape {places.shape}")
-    if isinstance(places, jax.core.Tracer):
+    if is_traced(places):
         return places
     if (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")

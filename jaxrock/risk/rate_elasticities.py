@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..dynamics import BatchResponse, respond_batch
+from ..driven import BatchResponse, respond_batch
 from ..ground_motion import Suite
 from ..host import Printed, table
 from ..resonance import ModelLike, Nonlinear

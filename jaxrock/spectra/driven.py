@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from ..accuracy import follow_within
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..dynamics import Batch, follow_batch, uplift_acceleration
+from ..driven import Batch, follow_batch, follow_within, uplift_acceleration
+from ..grids import Grid, Values, along, axis, flat, of_few_shapes
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, pulse_class
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import AT_LEAST_ONE, POSITIVE, UNIT_INTERVAL, as_real, check, check_kind
-from .axes import Values, axis
-from .grid import Grid, along, flat, of_few_shapes
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..cluster import Chunks
+    from ..grids import Chunks
 
 _CHUNK = 2**14  # blocks of a spectrum that are followed at once
 _USUAL = 2**14  # and in a chunk of a lazy dataset

@@ -8,26 +8,24 @@ import jax
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..dynamics import (
+from ..driven import (
     TOPPLED_ROTATION,
     Batch,
-    HarmonicOrbit,
     follow_batch,
-    harmonic_orbit,
     peak_after_launch,
     uplift_acceleration,
 )
+from ..grids import Grid, Values, axis, flat, in_tiles
 from ..ground_motion import Harmonic
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..steady import HarmonicOrbit, harmonic_orbit
 from ..validation import UNIT_INTERVAL, as_real, check
-from .axes import Values, axis
-from .grid import Grid, flat, in_tiles
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..cluster import Chunks
+    from ..grids import Chunks
 
 _CHUNK = 2**14  # points of a spectrum that are computed at once
 _USUAL = 2**12  # and in a chunk of a lazy dataset

@@ -9,18 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO
+from ..grids import Grid, Values, axis
 from ..ground_motion import Pulse, pulse_class
 from ..overturning import check_range, each_critical_amplitude
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import as_real
-from .axes import Values, axis
 from .driven import unit_block
-from .grid import Grid
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..cluster import Chunks
+    from ..grids import Chunks
 
 _USUAL = 2**8  # frequencies in a chunk of a lazy dataset
 _LISTED = 16  # boundaries at each frequency in a lazy dataset

@@ -13,16 +13,15 @@ from jaxtyping import Array
 from .. import resonance
 from ..accuracy import linearized_is_enough
 from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..grids import Grid, Values, axis, flat, in_tiles
 from ..host import processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
 from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
-from .axes import Values, axis
-from .grid import Grid, flat, in_tiles
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..cluster import Chunks
+    from ..grids import Chunks
 
 Devices = Sequence[Any] | None
 
@@ -89,7 +88,7 @@ def resonance_spectrum(
     chunks : mapping of str to int or "auto", optional
         Lengths along dimensions, as in ``{"slenderness": 50}``; the others stay whole. Then
         nothing is computed, and the dataset is lazy: of Dask arrays, one task for each chunk,
-        the same numbers. Needs ``jaxrock[cluster]``; see `jaxrock.cluster`.
+        the same numbers. Needs ``jaxrock[cluster]``; see `jaxrock.grids`.
 
     Returns
     -------

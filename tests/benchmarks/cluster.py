@@ -72,7 +72,7 @@ def compare(name, grid, chunks, folder):
     def lazy():
         return grid(chunks=chunks)
 
-    with jr.cluster.local_cluster(2) as cluster, Client(cluster) as client:
+    with jr.grids.local_cluster(2) as cluster, Client(cluster) as client:
         idle = max(client.run(peak_memory).values())
         jobs = {
             "in memory": lambda: taken(grid),
@@ -80,7 +80,7 @@ def compare(name, grid, chunks, folder):
             "workers, added up there": lambda: taken(lambda: added_up(lazy())),
             "workers, gathered": lambda: taken(lambda: lazy().compute()),
             "in memory, stored": lambda: afresh(lambda: grid().to_zarr(store, zarr_format=2)),
-            "workers, stored": lambda: afresh(lambda: jr.cluster.write_zarr(lazy(), store)),
+            "workers, stored": lambda: afresh(lambda: jr.grids.write_zarr(lazy(), store)),
         }
         seconds = {job: [] for job in jobs}
         for number in range(ROUNDS + 1):
@@ -108,9 +108,9 @@ def overhead(folder):
         return jr.resonance_spectrum(*axes, chunks={"slenderness": 1000 // count})
 
     def stored(count):
-        return jr.cluster.write_zarr(grid(count), folder / f"{time.time()}.zarr")
+        return jr.grids.write_zarr(grid(count), folder / f"{time.time()}.zarr")
 
-    with jr.cluster.local_cluster(2) as cluster, Client(cluster):
+    with jr.grids.local_cluster(2) as cluster, Client(cluster):
         for name, job in (
             ("added up", lambda count: added_up(grid(count))),
             ("stored", stored),
@@ -131,9 +131,9 @@ def memory(folder):
     for length, count in ((5, 20), (20, 8), (20, 40), (80, 5)):
         slenderness = np.linspace(3, 10, length * count)
         chunks = {"slenderness": length}
-        with jr.cluster.local_cluster(2) as cluster, Client(cluster) as client:
+        with jr.grids.local_cluster(2) as cluster, Client(cluster) as client:
             lazy = jr.resonance_spectrum(slenderness, *axes, model="nonlinear", chunks=chunks)
-            jr.cluster.write_zarr(lazy, folder / f"{length}-{count}.zarr")
+            jr.grids.write_zarr(lazy, folder / f"{length}-{count}.zarr")
             peak = max(client.run(peak_memory).values())
         points = length * 50_000
         about = f"{count} chunks of {points:,} points, {points * 56 / 1e6:.0f} MB"

@@ -105,7 +105,7 @@ def test_a_million_half_cycles():
     @jax.jit
     def run(seconds):
         r = jr.respond(block, 1.0, still, seconds, velocity=launch, rtol=1e-11, max_impacts=8)
-        margin = jr.dynamics.free_motion_margin(block, 1.0, r.final_rotation, r.final_velocity)
+        margin = jr.driven.free_motion_margin(block, 1.0, r.final_rotation, r.final_velocity)
         return r.impacts, r.peak_rotation, margin
 
     impacts, peak, margin = run((million + 0.5) * half)

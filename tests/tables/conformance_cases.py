@@ -20,16 +20,8 @@ import numpy as np
 import jaxrock as jr
 from jaxrock import resonance
 from jaxrock.block import Block
-from jaxrock.dynamics import respond, respond_batch, uplift_acceleration
-from jaxrock.ground_motion import (
-    PULSES,
-    HalfSine,
-    Motion,
-    Pulse,
-    Record,
-    Ricker,
-    Sine,
-)
+from jaxrock.driven import respond, respond_batch, uplift_acceleration
+from jaxrock.ground_motion import PULSES, HalfSine, Motion, Pulse, Record, Ricker, Sine
 from jaxrock.impact import housner_restitution
 from jaxrock.overturning import critical_amplitude, overturning_boundaries
 from jaxrock.reports import conformance

@@ -9,7 +9,7 @@ import pytest
 from scenes import GRID
 
 import jaxrock as jr
-from jaxrock.dynamics.batch_input import PulseInput
+from jaxrock.driven.many_blocks.ground_inputs import PulseInput
 
 
 @pytest.fixture
@@ -33,8 +33,8 @@ def test_spectrum(tmp_path, monkeypatch, devices):
 
 def test_batch(monkeypatch, devices):
     """In four parts, which the devices take in turns."""
-    monkeypatch.setattr("jaxrock.dynamics.respond_many.processors", lambda: 4)
-    monkeypatch.setattr("jaxrock.dynamics.respond_many._ALONE", {PulseInput: 1})
+    monkeypatch.setattr("jaxrock.driven.many_blocks.respond_many.processors", lambda: 4)
+    monkeypatch.setattr("jaxrock.driven.many_blocks.respond_many._ALONE", {PulseInput: 1})
     placed = []
 
     def put(tree, device=None, put=jax.device_put):

@@ -1,0 +1,38 @@
+"""Driven motion: the equation, the overturning criterion, one block and many blocks.
+
+`one_block` goes through every event of one motion with diffrax, `many_blocks` moves thousands of
+blocks side by side along Taylor series; both follow `equation` and decide by
+`overturning_criterion`. Names beside those in ``__all__`` are for the other packages.
+"""
+
+from .equation import Equation as Equation
+from .equation import uplift_acceleration as uplift_acceleration
+from .many_blocks import TOLERANCES as TOLERANCES
+from .many_blocks import Batch as Batch
+from .many_blocks import BatchResponse, EstimatedResponse, respond_batch, respond_within
+from .many_blocks import GroundMotions as GroundMotions
+from .many_blocks import check_batch as check_batch
+from .many_blocks import compiler_options as compiler_options
+from .many_blocks import follow_batch as follow_batch
+from .many_blocks import follow_within as follow_within
+from .many_blocks import ground_of as ground_of
+from .many_blocks import peak_after_launch as peak_after_launch
+from .one_block import Followed as Followed
+from .one_block import Response, Status, respond
+from .one_block import run as run
+from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
+from .overturning_criterion import free_motion_margin
+from .scene import Driven as Driven
+from .scene import DrivenScene
+
+__all__ = [
+    "BatchResponse",
+    "DrivenScene",
+    "EstimatedResponse",
+    "Response",
+    "Status",
+    "free_motion_margin",
+    "respond",
+    "respond_batch",
+    "respond_within",
+]

@@ -1,0 +1,134 @@
+"""Truncated power series, and that of the rotation in time.
+
+The equation of motion has one sine and one cosine, whose argument follows in time from the
+equation itself: one evaluation gives the whole Taylor polynomial of the motion, which is its
+own dense output.
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ...validation import Reals
+from ..equation import Equation
+
+Coefficients = tuple[Reals | float, ...]
+
+
+def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
+    """Sine and cosine of angles up to pi / 2, to 2 eps.
+
+    By polynomials, which run on SIMD lanes; the functions that XLA has for float64 do not.
+    """
+    square = angle * angle
+    sine = cosine = jnp.zeros_like(angle)
+    for k in reversed(range(11)):
+        sine = sine * square + (-1) ** k / math.factorial(2 * k + 1)
+    for k in reversed(range(12)):
+        cosine = cosine * square + (-1) ** k / math.factorial(2 * k)
+    return angle * sine, cosine
+
+
+def materialized(values: Any) -> Any:
+    """Compute the values here and once: XLA would do so again wherever they are used."""
+    return jax.lax.optimization_barrier(values)
+
+
+def _product(a: Coefficients, b: Coefficients, k: int) -> Any:
+    """Coefficient `k` of the product of two series."""
+    return sum(a[j] * b[k - j] for j in range(len(a)) if 0 <= k - j < len(b))
+
+
+def rotation_series(
+    equation: Equation,
+    rotation: Reals,
+    velocity: Reals,
+    push: Coefficients,
+    lift: Coefficients,
+    order: int,
+) -> Coefficients:
+    """Taylor coefficients of the rotation in time, up to an order, from those of the ground.
+
+    With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
+    coefficients of sine and cosine one after the other.
+    """
+    c: list[Any] = [rotation, velocity]
+    tilt = equation.critical_angle - rotation
+    rate: list[Any] = [-velocity]  # coefficients of q'
+    if equation.linearized:
+        sine = [tilt]
+        cosine = [1.0]
+    else:
+        # A barrier: both enter every coefficient, as do those of higher order below.
+        sine, cosine = ([part] for part in materialized(sine_cosine(tilt)))
+    for k in range(order - 1):
+        if k and equation.linearized:
+            sine.append(rate[k - 1] * (1 / k))
+        elif k:
+            parts = tuple(_product(tuple(rate), tuple(part), k - 1) for part in (cosine, sine))
+            next_sine, next_cosine = materialized((parts[0] * (1 / k), parts[1] * (-1 / k)))
+            sine.append(next_sine)
+            cosine.append(next_cosine)
+        pull = sine[k] + _product(tuple(sine), lift, k)
+        acceleration = (_product(tuple(cosine), push, k) - pull) * equation.p_squared
+        c.append(materialized(acceleration * (1 / ((k + 1) * (k + 2)))))
+        if k == 0:
+            # Lifted at this moment, a block does not accelerate to the ground: rounding may.
+            starts = (rotation == 0) & (velocity == 0)
+            c[2] = jnp.where(starts, jnp.maximum(c[2], 0), c[2])
+        rate.append(-(k + 2) * c[-1])
+    return tuple(c)
+
+
+def evaluate(c: Coefficients, time: Reals) -> Reals:
+    """Evaluate the series at a time."""
+    total: Any = c[-1]
+    for part in reversed(c[:-1]):
+        total = total * time + part
+    return total
+
+
+def derivative(c: Coefficients) -> Coefficients:
+    """Differentiate the series."""
+    return tuple(k * part for k, part in enumerate(c))[1:]
+
+
+def binary_logarithm(x: Reals) -> Reals:
+    """log2(abs(x)) to 0.09, in float32, from the bits of a number; -1023 (or -127) of 0."""
+    if x.dtype == jnp.float64:
+        bits = jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int64) >> 32
+        return bits.astype(jnp.int32).astype(jnp.float32) * 2.0**-20 - 1023
+    return (
+        jax.lax.bitcast_convert_type(jnp.abs(x), jnp.int32).astype(jnp.float32) * 2.0**-23
+        - 127
+    )
+
+
+def binary_power(y: Reals, dtype: Any) -> Reals:
+    """2^y within 6 %, from a float32."""
+    if dtype == jnp.float64:
+        bits = ((jnp.clip(y, -1000, 1000) + 1023) * 2.0**20).astype(jnp.int32)
+        return jax.lax.bitcast_convert_type(bits.astype(jnp.int64) << 32, dtype)
+    bits = ((jnp.clip(y, -120, 120) + 127) * 2.0**23).astype(jnp.int32)
+    return jax.lax.bitcast_convert_type(bits, dtype)
+
+
+def accurate_step(c: tuple[Any, ...], tolerance: Any) -> Reals:
+    """Choose the longest step in which the last two terms are small beside the first ones.
+
+    Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
+    power is the whole motion.
+    """
+    order = len(c) - 1
+    log = [binary_logarithm(part) for part in jax.lax.stop_gradient(c)]
+    allowed = jnp.log2(tolerance).astype(jnp.float32)
+
+    def length(last: int) -> Any:
+        terms = (
+            (log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1))
+        )
+        return jax.tree.reduce(jnp.maximum, list(terms))
+
+    return binary_power(jnp.minimum(length(order), length(order - 1)), c[0].dtype)

@@ -1,0 +1,172 @@
+"""One block by an adaptive integrator: `respond`."""
+
+import contextlib
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from ...block import Block
+from ...ground_motion import Motion, Record, Still
+from ...resonance import ModelLike, Nonlinear, as_model
+from ...validation import (
+    Number,
+    as_array,
+    as_real,
+    check_kind,
+    describe,
+    is_traced,
+    of_one_precision,
+)
+from ..scene import Driven
+from .impact_to_impact import follow
+from .response import Response, Status
+
+_SOLVERS = "Tsit5", "Dopri5", "Dopri8"
+_MAX_IMPACTS = 2048  # in a list outside of transformations, until it is full
+
+
+def respond(
+    block: Block,
+    restitution: Number,
+    motion: Motion,
+    duration: Number | None = None,
+    *,
+    rotation: Number = 0.0,
+    velocity: Number = 0.0,
+    rtol: float | None = None,
+    atol: float | None = None,
+    solver: str = "Tsit5",
+    model: ModelLike = Nonlinear(),
+    max_impacts: int = 64,
+) -> Response:
+    """Response of one block to a ground motion, through every impact.
+
+    Parameters
+    ----------
+    block : Block
+        One block; `respond_batch` and `jax.vmap` take many.
+    restitution : float
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    motion : Motion
+        A pulse, a `Harmonic`, a `Record`, or `Still` for free rocking.
+    duration : float, optional
+        How long to follow the block [s], greater than 0; by default to the end of the motion.
+    rotation, velocity : float, optional
+        Initial rotation [rad] and angular velocity [rad/s]; at rest by default.
+    rtol, atol : float, optional
+        Tolerances of each integration step, relative, and absolute in rad and rad/s. By
+        default 1e-8 (1e-5 in float32), and 1e-9 of the relative one: small bounces are
+        followed as exactly as large ones.
+    solver : str
+        Of diffrax: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end at every sample,
+        "Dopri8" with a loose `rtol` is more exact.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion. Linearized it is that of the literature, whose limit for short
+        pulses differs from Eq. 2 by cos(alpha_c).
+    max_impacts : int
+        Under `jit`, `vmap` and derivatives, room for impacts in the lists of the response,
+        which `history` needs; 0 for no lists. Outside of them all impacts are listed.
+
+    Returns
+    -------
+    Response
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is outside of what is allowed or not scalar, or if the precision
+        cannot deliver the tolerance. Traced values outside give NaN and `Status.INVALID`.
+
+    Notes
+    -----
+    Derivatives, in both modes, cost one forward derivative per perturbed number, and second
+    ones as much for each of these; the first call of a second derivative takes two to three
+    times that of a first. Where two of the start of the input, its end, a sample, an impact
+    and the duration coincide, results may have another slope on either side. The slope is then
+    that for a duration not longer, and an end of the input not earlier, than the other; for a
+    start not before 0; and for an impact at one of these that of one of the two orders, the
+    same one for all results. Extremes have the derivative at the moment in which they are
+    taken, the first of equal ones.
+
+    NaN stands for none, and diffrax keeps what it traced: outside of transformations a call
+    switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be
+    off.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.2, slenderness=5.0)
+    >>> pulse = jr.Sine(amplitude=2.5, duration=0.8)
+    >>> response = jr.respond(block, 0.9, pulse, duration=5.0, rtol=1e-5)
+    >>> print(bool(response.overturned), int(response.status))
+    False 0
+    """
+    check_kind("block", block, Block)
+    check_kind("motion", motion, Motion, hint="; respond_batch takes several")
+    if duration is None and isinstance(motion, Still):
+        raise ValueError("duration must be given for still ground, which has no end")
+    duration = motion.end if duration is None else duration
+    arguments = {"restitution": restitution, "duration": duration}
+    arguments |= {"rotation": rotation, "velocity": velocity}
+    numbers = {name: as_real(name, value) for name, value in arguments.items()}
+    driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
+    samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
+    for name, tree in {"block": block, "motion": motion, **numbers}.items():
+        for leaf in jax.tree.leaves(tree):
+            if jnp.ndim(leaf) != any(leaf is rows for rows in samples):
+                raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        as_real(name, 0 if value is None else value)  # refuses strings
+    dtype = driven.restitution.dtype
+    least = 20 * float(jnp.finfo(dtype).eps)
+    rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
+    atol = 1e-9 * rtol if atol is None else float(atol)
+    if not least <= rtol < 1:
+        raise ValueError(
+            f"rtol must be less than 1 and at least {least:.1g}, which is what {dtype}"
+            f" can deliver, got {rtol:g}"
+        )
+    if not 0 <= atol < 1:
+        raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
+    if solver not in _SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
+    if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
+        got = describe(max_impacts)
+        raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
+    settings = {"rtol": np.asarray(rtol, dtype), "atol": np.asarray(atol, dtype)}
+    settings |= {"model": as_model(model), "method": solver}
+    with contextlib.ExitStack() as stack:
+        # Only where they are on: a setting of its own would compile anew.
+        if jax.config.jax_debug_nans:
+            stack.enter_context(jax.debug_nans(False))
+        if jax.config.jax_check_tracer_leaks:
+            stack.enter_context(jax.check_tracer_leaks(False))
+        if is_traced(driven):
+            return follow(driven, max_impacts=max_impacts, **settings).response
+        return _with_all_impacts(driven, settings)
+
+
+def _with_all_impacts(driven: Driven, settings: dict[str, Any]) -> Response:
+    """Return the response with lists of just the right length; of concrete numbers."""
+    bucketed = driven.bucketed()
+    max_impacts = _MAX_IMPACTS
+    response = follow(bucketed, max_impacts=max_impacts, **settings).response
+    # Hardly ever: each length of the lists is a program of its own.
+    while int(response.status) == Status.LIST_FULL:
+        max_impacts *= 32
+        response = follow(bucketed, max_impacts=max_impacts, **settings).response
+    events = int(np.isfinite(response.events.time).sum())
+
+    def lists(r: Response) -> tuple:
+        return r.impact_times, r.impact_velocities, *jax.tree.leaves(r.events)
+
+    sizes = [int(response.impacts)] * 2 + [events] * 4
+    # In NumPy, which compiles nothing.
+    cut = [
+        as_array(np.asarray(rows)[:n]) for rows, n in zip(lists(response), sizes, strict=True)
+    ]
+    return eqx.tree_at(lambda r: (*lists(r), r.scene), response, (*cut, driven))

@@ -1,0 +1,218 @@
+"""What one block did under a ground motion, and its history."""
+
+import enum
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from ...host import Printed, listed
+from ...resonance import RockingModel
+from ...validation import Booleans, Integers, Numbers, Reals, as_array, as_real, is_traced
+from ..equation import Equation
+from ..overturning_criterion import TOPPLED_ROTATION
+from ..scene import Driven
+from .motion_to_event import flown
+from .solver_steps import Segment, Stepper
+
+_TIMES = 512  # of a history at once
+_EVENTS = 8192  # at least, for a history
+
+
+class Status(enum.IntEnum):
+    """How a computation ended."""
+
+    COMPLETE = 0  # nothing ran out
+    LIST_FULL = 1  # all is right, but not all impacts are listed
+    STOPPED = 2  # the integrator ran out of steps, or could not go on
+    INVALID = 3  # an argument was outside of what is allowed
+    BALANCED = (
+        4  # all is right, but for a time the block was in unstable balance, as none stays
+    )
+
+
+class Events(eqx.Module):
+    """The state after every event, in the order of time; NaN where there is none."""
+
+    time: Reals
+    side: Reals
+    rotation: Reals
+    velocity: Reals
+
+
+class Response(Printed, eqx.Module):
+    """What a block did under a ground motion; see `respond`.
+
+    Attributes
+    ----------
+    final_rotation, final_velocity : Array
+        alpha [rad] and its rate [rad/s] at the end of the duration.
+    peak_rotation, peak_time : Array
+        Largest abs(alpha) [rad], at most pi / 2, and when [s].
+    overturned : Array of bool
+        Whether the block falls: by reaching pi / 2, or by energy once the input has ended (or
+        the duration, if that is shorter, as if the input ended there).
+    overturning_time, margin : Array
+        When it passed the critical angle for the last time [s], NaN if it stands or that comes
+        after the duration; and `free_motion_margin` at the end of the input [-].
+    impacts : Array of int
+        How many.
+    impact_times, impact_velocities : Array, shape (impacts,)
+        When [s], and the angular velocity just before [rad/s], signed as alpha is. Under a
+        transformation the shape is (`max_impacts`,), filled up with NaN.
+    at_rest : Array of bool
+        Whether the block rests on the ground at the end of the duration.
+    friction_demand, normal_force : Array
+        Largest ratio of horizontal to normal force at the base, and smallest normal force over
+        weight [-], from the accelerations of the centre of mass until a block that overturns
+        reaches pi / 2; the impulses of impacts do not count. Where the normal force is 0 or
+        less, the block leaves the ground: the friction demand is inf, and the model no
+        longer applies. 0 and inf for a block that lies on its side from the beginning.
+    contact_loss_time : Array
+        When the block leaves the ground [s], to 1e-4 of an integration step, without
+        derivative; NaN if it does not.
+    status : Array of int
+        A `Status`; where it is STOPPED or INVALID, the results are NaN.
+    events, scene, model
+        From which `history` integrates.
+    """
+
+    final_rotation: Reals
+    final_velocity: Reals
+    peak_rotation: Reals
+    peak_time: Reals
+    overturned: Booleans
+    overturning_time: Reals
+    margin: Reals
+    impacts: Integers
+    impact_times: Reals
+    impact_velocities: Reals
+    at_rest: Booleans
+    friction_demand: Reals
+    normal_force: Reals
+    contact_loss_time: Reals
+    status: Integers
+    events: Events
+    scene: Driven
+    model: RockingModel
+
+    def history(self, time: Numbers) -> tuple[Reals, Reals]:
+        """Rotation and angular velocity over time, to the accuracy of the integration.
+
+        Parameters
+        ----------
+        time : array_like
+            [s]
+
+        Returns
+        -------
+        rotation, velocity : Array, shape (...)
+            alpha [rad] and its rate [rad/s]; NaN before 0 and after the duration. A block that
+            has overturned stays where it lies.
+
+        Raises
+        ------
+        ValueError
+            If the response was computed without events, with ``max_impacts=0``.
+        """
+        times = as_real("time", time)
+        driven = self.scene
+        events = self.events
+        shape = times.shape
+        if events.time.size == 0:
+            raise ValueError(
+                "max_impacts must be at least 1 in `respond` for a history, got 0"
+            )
+        leaves = jax.tree.leaves((driven, events, times))
+        if is_traced(leaves):
+            flat = times.astype(events.time.dtype).reshape(-1)
+            parts = _history_program(driven, events, self.model, flat)
+            return parts[0].reshape(shape), parts[1].reshape(shape)
+        # Few different shapes, so that few programs are compiled; in NumPy, which compiles
+        # nothing.
+        pieces = max(1, -(-times.size // _TIMES))
+        flat = np.resize(np.asarray(times, events.time.dtype), (pieces, _TIMES))
+        room = max(_EVENTS, 1 << (events.time.size - 1).bit_length()) - events.time.size
+        rows = (
+            np.pad(part, (0, room), constant_values=np.nan) for part in jax.tree.leaves(events)
+        )
+        events = Events(*map(as_array, rows))
+        driven = driven.bucketed()
+        found = [
+            _history_program(driven, events, self.model, as_array(piece)) for piece in flat
+        ]
+        joined = np.concatenate(found, axis=-1)[:, : times.size]
+        return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
+
+    def __str__(self) -> str:
+        if jnp.ndim(self.status) or is_traced(self.status):
+            units = {"peak_rotation": "rad", "peak_time": "s", "impacts": ""}
+            units |= {"friction_demand": "", "normal_force": "of the weight"}
+            return listed(self, status="", overturned="", margin="", **units)
+        status = Status(int(self.status))
+        if status in (Status.STOPPED, Status.INVALID):
+            return f"no response: {status.name.lower()}"
+        angle = self.scene.block.critical_angle
+        fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
+        balanced = status == Status.BALANCED and self.final_velocity == 0
+        moving = "in balance" if balanced and not self.at_rest else "in motion"
+        end = "lies on its side" if fallen else "at rest" if self.at_rest else moving
+        lines = [
+            f"{'overturns' if self.overturned else 'stands'},"
+            f" margin {self.margin:.4g} when the input ends"
+            f" ({'' if self.margin < 0 else '1 at rest, '}below 0 it overturns)",
+            f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
+            f" alpha_c at {self.peak_time:.4g} s",
+            f"{self.impacts} impacts, {end} at the end",
+            f"the block leaves the ground at {self.contact_loss_time:.4g} s; the model ends there"
+            if self.normal_force <= 0
+            else f"friction demand {self.friction_demand:.4g}, smallest normal force"
+            f" {self.normal_force:.4g} of the weight",
+        ]
+        if self.peak_rotation == 0:
+            lines[1] = "the ground does not lift the block"
+        if status == Status.BALANCED:
+            lines.append(
+                "for a time it was in unstable balance, which the slightest push ends"
+            )
+        if self.overturned and jnp.isfinite(self.overturning_time):
+            lines[0] += f", beyond return from {self.overturning_time:.4g} s"
+        return "\n".join(lines)
+
+
+@eqx.filter_jit
+def _history_program(
+    driven: Driven, events: Events, model: RockingModel, times: Reals
+) -> tuple[Reals, Reals]:
+    """Rotation alpha and its rate at some times; NaN before time 0 and after the duration."""
+    equation = Equation.of(driven.block, model)
+    stepper = Stepper("Tsit5", max(1e-9, 100 * float(jnp.finfo(times.dtype).eps)), 0.0)
+    event_times = jnp.where(jnp.isnan(events.time), jnp.inf, events.time)
+
+    def at(time: Reals) -> tuple[Reals, Reals]:
+        inside = (time >= 0) & (time <= driven.duration)
+        time = jnp.where(inside, time, 0)
+        index = jnp.maximum(jnp.searchsorted(event_times, time, side="right") - 1, 0)
+        event = jax.tree.map(lambda part: part[index], events)
+        lifted = (event.rotation == 0) & (event.velocity == 0)
+        # A block that has just been lifted is still on the ground: it moves if the next event
+        # finds it above.
+        following = events.rotation[jnp.minimum(index + 1, event_times.size - 1)]
+        moves = ~lifted | (following > 0)
+        # One in balance is at the next event where it was.
+        moves = moves & ((event.velocity != 0) | (following != event.rotation))
+        moves = moves & (event.rotation < TOPPLED_ROTATION) & (time > event.time)
+        acts = driven.motion.acts(event.time)
+        segment = Segment(equation, driven.motion, event.time, event.side, acts)
+        length = jnp.where(moves, time - event.time, 0)
+        y = jnp.stack([event.rotation, event.velocity])
+        end = flown(stepper, segment, length, y, moves=moves, lifted=lifted)
+        known = inside & (end.elapsed >= length)
+        rotation, velocity = (
+            jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y
+        )
+        return rotation, velocity
+
+    return jax.vmap(at)(times)

@@ -1,0 +1,21 @@
+"""Driven rocking that repeats itself: under pulses of finite duration, on a harmonic floor.
+
+Both are fixed points of a map from one half-period to the next, with its slope for stability.
+"""
+
+from .harmonic_linearized import least_harmonic_amplitude, symmetry_breaking_amplitude
+from .harmonic_orbit import HarmonicOrbit, harmonic_orbit
+from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
+from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
+
+__all__ = [
+    "HarmonicOrbit",
+    "PulsedPhase",
+    "PulsedThreshold",
+    "critical_pulsed_amplitude",
+    "harmonic_orbit",
+    "least_harmonic_amplitude",
+    "pulsed_next_velocity",
+    "pulsed_phase",
+    "symmetry_breaking_amplitude",
+]

@@ -1,0 +1,263 @@
+"""Steady rocking on a floor that goes on to move harmonically, and whether it is stable."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex
+
+from ..block import Block
+from ..driven import TOPPLED_ROTATION, Equation, uplift_acceleration
+from ..host import Printed, listed
+from ..impact import velocity_after_impact
+from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import (
+    NON_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Number,
+    Reals,
+    elementwise,
+    is_traced,
+    of_one_precision,
+)
+from .harmonic_linearized import HarmonicScene, linearized_steady
+from .harmonic_nonlinear import nonlinear_steady
+
+_TOGETHER = 64  # orbits that one step of Newton's method is taken for
+_INSTANTS = 128  # intervals of the half period in which its highest point is sought
+_NEWTONS = 5
+
+
+class HarmonicOrbit(Printed, eqx.Module):
+    """Symmetric steady rocking on a harmonic floor, an impact each half period; NaN for none.
+
+    Attributes
+    ----------
+    launch_velocity : Array
+        Angular velocity just after an impact [rad/s].
+    phase : Array
+        Of the sine of the floor at an impact after which the block stands on the side to which
+        rotation is positive [rad], between -pi and pi.
+    peak_rotation, rotation_ratio : Array
+        Largest rotation [rad], and over the critical angle.
+    multipliers : Array of complex, shape (..., 2)
+        Eigenvalues of the derivative of the map from one launch to the next, half a period
+        later; the one of larger modulus first. What is left of a perturbation.
+    trace, determinant : Array
+        Their sum and their product, the square of the restitution; smooth where they are not.
+    exists : Array of bool
+        Whether there is such a motion, above the ground between its impacts and below pi / 2.
+    stable : Array of bool
+        Whether small perturbations decay: both multipliers are inside of the unit circle.
+    symmetry_broken : Array of bool
+        Whether it exists but a multiplier is below -1: half periods alternate then.
+    below_uplift : Array of bool
+        Whether it exists on a floor that lifts no block from rest: it goes on once it has
+        begun.
+    """
+
+    launch_velocity: Reals
+    phase: Reals
+    peak_rotation: Reals
+    rotation_ratio: Reals
+    multipliers: Complex[Array, "... 2"]
+    trace: Reals
+    determinant: Reals
+    exists: Booleans
+    stable: Booleans
+    symmetry_broken: Booleans
+    below_uplift: Booleans
+
+    def __str__(self) -> str:
+        units = {"launch_velocity": "rad/s", "phase": "rad", "peak_rotation": "rad"}
+        names = [name for name in self.__dataclass_fields__ if name != "multipliers"]
+        text = listed(self, **dict.fromkeys(names, "") | units)
+        if not is_traced(self.below_uplift) and self.below_uplift.any():
+            text += (
+                "\nBelow uplift the motion goes on once it has begun, but no block begins it."
+            )
+        return text
+
+
+def harmonic_orbit(
+    block: Block,
+    restitution: Number,
+    amplitude: Number,
+    frequency: Number,
+    *,
+    model: ModelLike = Nonlinear(),
+) -> HarmonicOrbit:
+    """Symmetric steady rocking on a floor whose acceleration is a sine that goes on for ever.
+
+    The block hits the ground once in each half period, alternately on both sides. Of two such
+    motions it is the one with the faster launch; the other one is never stable.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    amplitude : array_like
+        Of the acceleration of the floor [m/s2], at least 0.
+    frequency : array_like
+        Its angular frequency omega [rad/s], greater than 0.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`. Linearized it has a closed form.
+
+    Returns
+    -------
+    HarmonicOrbit
+        Of the shape to which the arguments broadcast.
+
+    Raises
+    ------
+    ValueError
+        If a concrete argument is out of range. A traced one gives NaN.
+
+    Notes
+    -----
+    The floor accelerates with ``amplitude sin(omega t)``. Towards the least amplitude at which
+    the motion exists its derivatives grow without bound. Nonlinear motions are found by
+    collocation with 36 nodes. A motion that these do not resolve counts as none; its floor is
+    slower than 0.3 p, or that slow for how strong it is.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.2, slenderness=5.0)
+    >>> orbit = jr.harmonic_orbit(block, 0.9, amplitude=1.5, frequency=12.0)
+    >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
+    0.094 True True
+    """
+    model = as_model(model)
+    values = _quantities(block, restitution, amplitude, frequency, model)
+    return _with_stability(*values)
+
+
+@elementwise(
+    restitution=UNIT_INTERVAL, amplitude=NON_NEGATIVE, frequency=POSITIVE, model=as_model
+)
+def _quantities(
+    block: Block,
+    restitution: Number,
+    amplitude: Number,
+    frequency: Number,
+    model: RockingModel,
+) -> tuple[Any, ...]:
+    """Return the fields that do not follow from others, and the acceleration that lifts."""
+    equation = Equation.of(block, model)
+    rate = block.frequency_parameter
+    angle = equation.critical_angle
+    equation = eqx.tree_at(lambda e: e.p_squared, equation, jnp.ones_like(equation.p_squared))
+    restitution = jnp.asarray(restitution)
+    amplitude = jnp.asarray(amplitude)
+    strength = amplitude / (block.gravity * angle)
+    ratio = jnp.divide(frequency, rate)
+    scenes = HarmonicScene(equation, restitution, ratio, strength)
+    leaves, form = jax.tree.flatten(of_one_precision(scenes))
+    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    size = math.prod(shape)
+    rows = max(1, -(-size // _TOGETHER))
+    width = -(-size // rows)
+
+    def in_rows(leaf: Reals) -> Reals:
+        flat = jnp.broadcast_to(leaf, shape).reshape(-1)
+        return jnp.pad(flat, (0, rows * width - size), mode="edge").reshape(rows, width)
+
+    scenes = jax.tree.unflatten(form, [in_rows(leaf) for leaf in leaves])
+    found = jax.lax.map(jax.vmap(_steady), scenes)
+    *values, exists = (part.reshape(-1)[:size].reshape(shape) for part in found)
+    landing, phase, peak, trace = values
+    launch = velocity_after_impact(restitution, landing * angle * rate)
+    values = launch, phase, peak * angle, peak, trace, restitution**2
+    # Last of all, so that no NaN is a factor of a derivative.
+    known = (jnp.where(exists, value, jnp.nan) for value in values)
+    return *known, uplift_acceleration(block, model) - amplitude
+
+
+def _steady(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]:
+    """Landing velocity, phase, peak, trace and existence of one, in units of 1 / p and alpha_c."""
+    linearized = isinstance(scene.equation.model, Linearized)
+    steady = linearized_steady(scene) if linearized else nonlinear_steady(scene)
+    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, _INSTANTS) / _INSTANTS)
+    shares = jnp.asarray(shares, scene.amplitude.dtype)
+    rotations = steady.path.at(shares)[0]
+    peak = _peak(steady.path, scene.half_period, shares, rotations)
+    sine = steady.sine
+    cosine = steady.cosine
+    toppled = scene.equation.critical_angle * peak >= TOPPLED_ROTATION
+    exists = steady.exists & (rotations.min() > 0) & ~toppled
+    moves = (sine != 0) | (cosine != 0)
+    # From the cosine axis, so that rounding does not turn pi into -pi: the sine is not
+    # negative.
+    phase = 0.5 * math.pi - jnp.arctan2(jnp.where(moves, cosine, -1), sine)
+    return steady.landing, phase, peak, steady.trace, exists
+
+
+def _peak(path: Any, half_period: Reals, shares: Reals, rotations: Reals) -> Reals:
+    """Find the highest rotation, from the highest of some instants on by Newton's method."""
+    top = jnp.argmax(rotations)
+    low, high = (shares[jnp.clip(top + k, 0, shares.size - 1)] for k in (-1, 1))
+
+    def better(path: Any, half_period: Reals, share: Reals) -> Reals:
+        _, velocity, acceleration = path.at(share)
+        falling = acceleration < 0
+        step = velocity / (half_period * jnp.where(falling, acceleration, -1))
+        return jnp.clip(jnp.where(falling, share - step, share), low, high)
+
+    share = shares[top]
+    fixed = jax.lax.stop_gradient((path, half_period))
+    for _ in range(_NEWTONS):
+        share = better(*fixed, share)
+    # Only the last step has a derivative, which the second derivative of the peak needs.
+    return path.at(better(path, half_period, share))[0]
+
+
+@jax.jit
+def _with_stability(
+    launch: Reals,
+    phase: Reals,
+    peak: Reals,
+    ratio: Reals,
+    trace: Reals,
+    determinant: Reals,
+    uplift: Reals,
+) -> HarmonicOrbit:
+    """Make the orbit; it exists where the launch velocity is not NaN."""
+    exists = ~jnp.isnan(launch)
+    known = jnp.where(exists, trace, 0)
+    share = jnp.where(exists, determinant, 0)
+    multipliers = _multipliers(known, share)
+    return HarmonicOrbit(
+        launch_velocity=launch,
+        phase=phase,
+        peak_rotation=peak,
+        rotation_ratio=ratio,
+        multipliers=jnp.where(exists[..., None], multipliers, jnp.nan),
+        trace=trace,
+        determinant=determinant,
+        exists=exists,
+        stable=exists & (jnp.abs(known) < 1 + share) & (share < 1),
+        symmetry_broken=exists & (known < -1 - share),
+        below_uplift=exists & (uplift > 0),
+    )
+
+
+def _multipliers(trace: Reals, determinant: Reals) -> Complex[Array, "... 2"]:
+    """Both eigenvalues, the one of larger modulus, or on the positive side, first."""
+    half = 0.5 * trace
+    square = half**2 - determinant
+    differ = square != 0
+    root = jnp.where(differ, jnp.sqrt(jnp.where(differ, jnp.abs(square), 1)), 0)
+    # The smaller one as a quotient: a difference would cancel.
+    larger = half + jnp.where(half < 0, -root, root)
+    smaller = determinant / jnp.where(larger == 0, 1, larger)
+    real = jnp.where(square[..., None] > 0, jnp.stack([larger, smaller], -1), half[..., None])
+    imaginary = jnp.where(square < 0, root, 0)
+    return jax.lax.complex(real, jnp.stack([imaginary, -imaginary], -1))

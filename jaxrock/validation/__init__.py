@@ -1,0 +1,32 @@
+"""Arguments: arrays, domains of their values, and guarding of those that are traced."""
+
+from .arrays import Booleans as Booleans
+from .arrays import Integers as Integers
+from .arrays import Number as Number
+from .arrays import Numbers as Numbers
+from .arrays import Reals as Reals
+from .arrays import as_array as as_array
+from .arrays import as_real as as_real
+from .arrays import describe as describe
+from .arrays import is_traced as is_traced
+from .arrays import namespace_of as namespace_of
+from .arrays import of_one_precision as of_one_precision
+from .domains import AT_LEAST_ONE as AT_LEAST_ONE
+from .domains import BELOW_ONE as BELOW_ONE
+from .domains import COUNT as COUNT
+from .domains import FINITE as FINITE
+from .domains import GROWTH as GROWTH
+from .domains import NON_NEGATIVE as NON_NEGATIVE
+from .domains import POSITIVE as POSITIVE
+from .domains import RIGHT_ANGLE as RIGHT_ANGLE
+from .domains import UNIT_INTERVAL as UNIT_INTERVAL
+from .domains import Checked as Checked
+from .domains import Domain as Domain
+from .domains import check as check
+from .domains import check_kind as check_kind
+from .domains import check_shapes as check_shapes
+from .domains import quantities as quantities
+from .domains import quantity as quantity
+from .guarding import elementwise as elementwise
+from .guarding import guarding as guarding
+from .guarding import replace_invalid as replace_invalid

@@ -1,0 +1,114 @@
+"""Numbers and arrays as arguments: what signatures call them, and how they are brought in."""
+
+import contextlib
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.dtypes
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Real
+from typing_extensions import TypeAliasType
+
+# Signatures in `help` show these by name instead of all that they stand for.
+Number = TypeAliasType("Number", Real[ArrayLike, "..."])
+
+
+Numbers = TypeAliasType("Numbers", Number | Sequence[Any])
+
+
+Reals = TypeAliasType("Reals", Float[Array, "..."])
+
+
+Integers = TypeAliasType("Integers", Int[Array, "..."])
+
+
+Booleans = TypeAliasType("Booleans", Bool[Array, "..."])
+
+
+_T = TypeVar("_T")
+
+
+def is_traced(tree: Any) -> bool:
+    """Tell whether a pytree has a traced leaf.
+
+    Public functions are called in two ways. Of concrete numbers one can raise an error, search
+    on the host, and compute in NumPy, which compiles nothing. Of traced ones, inside of
+    `jit`, `vmap` or `grad`, only JAX may compute, and what is wrong becomes NaN. This and
+    `namespace_of` are the only questions by which functions tell the two apart.
+    """
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def namespace_of(tree: Any) -> ModuleType:
+    """Choose JAX for what is traced, NumPy for what is concrete; see `is_traced`."""
+    return jnp if is_traced(tree) else np
+
+
+def as_array(value: Any) -> Array:
+    """`value` as an array."""
+    # By way of NumPy where possible: JAX would compile a conversion for every shape.
+    if isinstance(value, list | tuple) and not is_traced(value):
+        value = np.asarray(value)
+    if isinstance(value, np.ndarray | np.generic):
+        dtype = jax.dtypes.canonicalize_dtype(value.dtype)
+        return jax.device_put(np.asarray(value, dtype))
+    return jnp.asarray(value)
+
+
+def as_real(name: str, value: Any) -> Array:
+    """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
+    # Quantities with units (of pint, astropy, unyt) would lose them without a word.
+    if hasattr(type(value), "units") or hasattr(type(value), "unit"):
+        raise ValueError(
+            f"{name} must be a number without a unit, in SI, got {describe(value)}"
+        )
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
+        array = as_array(float(value) if isinstance(value, int | float) else value)
+        if jnp.issubdtype(array.dtype, jnp.integer):
+            with jax.numpy_dtype_promotion("standard"):
+                return array * 1.0  # weakly typed: it takes the precision of other arguments
+        if array.dtype in (jnp.float32, jnp.float64):
+            return array
+        if jnp.issubdtype(array.dtype, jnp.floating):
+            value = array.dtype
+    must = "a real number or an array of them"
+    if isinstance(value, np.dtype):
+        must += ", in float32 or float64"
+    raise ValueError(f"{name} must be {must}, got {describe(value)}")
+
+
+def describe(value: Any) -> str:
+    """Describe a value in a few words, for what an error got."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, eqx.Module):
+        return f"a {type(value).__name__}"
+    if isinstance(value, list | tuple) and value:
+        rows = [row for row in value if isinstance(row, list | tuple) or np.ndim(row)]
+        lengths = sorted({len(row) for row in rows})
+        if lengths[1:]:
+            return f"rows of different lengths, {lengths[0]} to {lengths[-1]}"
+        if isinstance(value[0], eqx.Module):
+            return f"a list of {len(value)} {type(value[0]).__name__}s"
+    words = " ".join(repr(value).split())
+    return words if len(words) <= 60 else f"{words[:57]}..."
+
+
+def of_one_precision(tree: _T) -> _T:
+    """Bring a pytree of numbers to the precision that JAX promotes them to together."""
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*jax.tree.leaves(tree))
+
+    def converted(leaf: Any) -> Any:
+        if is_traced(leaf):
+            return jnp.asarray(leaf, dtype)
+        if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
+            return leaf
+        return as_array(np.asarray(leaf, dtype))
+
+    return jax.tree.map(converted, tree)
