@@ -1,19 +1,19 @@
 """Rocking of rigid blocks on JAX: resonance spectra, sensitivities, inverse design.
 
 All functions are elementwise: arguments are numbers or arrays that broadcast against each
-other, answers have the shape that results, ``(...)`` in the docstrings, everything is in SI
-units and radians. An argument outside of what is allowed raises `ValueError` where it is
-concrete, and gives NaN with derivative zero where it is traced.
+other. Answers have the shape that results, ``(...)`` in the docstrings. Everything is in SI
+units and radians. An argument out of range raises `ValueError` where it is concrete, and gives
+NaN with derivative zero where it is traced.
 
 Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one
 takes it as ``model=``, itself or by its name. The defaults are the paper's own: the closed
 forms (half-cycle map, limits, critical intensities, pulse trains) are linearized, the equation
 of driven motion is nonlinear.
 
-What is here is what most scenes need. Result classes and further tools are in the packages:
-`resonance`, `ground_motion`, `driven`, `steady`, `overturning`, `sensitivity`, `calibration`,
-`accuracy`, `grids`, `spectra`, `risk`, `plot`, `reports`. ``jaxrock.__version__`` says which
-version this is.
+Most scenes need only the functions listed here. Result classes and further tools are in the
+packages: `resonance`, `ground_motion`, `driven`, `steady`, `overturning`, `sensitivity`,
+`calibration`, `accuracy`, `grids`, `spectra`, `risk`, `plot`, `reports`.
+``jaxrock.__version__`` is the version.
 
 JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
 Processes beside each other are started with "spawn" or "forkserver", as in
@@ -21,15 +21,14 @@ Processes beside each other are started with "spawn" or "forkserver", as in
 """
 
 import importlib.metadata
-from typing import Any
 
 import lazy_loader
 
-# What is listed in `__init__.pyi` is imported when it is used first: JAX takes a second.
+# A name listed in `__init__.pyi` is imported when it is used first: JAX takes a second.
 _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name == "__version__":
         return importlib.metadata.version(__name__)
     return _find(name)

@@ -1,4 +1,4 @@
-"""``python -m jaxrock``."""
+"""Run the commands, as ``python -m jaxrock``."""
 
 from .cli import main
 

@@ -1,13 +1,11 @@
-"""The block: its geometry and inertia, and what follows from these and gravity alone."""
-
-from typing import Any
+"""The block: its geometry and inertia, and the numbers that follow from them and gravity."""
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from .host import Printed, derivatives, shown
+from .host import Printed, format_derivatives, format_number
 from .numerics import angle
 from .validation import (
     AT_LEAST_ONE,
@@ -31,9 +29,9 @@ RECTANGLE_INERTIA_RATIO = 4 / 3
 class Block(Printed, Checked):
     """A rigid body standing on two edges on a rigid base (Fig. 1), by default a rectangle.
 
-    Any body that is symmetric about its middle: a column, a vase, a display case, a statue on
-    its pedestal. Of a homogeneous rectangle a is half the height, of any other body the height
-    of the centre of mass; b is half the distance between the edges.
+    Any body will do that is symmetric about its middle: a column, a vase, a display case, a
+    statue on its pedestal. Its centre of mass is at the height a, which is half the height of
+    a homogeneous rectangle; b is half the distance between the edges.
 
     Parameters
     ----------
@@ -41,9 +39,9 @@ class Block(Printed, Checked):
         b, half the width of the base [m], lambda = a / b, height over width [-], and g,
         acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
     inertia_ratio : array_like
-        kappa = I_O / (m R^2) [-], the moment of inertia about the edge over that of the mass
-        if it were all in its centre; finite and at least 1. 4 / 3 for a homogeneous rectangle,
-        less where the mass is closer to its centre, more where it is further away.
+        kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by the moment
+        of the same mass in its centre; finite and at least 1. It is 4 / 3 for a homogeneous
+        rectangle, less where the mass is closer to its centre, more where it is further away.
 
     Examples
     --------
@@ -71,12 +69,16 @@ class Block(Printed, Checked):
         self.inertia_ratio = as_real("inertia_ratio", inertia_ratio)
 
     def __str__(self) -> str:
-        rectangle = is_rectangle(self)
-        return derivatives(self) or (
-            f"half-width {shown(self.half_width, 'm')}, slenderness {shown(self.slenderness)},"
-            f" gravity {shown(self.gravity, 'm/s2')}"
-            + ("" if rectangle else f", inertia ratio {shown(self.inertia_ratio)}")
-        )
+        if words := format_derivatives(self):
+            return words
+        parts = [
+            f"half-width {format_number(self.half_width, 'm')}",
+            f"slenderness {format_number(self.slenderness)}",
+            f"gravity {format_number(self.gravity, 'm/s2')}",
+        ]
+        if not is_rectangle(self):
+            parts.append(f"inertia ratio {format_number(self.inertia_ratio)}")
+        return ", ".join(parts)
 
     @classmethod
     def from_size(cls, *, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
@@ -85,7 +87,8 @@ class Block(Printed, Checked):
         Parameters
         ----------
         width, height, gravity : array_like
-            By their names only, since width and height are easily swapped.
+            2b [m], 2a [m] and g [m/s2], finite and greater than 0. They are given by their
+            names only, since width and height are easily swapped.
 
         Returns
         -------
@@ -112,14 +115,20 @@ class Block(Printed, Checked):
     ) -> "Block":
         """Make the block of a frequency parameter p [1/s] and a critical angle alpha_c [rad].
 
-        Both can be measured without knowing what is inside of the body. They decide how it
-        rocks on moving ground; the inertia ratio then only how large it is, how hard it
-        presses and pushes on the ground, and Housner's restitution.
+        Both can be measured without opening the body. They decide how it
+        rocks on moving ground. The inertia ratio then decides only its size, the forces on the
+        ground and Housner's restitution.
 
         Parameters
         ----------
-        frequency_parameter, critical_angle, gravity, inertia_ratio : array_like
-            p [1/s], alpha_c [rad] between 0 and pi / 2, g [m/s2] and kappa [-].
+        frequency_parameter : array_like
+            p [1/s], finite and greater than 0.
+        critical_angle : array_like
+            alpha_c [rad], between 0 and pi / 2.
+        gravity : array_like
+            g [m/s2], finite and greater than 0.
+        inertia_ratio : array_like
+            kappa [-], finite and at least 1.
 
         Returns
         -------
@@ -128,7 +137,7 @@ class Block(Printed, Checked):
         Raises
         ------
         ValueError
-            If a concrete value is outside of what is allowed. Traced values outside give NaN.
+            If a concrete value is out of range. A traced one gives NaN.
 
         Examples
         --------
@@ -137,7 +146,9 @@ class Block(Printed, Checked):
         >>> print(f"{statue.half_width:.4f} m, {statue.half_height:.4f} m")
         0.3898 m, 1.9229 m
         """
-        size = _of_parameters(frequency_parameter, critical_angle, gravity, inertia_ratio)
+        size = _size_from_parameters(
+            frequency_parameter, critical_angle, gravity, inertia_ratio
+        )
         return cls(*size, gravity, inertia_ratio)
 
     @classmethod
@@ -154,22 +165,26 @@ class Block(Printed, Checked):
         Parameters
         ----------
         half_width, centre_height : array_like
-            Half the distance between the edges, and the height of the centre of mass [m].
-        mass, inertia_about_centre : array_like
-            m [kg], and the moment of inertia I_c about the axis through the centre of mass
-            that is parallel to the edges [kg m2], at least 0. Both may be per unit of length.
+            Half the distance between the edges, and the height of the centre of mass [m],
+            finite and greater than 0.
+        mass : array_like
+            m [kg], finite and greater than 0. It may be per unit of length, as may the moment
+            of inertia.
+        inertia_about_centre : array_like
+            The moment of inertia I_c about the axis through the centre of mass, parallel to
+            the edges [kg m2], finite and at least 0.
         gravity : array_like
-            g [m/s2].
+            g [m/s2], finite and greater than 0.
 
         Returns
         -------
         Block
-            With the inertia ratio ``1 + I_c / (m R^2)``.
+            Its inertia ratio is ``1 + I_c / (m R^2)``.
 
         Raises
         ------
         ValueError
-            If a concrete value is outside of what is allowed. Traced values outside give NaN.
+            If a concrete value is out of range. A traced one gives NaN.
 
         Examples
         --------
@@ -177,7 +192,7 @@ class Block(Printed, Checked):
         >>> print(jr.Block.from_body(0.3, 1.2, mass=500.0, inertia_about_centre=306.0))
         half-width 0.3 m, slenderness 4, gravity 9.81 m/s2, inertia ratio 1.4
         """
-        shape = _of_body(half_width, centre_height, mass, inertia_about_centre)
+        shape = _shape_from_body(half_width, centre_height, mass, inertia_about_centre)
         return cls(half_width, shape[0], gravity, shape[1])
 
     @property
@@ -207,39 +222,45 @@ class Block(Printed, Checked):
 
     @elementwise(intensity=NON_NEGATIVE)
     def pulse_velocity(self, intensity: Number) -> Reals:
-        """Angular velocity that an instantaneous pulse gives to the block at rest (Eq. 2).
+        """Compute the angular velocity that an instantaneous pulse gives to the block at rest.
 
-        By conservation of angular momentum about the edge, for any slenderness.
+        The angular momentum about the edge is conserved, for any slenderness (Eq. 2).
 
         Parameters
         ----------
         intensity : array_like
-            I, change of the ground velocity [m/s], at least 0.
+            I, change of the ground velocity [m/s], finite and at least 0.
 
         Returns
         -------
         velocity : Array, shape (...)
             ``lambda I / (kappa b (1 + lambda^2))`` [rad/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete `intensity` is out of range. A traced one gives NaN.
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return share_in_centre(self.inertia_ratio) * shape * intensity / self.half_width
 
 
 def diagonal_ratio(block: Block) -> Reals:
-    """R / b = sqrt(1 + lambda^2); ``1 / (R / b)`` is sin(alpha_c)."""
+    """Compute R / b = sqrt(1 + lambda^2); ``1 / (R / b)`` is sin(alpha_c)."""
     return jnp.sqrt(1 + block.slenderness**2)
 
 
 def share_in_centre(inertia_ratio: Reals) -> Reals:
-    """``1 / kappa``: the share of the moment of inertia that a mass in its centre would have."""
+    """Compute 1 / kappa, the share of the moment of inertia that a mass in its centre has."""
     # A plain reciprocal XLA merges with the next quotient, which rounds otherwise than 0.75
     # does.
     return 0.75 * (RECTANGLE_INERTIA_RATIO / inertia_ratio)
 
 
 def is_rectangle(block: Block) -> bool:
-    """Tell whether the inertia ratio is known to be that of a homogeneous rectangle."""
+    """Tell whether the inertia ratio is known to belong to a homogeneous rectangle."""
     ratio = block.inertia_ratio
+    # Some transformations put other objects in the place of arrays.
     if is_traced(ratio) or not isinstance(ratio, jax.Array | np.ndarray):
         return False
     return bool(np.allclose(ratio, RECTANGLE_INERTIA_RATIO, rtol=1e-6, atol=0))
@@ -251,10 +272,10 @@ def is_rectangle(block: Block) -> bool:
     gravity=POSITIVE,
     inertia_ratio=AT_LEAST_ONE,
 )
-def _of_parameters(
+def _size_from_parameters(
     frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
-) -> tuple[Any, Any]:
-    """Half-width and slenderness."""
+) -> tuple[Reals, Reals]:
+    """Compute half-width and slenderness from measured parameters."""
     share = share_in_centre(jnp.asarray(inertia_ratio))
     half_diagonal = share * gravity / jnp.square(frequency_parameter)
     return half_diagonal * jnp.sin(critical_angle), 1 / jnp.tan(critical_angle)
@@ -266,9 +287,11 @@ def _of_parameters(
     mass=POSITIVE,
     inertia_about_centre=NON_NEGATIVE,
 )
-def _of_body(
+def _shape_from_body(
     half_width: Number, centre_height: Number, mass: Number, inertia_about_centre: Number
-) -> tuple[Any, Any]:
-    """Slenderness and inertia ratio."""
+) -> tuple[Reals, Reals]:
+    """Compute slenderness and inertia ratio from the mass and inertia of a body."""
     square = jnp.square(half_width) + jnp.square(centre_height)
-    return jnp.divide(centre_height, half_width), 1 + inertia_about_centre / (mass * square)
+    return jnp.divide(centre_height, half_width), 1 + jnp.asarray(inertia_about_centre) / (
+        mass * square
+    )

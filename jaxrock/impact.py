@@ -1,10 +1,8 @@
-"""The impact law: what an impact leaves of the velocity, and Housner's value of that share.
+"""The impact law: the velocity after an impact, and Housner's coefficient of restitution.
 
-Every single impact is computed here, of closed forms and integrated motions. Powers of C, in
-sums over many impacts such as ``(1 - C^i) / (1 - C)``, follow from the law's being linear.
+Every single impact is computed here, of closed forms and of integrated motions. Sums over many
+impacts contain powers of C instead, such as ``(1 - C^i) / (1 - C)``: the law is linear.
 """
-
-from typing import Any
 
 import jax.numpy as jnp
 
@@ -12,17 +10,18 @@ from .block import Block, share_in_centre
 from .validation import Reals, elementwise
 
 
-def velocity_after_impact(restitution: Any, velocity: Any) -> Any:
-    """Velocity of a block that goes on about its other corner, ``C`` times that before."""
+def velocity_after_impact(restitution: Reals, velocity: Reals) -> Reals:
+    """Compute the velocity with which a block goes on about its other corner."""
     return restitution * velocity
 
 
 @elementwise()
 def housner_restitution(block: Block) -> Reals:
-    """Housner's coefficient of restitution, a ratio of angular velocities (Housner 1963).
+    """Compute Housner's coefficient of restitution, a ratio of angular velocities.
 
-    From the angular momentum about the new edge, which the impact conserves. Negative for a
-    stocky block, a rectangle below a slenderness of 0.707: such a block does not rock on.
+    It follows from the angular momentum about the new edge, which the impact conserves
+    (Housner 1963, doi:10.1785/BSSA0530020403). It is negative for a stocky block, a rectangle
+    below a slenderness of 0.707: such a block does not rock on.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """The rooms of the package: who may import whom, and through which door."""
 
 import ast
+import inspect
 import re
 import sys
 import tomllib
@@ -17,6 +18,7 @@ ROOMS = re.findall(
     r"^  (\w+)(?:/|\.py) ", PLAN.partition("jaxrock/\n")[2].partition("```")[0], re.M
 )
 FILES = sorted(PACKAGE.rglob("*.py"))
+TEXTS = {path: path.read_text(encoding="utf-8") for path in FILES}
 
 
 def room_of(path):
@@ -58,16 +60,96 @@ def test_files_are_of_a_size_to_be_read():
     assert sum(count > 400 for count in lines.values()) <= 2
 
 
-def test_a_line_has_one_statement():
-    """`a, b = x, y` is for swaps; all else is read one by one."""
-    count = parallel = 0
+def per_thousand(count):
+    """How often something occurs in a thousand lines of the package, or of some rooms."""
+
+    def of(*rooms):
+        texts = [TEXTS[path] for path in FILES if not rooms or room_of(path) in rooms]
+        lines = sum(len(text.splitlines()) for text in texts)
+        return 1000 * sum(map(count, texts)) / lines
+
+    return of
+
+
+@per_thousand
+def parallel_assignments(text):
+    """`a, b = x, y`: for swaps; all else is read one by one."""
+    return sum(
+        isinstance(node, ast.Assign)
+        and isinstance(node.value, ast.Tuple)
+        and any(isinstance(target, ast.Tuple) for target in node.targets)
+        for node in ast.walk(ast.parse(text))
+    )
+
+
+@per_thousand
+def names_of_any_type(text):
+    return len(re.findall(r"\bAny\b", text))
+
+
+@per_thousand
+def long_lines(text):
+    return sum(len(line) > 95 for line in text.splitlines())
+
+
+@per_thousand
+def comments(text):
+    return sum(line.strip().startswith("#") for line in text.splitlines())
+
+
+HARD = ("numerics", "driven", "steady", "overturning", "calibration", "grids")
+
+
+def test_the_source_can_be_read():
+    assert parallel_assignments() <= 1
+    assert names_of_any_type() <= 10
+    assert long_lines() <= 5
+    assert comments(*HARD) >= 40
+    assert comments() >= 30
+
+
+NO_VERBS = re.compile(
+    r"_*([a-z]+(?<!e)ed|about|along|at|beyond|by|in|of|on|over|under|until|while|within|with)(_|$)"
+)
+# Verbs, and quantities that have the word in their name.
+VERBS = {
+    "stabilized",
+    "embed",
+    "exceed",
+    "feed",
+    "need",
+    "proceed",
+    "seed",
+    "speed",
+    "succeed",
+}
+
+
+def functions(tree):
+    """Every function but properties, and methods that are called like an access: `x.at(t)`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            decorators = {ast.unparse(each) for each in node.decorator_list}
+            if not any("property" in each for each in decorators):
+                yield node
+
+
+def test_functions_are_verbs():
+    """Neither participles nor prepositions; what is public has the name that users know."""
+    public = {name for room in [jr, *rooms()] for name in getattr(room, "__all__", ())}
     for path in FILES:
-        text = path.read_text(encoding="utf-8")
-        count += len(text.splitlines())
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
-                parallel += any(isinstance(target, ast.Tuple) for target in node.targets)
-    assert parallel <= count / 1000
+        for node in functions(ast.parse(TEXTS[path])):
+            found = NO_VERBS.match(node.name)
+            if found and node.name not in public | PUBLIC_METHODS and found[1] not in VERBS:
+                raise AssertionError(f"{path.name}: {node.name}")
+
+
+# Constructors, accesses, and methods of public classes.
+PUBLIC_METHODS = {"of", "at", "at_rest", "scaled", "shifted", "bucketed"}
+
+
+def rooms():
+    return [getattr(jr, name) for name in dir(jr) if inspect.ismodule(getattr(jr, name))]
 
 
 def test_a_class_has_a_name_of_its_own():

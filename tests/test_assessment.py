@@ -41,7 +41,7 @@ def test_every_answer_is_that_of_its_function():
     ratio = [found["models"][m]["stabilized"]["period"] for m in ("linearized", "nonlinear")]
     error = found["linearization_error"]["stabilized"]["period"]
     assert error == pytest.approx(ratio[0] / ratio[1] - 1, abs=1e-6)
-    text = assessment.text(found)
+    text = assessment.write_text(found)
     rows = {line[:34].strip(): line[34:].split()[:2] for line in text.splitlines()}
     for label, path in (
         ("half_width b [1/m]", ("derivatives", "half_width")),
@@ -68,14 +68,14 @@ def test_a_block_that_overturns():
         assert answers["overturning_half_cycle"] == 8
         assert all(math.isnan(v) for v in answers["stabilized"].values())
         assert all(math.isnan(v) for v in answers["derivatives"].values())
-    text = assessment.text(found)
+    text = assessment.write_text(found)
     assert "Overturns in half-cycle 8 (nonlinear): no stabilized phase." in text
     assert "nan" not in text
 
 
 @pytest.mark.thorough
 def test_restitution_of_one():
-    text = assessment.text(jr.assess(jr.Scene(BLOCK, 1.0, 0.15)))
+    text = assessment.write_text(jr.assess(jr.Scene(BLOCK, 1.0, 0.15)))
     assert "overturning margin [-]                    -inf          -inf" in text
     assert "Overturns in half-cycle 7" in text
 
@@ -96,5 +96,5 @@ def test_what_a_tolerance_needs():
         True,
     )
     assert choice["predicted_error"] < 1e-3
-    assert "To 0.001: nonlinear in float32" in assessment.text(result)
+    assert "To 0.001: nonlinear in float32" in assessment.write_text(result)
     assert "choice" not in jr.assess(wall)

@@ -14,7 +14,7 @@ from tables.driven_cases import cases
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.host.threads import mapped
+from jaxrock.host.threads import map_in_threads
 
 
 @pytest.mark.float64
@@ -297,9 +297,9 @@ def test_threads_are_no_more_than_there_are_workers():
             busy.pop()
 
     with concurrent.futures.ThreadPoolExecutor(4) as callers:
-        list(callers.map(lambda _: mapped(work, range(4), 2), range(4)))
+        list(callers.map(lambda _: map_in_threads(work, range(4), 2), range(4)))
     assert max(most) == 2
-    nested = mapped(lambda _: mapped(lambda k: k, range(3), 2), range(4), 2)
+    nested = map_in_threads(lambda _: map_in_threads(lambda k: k, range(3), 2), range(4), 2)
     assert nested == [[0, 1, 2]] * 4
 
 
@@ -316,7 +316,7 @@ def test_threads_work_under_the_settings_of_the_caller():
     assert found.peak_rotation.dtype == np.float64
     np.testing.assert_array_equal(found.peak_rotation, expected.peak_rotation)
     with jax.default_device(jax.devices()[-1]), jax.debug_nans(True):
-        known = mapped(
+        known = map_in_threads(
             lambda _: (jax.config.jax_default_device, jax.config.jax_debug_nans), range(2), 2
         )
     assert known == [(jax.devices()[-1], True)] * 2

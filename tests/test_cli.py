@@ -17,8 +17,8 @@ from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.cli import main
+from jaxrock.cli.command import Answer
 from jaxrock.cli.commands import COMMANDS
-from jaxrock.cli.options import Answer
 
 pytestmark = pytest.mark.float64
 
@@ -175,9 +175,7 @@ def test_a_move_that_fails_leaves_nothing(tmp_path, monkeypatch):
         replace(source, target)
 
     def write():
-        with files.written_whole(
-            "out", tmp_path / "new", ["first", "second"], False
-        ) as scratch:
+        with files.write_whole("out", tmp_path / "new", ["first", "second"], False) as scratch:
             for name in ("first", "second"):
                 (scratch / name).write_text("x")
 
@@ -191,7 +189,7 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     def full(*_, **__):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr("jaxrock.spectra.resonance._of_scenes", full)
+    monkeypatch.setattr("jaxrock.spectra.resonance._apply_to_scenes", full)
     code, _, err = run(capsys, "spectrum", "--out", tmp_path / "new", *SMALL)
     assert code == 2
     assert f"out: the folder {str(tmp_path / 'new')!r} cannot be written to: NetCDF" in err
@@ -284,9 +282,9 @@ def test_paper(capsys, tmp_path):
 def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     from jaxrock.reports import paper
 
-    tables = paper.printed_tables()
+    tables = paper.read_printed_tables()
     tables["tables"][0]["printed"][0][0] = "3.84e-3"
-    monkeypatch.setattr(paper, "printed_tables", lambda: tables)
+    monkeypatch.setattr(paper, "read_printed_tables", lambda: tables)
     code, text, _ = run(capsys, "paper", "--out", tmp_path / "paper")
     assert code == 1
     assert "\nmismatch: Table I, peak rotation" in text

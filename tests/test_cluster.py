@@ -23,7 +23,7 @@ from tools.command import run
 
 import jaxrock as jr
 from jaxrock.grids import local_cluster, write_zarr
-from jaxrock.grids.workers import accelerator_of, number_of, share_of
+from jaxrock.grids.workers import choose_accelerator, choose_processors, read_worker_number
 
 OWN = ("identity", "computed_with")  # attributes of a store
 
@@ -49,7 +49,7 @@ def opened(path):
 def test_each_worker_has_processors_of_its_own(client):
     mine = sorted(os.sched_getaffinity(0))
     shares = [*client.run(lambda: sorted(os.sched_getaffinity(0))).values()]
-    assert sorted(shares) == sorted(share_of(mine, number, 2) for number in range(2))
+    assert sorted(shares) == sorted(choose_processors(mine, number, 2) for number in range(2))
     assert [*client.run(lambda: jax.config.jax_enable_x64).values()] == [False, False]
 
 
@@ -190,7 +190,7 @@ def refused(lazy, path, message):
 def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
     path = tmp_path / "grid.zarr"
     write_zarr(grid(), path)
-    monkeypatch.setattr("jaxrock.grids.zarr_store._versions", lambda: "JAX 99.0")
+    monkeypatch.setattr("jaxrock.grids.zarr_store_identity.name_versions", lambda: "JAX 99.0")
     refused(grid(), path, "was begun by JAX .*, and this is JAX 99.0")
     group = zarr.open_group(path, mode="r+", zarr_format=2)
     group.attrs["source"] = "jaxrock 0.1"
@@ -208,7 +208,7 @@ def test_other_versions_and_what_is_no_store(tmp_path, monkeypatch):
 def test_what_is_missing_in_the_end_is_said(tmp_path, monkeypatch):
     """As where a worker writes to another disk of the same path."""
     monkeypatch.setattr(
-        "jaxrock.grids.zarr_store._write", lambda *_, block_id, **__: np.ones(1)
+        "jaxrock.grids.zarr_store._write_chunk", lambda *_, block_id, **__: np.ones(1)
     )
     with pytest.raises(
         ValueError, match="3 chunks of rotation_ratio are not there; do all work"
@@ -291,7 +291,7 @@ def test_a_disk_that_is_full(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("jaxrock.grids.zarr_store._write", full)
+    monkeypatch.setattr("jaxrock.grids.zarr_store._write_chunk", full)
     with pytest.raises(
         ValueError, match=r"store: .* cannot be written to: No space left"
     ) as error:
@@ -326,31 +326,31 @@ def test_chunks_that_are_nothing_but_nan(tmp_path):
 
 
 def test_shares_of_a_machine():
-    assert [share_of([0, 1, 2, 3, 8], k, 2) for k in (0, 1)] == [[0, 1], [2, 3, 8]]
-    assert [share_of([4, 5], k, 3) for k in range(3)] == [[4], [5], [4]]
+    assert [choose_processors([0, 1, 2, 3, 8], k, 2) for k in (0, 1)] == [[0, 1], [2, 3, 8]]
+    assert [choose_processors([4, 5], k, 3) for k in range(3)] == [[4], [5], [4]]
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         local_cluster(0)
 
 
 def test_workers_are_told_apart_by_their_names():
-    assert [number_of(name) for name in (3, "2", "first-0-12")] == [3, 2, 12]
+    assert [read_worker_number(name) for name in (3, "2", "first-0-12")] == [3, 2, 12]
     for name in ("tcp://127.0.0.1:43159", "first"):
         with pytest.raises(ValueError, match="workers must have names that end in a number"):
-            number_of(name)
+            read_worker_number(name)
 
 
 def test_accelerators(monkeypatch, tmp_path):
     monkeypatch.setattr("jaxrock.grids.workers._GPUS", tmp_path / "none")
-    assert accelerator_of(0, 2, {}) == {}
-    assert accelerator_of(0, 2, {"CUDA_VISIBLE_DEVICES": ""}) == {}
+    assert choose_accelerator(0, 2, {}) == {}
+    assert choose_accelerator(0, 2, {"CUDA_VISIBLE_DEVICES": ""}) == {}
     two = {"CUDA_VISIBLE_DEVICES": "4,7"}
-    assert accelerator_of(1, 2, two) == {"CUDA_VISIBLE_DEVICES": "7"}
-    shared = accelerator_of(2, 3, two)
+    assert choose_accelerator(1, 2, two) == {"CUDA_VISIBLE_DEVICES": "7"}
+    shared = choose_accelerator(2, 3, two)
     assert shared == {"CUDA_VISIBLE_DEVICES": "4", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
     for name in ("first", "second"):
         (tmp_path / "gpus" / name).mkdir(parents=True)
     monkeypatch.setattr("jaxrock.grids.workers._GPUS", tmp_path / "gpus")
-    assert accelerator_of(1, 2, {}) == {"CUDA_VISIBLE_DEVICES": "1"}
+    assert choose_accelerator(1, 2, {}) == {"CUDA_VISIBLE_DEVICES": "1"}
 
 
 SMALL = ("--slenderness", "3:9:5", "--width", 0.4, 0.8, "--restitution", 0.7)

@@ -107,7 +107,7 @@ def test_csv_agrees_with_json(folder):
 
 @pytest.mark.parametrize("name", conformance.RECORDS)
 def test_files_are_the_motions(folder, name):
-    motion = conformance.records()[name]
+    motion = conformance.make_records()[name]
     vertical = "vertical_m_per_s2" if motion.vertical is not None else None
     read = jr.read_record(
         folder / name, unit="m/s2", column="acceleration_m_per_s2", vertical=vertical

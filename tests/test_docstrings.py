@@ -109,3 +109,30 @@ def test_signature_shows_names_and_not_what_they_stand_for(name):
     shown = str(inspect.signature(getattr(jr, name)))
     assert not re.search(r"jaxtyping|Array, '", shown), shown
     assert "Union[" not in shown.replace("Union[ModelLike, Literal['auto']]", ""), shown
+
+
+def guarded():
+    """Every public function that `elementwise` made, by name."""
+    for name, found, _ in public():
+        function = found.fget if isinstance(found, property) else found
+        if guards := getattr(function, "guards", None):
+            yield pytest.param(function.__doc__, guards, id=name)
+
+
+@pytest.mark.parametrize(("docstring", "guards"), [*guarded()])
+def test_docstring_says_what_is_allowed(docstring, guards):
+    raises = described("Raises", docstring)
+    assert raises == {"ValueError"}
+    for name, domain in guards.items():
+        text = inspect.cleandoc(docstring)
+        assert f"`{name}`" in text.partition("\nRaises\n")[2], f"{name} is not in Raises"
+        assert domain.allowed.lower() in description(name, docstring).lower(), name
+
+
+def description(name, docstring):
+    """What the section Parameters says of an argument, in one line."""
+    text = inspect.cleandoc(docstring).partition("\nParameters\n")[2].partition("\n\n")[0]
+    for head, words in re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)*)", text, re.M):
+        if name in head.split(", "):
+            return " ".join(words.split())
+    return ""

@@ -10,9 +10,9 @@ import pytest
 from references import stepping
 
 import jaxrock as jr
-from jaxrock.driven import ground_of
-from jaxrock.ground_motion import PULSES, Harmonic, Motion, pulse_class
-from jaxrock.ground_motion.harmonic import _counted
+from jaxrock.driven import convert_motion
+from jaxrock.ground_motion import PULSES, Harmonic, Motion, check_pulse_class
+from jaxrock.ground_motion.harmonic import _check_cycles
 
 BLOCK = jr.Block(0.3, 5.0)
 UPLIFT = 9.81 / 5
@@ -92,10 +92,10 @@ def test_bad_numbers(name, value):
             "cycles must be a whole number from 1 to 1000000, got 0",
         ),
         (lambda: Harmonic(1.0, 1.0, -3), "cycles must be a whole number .* got -3"),
-        (lambda: _counted(2.0), "cycles must be a whole number .* got 2.0"),
+        (lambda: _check_cycles(2.0), "cycles must be a whole number .* got 2.0"),
         (lambda: Harmonic(1.0, 1.0, True), "cycles must be a whole number .* got True"),
         (lambda: Harmonic(1.0, 1.0, 10**7), "cycles must be a whole number .* got 10000000"),
-        (lambda: jax.jit(_counted)(3), "cycles must be a whole number"),
+        (lambda: jax.jit(_check_cycles)(3), "cycles must be a whole number"),
     ],
 )
 def test_bad_input(make, words):
@@ -127,7 +127,7 @@ def test_traced_bad_values_give_nan():
 def test_is_no_shape_of_pulse():
     assert not issubclass(Harmonic, tuple(PULSES.values()))
     with pytest.raises(ValueError, match="shape must be a class of pulses"):
-        pulse_class(Harmonic)
+        check_pulse_class(Harmonic)
 
 
 @pytest.mark.thorough
@@ -404,5 +404,7 @@ def test_programs_do_not_depend_on_the_number_of_cycles():
     finally:
         jax.monitoring.unregister_event_duration_listener(hear)
     assert names == []
-    forms = [jax.tree.structure(ground_of(m)) for m in (Harmonic(1.0, 1.0), jr.Sine(1.0, 1.0))]
+    forms = [
+        jax.tree.structure(convert_motion(m)) for m in (Harmonic(1.0, 1.0), jr.Sine(1.0, 1.0))
+    ]
     assert forms[0] == forms[1]

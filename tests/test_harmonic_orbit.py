@@ -248,7 +248,7 @@ def test_collocation_of_the_linearized_equation_is_its_closed_form(monkeypatch):
     # Without its velocity a block may begin to move only later than in the closed form.
     assert closed.exists[:, :, 1:].all()
     with monkeypatch.context() as patch:
-        patch.setattr(module, "linearized_steady", module.nonlinear_steady)
+        patch.setattr(module, "solve_linearized", module.solve_nonlinear)
         jax.clear_caches()
         found = orbit_of(BLOCK, c, w, beta, "linearized")
     jax.clear_caches()

@@ -186,7 +186,7 @@ def test_from_rest_is_what_the_batch_says():
 def test_chunks_change_nothing(monkeypatch):
     arguments = [2.0, 3.0], np.geomspace(0.5, 9, 5)
     whole = harmonic_spectrum(*arguments, restitution=0.9, cycles=4)
-    monkeypatch.setattr("jaxrock.spectra.harmonic._CHUNK", 3)
+    monkeypatch.setattr("jaxrock.spectra.harmonic._LARGEST", 3)
     parts = harmonic_spectrum(*arguments, restitution=0.9, cycles=4)
     for name in whole.data_vars:
         np.testing.assert_allclose(whole[name], parts[name], rtol=1e-4)
@@ -203,7 +203,7 @@ def test_lanes_left_over_repeat_blocks_that_there_are(monkeypatch):
         return np.zeros(rows[:, 0].shape)
 
     monkeypatch.setattr(
-        "jaxrock.driven.many_blocks.launched_blocks._compiled", lambda platform: noted
+        "jaxrock.driven.many_blocks.launched_blocks._compile", lambda platform: noted
     )
     harmonic_spectrum(2.0, [6.0, 8.0, 9.0], cycles=2)
     columns = given[0].swapaxes(0, 1).reshape(given[0].shape[1], -1).T

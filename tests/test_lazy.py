@@ -13,8 +13,8 @@ from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock.driven import follow_batch
-from jaxrock.grids.grid import of_few_shapes
-from jaxrock.grids.lazy import chunks_along
+from jaxrock.grids.grid import apply_padded
+from jaxrock.grids.lazy import choose_chunks
 from jaxrock.spectra import resonance
 
 SHORT = {"resonance", "rocking"}  # to compile
@@ -67,11 +67,11 @@ def test_tiles_of_all_sizes_round_alike(monkeypatch, model):
 def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
     asked = []
 
-    def counted(points, *rest, single=resonance._single, **options):
+    def counted(points, *rest, single=resonance._compute_by_model, **options):
         asked.append(points.shape[1])
         return single(points, *rest, **options)
 
-    monkeypatch.setattr(resonance, "_single", counted)
+    monkeypatch.setattr(resonance, "_compute_by_model", counted)
     lazy = jr.resonance_spectrum(*AXES, 0.15, chunks={"slenderness": 2})
     assert str(lazy.period.data).startswith("dask.array")
     assert asked == []
@@ -232,8 +232,8 @@ def test_without_the_extra(monkeypatch):
     ],
 )
 def test_usual_chunks(sizes, largest, expected):
-    assert chunks_along("auto", sizes, largest) == expected
-    explicit = chunks_along({"a": expected["a"], "b": expected["b"][0]}, sizes, largest)
+    assert choose_chunks("auto", sizes, largest) == expected
+    explicit = choose_chunks({"a": expected["a"], "b": expected["b"][0]}, sizes, largest)
     assert explicit == expected
 
 
@@ -246,5 +246,5 @@ def test_functions_see_few_shapes():
 
     for size in (1, 100, 256, 257, 400):
         values = np.arange(size, dtype=float)
-        np.testing.assert_array_equal(of_few_shapes(twice, values), 2 * values)
+        np.testing.assert_array_equal(apply_padded(twice, values), 2 * values)
     assert {*seen} == {(256,), (512,)}

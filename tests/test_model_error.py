@@ -14,7 +14,8 @@ from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.accuracy.cheapest_setting import CLOSED
-from jaxrock.accuracy.model_errors import Answers, linearized_is_enough
+from jaxrock.accuracy.linearized_range import is_linearized_enough
+from jaxrock.accuracy.model_errors import Answers
 
 pytestmark = pytest.mark.float64
 COMPARED = 60
@@ -206,7 +207,7 @@ def test_where_the_linearized_equation_is_enough():
     )
     stands = np.asarray(jr.overturning_margin(given, jr.Nonlinear())) > 0
     for tolerance in (1e-2, 1e-3, 1e-5):
-        enough = np.asarray(linearized_is_enough(given, tolerance))
+        enough = np.asarray(is_linearized_enough(given, tolerance))
         assert not (enough & ~(stands & (costs <= tolerance))).any()
         missed = ~enough & stands & (costs <= tolerance)
         assert missed.sum() <= 0.03 * enough.sum()

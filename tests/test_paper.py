@@ -79,9 +79,9 @@ def test_a_number_out_of_its_bounds_is_noticed(bounds):
         "within": {"pair": [1, None]},
     }
     numbers = {"pair": np.array([1.5, 3.0])}
-    assert paper.finding(row, numbers) == paper.Finding("", "", valid=True, figure="3.00")
-    assert not paper.finding(row | {"within": {"pair": bounds}}, numbers).valid
-    assert not paper.finding(row, {"pair": np.array([1.5, np.nan])}).valid
+    assert paper.judge(row, numbers) == paper.Finding("", "", valid=True, figure="3.00")
+    assert not paper.judge(row | {"within": {"pair": bounds}}, numbers).valid
+    assert not paper.judge(row, {"pair": np.array([1.5, np.nan])}).valid
 
 
 @pytest.mark.thorough
@@ -102,7 +102,7 @@ def test_files(report, tmp_path):
 
 
 def test_figures_end_where_blocks_overturn():
-    drawn = paper.figures()
+    drawn = paper.select_figures()
     assert set(drawn) == {f"figure_{n}" for n in ("3", "4a", "4b", "5", "6", "7", "8")}
     ratio = drawn["figure_8"][0].sel(width=0.6)
     last = float(ratio.slenderness[ratio.notnull().values][-1])

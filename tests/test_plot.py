@@ -41,7 +41,7 @@ from jaxrock.plot import (
     plot_train,
 )
 from jaxrock.resonance.pulse_train import Rocker
-from jaxrock.resonance.train_through_impacts import Train, shot
+from jaxrock.resonance.train_through_impacts import Train, follow_phased_train
 
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 
@@ -198,7 +198,7 @@ def tradeoff_table():
         }
         for k in range(9)
     ]
-    return tradeoff._dataset(rows, tradeoff.default_scene(), 1e-14)
+    return tradeoff._tabulate(rows, tradeoff.make_default_scene(), 1e-14)
 
 
 @pytest.mark.thorough
@@ -516,7 +516,7 @@ def test_train(model):
     skips, weights = np.array([0, 0, 1, 2]), np.array([1.0, 0.4, 0.7, -0.3])
     phases = np.array([0.0, 0.3, 0.6, 0.2])
     shape = Train(*(jnp.asarray(part) for part in (phases, 0.5 * weights, skips)))
-    outcome = jax.jit(shot)(rocker, shape)
+    outcome = jax.jit(follow_phased_train)(rocker, shape)
     intensities = 0.5 * float(rocker.unit) * weights * np.asarray(outcome.sides)
     times = np.asarray(outcome.times)
     ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.delays), model)
@@ -571,7 +571,7 @@ def test_animation(response, tmp_path, monkeypatch):
 def test_the_ground_of_a_film_moves_against_its_acceleration():
     # The mean over two seconds of t^2 is 1/3 more than its middle.
     steady = jr.Record(np.ones(1000), 0.01)
-    shift = plot.block._ground_shift(steady, np.linspace(3, 7, 5))
+    shift = plot.block._compute_ground_shift(steady, np.linspace(3, 7, 5))
     np.testing.assert_allclose(shift, 1 / 6, rtol=0.02)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.host.printing import shown
+from jaxrock.host.printing import format_number
 
 BLOCK = jr.Block(0.1, 5.0)
 
@@ -25,7 +25,7 @@ BLOCK = jr.Block(0.1, 5.0)
     ],
 )
 def test_a_value_and_its_unit(value, text):
-    assert shown(value, "m") == text
+    assert format_number(value, "m") == text
 
 
 @pytest.mark.parametrize(

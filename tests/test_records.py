@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxrock.ground_motion import example_record, from_obspy, read_record, record_formats
+from jaxrock.ground_motion import example_record, from_obspy, read_record, record_text
 
 G = 9.80665
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSAN FERNANDO 02/09/71, PACOIMA DAM, UNIT 1, 164\n"
@@ -645,8 +645,8 @@ def test_unusual_files_are_read_line_by_line_with_progress(write, holds, monkeyp
     broken = write("c.csv", "\n".join(["t,a,b", *rows, "199,x,2"]))
     shown = []
     monkeypatch.setattr(
-        record_formats,
-        "with_progress",
+        record_text,
+        "show_progress",
         lambda items, label: shown.append((len(items), label)) or items,
     )
     holds(read_record(at2), 0.5, np.stack([values, -values], 1).ravel())

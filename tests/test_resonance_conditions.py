@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.driven import peak_after_launch
+from jaxrock.driven import follow_launched
 from jaxrock.steady import least_harmonic_amplitude
 
 PAGE = Path(__file__).parent.parent / "docs" / "resonance_conditions.md"
@@ -136,7 +136,7 @@ def test_constant_frequencies_below_uplift():
     frequency, phase = (x.ravel() for x in np.meshgrid(w * P, phase, indexing="ij"))
     floor = jr.Harmonic(np.full(phase.shape, 0.3 * UPLIFT), frequency, cycles=50)
     launched = np.full(phase.shape, launch)
-    peak = peak_after_launch(BLOCK, C, floor, phase, launched, jr.Nonlinear()) / ANGLE
+    peak = follow_launched(BLOCK, C, floor, phase, launched, jr.Nonlinear()) / ANGLE
     assert_said(f"from {ratio:.3f} of the critical angle to {peak.max():.3f} at most")
 
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from jaxrock.numerics import roots
-from jaxrock.numerics.roots import brackets, located
+from jaxrock.numerics.brackets import find_brackets
+from jaxrock.numerics.roots import refine_brackets
 
 pytestmark = pytest.mark.float64
 
@@ -31,12 +32,12 @@ def test_brackets_and_places():
         return margin(case, value)
 
     values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
-    found = brackets(margin_and_mode, values, 6)
-    assert found.count.tolist() == [3, 1, 2, 0, 0]
+    found = find_brackets(margin_and_mode, values, 6)
+    assert found.sign_changes.tolist() == [3, 1, 2, 0, 0]
     assert found.complete.tolist() == [True, True, True, True, False]
     assert found.negative_first.tolist() == [False, False, True, False, True]
     assert found.column.tolist() == [0, 1, 2, 0, 0, 1]
-    stands, falls, left = located(lambda *at: margin(*at)[0], found, traced=False)
+    stands, falls, left = refine_brackets(lambda *at: margin(*at)[0], found, traced=False)
     np.testing.assert_allclose(
         stands, [*(np.pi * np.r_[0.5:3:1]), 2.3, 4.98, 5.03], rtol=1e-15
     )
@@ -47,34 +48,34 @@ def test_brackets_and_places():
 
 
 def test_nothing_hides_without_halving():
-    found = brackets(margin, np.array([[4.0, 6.0], [2.5, 3.0]]), 0)
-    assert found.count.tolist() == [1, 0]
-    empty = brackets(margin, np.zeros((0, 4)), 3)
-    assert empty.count.size == 0
+    found = find_brackets(margin, np.array([[4.0, 6.0], [2.5, 3.0]]), 0)
+    assert found.sign_changes.tolist() == [1, 0]
+    empty = find_brackets(margin, np.zeros((0, 4)), 3)
+    assert empty.sign_changes.size == 0
     assert empty.case.size == 0
 
 
 def test_steps_ahead_are_those_of_one_by_one(monkeypatch):
     """At jumps in fewer calls, and to the same bits whatever else is sought."""
     values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
-    found = brackets(margin, values, 6)
+    found = find_brackets(margin, values, 6)
     calls = []
 
     def asked(case, value):
         calls.append(value.size)
         return margin(case, value)[0]
 
-    ahead = located(asked, found, traced=False, alone=True)
+    ahead = refine_brackets(asked, found, traced=False, alone=True)
     several = len(calls)
-    counts = found._replace(count=None, negative_first=None, complete=None)
+    counts = found._replace(sign_changes=None, negative_first=None, complete=None)
     monkeypatch.setattr(roots, "_MOST_LEVELS", 1)
     calls.clear()
-    single = located(asked, found, traced=False, alone=True)
+    single = refine_brackets(asked, found, traced=False, alone=True)
     np.testing.assert_array_equal(ahead, single)
     assert several < len(calls) / 3
     monkeypatch.undo()
     for k in range(found.case.size):
         one = jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], counts)
         np.testing.assert_array_equal(
-            located(asked, one, traced=False, alone=True), [[row[k]] for row in single]
+            refine_brackets(asked, one, traced=False, alone=True), [[row[k]] for row in single]
         )

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.sensitivity.parameters import quantiles, widths
-from jaxrock.sensitivity.scatter import _estimate
+from jaxrock.sensitivity.parameters import find_widths, quantiles
+from jaxrock.sensitivity.scatter import _estimate_moments
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -132,7 +132,7 @@ def scattering_scenes():
 def test_what_holds_is_as_good_as_is_said(answer, model):
     """Mean to a tenth of the deviation, deviation to 10 %, against 20,000 other samples."""
     median, variation = scattering_scenes()
-    width = [widths(NAMES, m, v)[0] for m, v in zip(median, variation, strict=True)]
+    width = [find_widths(NAMES, m, v)[0] for m, v in zip(median, variation, strict=True)]
     bounded = jnp.array([name == "restitution" for name in NAMES])
 
     def asked(median, width, z):
@@ -158,7 +158,7 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     held = well = 0
     for value, slope, curvature, values in zip(*found, strict=True):
         drawn, others = values[:SAMPLES], values[SAMPLES:]
-        scatter = _estimate(NAMES, (value, slope, curvature), z[:SAMPLES], drawn)
+        scatter = _estimate_moments(NAMES, (value, slope, curvature), z[:SAMPLES], drawn)
         missing = np.isnan(others).mean()
         others = others[np.isfinite(others)]
         off = [np.inf, np.inf]
@@ -213,7 +213,9 @@ def test_scatter_is_what_was_asked_for():
     ]
     names, median, variation = zip(*asked, strict=True)
     median = np.array(median)
-    drawn = [jnp.asarray(x) for x in (median, *widths(names, median, np.array(variation)))]
+    drawn = [
+        jnp.asarray(x) for x in (median, *find_widths(names, median, np.array(variation)))
+    ]
     # Gauss's formula; of half as many numbers, since there are poles beside the real axis.
     z, weight = np.polynomial.hermite_e.hermegauss(300)
     found = np.asarray(

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxrock.host.files import CannotWrite, written_whole
+from jaxrock.host.files import CannotWrite, write_whole
 
 HERE = Path(__file__).parent
 SLOW = pytest.mark.thorough
@@ -87,8 +87,8 @@ def test_what_killed_processes_left_is_named_and_removed(tmp_path):
 
     def rerun():
         with (
-            written_whole("out", folder, ["new"], False) as scratch,
-            written_whole("out", folder, ["newer"], False) as other,
+            write_whole("out", folder, ["new"], False) as scratch,
+            write_whole("out", folder, ["newer"], False) as other,
         ):
             (scratch / "new").touch()
             (other / "newer").touch()
@@ -183,8 +183,8 @@ def test_too_few_file_descriptors(tmp_path):
 
     def write():
         with (
-            written_whole("out", tmp_path / "deep" / "er", ["file"], False) as scratch,
-            written_whole("store", scratch, ["inner"], False) as inner,
+            write_whole("out", tmp_path / "deep" / "er", ["file"], False) as scratch,
+            write_whole("store", scratch, ["inner"], False) as inner,
             contextlib.ExitStack() as opened,
         ):
             for name in itertools.count():
@@ -212,7 +212,7 @@ def test_a_full_disk_under_netcdf(tmp_path):
             pytest.raises(
                 CannotWrite, match=r"out: .*new' cannot be written to: NetCDF: HDF err"
             ),
-            written_whole("out", tmp_path / "new", ["x.nc"], False) as scratch,
+            write_whole("out", tmp_path / "new", ["x.nc"], False) as scratch,
         ):
             dataset.to_netcdf(scratch / "x.nc")
     finally:
@@ -225,7 +225,7 @@ def test_a_device_is_no_file_to_replace(tmp_path):
     (tmp_path / "table").symlink_to("/dev/full")
     with (
         pytest.raises(ValueError, match=r"out: .*table' is not a regular file"),
-        written_whole("out", tmp_path, ["table"], True),
+        write_whole("out", tmp_path, ["table"], True),
     ):
         raise AssertionError
     assert entries(tmp_path) == ["table"]

@@ -67,8 +67,8 @@ def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options)
     def zeros(points, *_, **__):
         return dict.fromkeys([*spectra._VARIABLES, "model"], np.zeros(points.shape[1]))
 
-    monkeypatch.setattr(spectra, "_single", zeros)
-    monkeypatch.setattr(spectra, "_auto", zeros)
+    monkeypatch.setattr(spectra, "_compute_by_model", zeros)
+    monkeypatch.setattr(spectra, "_compute_by_cheapest", zeros)
     grid = GRID | {"intensity": intensity} | options
     with jr.resonance_spectrum(**grid, store=tmp_path / "stored.nc") as stored:
         jr.resonance_spectrum(**grid).to_netcdf(tmp_path / "memory.nc")
@@ -129,11 +129,13 @@ def test_table(tmp_path):
     assert "# gravity: 9.81\n" in lines
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == spectrum.period.size
-    parts = tables.parts_of(spectrum, 7)
+    parts = tables.divide_dataset(spectrum, 7)
     assert max(spectrum.isel(part).period.size for part in parts) <= 7
     pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
     np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
-    assert tables.overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
+    assert (
+        tables.compute_overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
+    )
     for row in (rows[0], rows[-2]):
         heads = {"slenderness": "-", "width": "m", "restitution": "-"}
         at = {name: float(row[f"{name} [{unit}]"]) for name, unit in heads.items()}
@@ -165,7 +167,7 @@ def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("broken")
 
-    monkeypatch.setattr("jaxrock.spectra.resonance._of_scenes", fail)
+    monkeypatch.setattr("jaxrock.spectra.resonance._apply_to_scenes", fail)
     with pytest.raises(RuntimeError, match="broken"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "deep" / "er" / "spectrum.nc")
     assert list(tmp_path.iterdir()) == []
@@ -185,7 +187,7 @@ def test_a_disk_that_fills_up(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(spectra, "_of_scenes", full)
+    monkeypatch.setattr(spectra, "_apply_to_scenes", full)
     with pytest.raises(ValueError, match=r"store: .* cannot be written to: No space left"):
         jr.resonance_spectrum(**GRID, store=tmp_path / "new" / "spectrum.nc")
     assert list(tmp_path.iterdir()) == []

@@ -54,7 +54,7 @@ def test_overturning_map():
 
 def test_chunks_change_nothing(monkeypatch):
     whole = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
-    monkeypatch.setattr("jaxrock.spectra.driven._CHUNK", 4)
+    monkeypatch.setattr("jaxrock.spectra.driven._LARGEST", 4)
     parts = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
     assert whole.identical(parts)
 

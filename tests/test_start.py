@@ -99,7 +99,7 @@ def kept_in(monkeypatch, home):
     """Where commands keep what they compile, of a user who has only a home."""
     for name in ("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, str(home))
-    with compiled.cached():
+    with compiled.keep_compiled():
         return jax.config.jax_compilation_cache_dir
 
 
@@ -139,9 +139,12 @@ def test_what_is_kept_is_bounded(tmp_path, monkeypatch):
 def test_only_what_jax_says_of_the_folder_is_kept_silent(tmp_path):
     for name in ("jit_f-0-cache", "jit_f-1-cache", "jit_ff-0-cache"):
         (tmp_path / name).touch()
-    with pytest.warns(UserWarning, match="something else"), compiled._in_silence(tmp_path):
+    with (
+        pytest.warns(UserWarning, match="something else"),
+        compiled._silence_cache_errors(tmp_path),
+    ):
         warnings.warn("something else", stacklevel=1)
-    with compiled._in_silence(tmp_path):
+    with compiled._silence_cache_errors(tmp_path):
         for doing in ("writing", "reading"):
             assert len(list(tmp_path.iterdir())) == 3
             warnings.warn(

@@ -13,10 +13,10 @@ import xarray
 
 from jaxrock.cli import main
 from jaxrock.cli import study as study_file
+from jaxrock.cli.command import Answer
 from jaxrock.cli.commands import Critical, RockingSpectrum
-from jaxrock.cli.options import Answer
 from jaxrock.cli.study import Run
-from jaxrock.ground_motion import record_formats
+from jaxrock.ground_motion import record_text
 
 pytestmark = pytest.mark.float64
 
@@ -137,9 +137,9 @@ def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypat
 
         monkeypatch.setattr(owner, name, counting)
 
-    count(record_formats, "read_regular", lambda path: path.name)
+    count(record_text, "read_regular", lambda path: path.name)
     count(RockingSpectrum, "check", lambda job: f"check {job.out.name}")
-    count(study_file, "with_progress", lambda items, label: label)
+    count(study_file, "show_progress", lambda items, label: label)
 
     def answer(job):
         return Answer(f"{job.motion.samples}", {"scaled": float(job.motion.scale)})
@@ -164,7 +164,7 @@ def test_a_record_that_is_faulty_is_read_once(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_text("t,acc_g\n0,x\n")
     read = []
     monkeypatch.setattr(
-        record_formats, "read_regular", lambda path: read.append(path) or path.read_bytes()
+        record_text, "read_regular", lambda path: read.append(path) or path.read_bytes()
     )
     text = "".join(f"[[job]]\ncommand = 'rocking-spectrum'\nout = '{i}'\n" for i in range(3))
     with pytest.raises(ValueError, match=r"(?s)(job \d .*column 'acc_g' must be a num.*){3}"):

@@ -18,7 +18,7 @@ import pytest
 import xarray as xr
 
 import jaxrock as jr
-from jaxrock.driven.many_blocks import batch as batch_ground
+from jaxrock.driven.many_blocks import ground_motions
 from jaxrock.ground_motion import intensity_measure
 
 G = 9.80665
@@ -208,13 +208,13 @@ def test_groups_of_records_change_no_bit(monkeypatch):
     found = jr.overturning_boundaries(BLOCKS, 0.8, strong, "factor", factors)
     asked = []
 
-    def dealt(*arguments, dealt=batch_ground._dealt):
-        parts, begins = dealt(*arguments)
+    def lay_out(*arguments, lay_out=ground_motions._lay_out):
+        parts, begins = lay_out(*arguments)
         asked.append(begins)
         return parts, begins
 
-    monkeypatch.setattr(batch_ground, "_dealt", dealt)
-    monkeypatch.setattr(batch_ground, "_MOST", 1)
+    monkeypatch.setattr(ground_motions, "_lay_out", lay_out)
+    monkeypatch.setattr(ground_motions, "_MOST_ROOM", 1)
     for ours, theirs in (
         (jr.respond_batch(BLOCKS, 0.8, strong), whole),
         (jr.overturning_boundaries(BLOCKS, 0.8, strong, "factor", factors), found),

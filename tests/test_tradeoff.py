@@ -38,7 +38,7 @@ def table():
         }
         for kind, solver, batch, error, seconds, default in ROWS
     ]
-    return tradeoff.Tradeoff(tradeoff._dataset(rows, tradeoff.default_scene(), 1e-14))
+    return tradeoff.Tradeoff(tradeoff._tabulate(rows, tradeoff.make_default_scene(), 1e-14))
 
 
 def test_front():

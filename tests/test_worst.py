@@ -258,7 +258,7 @@ def test_one_timing_without_jax(model):
     block, restitution, count = jr.Block(0.4, 2.0), jnp.asarray(0.9), 3
     rocker = timing.Rocker(block, restitution, model)
     train = timing.Train(jnp.zeros(count), jnp.ones(count), jnp.ones(count, int))
-    ours = timing._needed(rocker, train, 0.2) * float(rocker.unit)
+    ours = timing._find_needed_strength(rocker, train, 0.2) * float(rocker.unit)
     theirs = timed_without_jax(type(model).__name__, 2.0, 0.9, count)
     assert ours == pytest.approx(theirs["0.2 half-cycles after the impacts"], rel=1e-9)
 

@@ -1,13 +1,13 @@
-"""What a simpler model costs, the cheapest that is good enough, and the trade measured.
+"""Costs of a simpler model, the cheapest one that is good enough, and the trade measured.
 
 Names beside those in ``__all__`` are for the other packages.
 """
 
 from .cheapest_setting import Choice, choose
+from .linearized_range import is_linearized_enough as is_linearized_enough
 from .model_errors import ModelError, model_error
-from .model_errors import linearized_is_enough as linearized_is_enough
 from .tradeoff import Tradeoff, measure_tradeoff
-from .tradeoff import default_scene as default_scene
+from .tradeoff import make_default_scene as make_default_scene
 
 __all__ = [
     "Choice",

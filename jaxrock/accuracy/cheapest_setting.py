@@ -11,7 +11,7 @@ import numpy as np
 
 from ..driven import TOLERANCES, DrivenScene, respond_within
 from ..ground_motion import Harmonic, Pulse, Record
-from ..host import Printed, listed
+from ..host import Printed, format_fields
 from ..resonance import Scene
 from ..validation import (
     POSITIVE,
@@ -29,7 +29,7 @@ from .model_errors import Answers, ModelError, model_error
 
 @dataclass(frozen=True, repr=False)
 class Setting(Printed):
-    """What an answer is computed with."""
+    """Level of fidelity, precision and tolerance with which an answer is computed."""
 
     level: str  # linearized, nonlinear, pulsed, batch or adaptive
     bits: int
@@ -40,7 +40,8 @@ class Setting(Printed):
         return f"{self.level}{rtol} in float{self.bits}"
 
 
-# From the cheapest on, as `measure_tradeoff` finds them.
+# From the cheapest on, as `measure_tradeoff` finds them: `choose` takes the first that is
+# enough.
 CLOSED = tuple(
     Setting(level, bits) for level in ("linearized", "nonlinear") for bits in (32, 64)
 )
@@ -88,8 +89,9 @@ class Choice(Printed, eqx.Module):
         return self.settings[int(self.index)]
 
     def __str__(self) -> str:
+        # A traced choice has no values to count or compare.
         if is_traced(self.index):
-            return listed(self, index="", error="", within_tolerance="")
+            return format_fields(self, index="", error="", within_tolerance="")
         if jnp.ndim(self.index):
             counts = np.bincount(np.ravel(self.index), minlength=len(self.settings))
             by_setting = zip(counts, self.settings, strict=True)
@@ -164,25 +166,31 @@ def choose(
     )
     predicted = model_error(exact, shape, duration)
     settings = tuple(setting for setting in CLOSED if wide or setting.bits == 32)
-    errors = [_largest(predicted.total(setting.level, setting.bits)) for setting in settings]
+    errors = [
+        _find_largest(predicted.total(setting.level, setting.bits)) for setting in settings
+    ]
     if shape is not None:
         settings += (Setting("pulsed", 64 if wide else 32),)
-        # Rounding to float32 is a slip of the intensity, too, and shows what that does.
+        # Rounding to float32 is a slip of the intensity, too. Its cost, in proportion to the
+        # slips, is that of `pulsed_phase`: another closed form need not be computed.
         slip = _PULSED_SLIP / float(jnp.finfo(jnp.float32).eps)
-        errors.append(slip * _largest(predicted.rounding["nonlinear"][32]))
+        errors.append(slip * _find_largest(predicted.rounding["nonlinear"][32]))
     table = jnp.stack(errors)
     keeps = table <= tolerance
+    # The first that keeps the tolerance, element by element; the best where none does.
     index = jnp.where(keeps.any(axis=0), jnp.argmax(keeps, axis=0), jnp.argmin(table, axis=0))
     error = jnp.take_along_axis(table, index[None], axis=0)[0]
-    reasons = () if index.ndim else _reasons(predicted, shape)
+    reasons = () if index.ndim else _explain(predicted, shape)
     return Choice(index, error, keeps.any(axis=0), tolerance, settings, reasons)
 
 
-def _largest(errors: Answers) -> Reals:
+def _find_largest(errors: Answers) -> Reals:
+    """Find the largest of the three errors, element by element."""
     return functools.reduce(jnp.maximum, jax.tree.leaves(errors))
 
 
-def _reasons(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...]:
+def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...]:
+    """Say in sentences what each simplification of a single scene costs."""
     causes = {"linearizing": predicted.linearization}
     if shape is not None:
         causes["taking the pulses as instantaneous"] = predicted.duration
@@ -200,6 +208,7 @@ def _reasons(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
 
 
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
+    """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
     motion = scene.motion
     if not isinstance(motion, Pulse | Harmonic | Record):
         raise ValueError(
@@ -208,6 +217,7 @@ def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])
+    # Tolerances fall: the number of those above the cheapest is its place among them.
     index = jnp.asarray((np.asarray(within.cheapest)[..., None] < levels).sum(axis=-1))
     return Choice(
         index,

@@ -1,10 +1,10 @@
-"""What simplifying a scene costs, predicted from closed forms.
+"""Costs of simplifying a scene, predicted from closed forms.
 
 The truth is the nonlinear equation under pulses of finite duration. Three things are cheaper:
 linearizing, taking pulses as instantaneous, and single precision.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..ground_motion import HalfSine, Pulse, Rectangular
-from ..host import Printed, shown
+from ..host import Printed, format_number
 from ..resonance import (
     Linearized,
     Nonlinear,
@@ -35,14 +35,15 @@ from ..validation import (
     describe,
     elementwise,
     is_traced,
-    of_one_precision,
+    unify_precision,
 )
 
 # The estimate of what a duration costs is known up to this ratio of the acceleration that just
 # lifts the block to the mean one of the pulse, and from this slenderness on.
 _MAX_UPLIFT_RATIO = 0.8
 _MIN_SLENDERNESS = 0.5
-# Bounds on its remainder; the largest values found by a search are 0.239, 0.267 and 0.159.
+# Bounds on its remainder, of velocity, period and critical intensity, in units of
+# `_estimate_shift`; the largest values found by a search are 0.239, 0.267 and 0.159.
 _VELOCITY = 0.3
 _TIME = 0.35
 _CRITICAL = 0.2
@@ -51,7 +52,8 @@ _CRITICAL = 0.2
 # with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity comes back at once; that velocity may
 # be half of what is estimated.
 _PULSES = {None: (0.0, 0.0, 0.0), Rectangular: (0.5, 1 / 6, 0.0), HalfSine: (0.5, 0.125, 0.2)}
-# Rounding of the closed forms, as a change of the intensity in units of the last place.
+# Rounding of the closed forms, as a change of the intensity in units of the last place, and of
+# the answer beside. Comparisons with 70 digits find 2 (1 + K), K the condition number.
 _ROUNDINGS = 3.5
 
 
@@ -70,12 +72,12 @@ class Answers(Printed, eqx.Module):
 
     def __str__(self) -> str:
         return ", ".join(
-            f"{name.replace('_', ' ')} {shown(v)}" for name, v in vars(self).items()
+            f"{name.replace('_', ' ')} {format_number(v)}" for name, v in vars(self).items()
         )
 
 
 class ModelError(Printed, eqx.Module):
-    """What simplifying a scene costs, relative; see `model_error`.
+    """Relative costs of simplifying a scene; see `model_error`.
 
     Attributes
     ----------
@@ -123,6 +125,8 @@ class ModelError(Printed, eqx.Module):
         -------
         Answers
         """
+        # Linearizing is the ratio of two computed answers, each rounded as the scene was
+        # given.
         own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)
         roundings = [self.rounding[model][bits]]
         share = self.linearization
@@ -131,14 +135,19 @@ class ModelError(Printed, eqx.Module):
         else:
             share = jax.tree.map(jnp.zeros_like, share)
 
-        def added(simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals) -> Reals:
+        def add_costs(
+            simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals
+        ) -> Reals:
+            """Add the costs of one answer, as errors of factors that are multiplied."""
+            # (1 + simpler) (1 + duration) - 1 without the loss of digits; the bound is on
+            # `duration`.
             known = jnp.isfinite(simpler + duration)
             total = jnp.abs(simpler + duration + simpler * duration) + bound * (1 + simpler)
             for rounding in roundings:  # each of what the others have left
                 total = total + rounding * (1 + total)
             return jnp.where(known, total, jnp.inf)
 
-        return jax.tree.map(added, share, self.duration, self.duration_bound, *roundings)
+        return jax.tree.map(add_costs, share, self.duration, self.duration_bound, *roundings)
 
 
 def model_error(
@@ -194,43 +203,66 @@ def model_error(
     if shape is None and not is_traced(duration) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")
     # Broadcast here, so that what is compiled depends on the shape of the result alone.
-    leaves, structure = jax.tree.flatten(of_one_precision((scene, duration)))
+    leaves, structure = jax.tree.flatten(unify_precision((scene, duration)))
     scene, duration = jax.tree.unflatten(structure, jnp.broadcast_arrays(*leaves))
-    return _model_error(scene, duration, *_PULSES[shape])
+    return _compute_model_error(scene, duration, *_PULSES[shape])
+
+
+class _PulseEffect(NamedTuple):
+    """A duration [s], and the numbers of a pulse of duration and intensity 1 in `_PULSES`."""
+
+    duration: Reals
+    centroid: Number
+    work: Number
+    slack: Number
 
 
 @elementwise(duration=NON_NEGATIVE)
-def _model_error(
+def _compute_model_error(
     scene: Scene, duration: Number, centroid: Number, work: Number, slack: Number
 ) -> ModelError:
-    pulse = (jnp.asarray(duration), centroid, work, slack)
-    shift, unit, known = _shift(scene, stabilized_velocity(scene), *pulse)
-    own = jnp.finfo(pulse[0].dtype)
+    """Compute all costs by one call of each closed form, on variants of the scene.
+
+    There are seven variants, or ten. The first four are the scene itself and scenes of the
+    intensity with the effect of pulses of finite duration, by the estimate and its bounds;
+    three follow for each precision.
+    """
+    pulse = _PulseEffect(jnp.asarray(duration), centroid, work, slack)
+    shift, unit, known = _estimate_shift(scene, stabilized_velocity(scene), *pulse)
+    own = jnp.finfo(pulse.duration.dtype)
     precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
+    # Impulses and velocities are proportional: a bound on the velocity is one on the
+    # intensity.
     slip = _VELOCITY * unit + _ROUNDINGS * float(own.eps)
     # As it is; then with the effect of pulses of finite duration, and rounded, each of these
     # also with less and more. All at once, since each closed form takes long to compile.
-    variants = [scene, *_around(scene, 1 + shift, slip)]
+    variants = [scene, *_vary_intensity(scene, 1 + shift, slip)]
     for kind in precisions.values():
-        variants += _around(_rounded(scene, kind), 1.0, _ROUNDINGS * float(kind.eps))
+        variants += _vary_intensity(
+            _round_scene(scene, kind), 1.0, _ROUNDINGS * float(kind.eps)
+        )
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants)
     answers = {
-        model.name: jnp.stack(jax.tree.leaves(answers_of(stacked, model)), axis=1)
+        model.name: jnp.stack(jax.tree.leaves(compute_answers(stacked, model)), axis=1)
         for model in (Linearized(), Nonlinear())
     }
     roundings: dict[str, dict[int, Reals]] = {}
     for name, (exact, _, _, _, *rest) in answers.items():
         bounds = roundings[name] = {}
         for bits, kind in precisions.items():
+            # What rounding the arguments does, and the most that rounding on the way may do
+            # beside.
             rounded, less, more, *rest = rest
-            moved = (jnp.abs(_relative(each, rounded)) for each in (less, more))
-            off = jnp.abs(_relative(rounded, exact)) + jnp.maximum(*moved)
+            moved = (jnp.abs(compare(each, rounded)) for each in (less, more))
+            off = jnp.abs(compare(rounded, exact)) + jnp.maximum(*moved)
             bounds[bits] = off + _ROUNDINGS * float(kind.eps)
         if 64 not in bounds:  # which grow at least as fast as the unit of the last place
             bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(own.eps) * bounds[32]
-    linearization = _relative(answers["linearized"][0], answers["nonlinear"][0])
+    linearization = compare(answers["linearized"][0], answers["nonlinear"][0])
     own_rounding = roundings["nonlinear"][int(own.bits)]
-    costs = _duration_costs(scene, pulse, answers["nonlinear"][:4], unit, known, own_rounding)
+    costs = _estimate_duration_costs(
+        scene, pulse, answers["nonlinear"][:4], unit, known, own_rounding
+    )
     linearizing, estimate, bound = (Answers(*cost) for cost in (linearization, *costs))
     by_model = {
         name: {bits: Answers(*bound) for bits, bound in bounds.items()}
@@ -239,51 +271,64 @@ def _model_error(
     return ModelError(linearizing, estimate, bound, by_model)
 
 
-def _around(scene: Scene, factor: Any, slip: Any) -> list[Scene]:
-    """Scenes of the intensity times a factor, and of less and more."""
+def _vary_intensity(scene: Scene, factor: Reals | float, slip: Reals | float) -> list[Scene]:
+    """Vary the intensity of a scene: times a factor, and times less and more than it."""
     factors = (factor, factor - slip, factor + slip)
-    return [_with_intensity(scene, scene.intensity * each) for each in factors]
+    return [_replace_intensity(scene, scene.intensity * each) for each in factors]
 
 
-def _rounded(scene: Scene, kind: Any) -> Scene:
-    """Round the numbers of a scene to a precision."""
+def _round_scene(scene: Scene, kind: np.finfo) -> Scene:
+    """Round the numbers of a scene to a precision, and keep them in their own."""
 
-    def rounded(leaf: Reals) -> Reals:
+    def round_leaf(leaf: Reals) -> Reals:
+        """Round one number; XLA would take away a conversion to float32 and back."""
         return jax.lax.reduce_precision(leaf, kind.nexp, kind.nmant)
 
     # Only the reciprocal of the inertia ratio counts, and that of 4 / 3 rounds to 0.75
     # everywhere.
-    ratio = 1 / rounded(1 / rounded(scene.block.inertia_ratio))
-    return eqx.tree_at(lambda s: s.block.inertia_ratio, jax.tree.map(rounded, scene), ratio)
+    ratio = 1 / round_leaf(1 / round_leaf(scene.block.inertia_ratio))
+    return eqx.tree_at(lambda s: s.block.inertia_ratio, jax.tree.map(round_leaf, scene), ratio)
 
 
-def _with_intensity(scene: Scene, intensity: Reals) -> Scene:
+def _replace_intensity(scene: Scene, intensity: Reals) -> Scene:
+    """Return the scene with another intensity."""
     return eqx.tree_at(lambda s: s.intensity, scene, intensity)
 
 
-def _duration_costs(
-    scene: Scene, pulse: Any, answers: Reals, unit: Reals, known: Booleans, rounding: Reals
+def _estimate_duration_costs(
+    scene: Scene,
+    pulse: _PulseEffect,
+    answers: Reals,
+    unit: Reals,
+    known: Booleans,
+    rounding: Reals,
 ) -> tuple[Reals, Reals]:
-    """Estimates of what instantaneous pulses cost, and bounds on their errors.
+    """Estimate what instantaneous pulses cost, and bound the errors of the estimates.
 
-    From the answers at the intensity itself, and at that which has the effect of pulses of
-    finite duration by the estimate, and by its lower and upper bound.
+    `answers` are those at the intensity itself, and at the intensities that have the effect of
+    pulses of finite duration by the estimate, and by its lower and upper bound.
     """
-    duration, centroid, *_ = pulse
+    duration = pulse.duration
+    centroid = pulse.centroid
+    # A pulse acts at its centroid, and up to there the block goes at C of the velocity: twice
+    # in a period it is late by 1 - C of that time.
     later = 2 * duration * (1 - scene.restitution) * centroid
+    # The critical intensity is where the block settles at the critical velocity: there the
+    # shift of the velocity says by how much the intensity has to change the other way.
     critical = answers[0, 2]
     limit = Nonlinear().critical_velocity(scene.block)
-    shift, unit_at_limit, known_at_limit = _shift(
-        _with_intensity(scene, critical), limit, *pulse
+    shift, unit_at_limit, known_at_limit = _estimate_shift(
+        _replace_intensity(scene, critical), limit, *pulse
     )
 
-    def lasting(sign: float, at: Reals) -> Reals:
+    def apply_duration(sign: float, at: Reals) -> Reals:
+        """Compute the answers under pulses of finite duration, with a bound of some sign."""
         period = at[1] * (1 + sign * _TIME * unit) + later
         intensity = critical * (1 - shift + sign * _CRITICAL * unit_at_limit)
         return jnp.stack([at[0], period, intensity])
 
-    finite = [*map(lasting, (0.0, -1.0, 1.0), answers[1:])]
-    estimate, low, high = (_relative(answers[0], each) for each in finite)
+    finite = [*map(apply_duration, (0.0, -1.0, 1.0), answers[1:])]
+    estimate, low, high = (compare(answers[0], each) for each in finite)
     spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
     # One that is not finite says only which side of the threshold the estimate is on.
     bound = jnp.where(jnp.isfinite(estimate), spread, jnp.inf) + rounding
@@ -295,7 +340,7 @@ def _duration_costs(
     return jnp.where(lasts & known, estimate, 0), jnp.where(lasts, bound, 0)
 
 
-def _shift(
+def _estimate_shift(
     scene: Scene,
     velocity: Reals,
     duration: Reals,
@@ -303,7 +348,10 @@ def _shift(
     work: Number,
     slack: Number,
 ) -> tuple[Reals, Reals, Booleans]:
-    """Relative change of the velocity due to the duration, unit of its bounds, whether known."""
+    """Estimate the relative change of the velocity by the duration, and its bounds' unit.
+
+    Also tell where the estimate is known to hold; see the notes of `model_error`.
+    """
     block = scene.block
     c = scene.restitution
     intensity = scene.intensity
@@ -314,14 +362,19 @@ def _shift(
         lasts & (e <= _MAX_UPLIFT_RATIO) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
     )
     known = known & (block.slenderness >= _MIN_SLENDERNESS)
+    # Values that are not known are masked before they are used: their derivatives would be
+    # NaN.
     e = jnp.where(known, e, 0)
     pushed = jnp.where(known, velocity, 0) * intensity / block.gravity
     shift = e * ((c * centroid + (1 - c) * work) * pushed - (1 - c) * centroid)
     return shift, e**2 * (1 - c + pushed), known
 
 
-def _relative(value: Reals, reference: Reals) -> Reals:
-    """``value / reference - 1``: 0 where neither exists, inf where one does, 0 for 0 / 0."""
+def compare(value: Reals, reference: Reals) -> Reals:
+    """Compute ``value / reference - 1``.
+
+    It is 0 where neither exists and for 0 / 0, and inf where only one of them exists.
+    """
     exists = jnp.isfinite(value)
     reference_exists = jnp.isfinite(reference)
     compared = exists & reference_exists & (reference != 0)
@@ -330,44 +383,7 @@ def _relative(value: Reals, reference: Reals) -> Reals:
     return jnp.where(same, ratio - 1, jnp.inf)
 
 
-def answers_of(scene: Scene, model: RockingModel) -> Answers:
+def compute_answers(scene: Scene, model: RockingModel) -> Answers:
     """Compute the three answers by a closed form."""
     critical = critical_intensity(scene.block, scene.restitution, model=model)
     return Answers(rotation_ratio(scene, model), stabilized_period(scene, model), critical)
-
-
-@jax.jit
-def linearized_is_enough(scene: Scene, tolerance: Number) -> Booleans:
-    """Tell where the block stands and linearizing costs no answer more than the tolerance.
-
-    Cheaper than either closed form: the cost grows with the velocity, so that it is within the
-    tolerance up to one velocity, which in units of the critical one depends on the slenderness
-    alone.
-    """
-    one = jnp.ones_like(scene.block.slenderness)
-    block = eqx.tree_at(lambda b: (b.half_width, b.gravity), scene.block, (one, one))
-    linearized = Linearized()
-    nonlinear = Nonlinear()
-    critical = nonlinear.critical_velocity(block)
-    over = critical / linearized.critical_velocity(block)
-    single = critical / block.pulse_velocity(1.0)
-    allowed = jnp.asarray(tolerance, over.dtype) - 16 * float(jnp.finfo(over.dtype).eps)
-
-    def enough(x: Reals) -> Booleans:
-        """Tell whether it is enough at a velocity in units of the critical one."""
-        sides = ((linearized, x * over), (nonlinear, x))
-        ratios = (model._rotation_ratio(block, v) for model, v in sides)
-        durations = (model._half_cycle_duration(block, v, x * single) for model, v in sides)
-        costs = jnp.maximum(jnp.abs(_relative(*ratios)), jnp.abs(_relative(*durations)))
-        return jnp.maximum(costs, jnp.abs(1 / over - 1)) <= allowed
-
-    def halved(_: Any, interval: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
-        low, high = interval
-        middle = 0.5 * (low + high)
-        within = enough(middle)
-        return jnp.where(within, middle, low), jnp.where(within, high, middle)
-
-    one = jnp.ones_like(over)
-    fastest, _ = jax.lax.fori_loop(0, 40, halved, (0 * one, one))
-    fastest = jnp.where(enough(1e-3 * one), fastest, -1.0)
-    return stabilized_velocity(scene) <= fastest * nonlinear.critical_velocity(scene.block)

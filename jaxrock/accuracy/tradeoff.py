@@ -10,9 +10,9 @@ import functools
 import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ import numpy as np
 from ..block import Block
 from ..driven import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
-from ..host import Printed, labelled, with_progress
+from ..host import Printed, make_dataset, show_progress
 from ..resonance import (
     Nonlinear,
     RockingModel,
@@ -39,7 +39,7 @@ from .model_errors import model_error
 if TYPE_CHECKING:
     import xarray
 
-_SAMPLE = 8  # scenes by which errors are taken
+_SAMPLE = 8  # scenes by which errors are taken: a single one may be right by chance
 _TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-11)
 _BATCH = (*((64, rtol) for rtol in (*_TOLERANCES, 1e-13)), (32, 1e-3), (32, 1e-5))
 _ADAPTIVE = (
@@ -59,6 +59,8 @@ _LONG_NAMES = {
 
 @dataclass(frozen=True)
 class _Dials:
+    """One setting of everything that can be dialled."""
+
     level: str
     bits: int
     batch: int = 1
@@ -77,7 +79,7 @@ class _Dials:
 
 @dataclass(frozen=True, repr=False)
 class Tradeoff(Printed):
-    """What `measure_tradeoff` measures.
+    """Error and time of each setting, as `measure_tradeoff` finds them.
 
     Attributes
     ----------
@@ -109,10 +111,10 @@ class Tradeoff(Printed):
         if enough.empty:
             return None
         fastest = enough.sort_values("seconds").iloc[0]
-        return f"{fastest.label} ({_with_unit(fastest.seconds)} per answer)"
+        return f"{fastest.label} ({_format_seconds(fastest.seconds)} per answer)"
 
     def sentence(self, batch: int | None = None) -> str:
-        """For which accuracy to use what, on this machine.
+        """Say which setting to use for which accuracy, on this machine.
 
         Parameters
         ----------
@@ -141,6 +143,7 @@ class Tradeoff(Printed):
             ("solver", "the solver", "front_of_level"),
             ("bits", "float", "front_of_level"),
         ):
+            # A dial says nothing if all of its values are on the front, or none is.
             values = set(rows[dial]) - {"-"}
             never = sorted(values - set(rows[dial][rows[front] == 1]))
             if 0 < len(never) < len(values):
@@ -151,7 +154,7 @@ class Tradeoff(Printed):
         rows = self.dataset.to_dataframe()
         lines = [f"{'error':>8}  {'time':>9}  {'batch':>6}  setting"]
         for _, row in rows.query("front == 1").sort_values(["batch", "seconds"]).iterrows():
-            time = _with_unit(row.seconds)
+            time = _format_seconds(row.seconds)
             lines.append(f"{row.error:8.1e}  {time:>9}  {row.batch:6}  {row.label}")
         lines += [f"batches of {n}: {self.sentence(int(n))}" for n in np.unique(rows.batch)]
         for _, row in rows.query("default == 1").iterrows():
@@ -194,29 +197,32 @@ def measure_tradeoff(
         raise ValueError("JAX must be set to 64 bits to measure what less costs")
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")
-    scene = default_scene() if scene is None else scene
+    scene = make_default_scene() if scene is None else scene
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single one")
-    truth, floor = _truth(scene)
+    # The truth first: a scene that does not rock is refused before anything else compiles.
+    truth, floor = _compute_truth(scene)
     if not (np.isfinite(truth) & (truth > 0)).all():
         raise ValueError("scene must be one in which the block rocks and stands")
-    rows: list[dict[str, Any]] = []
-    calls: list[Callable[[], Any]] = []
-    for dials in with_progress(_settings(scene), "compiling"):
-        sample, timed = (_varied(scene, number, dials) for number in (_SAMPLE, dials.batch))
-        answer = functools.partial(_answer, dials, _duration(scene))
+    rows: list[dict[str, object]] = []
+    calls: list[Callable[[], object]] = []
+    for dials in show_progress(_list_settings(scene), "compiling"):
+        sample, timed = (_vary_size(scene, number, dials) for number in (_SAMPLE, dials.batch))
+        answer = functools.partial(_compute_answer, dials, _choose_duration(scene))
         calls.append(functools.partial(answer, timed[0]))
         begin = time.perf_counter()
         answers = np.stack([answer(one) for one in sample], axis=-1, dtype=float)
         jax.block_until_ready(calls[-1]())
         compilation = time.perf_counter() - begin
         error = float(np.max(np.abs(answers.reshape(truth.shape) / truth - 1)))
+        # Nothing is known to be more accurate than the truth; an answer that is not finite is
+        # wrong.
         error = max(error, floor) if math.isfinite(error) else math.inf
         measured = {"error": error, "compilation": compilation}
-        rows.append({"label": dials.label} | asdict(dials) | measured)
+        rows.append({"label": dials.label, **asdict(dials), **measured})
     # In turn, so that what else the machine does meets all alike.
     seconds = np.empty((repeats, len(calls)))
-    for repeat in with_progress(range(repeats), "timing"):
+    for repeat in show_progress(range(repeats), "timing"):
         for k, call in enumerate(calls):
             begin = time.perf_counter()
             jax.block_until_ready(call())
@@ -224,16 +230,16 @@ def measure_tradeoff(
     quartiles = np.quantile(seconds, [0.25, 0.5, 0.75], axis=0).T
     for row, (low, median, high) in zip(rows, quartiles, strict=True):
         row |= {"seconds": median / row["batch"], "spread": (high - low) / median}
-    return Tradeoff(_dataset(rows, scene, floor))
+    return Tradeoff(_tabulate(rows, scene, floor))
 
 
-def default_scene() -> DrivenScene:
+def make_default_scene() -> DrivenScene:
     """Make a block under a pulse so short that every level of fidelity can tell of it."""
     return DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
 
 
-def _settings(scene: Scene | DrivenScene) -> list[_Dials]:
-    """Every setting of the dials that the scene has."""
+def _list_settings(scene: Scene | DrivenScene) -> list[_Dials]:
+    """List every setting of the dials that the scene has."""
     driven = isinstance(scene, DrivenScene)
     sizes = (1, 1000) if driven else (1, 1000, 100_000)
     table: list[_Dials] = []
@@ -250,17 +256,20 @@ def _settings(scene: Scene | DrivenScene) -> list[_Dials]:
     return table
 
 
-def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
-    """Rotation ratio and period of a `Scene`, peak rotation of a `DrivenScene`."""
+def _compute_answer(
+    dials: _Dials, duration: float, scene: Scene | DrivenScene
+) -> Reals | np.ndarray:
+    """Compute rotation ratio and period of a `Scene`, or peak rotation of a `DrivenScene`."""
     if dials.level not in ("batch", "adaptive"):
-        return _closed_form(scene, as_model(dials.level))
+        return _compute_closed_form(scene, as_model(dials.level))
     if isinstance(scene, DrivenScene):
         given = scene.block, scene.restitution, scene.motion, duration
         if dials.level == "batch":
             return respond_batch(*given, rtol=dials.tolerance).peak_rotation
         response = respond(*given, rtol=dials.tolerance, solver=dials.solver)
         return np.where(response.overturned, np.nan, response.peak_rotation)
-    # After the stabilized half-cycle there is no other.
+    # The half-cycle begins at the stabilized velocity on ground that stands still. With C = 0
+    # no other one follows it.
     zero = jnp.zeros_like(scene.restitution)
     still = Rectangular(zero, zero + 1)
     velocity = stabilized_velocity(scene)
@@ -272,24 +281,28 @@ def _answer(dials: _Dials, duration: float, scene: Scene | DrivenScene) -> Any:
 
 
 @functools.partial(jax.jit, static_argnames="model")
-def _closed_form(scene: Scene | DrivenScene, model: RockingModel) -> Reals:
-    """Under a pulse, it is taken as instantaneous."""
+def _compute_closed_form(scene: Scene | DrivenScene, model: RockingModel) -> Reals:
+    """Compute the same answers in closed form; a pulse is taken as instantaneous."""
     if isinstance(scene, Scene):
         return jnp.stack([rotation_ratio(scene, model), stabilized_period(scene, model)])
     intensity = cast(Pulse, scene.motion).intensity
     return model.peak_rotation(scene.block, scene.block.pulse_velocity(intensity))
 
 
-def _duration(scene: Scene | DrivenScene) -> float:
-    """To the end of a record; else until the block has come to rest, or has struck for sure."""
+def _choose_duration(scene: Scene | DrivenScene) -> float:
+    """Choose how long to follow the block [s]."""
+    # Of a `Scene` until its half-cycle is over for sure; after a pulse until the block has
+    # come to rest, or has at least passed its peak; of other motions to their end.
     if isinstance(scene, Scene):
         return float(1000 / scene.block.frequency_parameter)
     pulse = isinstance(scene.motion, Pulse)
     return float(scene.motion.end + (20 / scene.block.frequency_parameter if pulse else 0))
 
 
-def _varied(scene: Scene | DrivenScene, number: int, dials: _Dials) -> list[Any]:
-    """Blocks whose sizes are up to 5 % apart: one scene, or for the integrator one of each."""
+def _vary_size(
+    scene: Scene | DrivenScene, number: int, dials: _Dials
+) -> list[Scene | DrivenScene]:
+    """Vary the size of the block by up to 5 %: in one scene, or for the integrator in many."""
     factors = jnp.linspace(0.95, 1.05, number) if number > 1 else jnp.ones(1)
     widths = scene.block.half_width * factors
     return [
@@ -301,29 +314,33 @@ def _varied(scene: Scene | DrivenScene, number: int, dials: _Dials) -> list[Any]
     ]
 
 
-def _truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
-    """Answers about the sample, and the relative error below which nothing is told apart."""
+def _compute_truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
+    """Compute the answers about the sample, and the error below which none is told apart."""
     if isinstance(scene, Scene):
-        (sample,) = _varied(scene, _SAMPLE, _Dials("nonlinear", 64))
+        (sample,) = _vary_size(scene, _SAMPLE, _Dials("nonlinear", 64))
         rounding = model_error(scene).rounding["nonlinear"][64]
         floor = max(float(rounding.rotation_ratio), float(rounding.period))
-        return np.asarray(_closed_form(sample, Nonlinear())), floor
+        return np.asarray(_compute_closed_form(sample, Nonlinear())), floor
     peaks = []
     for rtol in (1e-9, 1e-10, 1e-11, 1e-12):
         dials = _Dials("adaptive", 64, 1, "Tsit5", rtol)
-        sample = _varied(scene, _SAMPLE, dials)
-        peaks.append(np.stack([_answer(dials, _duration(scene), one) for one in sample]))
+        sample = _vary_size(scene, _SAMPLE, dials)
+        peaks.append(
+            np.stack([_compute_answer(dials, _choose_duration(scene), one) for one in sample])
+        )
     # A stricter tolerance changes less and less, until rounding takes over.
     changes = [float(np.max(np.abs(b / a - 1))) for a, b in itertools.pairwise(peaks)]
     best = int(np.argmin(changes))
     return peaks[best + 1], max(changes[best], 4 * float(np.finfo(float).eps))
 
 
-def _dataset(
-    rows: list[dict[str, Any]], scene: Scene | DrivenScene, floor: float
+def _tabulate(
+    rows: Sequence[Mapping[str, object]], scene: Scene | DrivenScene, floor: float
 ) -> "xarray.Dataset":
+    """Tabulate the rows as a dataset, with the fronts among them."""
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     columns["default"] = columns["default"].astype(np.int8)
+    # Pareto fronts by brute force: each setting against all of its group, which are few.
     error, seconds, batch, level = (columns[n] for n in ("error", "seconds", "batch", "level"))
     same_batch = batch[:, None] == batch
     same_level = same_batch & (level[:, None] == level)
@@ -344,10 +361,11 @@ def _dataset(
         "device": jax.devices()[0].device_kind,
         "jax": jax.__version__,
     }
-    return labelled("Speed against accuracy", variables, {}, attributes)
+    return make_dataset("Speed against accuracy", variables, {}, attributes)
 
 
-def _with_unit(seconds: float) -> str:
+def _format_seconds(seconds: float) -> str:
+    """Format a time in the largest unit that leaves a number of at least 1."""
     units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     unit = next((unit for unit, size in units.items() if seconds >= size), "ns")
     return f"{seconds / units[unit]:.3g} {unit}"

@@ -1,7 +1,8 @@
-"""Restitution, frequency parameter, shape of a block from measurements of it."""
+"""Restitution, frequency parameter and shape of a block from measurements of its rocking."""
 
 from .driven_fit import DrivenFit, fit_driven_rocking
-from .free_rocking_fit import FreeRockingFit, fit_free_rocking
+from .free_rocking_answer import FreeRockingFit
+from .free_rocking_fit import fit_free_rocking
 from .measurement_files import read_impact_times
 
 __all__ = [

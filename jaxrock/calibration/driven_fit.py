@@ -1,4 +1,4 @@
-"""Restitution, and if need be shape and inertia, of a block from a test on a shaking table."""
+"""Restitution, and if need be shape and inertia, of a block from a shaking-table test."""
 
 from collections.abc import Sequence
 
@@ -23,24 +23,24 @@ from ..validation import (
     as_real,
     check,
     check_kind,
-    of_one_precision,
+    unify_precision,
 )
 from .least_squares import Values, check_concrete
 from .shaking_measurement import (
     RESTITUTIONS,
     ShakingTest,
     Stage,
+    detect_sides,
+    estimate_rough_noise,
     fit_in_parts,
-    rough_noise,
-    sides_of,
 )
 
 _PARAMETERS = "restitution", "slenderness", "half_width", "inertia_ratio"
-_LEAST_ROOM = 512  # for impacts in a list, or twice as much as any motion tried needs
+_LEAST_ROOM = 512  # for impacts in a list, so that most tests take the same program
 
 
 class DrivenFit(Printed, eqx.Module):
-    """What a test on a shaking table says about a block; see `fit_driven_rocking`.
+    """Numbers of a block by a test on a shaking table; see `fit_driven_rocking`.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def fit_driven_rocking(
     model: ModelLike = Nonlinear(),
     rotation_noise: Number | None = None,
 ) -> DrivenFit:
-    """Restitution of a block from its rotation measured on a shaking table.
+    """Fit the restitution of a block to its rotation measured on a shaking table.
 
     By least squares through `respond` and its derivatives, over one more part of the motion
     after another: an impact in another order would put the block on another side, from where
@@ -172,7 +172,7 @@ def fit_driven_rocking(
     >>> print(f"{fit.restitution:.4f}", bool(fit.same_order))
     0.8500 True
     """
-    test = _checked(
+    test = _check_test(
         time,
         rotation,
         block,
@@ -185,10 +185,10 @@ def fit_driven_rocking(
     )
     given = None if restitution is None else test.known["restitution"]
     stage = fit_in_parts(test, given, None if rotation_noise is None else test.noise)
-    return _result(test, stage, block)
+    return _make_driven_fit(test, stage, block)
 
 
-def _checked(
+def _check_test(
     time: Numbers,
     rotation: Numbers,
     block: Block,
@@ -202,12 +202,14 @@ def _checked(
     """Check the test: all of it concrete and allowed."""
     check_kind("block", block, Block)
     check_kind("motion", motion, Motion)
+    # A string is a sequence of its letters, which are no names.
     if isinstance(parameters, str) or not parameters:
         raise ValueError(f"parameters must be one or more names, got {parameters!r}")
     for name in parameters:
         if name not in _PARAMETERS or list(parameters).count(name) > 1:
             allowed = ", ".join(_PARAMETERS)
             raise ValueError(f"parameters must be different ones of {allowed}, got {name!r}")
+    # Arguments that are not given have a value that passes the checks.
     times = as_real("time", time)
     angles = as_real("rotation", rotation)
     start = as_real("restitution", 0.5 if restitution is None else restitution)
@@ -233,22 +235,25 @@ def _checked(
         raise ValueError(
             f"rotation must be known at {least} times at least, got {counts.sum()}"
         )
+    # The rest in the library's words for wrong values.
     check("restitution", start, UNIT_INTERVAL)
     check("initial_rotation", first, FINITE)
     check("initial_velocity", speed, FINITE)
     check("rotation_noise", size, POSITIVE)
     if restitution is None:
         start = housner_restitution(block)
-    tree = of_one_precision((times, start, (first, speed), block, motion))
+    tree = unify_precision((times, start, (first, speed), block, motion))
     _, start, starts, block, motion = tree
-    roughly = rough_noise(measured[counts]) if noise is None else float(size)
-    if roughly == 0:
+    # Times and rotations stay in float64: only the motion is computed in the precision given.
+    rough_noise = estimate_rough_noise(measured[counts]) if noise is None else float(size)
+    if rough_noise == 0:
         raise ValueError("rotation must be of a block that rocks, got 0 everywhere")
     test = ShakingTest(
         time=instants,
+        # Without NaN, which would stay NaN when it is given no weight.
         measured=np.where(counts, measured, 0),
         counts=counts,
-        noise=roughly,
+        noise=rough_noise,
         known={
             "restitution": float(start),
             "slenderness": float(block.slenderness),
@@ -262,49 +267,54 @@ def _checked(
         model=model,
         room=_LEAST_ROOM,
     )
-    return test._replace(room=_room_for(test))
+    return test._replace(room=_choose_room(test))
 
 
-def _room_for(test: ShakingTest) -> int:
-    """For twice as many impacts as the block has with the largest restitution that is tried."""
+def _choose_room(test: ShakingTest) -> int:
+    """Choose room for twice as many impacts as the most lively block that is tried has."""
+    # The higher C, the longer a block rocks. Twice as many, since in the search C and the size
+    # may become those of a block that strikes more often.
     trials = [test.known["restitution"]]
     if "restitution" in test.parameters:
         trials.append(RESTITUTIONS[-1])
-    impacts = [test.follow(test.numbers(c), float(test.time[-1]))[2] for c in trials]
+    impacts = [test.follow(test.to_numbers(c), float(test.time[-1]))[2] for c in trials]
     room = test.room
     while room < 2 * max(impacts):
         room *= 4  # so that few are compiled
     return room
 
 
-def _result(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit:
+def _make_driven_fit(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit:
+    """Make the answer: the motion up to the end by the numbers of the last part."""
     rotation, _, _ = test.follow(stage.numbers, float(test.time[-1]))
     if not np.isfinite(rotation).all():
         raise ValueError(
             "the motion of the block could not be followed; see the status of respond"
         )
-    against = sides_of(test, test.measured) * sides_of(test, rotation) < 0
+    # On opposite sides where both are seen: an impact came in another order in between.
+    opposite = detect_sides(test, test.measured) * detect_sides(test, rotation) < 0
     names = test.parameters
     values = test.known | dict(zip(names, stage.values, strict=True))
     errors = np.sqrt(np.diagonal(stage.covariance))
 
-    def real(numbers: Values | float) -> Array:
+    def to_real(numbers: Values | float) -> Array:
+        """Convert to the precision in which the test was given."""
         return as_array(np.asarray(numbers, test.dtype))
 
-    fitted = {name: real(value) for name, value in values.items()}
+    fitted = {name: to_real(value) for name, value in values.items()}
     size = fitted["half_width"], fitted["slenderness"], test.gravity, fitted["inertia_ratio"]
     return DrivenFit(
         parameters=names,
         values={name: fitted[name] for name in names},
-        standard_errors={name: real(e) for name, e in zip(names, errors, strict=True)},
-        covariance=real(stage.covariance),
+        standard_errors={name: to_real(e) for name, e in zip(names, errors, strict=True)},
+        covariance=to_real(stage.covariance),
         restitution=fitted["restitution"],
         block=Block(*size),
-        rotation=real(rotation),
-        residuals=real(np.where(test.counts, rotation - test.measured, np.nan)),
-        rotation_noise=real(stage.noise),
-        used_until=real(stage.end),
-        last_time=real(test.time[-1]),
-        same_order=as_array(not against.any()),
+        rotation=to_real(rotation),
+        residuals=to_real(np.where(test.counts, rotation - test.measured, np.nan)),
+        rotation_noise=to_real(stage.noise),
+        used_until=to_real(stage.end),
+        last_time=to_real(test.time[-1]),
+        same_order=as_array(not opposite.any()),
         converged=as_array(stage.converged),
     )

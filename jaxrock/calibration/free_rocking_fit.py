@@ -1,19 +1,16 @@
 """Restitution and frequency parameter of a block from a test in which it rocks freely."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ..block import Block
-from ..host import Printed, listed
 from ..resonance import Linearized, ModelLike, as_model
-from ..validation import Booleans, Integers, Number, Numbers, Reals
-from .free_rocking_input import known_of, measurements, noises_of
+from ..validation import Number, Numbers
+from .free_rocking_answer import OTHER_BLOCK, FreeRockingFit
+from .free_rocking_input import check_measurements, choose_noises, gather_known
 from .free_rocking_motion import (
     CHANGE,
     FREQUENCY,
@@ -23,139 +20,18 @@ from .free_rocking_motion import (
     Measured,
     Noises,
 )
-from .free_rocking_numbers import number_impacts, with_numbers
-from .free_rocking_search import Fitted, fit_together, is_least
+from .free_rocking_numbers import apply_numbering, number_impacts
+from .free_rocking_search import Fitted, fit_together, is_minimum
 from .free_rocking_summary import Summary, reestimate, summarize
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
-# p-values below which there is a remark
-_SIGNIFICANT = 0.05
-_OTHER_BLOCK = 0.01
-_NEGLIGIBLE = 1e-6  # change of C, however significant
-_ROUGH = 0.25  # noise beside the median half-cycle, from which on there is no free rocking
+# Noise beside the median half-cycle, from which on there is no free rocking: times without any
+# order are 1 / sqrt(12) = 0.29 of a half-cycle off.
+_ROUGH = 0.25
 _NO_SUCH_MOTION = (
     "{} must be of a block that rocks freely; no such motion was found (are times in seconds,"
     " rotations in radians?)"
 )
-
-
-class FreeRockingFit(Printed, eqx.Module):
-    """What a test of free rocking says about a block; see `fit_free_rocking`.
-
-    Attributes
-    ----------
-    restitution, frequency_parameter, critical_angle : Array
-        C [-], p [1/s] and alpha_c [rad], each given or fitted; NaN where unknown.
-    launch_ratio, first_impact : Array
-        Velocity after the first impact over the critical one [-], and the time of that
-        impact [s].
-    standard_errors : dict of Array
-        By the names above; 0 of what was given.
-    covariance : Array, shape (5, 5)
-        Of `names`, in that order.
-    time_residuals, rotation_residuals : Array
-        Computed less measured [s], [rad]; NaN where a measurement was left out.
-    time_noise, rotation_noise : Array
-        Standard deviations of a measured time [s] and peak [rad], given or estimated.
-    impact_times : Array, shape (n,)
-        As they were given [s]; none if only peaks were.
-    impact_numbers : Array of int, shape (n,)
-        Which impact each time belongs to, from 0 on.
-    used : Array of bool, shape (n,)
-        Whether the time counts.
-    velocity_ratios, restitutions, restitution_errors : Array, shape (n - 2,)
-        Velocity before each impact but the first and the last, over the critical one, C of
-        that impact alone, and its standard error; NaN beside missing impacts.
-    restitution_change, restitution_change_error, restitution_change_p_value : Array
-        C of the largest impact less that of the smallest, if it is linear in the velocity; how
-        often a constant C would seem to change as much.
-    frequency_p_value : Array
-        How often durations of the given block would fit another p as much better; NaN where
-        p is fitted.
-    degrees_of_freedom : Array
-        Measurements less fitted numbers.
-    converged : Array of bool
-        Whether the search has; it has in every fit that is returned.
-    block : Block or None
-        The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
-    repairs : tuple of str
-        Which impacts are missing, which times were left out.
-    notes : tuple of str
-        What the measurements leave in doubt.
-    """
-
-    restitution: Reals
-    frequency_parameter: Reals
-    critical_angle: Reals
-    launch_ratio: Reals
-    first_impact: Reals
-    standard_errors: dict[str, Reals]
-    covariance: Float[Array, "*batch 5 5"]
-    time_residuals: Reals
-    rotation_residuals: Reals
-    time_noise: Reals
-    rotation_noise: Reals
-    impact_times: Reals
-    impact_numbers: Integers
-    used: Booleans
-    velocity_ratios: Reals
-    restitutions: Reals
-    restitution_errors: Reals
-    restitution_change: Reals
-    restitution_change_error: Reals
-    restitution_change_p_value: Reals
-    frequency_p_value: Reals
-    degrees_of_freedom: Reals
-    converged: Booleans
-    block: Block | None
-    repairs: tuple[str, ...] = eqx.field(static=True)
-    notes: tuple[str, ...] = eqx.field(static=True, default=())
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of rows and columns of `covariance`."""
-        return NUMBERS
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences to know before the numbers are used."""
-        said = [*self.repairs, *self.notes]
-        change = abs(float(self.restitution_change)) > _NEGLIGIBLE
-        if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
-            said.append(
-                f"one constant C does not explain the data: from the largest to the smallest"
-                f" impact it changes by {-float(self.restitution_change):.3g} +-"
-                f" {float(self.restitution_change_error):.2g}"
-                f" (p-value {float(self.restitution_change_p_value):.2g})"
-            )
-        if float(self.frequency_p_value) < _OTHER_BLOCK:
-            said.append(
-                f"the durations are not those of this block, or C is not constant: another p"
-                f" explains them better (p-value {float(self.frequency_p_value):.2g});"
-                " frequency_known=False fits it"
-            )
-        if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
-            said.append("p cannot be told from these measurements: the block has to be given")
-        return tuple(said)
-
-    def __str__(self) -> str:
-        units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))
-        if jnp.ndim(self.restitution):
-            return listed(self, **units, converged="")
-        order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
-        lines = []
-        for name in order:
-            value = float(getattr(self, name))
-            error = float(self.standard_errors[name])
-            if not np.isnan(value):
-                known = f"+- {error:.2g}" if error else "given"
-                lines.append(
-                    f"{name.replace('_', ' '):20}{value:.6g} {units[name]} {known}".rstrip()
-                )
-        for name, unit in (("time_noise", "s"), ("rotation_noise", "rad")):
-            if np.isfinite(float(getattr(self, name))):
-                lines.append(listed(self, **{name: unit}))
-        return "\n".join([*lines, *self.remarks])
 
 
 def fit_free_rocking(
@@ -169,11 +45,11 @@ def fit_free_rocking(
     rotation_noise: Number | None = None,
     repair: bool = True,
 ) -> FreeRockingFit:
-    """Restitution of a block, and if need be its p, from a test in which it rocks freely.
+    """Fit the restitution of a block, and if need be p, to a test in which it rocks freely.
 
     The block is tilted and let go. The times of its impacts are enough, as a microphone or an
     accelerometer beside it hears them: the launch after an impact decides when the next one
-    comes, and each launch is C times the one before. By least squares.
+    comes, and each launch is C times the one before. The fit is by least squares.
 
     Parameters
     ----------
@@ -225,28 +101,29 @@ def fit_free_rocking(
     >>> print(f"{fit.restitution:.5f} +- {fit.standard_errors['restitution']:.5f}")
     0.89999 +- 0.00007
     """
-    measured, dtype = measurements(impact_times, peak_rotations)
-    known = known_of(block, measured, as_model(model), frequency_known, dtype)
-    noises = noises_of(measured, time_noise, rotation_noise)
+    measured, dtype = check_measurements(impact_times, peak_rotations)
+    known = gather_known(block, measured, as_model(model), frequency_known, dtype)
+    noises = choose_noises(measured, time_noise, rotation_noise)
     repairs: tuple[str, ...] = ()
-    before = 0.0
+    before = 0.0  # the logarithm of a probability of 1
     if repair and measured.times.size > 1:
         numbering, before = number_impacts(measured, known, noises)
-        measured = with_numbers(measured, numbering)
+        measured = apply_numbering(measured, numbering)
         repairs = numbering.repairs
+    # The numbering is settled: from here on peaks count as well as times.
     found = _search(measured, known, noises)
     _refuse(found, measured)
-    notes = _notes(measured, block, found)
-    if math.exp(before) < _OTHER_BLOCK:
+    notes = _list_notes(measured, block, found)
+    if math.exp(before) < OTHER_BLOCK:
         notes += (
             "before anything was repaired, another p, or a C that changes, explained the times"
             f" better (p-value {math.exp(before):.2g}); repair=False shows it",
         )
-    return _result(found, measured, block, repairs, notes)
+    return _make_free_rocking_fit(found, measured, block, repairs, notes)
 
 
 class _Found(NamedTuple):
-    """The outcome of a search."""
+    """The outcome of a search: the fit, statistics of it, and the noises it ended with."""
 
     about: Summary
     fit: Fitted
@@ -265,26 +142,33 @@ class _Found(NamedTuple):
 
 
 def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
-    """Fit the numbers, and in turn with them the noises that are not given."""
+    """Fit the numbers, and in turn with them the noises that are not given.
+
+    Of one kind of measurement, the noise follows from the residuals once the numbers are
+    found. Of both kinds it is their weight in the fit, so that numbers and noises are found in
+    turn.
+    """
     timed = measured.times.size > 1
     peaked = measured.peaks.size > 0
     both = timed and peaked and not all(noises.known)
     for _ in range(_ROUNDS if both else 0):
         (fit,) = fit_together([measured], [known], noises)
         noises = reestimate(measured, known, fit, noises)
-    kinds = [known, known.freed(CHANGE)]
+    # The three fits that are compared differ in one free number, and run side by side.
+    kinds = [known, known.set_free(CHANGE)]
     if not known.free[FREQUENCY]:
-        kinds.append(known.freed(FREQUENCY))
+        kinds.append(known.set_free(FREQUENCY))
     constant, changing, *others = fit_together([measured] * len(kinds), kinds, noises)
-    if not is_least(constant, measured, known, noises):
-        raise ValueError(_NO_SUCH_MOTION.format(_name_of(measured)))
+    if not is_minimum(constant, measured, known, noises):
+        raise ValueError(_NO_SUCH_MOTION.format(_name_argument(measured)))
     tuned = others[0] if others else None
+    # Of both kinds the rounds have scaled the residuals to a variance of 1.
     given = noises.known[0 if timed else 1] or (timed and peaked)
     about = summarize(measured, known, constant, changing, tuned, noises, given)
     return _Found(about, constant, known, noises)
 
 
-def _notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str, ...]:
+def _list_notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str, ...]:
     """Say in sentences what the measurements leave in doubt."""
     notes = []
     if block is not None and measured.peaks.size:
@@ -298,6 +182,7 @@ def _notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str,
             )
     freedom = found.about.freedom
     there = measured.times.size > 1, measured.peaks.size > 0
+    # A noise that is given needs no degree of freedom to be estimated by.
     known = [k for k, given in zip(found.noises.known, there, strict=True) if given]
     if freedom in (1, 2) and not all(known):
         word = "degree" if freedom == 1 else "degrees"
@@ -307,13 +192,14 @@ def _notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str,
     return tuple(notes)
 
 
-def _result(
+def _make_free_rocking_fit(
     found: _Found,
     measured: Measured,
     block: Block | None,
     repairs: tuple[str, ...],
     notes: tuple[str, ...],
 ) -> FreeRockingFit:
+    """Make the answer: arrays in the precision of the measurements, NaN where unknown."""
     about = found.about
     times = measured.times.size if measured.times.size > 1 else 0
     peaks = measured.peaks.size
@@ -322,6 +208,7 @@ def _result(
     values = dict(zip(NUMBERS, about.values, strict=True))
     p = values["frequency_parameter"]
     angle = values["critical_angle"]
+    # A block of p and alpha_c is known by them alone, up to its inertia ratio and gravity.
     if block is None and peaks:
         block = Block.from_parameters(p, angle)
     elif block is None:
@@ -331,7 +218,7 @@ def _result(
     if not free["first_impact"]:
         values["first_impact"] = np.nan
     errors = np.sqrt(np.diagonal(about.covariance))
-    reals: dict[str, Any] = {
+    reals: dict[str, object] = {
         **values,
         "standard_errors": dict(zip(NUMBERS, errors, strict=True)),
         "covariance": about.covariance,
@@ -363,23 +250,25 @@ def _result(
     return FreeRockingFit(**arrays, block=block, repairs=repairs, notes=notes)
 
 
-def _name_of(measured: Measured) -> str:
-    """Return the argument that the motion was sought for."""
+def _name_argument(measured: Measured) -> str:
+    """Name the argument that the motion was sought for."""
     return "impact_times" if measured.times.size > 1 else "peak_rotations"
 
 
 def _refuse(found: _Found, measured: Measured) -> None:
-    """Raise `ValueError` for a fit of what is no free rocking."""
+    """Raise `ValueError` if the measurements are of no free rocking."""
     restitution = found.about.values[RESTITUTION]
     error = found.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
-    name = _name_of(measured)
+    name = _name_argument(measured)
     if not np.isfinite(restitution + error):
         raise ValueError(_NO_SUCH_MOTION.format(name))
+    # A nearly elastic block may come out a little above 1, by the noise alone.
     if restitution - 2 * error > 1:
         raise ValueError(
             f"{name} must be of a motion that decays, got one in which each launch is"
             f" {restitution:.4g} times the one before"
         )
+    # There is a nearest motion to any times: the noise says whether it is near.
     if measured.times.size > 1:
         noise = found.time_noise
         typical = float(np.median(np.diff(measured.times[measured.time_counts])))

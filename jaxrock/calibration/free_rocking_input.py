@@ -1,4 +1,4 @@
-"""What is measured in a test of free rocking and what is known of the block, checked."""
+"""Checks of the measurements in a test of free rocking, and of the block as far as known."""
 
 import jax
 import numpy as np
@@ -13,10 +13,10 @@ from .least_squares import Values, check_concrete
 _ANY_SHAPE = 5.0  # slenderness where none is known: the linearized equation has no shape
 
 
-def measurements(
+def check_measurements(
     impact_times: Numbers | None, peak_rotations: Numbers | None
 ) -> tuple[Measured, np.dtype]:
-    """Return the measurements, and the precision in which they are given."""
+    """Check the measurements, and return them and the precision in which they are given."""
     times = None if impact_times is None else as_real("impact_times", impact_times)
     peaks = None if peak_rotations is None else as_real("peak_rotations", peak_rotations)
     given = [part for part in (times, peaks) if part is not None]
@@ -32,10 +32,12 @@ def measurements(
         raise ValueError(
             f"peak_rotations must be one less than impact_times, {times.size - 1}, got {peaks.size}"
         )
+    # Peaks without times hang on one time that does not count, so that arrays are never empty.
     t = _as_float(times, 1)
     a = _as_float(peaks, 0)
     _check_times(t)
     _check_peaks(a)
+    # The equation is the same on both sides: only the size of a peak matters.
     known = ~np.isnan(a)
     measured = Measured(
         times=t,
@@ -49,10 +51,12 @@ def measurements(
 
 
 def _as_float(values: Array | None, size: int) -> Values:
+    """Convert values to float64, in which the search runs; without any, as many zeros."""
     return np.zeros(size) if values is None else np.asarray(values, float)
 
 
 def _check_times(times: Values) -> None:
+    """Raise `ValueError` if times are not finite or do not increase."""
     check("impact_times", times, FINITE)
     steps = np.diff(times)
     if (steps <= 0).any():
@@ -64,6 +68,7 @@ def _check_times(times: Values) -> None:
 
 
 def _check_peaks(peaks: Values) -> None:
+    """Raise `ValueError` if a peak rotation is 0 or cannot be in radians; NaN is allowed."""
     wrong = (peaks == 0) | (np.abs(peaks) > np.pi / 2)
     if wrong.any():
         raise ValueError(
@@ -72,14 +77,14 @@ def _check_peaks(peaks: Values) -> None:
         )
 
 
-def known_of(
+def gather_known(
     block: Block | None,
     measured: Measured,
     model: RockingModel,
     frequency_known: bool,
     dtype: np.dtype,
 ) -> Known:
-    """Name the numbers that need not be fitted."""
+    """Gather the numbers that need not be fitted, and tell which ones are free."""
     timed = measured.times.size > 1
     peaked = measured.peaks.size > 0
     if block is None and not isinstance(model, Linearized):
@@ -91,6 +96,8 @@ def known_of(
     if block is not None:
         check_kind("block", block, Block)
         check_concrete(block)
+    # In the order of `NUMBERS`. Durations alone know no critical angle, peaks alone no p, and
+    # a change of C is fitted beside, never at first.
     free = [timed, True, True, timed and (block is None or not frequency_known)]
     free += [block is None and peaked, False]
     numbers = np.zeros(6)
@@ -102,6 +109,7 @@ def known_of(
         numbers[FREQUENCY] = np.log(float(frequency))
         numbers[ANGLE] = np.log(float(angle))
     unknowns = sum(free)
+    # One measurement more than numbers, or nothing says how large the noise is.
     of_times = measured.times.size * timed
     of_peaks = measured.peaks.size
     if of_times + of_peaks <= unknowns:
@@ -111,12 +119,19 @@ def known_of(
             f"{name} must be at least {least} to fit {unknowns} numbers, got {given}"
         )
     shape = Block(0.2, _ANY_SHAPE) if block is None else block
+    # At once to the device, in the precision of the measurements: one program for all tests.
     shape = jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf, dtype), shape))
     return Known(model, shape, numbers, np.array(free))
 
 
-def noises_of(measured: Measured, times: Number | None, rotations: Number | None) -> Noises:
-    """As given, or of the right size to begin with."""
+def choose_noises(
+    measured: Measured, times: Number | None, rotations: Number | None
+) -> Noises:
+    """Return the noises given, or to begin with a hundredth of the measurements.
+
+    Of one kind of measurement alone, the noise only scales the residuals; of both, it is the
+    weight between them, which is found by `reestimate`.
+    """
     span = (measured.times[-1] - measured.times[0]) / measured.times.size
     guesses = span, measured.peaks.max(initial=0)
     sizes = []

@@ -1,9 +1,12 @@
 """Free rocking as a function of few numbers, beside measurements of it.
 
-The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, velocity
-after it over the critical one, as log(artanh(x)), in which durations are nearly linear;
-logarithms of C, p and alpha_c; and by how much C changes from the largest impact to the
-smallest.
+The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, the velocity
+after that impact over the critical one, as log(artanh(x)); logarithms of C, p and alpha_c; and
+the change of C from the largest impact to the smallest.
+
+Logarithms have no bounds, so that no step of the search leads where there is no motion.
+The linearized half-cycle lasts 2 artanh(x) / p (Housner 1963, 10.1785/BSSA0530020403): its
+logarithm is linear in those of artanh(x) and p, which makes the problem nearly so.
 """
 
 from collections.abc import Sequence
@@ -28,7 +31,9 @@ NUMBERS = (
 )
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
-_LEAST_SHARE = 1e-6  # of the velocity that an impact leaves
+# Of the velocity that an impact leaves. A C that changes would become negative in some steps
+# of the search, and with it the velocities.
+_LEAST_SHARE = 1e-6
 _TOGETHER = 512  # half-cycles, so that one program computes any number of them
 
 
@@ -57,7 +62,7 @@ class Noises(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is given: the model, a block of the right shape, numbers, and which ones are free."""
+    """All that is given: model, a block of the right shape, numbers, and which are free."""
 
     model: RockingModel
     shape: Block  # in the precision in which the motion is computed
@@ -69,8 +74,8 @@ class Known(NamedTuple):
         """The precision."""
         return self.shape.half_width.dtype
 
-    def freed(self, place: int, free: bool = True) -> "Known":
-        """Return the same with one more number that is fitted, or one less."""
+    def set_free(self, place: int, free: bool = True) -> "Known":
+        """Return a copy with one more number that is fitted, or one less."""
         flags = self.free.copy()
         flags[place] = free
         return self._replace(free=flags)
@@ -86,20 +91,28 @@ class HalfCycles(NamedTuple):
 
 
 @jax.jit
-def _half_cycles(model: RockingModel, shape: Block, ratios: Reals) -> Reals:
-    def quantities(ratios: Reals) -> tuple[Reals, Reals]:
+def _compute_half_cycles(model: RockingModel, shape: Block, ratios: Reals) -> Reals:
+    """Compute durations, peak rotations and the slopes of both along the ratio, a row each."""
+
+    def compute_both(ratios: Reals) -> tuple[Reals, Reals]:
         velocities = ratios * model.critical_velocity(shape)
         durations = model.half_cycle_duration(shape, velocities) * shape.frequency_parameter
         return durations, model.peak_rotation(shape, velocities) / shape.critical_angle
 
-    values, slopes = jax.jvp(quantities, (ratios,), (jnp.ones_like(ratios),))
+    # Each quantity depends on its own ratio only: one tangent of ones has all slopes.
+    values, slopes = jax.jvp(compute_both, (ratios,), (jnp.ones_like(ratios),))
     return jnp.stack([*values, *slopes])
 
 
-def half_cycles(known: Known, ratios: Values) -> HalfCycles:
-    """Half-cycles after launches at so many times the critical velocity."""
+def compute_half_cycles(known: Known, ratios: Values) -> HalfCycles:
+    """Compute half-cycles after launches at so many times the critical velocity.
+
+    They are in units of the block, and so do not depend on p and alpha_c: a fit of those needs
+    no other program, and the slopes along them are known.
+    """
+    # The last row is filled with copies of the ratios, for which the motion exists.
     rows = np.resize(ratios.astype(known.dtype), (-(-ratios.size // _TOGETHER), _TOGETHER))
-    found = [np.asarray(_half_cycles(known.model, known.shape, row)) for row in rows]
+    found = [np.asarray(_compute_half_cycles(known.model, known.shape, row)) for row in rows]
     joined = np.concatenate(found, axis=1)[:, : ratios.size].astype(float)
     return HalfCycles(*joined.reshape(4, *ratios.shape))
 
@@ -117,7 +130,7 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, tests: Sequence[Measured], kinds: Sequence[Known]) -> "Rows":
-        """Stack them."""
+        """Stack numberings of one test, each with its own free numbers."""
         first = tests[0]
         columns = (np.stack(column) for column in zip(*tests, strict=True))
         _, time_counts, impacts, _, peak_counts, arcs = columns
@@ -125,19 +138,22 @@ class Rows(NamedTuple):
         return cls(first.times, time_counts, impacts, first.peaks, peak_counts, arcs, free)
 
     def at(self, places: Places) -> "Rows":
-        """Return some of them."""
+        """Return the rows at some places; a place may occur several times."""
         parts = self.time_counts, self.impacts, self.peak_counts, self.arcs, self.free
         time_counts, impacts, peak_counts, arcs, free = (part[places] for part in parts)
         return Rows(self.times, time_counts, impacts, self.peaks, peak_counts, arcs, free)
 
     @property
     def room(self) -> int:
-        """For impacts."""
+        """The number of impacts, up to the one that ends the last peak."""
         return 1 + int(max(self.impacts.max(initial=0), self.arcs.max(initial=0) + 1))
 
 
-def velocity_ratios(numbers: Values, amplitudes: Values) -> tuple[Values, Values]:
-    """Launch velocities over the critical one, after each impact; and the shares left by each."""
+def compute_velocity_ratios(numbers: Values, amplitudes: Values) -> tuple[Values, Values]:
+    """Compute launch velocities over the critical one, after each impact, and the shares left.
+
+    `amplitudes` are those in which C is linear; see `Fitted`.
+    """
     changing = np.exp(numbers[..., RESTITUTION, None])
     changing = changing + numbers[..., CHANGE, None] * amplitudes[..., 1:]
     shares = np.maximum(changing, _LEAST_SHARE)
@@ -146,8 +162,8 @@ def velocity_ratios(numbers: Values, amplitudes: Values) -> tuple[Values, Values
     return np.minimum(ratios, _LARGEST), shares
 
 
-def _sums(steps: Values) -> Values:
-    """Sum all before each."""
+def _sum_before(steps: Values) -> Values:
+    """Sum all steps before each: an impact comes after the half-cycles before it."""
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
 
 
@@ -161,15 +177,17 @@ def compute_residuals(
 ) -> tuple[Values, Values]:
     """Compute residuals over the noise: computed less measured, of times, then of peaks.
 
-    And the Jacobian of that, empty if it is not asked for.
+    Also compute their Jacobian, which is left at 0 if it is not asked for.
     """
     take = np.take_along_axis
-    ratios, shares = velocity_ratios(numbers, amplitudes)
-    motion = half_cycles(known, ratios)
+    ratios, shares = compute_velocity_ratios(numbers, amplitudes)
+    motion = compute_half_cycles(known, ratios)
     unit = np.exp(-numbers[:, FREQUENCY, None])
     angle = np.exp(numbers[:, ANGLE, None])
-    durations = take(_sums(motion.durations * unit), rows.impacts, 1)
+    durations = take(_sum_before(motion.durations * unit), rows.impacts, 1)
     rotations = take(motion.rotations, rows.arcs, 1) * angle
+    # What does not count has a weight of 0: it stays in the arrays, whose shape is then the
+    # same for all numberings.
     late = numbers[:, TIME, None] + durations - rows.times
     weights = [rows.time_counts / noises.times, rows.peak_counts / noises.rotations]
     weights = np.concatenate(weights, axis=1)
@@ -177,25 +195,29 @@ def compute_residuals(
     jacobian = np.zeros((*residuals.shape, 6))
     if not with_jacobian:
         return residuals, jacobian
+    # Views: to write to them is to write to the Jacobian.
     of_times, of_peaks = np.split(jacobian, [rows.times.size], axis=1)
     of_times[..., TIME] = 1
     of_times[..., FREQUENCY] = -durations
     of_peaks[..., ANGLE] = rotations
-    # Of the logarithm of each ratio: 1 / (sinh cosh) = (1 - x^2) / x for the launch, then
-    # sums.
+    # Slopes of the logarithm of each ratio. With x = tanh(u) and u = exp(number) that along
+    # the first number is u / (sinh u cosh u) = u (1 - x^2) / x, for all ratios alike; along C
+    # each impact adds the slope of the logarithm of its share.
     growth = np.exp(numbers[:, LAUNCH, None])
     launch = np.tanh(growth)
     of_launch = np.broadcast_to(growth * (1 - launch**2) / launch, ratios.shape)
     constant = np.exp(numbers[:, RESTITUTION, None])
+    # Where a bound holds the motion, it does not follow the numbers.
     moves = shares > _LEAST_SHARE
-    of_restitution = _sums(np.where(moves, constant / shares, 0))
-    of_change = _sums(np.where(moves, amplitudes[:, 1:] / shares, 0))
+    of_restitution = _sum_before(np.where(moves, constant / shares, 0))
+    of_change = _sum_before(np.where(moves, amplitudes[:, 1:] / shares, 0))
     free_ratios = np.where(ratios < _LARGEST, ratios, 0)
+    # By the chain rule from the logarithm to the ratio, and from that to the half-cycle.
     slopes = {LAUNCH: of_launch, RESTITUTION: of_restitution, CHANGE: of_change}
     for place, slope in slopes.items():
         change = slope * free_ratios
         of_times[..., place] = take(
-            _sums(motion.duration_slopes * change * unit), rows.impacts, 1
+            _sum_before(motion.duration_slopes * change * unit), rows.impacts, 1
         )
         of_peaks[..., place] = take(motion.rotation_slopes * change * angle, rows.arcs, 1)
     return residuals, np.where(rows.free[:, None], jacobian * weights[..., None], 0)

@@ -1,4 +1,10 @@
-"""A test on a shaking table, fitted to one more part of the motion after another."""
+"""Fit of a test on a shaking table, to one more part of the motion after another.
+
+Small changes grow from impact to impact: over the whole of a long test the misfit as a
+function of C has many minima, and derivatives say nothing about the next one. Over the first
+impacts it has few. Numbers that fit these are near enough to fit a few impacts more, and so
+on.
+"""
 
 import functools
 from typing import NamedTuple
@@ -13,28 +19,35 @@ from ..driven import Status, respond
 from ..ground_motion import Motion
 from ..resonance import RockingModel
 from ..validation import Integers, Reals
-from .least_squares import Flags, Places, Values, covariance_of, minimize
+from .least_squares import Flags, Places, Values, compute_covariance, minimize
 
-RESTITUTIONS = tuple(0.5 + 0.0025 * k for k in range(193))  # to begin with
+# Values of C to begin with, so close together that one of them is near the best one even where
+# the first part of the motion has several impacts.
+RESTITUTIONS = tuple(0.5 + 0.0025 * k for k in range(193))
 _STARTS = 4  # of them from which the first part is fitted
-_STAGES = (0.03, 0.06, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0)  # of the impacts, by parts
+# Of the impacts, by parts. The first ones are short: there a start that is a step of
+# `RESTITUTIONS` away still has its impacts in the order of the measured ones.
+_STAGES = (0.03, 0.06, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0)
+# A part counts as fitted if the search has arrived there, if the derivatives mean something
+# over one standard error, and if the residuals look like noise.
 _STEP_LEFT = 0.1  # that the search would still make, in standard errors
 _BENDING = 0.5  # part by which a change of one standard error may differ from its derivative
+_OFF = 1.5  # times the noise that is seen in the measurements: then it is not their motion
+# It follows the part before if neither the residuals nor the numbers have jumped.
 _ROUGHER = 1.3  # times the noise of the part before: then it is another motion
 _MOVED = 5.0  # standard errors of the part before, too
-_OFF = 1.5  # times the noise that is seen in the measurements: then it is not their motion
 _EXACT = 1e-9  # differences of what has no noise
 _ROUNDING = {8: 1e-9, 4: 1e-6}  # part of a rotation, by the bytes of a number
 _MAX_STEPS = 30
 _SEEN = 4.0  # rotations over the noise, from which on they tell the side
-_LEAST_TIMES = 1024  # there is room for, at least
-_PIECE = (
-    16  # times whose rotations are computed together: they take as long as the last of them
-)
+_LEAST_TIMES = 1024  # there is room for, at least, so that most tests take the same program
+# Times whose rotations are computed together: mapped over, they take as long as the last of
+# them.
+_PIECE = 16
 
 
 class ShakingTest(NamedTuple):
-    """A test: what is measured, what is known, and which numbers are fitted.
+    """A test: its measurements, all that is known, and which numbers are fitted.
 
     The search runs in numbers without bounds: logarithms, of C / (1 - C), of the inertia ratio
     less 1, and of lengths.
@@ -57,8 +70,9 @@ class ShakingTest(NamedTuple):
         """The precision in which the motion is computed."""
         return self.gravity.dtype
 
-    def numbers(self, restitution: float) -> Values:
-        """Return the numbers of the block that is given, with some restitution."""
+    def to_numbers(self, restitution: float) -> Values:
+        """Convert the block that is given, with some restitution, to numbers."""
+        # At 0 and 1 there is no number, and near them the search would not move.
         restitution = min(max(restitution, 0.01), 0.999)
         known = self.known | {
             "restitution": restitution / (1 - restitution),
@@ -67,8 +81,9 @@ class ShakingTest(NamedTuple):
         }
         return np.log([known[name] for name in self.parameters])
 
-    def values(self, numbers: Values) -> tuple[Values, Values]:
-        """Return the parameters themselves, and their slopes along the numbers."""
+    def to_values(self, numbers: Values) -> tuple[Values, Values]:
+        """Convert numbers to the parameters, and to their slopes along the numbers."""
+        # A trial step may be as far off as it likes; its motion is then refused.
         with np.errstate(over="ignore", invalid="ignore"):
             growth = np.exp(numbers)
             shares = growth / (1 + growth)
@@ -83,8 +98,8 @@ class ShakingTest(NamedTuple):
         return values, slopes
 
     def follow(self, numbers: Values, end: float) -> tuple[Values, Values, int]:
-        """Rotations at the times up to an end [rad], their Jacobian, and how many impacts."""
-        values, slopes = self.values(numbers)
+        """Compute rotations up to a time [rad], their Jacobian, and the number of impacts."""
+        values, slopes = self.to_values(numbers)
         known = self.known | dict(zip(self.parameters, values, strict=True))
         until = int(np.searchsorted(self.time, end, side="right"))
         room = _LEAST_TIMES
@@ -100,14 +115,14 @@ class ShakingTest(NamedTuple):
             parts = (known, along, times, np.asarray(end))
             parts = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), parts)
             fixed = self.gravity, self.motion, self.initial
-            found = _rotations(*parts, pieces, *fixed, self.model, room=self.room)
+            found = _compute_rotations(*parts, pieces, *fixed, self.model, room=self.room)
             rotation, slope, impacts = (np.asarray(part) for part in found)
             jacobian[:, k] = slope[:until]
         return rotation[:until].astype(float), jacobian, int(impacts)
 
 
 @functools.partial(jax.jit, static_argnames="room")
-def _rotations(
+def _compute_rotations(
     known: dict[str, Reals],
     along: dict[str, Reals],
     times: Reals,
@@ -119,12 +134,12 @@ def _rotations(
     model: RockingModel,
     room: int,
 ) -> tuple[Reals, Reals, Integers]:
-    """Rotations [rad], their slopes along a change of what is known, and how many impacts.
+    """Compute rotations [rad], their slopes along a change, and the number of impacts.
 
     One direction at a time: a Jacobian would be another program for each set of parameters.
     """
 
-    def rotations(known: dict[str, Reals]) -> tuple[Reals, Integers]:
+    def compute(known: dict[str, Reals]) -> tuple[Reals, Integers]:
         size = known["half_width"], known["slenderness"], gravity, known["inertia_ratio"]
         response = respond(
             Block(*size),
@@ -137,81 +152,100 @@ def _rotations(
             max_impacts=room,
         )
         complete = response.status == Status.COMPLETE
+        # At time 0 nothing has to be integrated, where the motion has no end.
         asked = jnp.where(complete, times, 0)
 
-        def piece(k: Integers, found: Reals) -> Reals:
+        # The number of pieces is an argument: room for times that is not used costs nothing.
+        def fill_piece(k: Integers, found: Reals) -> Reals:
             some = jax.lax.dynamic_slice(asked, (k * _PIECE,), (_PIECE,))
             return jax.lax.dynamic_update_slice(
                 found, response.history(some)[0], (k * _PIECE,)
             )
 
-        rotations = jax.lax.fori_loop(0, pieces, piece, jnp.zeros_like(times))
-        return jnp.where(complete, rotations, jnp.nan), response.impacts
+        compute = jax.lax.fori_loop(0, pieces, fill_piece, jnp.zeros_like(times))
+        return jnp.where(complete, compute, jnp.nan), response.impacts
 
-    return jax.jvp(rotations, (known,), (along,), has_aux=True)
+    return jax.jvp(compute, (known,), (along,), has_aux=True)
 
 
 class Stage(NamedTuple):
     """The fit to a part of the motion."""
 
-    end: float
+    end: float  # time [s]
     numbers: Values
     values: Values
     covariance: Values
     noise: float
-    off: float  # root of the mean square of the residuals
+    misfit: float  # root of the mean square of the residuals [rad]
     converged: bool
 
-    def follows(self, last: "Stage") -> bool:
-        """Tell whether a fit follows the motion of the part before, and still tells something."""
+    def continues(self, last: "Stage") -> bool:
+        """Tell whether the fit follows the motion of the part before, and says something."""
+        # After a part that was too short to fit, any part that is fitted is a beginning.
         if not self.converged or not last.converged:
             return self.converged
         errors = np.sqrt(np.diagonal(last.covariance))
         near = np.abs(self.values - last.values) <= _MOVED * errors + _EXACT
-        return self.off <= _ROUGHER * last.off + _EXACT and bool(near.all())
+        return self.misfit <= _ROUGHER * last.misfit + _EXACT and bool(near.all())
 
-    def closer(self, other: "Stage") -> bool:
-        """Tell whether it is the better one of two fits to the same part."""
+    def is_better_than(self, other: "Stage") -> bool:
+        """Tell whether this is the better one of two fits to the same part."""
         if self.converged != other.converged:
             return self.converged
-        return not self.off >= other.off
+        return not self.misfit >= other.misfit
 
 
-def _fit(test: ShakingTest, start: Values, end: float, noise: float | None) -> Stage:
-    """Fit a part of the motion, up to a time; the noise is that which is known."""
+def _fit_part(test: ShakingTest, start: Values, end: float, noise: float | None) -> Stage:
+    """Fit a part of the motion, up to a time, from a start; `noise` is None if not known."""
     counts = test.counts[test.time <= end]
     measured = test.measured[: counts.size][counts]
 
     def evaluate(numbers: Values, places: Places) -> tuple[Values, Values]:
         rotation, jacobian, _ = test.follow(numbers[0], end)
-        off = rotation[counts] - measured
-        return off[None] / test.noise, jacobian[counts][None] / test.noise
+        residuals = rotation[counts] - measured
+        return residuals[None] / test.noise, jacobian[counts][None] / test.noise
 
+    # Sums of squares that differ by what the integrator leaves are the same.
     rounding = _ROUNDING[test.dtype.itemsize] * np.abs(measured).max(initial=0)
     negligible = counts.sum() * (rounding / test.noise) ** 2
     least = minimize(evaluate, start[None], negligible, _MAX_STEPS)
     numbers = least.numbers[0]
-    values, slopes = test.values(numbers)
-    off = least.residuals[0] * test.noise
-    steep = least.jacobian[0] * test.noise
-    mean_square = float(np.mean(off**2))
+    values, slopes = test.to_values(numbers)
+    residuals = least.residuals[0] * test.noise
+    jacobian = least.jacobian[0] * test.noise
+    mean_square = float(np.mean(residuals**2))
+
+    # Errors of the numbers, from residuals in radians.
     sigma = noise
     if sigma is None:
-        sigma = float(np.sqrt(np.sum(off**2) / max(1, off.size - values.size)))
-    covariance = sigma**2 * covariance_of(steep)
+        sigma = float(np.sqrt(np.sum(residuals**2) / max(1, residuals.size - values.size)))
+    covariance = sigma**2 * compute_covariance(jacobian)
+
+    # A motion that cannot be followed has NaN, and has not converged.
     converged = False
-    if np.isfinite(covariance).all() and np.isfinite(off).all():
-        step = np.linalg.lstsq(steep, off)[0]
+    if np.isfinite(covariance).all() and np.isfinite(residuals).all():
+        step = np.linalg.lstsq(jacobian, residuals)[0]
         errors = np.sqrt(np.diagonal(covariance))
+        # Errors of exact rotations are no more than rounding, and so are their steps and
+        # bends.
         exact = (errors <= 64 * np.finfo(test.dtype).eps) | (mean_square**0.5 <= rounding)
-        seen = _seen_noise(measured) if noise is None else noise
+        # The scatter of the measurements themselves decides: the noise estimated from
+        # residuals is as large as these, also for another motion.
+        seen = _estimate_noise(measured) if noise is None else noise
         converged = bool(np.all(exact | (np.abs(step) <= _STEP_LEFT * errors)))
         converged = converged and mean_square**0.5 <= _OFF * seen
         converged = converged and (
             bool(exact.all())
             or all(
                 _is_straight(
-                    test, numbers, k, errors[k], end, counts, off + measured, steep[:, k]
+                    test,
+                    numbers,
+                    k,
+                    errors[k],
+                    end,
+                    counts,
+                    residuals + measured,
+                    jacobian[:, k],
                 )
                 for k in range(values.size)
             )
@@ -231,6 +265,9 @@ def _is_straight(
     slope: Values,
 ) -> bool:
     """Tell whether a change of one standard error does what the derivative says."""
+    # Where a standard error changes the motion otherwise than its derivative does, least
+    # squares says nothing about errors, and nothing about where to go: impacts come in another
+    # order, or small changes have grown too much.
     moved = numbers.copy()
     moved[place] += error
     change = test.follow(moved, end)[0][counts] - rotation
@@ -238,22 +275,25 @@ def _is_straight(
     return bool(np.linalg.norm(change - expected) <= _BENDING * np.linalg.norm(expected))
 
 
-def _first_numbers(test: ShakingTest, restitution: float | None, end: float) -> list[Values]:
-    """Numbers to begin with, those with restitutions that fit best up to a time first."""
+def _choose_starts(test: ShakingTest, restitution: float | None, end: float) -> list[Values]:
+    """Choose numbers to begin with: restitutions that fit best up to a time come first."""
     if restitution is not None or "restitution" not in test.parameters:
-        return [test.numbers(test.known["restitution"])]
-    trials = [test.numbers(value) for value in RESTITUTIONS]
+        return [test.to_numbers(test.known["restitution"])]
+    trials = [test.to_numbers(value) for value in RESTITUTIONS]
     squares = []
     for trial in trials:
         rotation, _, _ = test.follow(trial, end)
-        off = (rotation - test.measured[: rotation.size])[test.counts[: rotation.size]]
-        squares.append(float(np.sum(off**2)))
+        residuals = (rotation - test.measured[: rotation.size])[test.counts[: rotation.size]]
+        squares.append(float(np.sum(residuals**2)))
+    # One is not enough: with noise, or a block that is not quite the right one, the best start
+    # need not lie beside the best fit.
     order = np.argsort(np.nan_to_num(squares, nan=np.inf))
     return [trials[k] for k in order[:_STARTS]]
 
 
-def _ends(time: np.ndarray, sides: np.ndarray) -> list[float]:
-    """Return times up to which one more part of the impacts is over."""
+def _divide_motion(time: np.ndarray, sides: np.ndarray) -> list[float]:
+    """Divide the motion: return times up to which one more part of the impacts is over."""
+    # An impact is over where the block is first seen on the other side.
     seen = np.flatnonzero(sides)
     changes = seen[1:][np.diff(sides[seen]) != 0]
     if not changes.size:
@@ -262,19 +302,28 @@ def _ends(time: np.ndarray, sides: np.ndarray) -> list[float]:
     return [*dict.fromkeys(float(time[changes[place]]) for place in places), float(time[-1])]
 
 
-def sides_of(test: ShakingTest, rotation: np.ndarray) -> np.ndarray:
-    """Tell on which side a block is seen at each time, 0 where it is not."""
+def detect_sides(test: ShakingTest, rotation: np.ndarray) -> np.ndarray:
+    """Detect the side of a block at each time, by its sign; 0 where it is not seen."""
     seen = np.abs(rotation) > _SEEN * test.noise
     return np.where(seen & test.counts, np.sign(rotation), 0)
 
 
-def rough_noise(rotation: np.ndarray) -> float:
-    """Return a noise beyond which a rotation tells the side."""
-    return max(_seen_noise(rotation), 0.01 * float(np.max(np.abs(rotation))))
+def estimate_rough_noise(rotation: np.ndarray) -> float:
+    """Estimate a noise beyond which a rotation tells the side.
+
+    It is at least a hundredth of the largest rotation. Exact rotations would otherwise show
+    sides down to the smallest ones, that no computed motion has to share.
+    """
+    return max(_estimate_noise(rotation), 0.01 * float(np.max(np.abs(rotation))))
 
 
-def _seen_noise(rotation: np.ndarray) -> float:
-    """By the second differences, in which smooth motion nearly vanishes; at least rounding."""
+def _estimate_noise(rotation: np.ndarray) -> float:
+    """Estimate the noise by second differences, in which smooth motion nearly vanishes.
+
+    It is at least a millionth of the largest rotation, as rounding.
+    """
+    # The variance of 1, -2, 1 times noise is 6, and the median of the sizes of normal numbers
+    # is 0.6745. The median passes over the few times at which an impact bends the motion.
     bends = np.abs(np.diff(rotation, 2))
     by_bends = float(np.median(bends)) / (0.6745 * 6**0.5) if bends.size else 0.0
     return max(by_bends, 1e-6 * float(np.max(np.abs(rotation))))
@@ -282,16 +331,23 @@ def _seen_noise(rotation: np.ndarray) -> float:
 
 def fit_in_parts(test: ShakingTest, restitution: float | None, noise: float | None) -> Stage:
     """Fit as much of the motion as can be followed from one part to the next."""
-    first, *ends = _ends(test.time, sides_of(test, test.measured))
-    start, *others = _first_numbers(test, restitution, first)
-    last = _fit(test, start, first, noise)
+    # state         | what is known                     | what happens next
+    # first part    | a C, or those that fit it best    | fit from each, keep the better one
+    # next part     | numbers of the part before        | fit from these
+    # it follows    | numbers of a longer part          | go on to the next part, if any
+    # it does not   | the motion goes another way, or   | stop: the numbers of the part before
+    #               | derivatives mean nothing          | are the answer
+    # end           | numbers of the whole motion       | they are the answer
+    first, *ends = _divide_motion(test.time, detect_sides(test, test.measured))
+    start, *others = _choose_starts(test, restitution, first)
+    last = _fit_part(test, start, first, noise)
     for numbers in others:
-        stage = _fit(test, numbers, first, noise)
-        if stage.closer(last):
+        stage = _fit_part(test, numbers, first, noise)
+        if stage.is_better_than(last):
             last = stage
     for end in ends:
-        stage = _fit(test, last.numbers, end, noise)
-        if not stage.follows(last):
+        stage = _fit_part(test, last.numbers, end, noise)
+        if not stage.continues(last):
             break
         last = stage
     return last

@@ -1,11 +1,11 @@
-"""The words of a command line as a command: cyclopts reads them, helps, and says what is wrong."""
+"""Reading of command lines: cyclopts parses the words, shows help, and names faults."""
 
 from collections.abc import Mapping, Sequence
 
 from cyclopts import App, CycloptsError, Parameter
 
-from ..host import version
-from .options import Command
+from ..host import read_version
+from .command import Command
 
 
 def make_parser(commands: Mapping[str, type[Command]]) -> App:
@@ -13,7 +13,10 @@ def make_parser(commands: Mapping[str, type[Command]]) -> App:
     parser = App(
         name="jaxrock",
         help="Rocking of rigid blocks: will it rock, how far, and what overturns it.",
-        version=version,
+        version=read_version,
+        # Without `negative`, a flag such as --force has no twin --no-force; there is
+        # --no-cache as it is. Lists take all words up to the next option, as in --width 0.4
+        # 0.8.
         default_parameter=Parameter(
             negative="", consume_multiple=True, show_default=write_default
         ),
@@ -26,7 +29,7 @@ def make_parser(commands: Mapping[str, type[Command]]) -> App:
 
 
 def write_default(value: object) -> str | None:
-    """Write a default as it would be typed; None for what is not given by default."""
+    """Write a default as it would be typed; None if there is none to be shown in help."""
     if isinstance(value, tuple):
         return " ".join(str(write_default(each)) for each in value) or None
     if isinstance(value, float):
@@ -46,10 +49,13 @@ def read_words(parser: App, words: Sequence[str]) -> Command:
     """
     if not words:
         raise ValueError("a command must be given; --help lists them")
+    # Neither printing nor ending is left to cyclopts: a study collects the faults of all its
+    # jobs.
     try:
         make, given, _ = parser.parse_args(words, print_error=False, exit_on_error=False)
     except CycloptsError as error:
         raise ValueError(str(error)) from None
+    # Help and the version are functions of cyclopts, which print when they are called.
     command = make(*given.args, **given.kwargs)
     if not isinstance(command, Command):
         raise SystemExit(0)

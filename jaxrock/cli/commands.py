@@ -1,36 +1,29 @@
-"""Commands about many blocks, measurements and tables; all commands by name."""
+"""Commands about many blocks, measured trade-offs and tables; all commands by name."""
 
+import functools
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
-from ..accuracy import default_scene, measure_tradeoff
+from ..accuracy import make_default_scene, measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
 from ..driven import DrivenScene
-from ..grids import axis, overturned_share, write_table
+from ..grids import as_axis, compute_overturned_share, write_table
 from ..reports import conformance, paper
 from ..resonance import Scene
 from ..spectra import RESONANCE_AXES, resonance_spectrum, rocking_spectrum
 from ..validation import AT_LEAST_ONE, POSITIVE, check
+from .command import Answer, Command, Count, Folder, Grid, Steps, Writing, save_picture
 from .dependence import Sensitivity
 from .harmonic import HarmonicFloor
 from .measurements import Fit
 from .one_block import Assess, Critical, Respond
-from .options import (
-    Answer,
-    BlockOptions,
-    Command,
-    Count,
-    Folder,
-    Grid,
-    MotionOptions,
-    RecordOptions,
-    Steps,
-    Writing,
-    picture,
-)
+from .options import BlockOptions, MotionOptions, RecordOptions
 from .storing import Storing
 from .suites import Fragility
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class Spectrum(Storing):
@@ -62,34 +55,43 @@ class Spectrum(Storing):
     """Relative error that is allowed; for the model auto."""
     out: Folder = Path("spectrum")
 
-    def _steps(self) -> Steps:
-        grid: dict[str, Any] = {
-            name: axis(name, self.numbers(name)) for name in RESONANCE_AXES
-        }
+    def _carry_out(self) -> Steps:
+        *axes, intensity = (as_axis(name, self.read_numbers(name)) for name in RESONANCE_AXES)
         check("gravity", self.gravity, POSITIVE)
         check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
         check("tolerance", self.tolerance, POSITIVE)
         if self.model != "auto":
             self.refuse("tolerance", only_with="the model auto")
-        if len(grid["intensity"]) == 1:  # then it is no dimension
-            grid["intensity"] = grid["intensity"][0]
-        grid |= {"model": self.model, "tolerance": self.tolerance}
-        grid |= {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
+        compute = functools.partial(
+            resonance_spectrum,
+            *axes,
+            intensity[0] if len(intensity) == 1 else intensity,  # a single one is no dimension
+            model=self.model,
+            tolerance=self.tolerance,
+            gravity=self.gravity,
+            inertia_ratio=self.inertia_ratio,
+        )
         if self.store:
-            lazy = resonance_spectrum(**grid, chunks=self.lengths)
+            # Nothing is computed yet, but chunks that are wrong are found by the check.
+            lazy = compute(chunks=self.lengths)
             yield ()
-            return self.stored(
-                lazy, lambda found: self._answer(found, _share(found.overturning_margin <= 0))
+            return self.write_store(
+                lazy,
+                lambda found: self._make_answer(
+                    found, _compute_share(found.overturning_margin <= 0)
+                ),
             )
         folder = yield "spectrum.nc", "spectrum.csv", "spectrum.png"
         from ..plot import plot_spectrum
 
-        with resonance_spectrum(**grid, store=folder / "spectrum.nc") as dataset:
+        # Into the file, part by part: a large grid need not fit into memory.
+        with compute(store=folder / "spectrum.nc") as dataset:
             write_table(dataset, folder / "spectrum.csv")
-            picture(plot_spectrum(dataset), folder / "spectrum.png")
-            return self._answer(dataset, overturned_share(dataset))
+            save_picture(plot_spectrum(dataset), folder / "spectrum.png")
+            return self._make_answer(dataset, compute_overturned_share(dataset))
 
-    def _answer(self, dataset: Any, overturned: float) -> Answer:
+    def _make_answer(self, dataset: "xarray.Dataset", overturned: float) -> Answer:
+        """Say how many scenes there are and which share of them overturns."""
         sizes = {str(name): size for name, size in dataset.sizes.items()}
         return Answer(
             f"{math.prod(sizes.values())} scenes, {100 * overturned:.1f} % of them overturn",
@@ -97,8 +99,8 @@ class Spectrum(Storing):
         )
 
 
-def _share(true: Any) -> float:
-    """Of a lazy array of truths, added up by Dask."""
+def _compute_share(true: "xarray.DataArray") -> float:
+    """Compute the share of truths in an array, by Dask if it is lazy."""
     return float(true.mean())
 
 
@@ -123,15 +125,17 @@ class RockingSpectrum(RecordOptions, Storing):
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
     out: Folder = Path("rocking_spectrum")
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         motion = self.motion
-        grid = [axis(n, self.numbers(n)) for n in ("period", "slenderness", "restitution")]
+        grid = [
+            as_axis(n, self.read_numbers(n)) for n in ("period", "slenderness", "restitution")
+        ]
         check("inertia_ratio", self.inertia_ratio, AT_LEAST_ONE)
         ratio = self.inertia_ratio
         if self.store:
             lazy = rocking_spectrum(motion, *grid, inertia_ratio=ratio, chunks=self.lengths)
             yield ()
-            return self.stored(lazy, self._answer)
+            return self.write_store(lazy, self._make_answer)
         folder = yield [f"rocking_spectrum.{kind}" for kind in ("nc", "csv", "png")]
         from ..plot import plot_rocking_spectrum
 
@@ -139,11 +143,12 @@ class RockingSpectrum(RecordOptions, Storing):
         dataset = dataset.assign_attrs(self.about)
         dataset.to_netcdf(folder / "rocking_spectrum.nc")
         write_table(dataset, folder / "rocking_spectrum.csv")
-        picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
-        return self._answer(dataset)
+        save_picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
+        return self._make_answer(dataset)
 
-    def _answer(self, dataset: Any) -> Answer:
-        share = 100 * _share(dataset.overturned)
+    def _make_answer(self, dataset: "xarray.Dataset") -> Answer:
+        """Say how many blocks there are and which share of them overturns."""
+        share = 100 * _compute_share(dataset.overturned)
         return Answer(
             f"{dataset.overturned.size} blocks, {share:.1f} % of them overturn",
             {"sizes": {str(name): size for name, size in dataset.sizes.items()}},
@@ -167,18 +172,19 @@ class MeasureTradeoff(MotionOptions, BlockOptions, Writing):
     """Number of times each setting is timed."""
     out: Folder = Path("tradeoff")
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         if self.repeats < 1:
             raise ValueError(f"repeats must be at least 1, got {self.repeats}")
         if self.shaken and self.intensity is not None:
             raise ValueError("intensity excludes a pulse or a record")
+        # Without anything that shakes it the block gets the pulse of the default scene.
         block = self.block
         c = self.coefficient
         if self.intensity is not None:
             scene = Scene(block, c, self.intensity)
         else:
             scene = DrivenScene(
-                block, c, self.motion if self.shaken else default_scene().motion
+                block, c, self.motion if self.shaken else make_default_scene().motion
             )
         folder = yield "tradeoff.nc", "tradeoff.csv", "tradeoff.png"
         from ..plot import plot_tradeoff
@@ -187,7 +193,7 @@ class MeasureTradeoff(MotionOptions, BlockOptions, Writing):
         dataset = tradeoff.dataset.assign_attrs(self.about)
         dataset.to_netcdf(folder / "tradeoff.nc")
         write_table(dataset, folder / "tradeoff.csv")
-        picture(plot_tradeoff(tradeoff.dataset), folder / "tradeoff.png")
+        save_picture(plot_tradeoff(tradeoff.dataset), folder / "tradeoff.png")
         data = {"sentence": tradeoff.sentence(), "notes": tradeoff.notes()}
         return Answer(
             str(tradeoff), {"rows": dataset.to_dataframe().to_dict("records"), **data}
@@ -207,7 +213,7 @@ class Paper(Writing):
 
     out: Folder = Path("paper")
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         folder = yield paper.FILES
         report = paper.regenerate()
         paper.write(report, folder)
@@ -221,8 +227,9 @@ class Paper(Writing):
             "faults": len(report.faults),
             "mismatches": report.mismatches,
         }
+        # Exit code 1, by which a test run can tell that something disagrees.
         mismatches = [f"mismatch: {line}" for line in report.mismatches]
-        text = "\n".join([paper.summary(report), *mismatches])
+        text = "\n".join([paper.summarize(report), *mismatches])
         return Answer(text, data, code=1 if mismatches else 0)
 
 
@@ -239,7 +246,7 @@ class Conformance(Writing):
 
     out: Folder = Path("conformance")
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         count = conformance.write((yield conformance.FILES))
         return Answer(f"{count} cases", {"cases": count})
 

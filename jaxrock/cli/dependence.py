@@ -1,4 +1,4 @@
-"""The command about what answers depend on."""
+"""The command about the numbers that an answer depends on."""
 
 import math
 from collections.abc import Mapping
@@ -16,17 +16,9 @@ from ..ground_motion import PULSES, Motion
 from ..host import write_csv
 from ..overturning import UNITS
 from ..sensitivity import propagate, sensitivities, tornado, value_and_slopes
-from ..validation import NON_NEGATIVE, POSITIVE, check
-from .options import (
-    Answer,
-    BlockOptions,
-    Folder,
-    ModelName,
-    MotionOptions,
-    Steps,
-    Writing,
-    picture,
-)
+from ..validation import NON_NEGATIVE, POSITIVE, Number, Reals, check
+from .command import Answer, Folder, ModelName, Steps, Writing, save_picture
+from .options import BlockOptions, MotionOptions
 
 AnswerName = Literal[
     "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
@@ -64,10 +56,11 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
     @property
     def _answer(self) -> AnswerName:
+        """The answer that is examined."""
         return self.answer or ("rotation-ratio" if self.shaken else "critical-intensity")
 
-    def _at(self) -> dict[str, float]:
-        """Return the numbers that the answer depends on."""
+    def _collect_numbers(self) -> dict[str, float]:
+        """Check the options, and collect the numbers that the answer depends on, by name."""
         block = self.block
         at = {"half_width": float(block.half_width), "slenderness": float(block.slenderness)}
         at["restitution"] = self.coefficient
@@ -94,6 +87,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         motion: Any = self.motion
         if self.pulse is None:
             return at | {"scale": self.scale}
+        # The amplitude of the motion has the factor on it already.
         return at | {
             "amplitude": float(motion.amplitude),
             "pulse_duration": float(motion.duration),
@@ -101,10 +95,11 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
     @property
     def _model(self) -> ModelName:
+        """The equation of motion."""
         return self.model or ("nonlinear" if self.shaken else "linearized")
 
-    def _question(self, at: Mapping[str, Any]) -> Any:
-        """Make the answer a function of the numbers that it depends on."""
+    def _compute_answer(self, at: Mapping[str, Number]) -> Reals:
+        """Compute the answer from the numbers that it depends on, which may be traced."""
         block = Block(at["half_width"], at["slenderness"], self.gravity, self.inertia_ratio)
         c = at["restitution"]
         model = self._model
@@ -116,20 +111,22 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
             motion: Motion = replace(self, scale=1.0).motion.scaled(at["scale"])
         else:
             motion = PULSES[self.pulse](at["amplitude"], at["pulse_duration"])
+        # A peak may come after the input. The margin is known at its end, by energy.
         duration = motion.end + (0.0 if self._answer == "margin" else 10.0)
         response = respond(block, c, motion, duration, model=model)
         if self._answer == "margin":
             return response.margin
+        # A block that has fallen lies where nothing changes: its peak is no answer.
         peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
         return peak / block.critical_angle if self._answer == "rotation-ratio" else peak
 
-    def _steps(self) -> Steps:
-        at = self._at()
+    def _carry_out(self) -> Steps:
+        at = self._collect_numbers()
         names = ("sensitivity.csv", "tornado.png")
         folder = yield names if self.shaken else (*names, "map.png")
         from ..plot import plot_tornado
 
-        slopes = sensitivities(self._question, at)
+        slopes = sensitivities(self._compute_answer, at)
         if not math.isfinite(slopes.value):
             given = f"restitution {at['restitution']:.4g}"
             given += "" if self.shaken else f" and {at['intensity']:g} m/s"
@@ -139,12 +136,13 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         low = 1 - self.relative_change
         high = 1 + self.relative_change
         ranges = {name: (value * low, value * high) for name, value in at.items()}
+        # Beyond 1 an impact would give energy to the block.
         ranges["restitution"] = (at["restitution"] * low, min(at["restitution"] * high, 1.0))
-        bars = tornado(self._question, at, ranges)
+        bars = tornado(self._compute_answer, at, ranges)
         samples = 200 if self.shaken else 1000  # each an integration under a pulse or a record
         variation = dict.fromkeys(at, self.coefficient_of_variation)
-        scatter = propagate(self._question, at, variation, samples)
-        # The bars begin with the longest.
+        scatter = propagate(self._compute_answer, at, variation, samples)
+        # The bars begin with the longest, the slopes go by the order of the numbers.
         order = [bars.names.index(name) for name in slopes.names]
         columns = {
             "quantity": list(slopes.names),
@@ -162,7 +160,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         write_csv(folder / "sensitivity.csv", columns, {}, self.about)
         label = self._answer.replace("-", " ")
         unit = _UNITS_OF_ANSWERS.get(self._answer, "-")
-        picture(plot_tornado(bars, label=f"{label} [{unit}]"), folder / "tornado.png")
+        save_picture(plot_tornado(bars, label=f"{label} [{unit}]"), folder / "tornado.png")
         if not self.shaken:
             self._draw_map(at, folder / "map.png", label)
         text = (
@@ -184,12 +182,15 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
 
         from ..plot import plot_sensitivity_map
 
-        def question(c: Any, slenderness: Any) -> Any:
-            return self._question(at | {"restitution": c, "slenderness": slenderness})
+        def compute_answer(c: Number, slenderness: Number) -> Reals:
+            """Compute the answer at a restitution and a slenderness."""
+            return self._compute_answer(at | {"restitution": c, "slenderness": slenderness})
 
         c = np.linspace(0.3, 0.95, 521)
         slenderness = np.linspace(3, 10, 561)
-        value, slope = value_and_slopes(question, mask_beyond=True)(
+        # So fine that the edge of the hatched area is a smooth line at the resolution of the
+        # file.
+        value, slope = value_and_slopes(compute_answer, mask_beyond=True)(
             c[:, None], slenderness[None]
         )
         elasticity = np.asarray(slope * c[:, None] / value)
@@ -204,7 +205,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
         )
         title = f"{2 * at['half_width']:g} m wide, {pulse}{self._model}"
         ax.set_title(title, fontsize="medium")
-        picture(ax, path)
+        save_picture(ax, path)
 
 
 _OF_SCENE = {

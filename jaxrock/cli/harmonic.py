@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..grids import axis, write_table
+from ..grids import as_axis, write_table
 from ..spectra import harmonic_spectrum
 from ..validation import AT_LEAST_ONE, COUNT, POSITIVE, UNIT_INTERVAL, as_real, check
-from .options import Answer, Count, Folder, Grid, ModelName, Steps, Writing, picture
+from .command import Answer, Count, Folder, Grid, ModelName, Steps, Writing, save_picture
 
 
 class HarmonicFloor(Writing):
@@ -39,11 +39,12 @@ class HarmonicFloor(Writing):
     """Periods for which blocks are followed."""
     out: Folder = Path("harmonic")
 
-    def _steps(self) -> Steps:
-        frequencies = axis("frequency_ratio", self.numbers("frequency_ratio"))
+    def _carry_out(self) -> Steps:
+        frequencies = as_axis("frequency_ratio", self.read_numbers("frequency_ratio"))
+        # By default evenly in logarithms, from gently to far beyond what lifts the block.
         usual = self.amplitude_ratio is None
-        given = np.geomspace(0.05, 12, 60) if usual else self.numbers("amplitude_ratio")
-        amplitudes = axis("amplitude_ratio", given)
+        given = np.geomspace(0.05, 12, 60) if usual else self.read_numbers("amplitude_ratio")
+        amplitudes = as_axis("amplitude_ratio", given)
         check("slenderness", as_real("slenderness", self.slenderness), POSITIVE)
         check("inertia_ratio", as_real("inertia_ratio", self.inertia_ratio), AT_LEAST_ONE)
         check("cycles", np.asarray(self.cycles), COUNT)
@@ -57,8 +58,10 @@ class HarmonicFloor(Writing):
         found = harmonic_spectrum(frequencies, amplitudes, **options)
         found.to_netcdf(folder / "harmonic.nc")
         write_table(found, folder / "harmonic.csv")
-        picture(plot_harmonic(found), folder / "harmonic.png")
+        save_picture(plot_harmonic(found), folder / "harmonic.png")
         sizes = {str(name): size for name, size in found.sizes.items()}
+        # The classes are flags of the CF conventions: numbers, whose meanings are in
+        # attributes.
         shares = {
             name: {
                 str(meaning): float((found[name] == flag).mean())

@@ -1,9 +1,8 @@
-"""The command about measurements."""
+"""The command that fits measured impact times."""
 
 import math
 from dataclasses import field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..calibration import FreeRockingFit, fit_free_rocking, read_impact_times
 from ..host import write_csv
 from ..validation import POSITIVE, check
-from .options import Answer, Folder, ModelName, Steps, Writing, picture
+from .command import Answer, Folder, ModelName, Steps, Writing, save_picture
 
 
 class Fit(Writing):
@@ -53,12 +52,13 @@ class Fit(Writing):
     """Do not look for impacts that are missing, or times that are wrong."""
     out: Folder = Path("fit")
 
-    def _steps(self) -> Steps:
-        block = self._block()
+    def _carry_out(self) -> Steps:
+        block = self._make_block()
         for name in ("time_noise", "rotation_noise"):
             if getattr(self, name) is not None:
                 check(name, getattr(self, name), POSITIVE)
         times, peaks = read_impact_times(self.file)
+        # Whether there are peaks says the file, so that it has to be read first.
         if peaks is None:
             self.refuse("rotation_noise", only_with="peak rotations in the file")
         folder = yield "fit.csv", "fit.png"
@@ -74,15 +74,16 @@ class Fit(Writing):
             rotation_noise=self.rotation_noise,
             repair=not self.no_repair,
         )
-        columns = _columns(fit, peaks)
+        columns = _collect_columns(fit, peaks)
         write_csv(folder / "fit.csv", columns, _UNITS, self.about)
-        picture(plot_free_rocking_fit(fit), folder / "fit.png")
+        save_picture(plot_free_rocking_fit(fit), folder / "fit.png")
         rows = [
             dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
         ]
-        return Answer(str(fit), {"model": self.model, **_data(fit), "rows": rows})
+        return Answer(str(fit), {"model": self.model, **_collect_data(fit), "rows": rows})
 
-    def _block(self) -> Block | None:
+    def _make_block(self) -> Block | None:
+        """Make the block; None if it is unknown, without a width."""
         if self.width is None:
             names = ("height", "slenderness", "gravity", "inertia_ratio")
             self.refuse(*names, "frequency_unknown", "model", only_with="a width")
@@ -107,8 +108,10 @@ _UNITS = {
 }
 
 
-def _columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[Any]]:
-    """List a value for each time; NaN where there is none, as of C of the first impact."""
+def _collect_columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[object]]:
+    """List a value for each time, NaN where there is none."""
+    # A restitution compares the half-cycles before and after an impact, which the first and
+    # the last time do not have.
     columns = {
         "impact": fit.impact_numbers,
         "time": fit.impact_times,
@@ -124,7 +127,7 @@ def _columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[An
     return {name: np.asarray(column).tolist() for name, column in columns.items()}
 
 
-def _data(fit: FreeRockingFit) -> dict[str, Any]:
+def _collect_data(fit: FreeRockingFit) -> dict[str, object]:
     """Collect the numbers of the fit, NaN for those that it does not determine."""
     values = {name: float(getattr(fit, name)) for name in fit.names}
     errors = {

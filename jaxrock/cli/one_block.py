@@ -1,4 +1,4 @@
-"""Commands about one block: assessed, followed, what overturns it."""
+"""Commands about one block: its assessment, its response, its boundaries of overturning."""
 
 import itertools
 import math
@@ -7,26 +7,18 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import resonance
 from ..driven import Status, respond
 from ..grids import write_table
-from ..host import labelled, write_csv
-from ..overturning import UNITS, checked, critical_amplitude, overturning_boundaries
+from ..ground_motion import Motion
+from ..host import make_dataset, write_csv
+from ..overturning import UNITS, check_subject, critical_amplitude, overturning_boundaries
 from ..reports import assessment
 from ..validation import COUNT, NON_NEGATIVE, POSITIVE, check
-from .options import (
-    OF_OUTPUT,
-    Answer,
-    BlockOptions,
-    Folder,
-    Grid,
-    ModelName,
-    MotionOptions,
-    Steps,
-    Writing,
-    picture,
-)
+from .command import OF_OUTPUT, Answer, Folder, Grid, ModelName, Steps, Writing, save_picture
+from .options import BlockOptions, MotionOptions
 
 Quantity = Literal[
     "amplitude",
@@ -56,13 +48,13 @@ class Assess(BlockOptions):
     tolerance: float | None = None
     """Name the equation and the precision that are good enough for this relative error."""
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         if self.tolerance is not None:
             check("tolerance", self.tolerance, POSITIVE)
         scene = resonance.Scene(self.block, self.coefficient, self.intensity)
         yield ()
         result = assessment.assess(scene, self.tolerance)
-        return Answer(assessment.text(result), result)
+        return Answer(assessment.write_text(result), result)
 
 
 class Respond(MotionOptions, BlockOptions, Writing):
@@ -84,7 +76,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
     """Write response.gif as well."""
     out: Folder = Path("response")
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         if self.duration is not None:
             check("duration", self.duration, POSITIVE)
         block = self.block
@@ -92,15 +84,19 @@ class Respond(MotionOptions, BlockOptions, Writing):
         motion = self.motion
         names = "response.csv", "impacts.csv", "response.nc", "response.png"
         folder = yield (*names, "response.gif") if self.animate else names
+        # After the check: a wrong option is told before matplotlib has loaded.
         import matplotlib.pyplot as plt
 
         from ..plot import animate, plot_phase, plot_response
 
         length = float(motion.end) + 10 if self.duration is None else self.duration
         response = respond(block, c, motion, length, model=self.model)
+        # No file is written of a motion that breaks off: half of it would look like all.
         if response.status in (Status.STOPPED, Status.INVALID):
             raise ValueError(f"motion could not be followed to its end: {response}")
-        data: dict[str, Any] = {"status": Status(int(response.status)).name.lower()}
+        data: dict[str, str | int | float] = {
+            "status": Status(int(response.status)).name.lower()
+        }
         data |= {n: int(getattr(response, n)) for n in ("overturned", "impacts", "at_rest")}
         data |= {name: float(getattr(response, name)) for name in _NUMBERS}
         times = np.linspace(0, length, 4001)
@@ -117,7 +113,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
         }
         time = {"time": ("time", times, {"long_name": "time", "units": "s"})}
         about = {**self.about, **data}
-        history = labelled("Response of a rocking block", variables, time, about)
+        history = make_dataset("Response of a rocking block", variables, time, about)
         history.to_netcdf(folder / "response.nc")
         write_table(history, folder / "response.csv")
         impacts = {
@@ -126,10 +122,11 @@ class Respond(MotionOptions, BlockOptions, Writing):
         }
         units = {"time": "s", "velocity_before": "rad/s"}
         write_csv(folder / "impacts.csv", impacts, units, self.about)
-        sizes: Any = {"figsize": (12, 4.8), "width_ratios": (1.7, 1)}
-        _, (left, right) = plt.subplots(ncols=2, layout="constrained", **sizes)
+        _, (left, right) = plt.subplots(
+            ncols=2, layout="constrained", figsize=(12, 4.8), width_ratios=(1.7, 1)
+        )
         plot_response(response, left)
-        picture(plot_phase(response, right), folder / "response.png")
+        save_picture(plot_phase(response, right), folder / "response.png")
         if self.animate:
             animate(response, folder / "response.gif")
         return Answer(str(response), data)
@@ -177,26 +174,32 @@ class Critical(MotionOptions, BlockOptions, Writing):
     model: ModelName | None = None
     """Equation of motion under a pulse or a record; nonlinear if not given."""
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
+        # Properties that check what they are made of; both are used below the `yield` only.
         _ = self.block, self.coefficient
         check("intensity", self.intensity, NON_NEGATIVE)
-        for number in self.numbers("half_cycles"):
+        for number in self.read_numbers("half_cycles"):
             check("half_cycles", number, COUNT)
         if self.shaken:
             self.refuse("intensity", "half_cycles", only_with="instantaneous pulses")
         else:
             self.refuse("along", "values", "model", only_with="a pulse or a record")
-        search = self._search() if self.shaken else None
+        search = self._plan_search() if self.shaken else None
         folder = yield ["critical.csv"]
-        columns, text = self._boundaries(*search) if search else self._closed_form()
+        columns, text = (
+            self._find_boundaries(*search) if search else self._compute_closed_form()
+        )
         columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
         table = list(zip(*columns.values(), strict=True))
         if folder is not None:
             write_csv(folder / "critical.csv", columns, _UNITS, self.about)
         return Answer(text, {"rows": [dict(zip(columns, row, strict=True)) for row in table]})
 
-    def _search(self) -> tuple[Any, str, np.ndarray | None]:
-        """Under which motion along what where; None for the amplitudes of a pulse."""
+    def _plan_search(self) -> tuple[Motion, str, np.ndarray | None]:
+        """Plan the search for boundaries: the motion, the quantity, the values to examine.
+
+        The values are None for amplitudes of a pulse: the library knows where to look.
+        """
         along = self.along or ("amplitude" if self.pulse else "factor")
         sought = {"amplitude": "amplitude", "duration": "pulse_duration"}.get(along)
         if sought and self.pulse is None:
@@ -205,26 +208,33 @@ class Critical(MotionOptions, BlockOptions, Writing):
             raise ValueError(f"{sought} is sought: it must not be given")
         if along == "amplitude":
             self.refuse("scale", only_with="amplitudes that are not sought")
-        motion = (replace(self, **{sought: 1.0}) if sought else self).motion  # 1 stands in
+        # A pulse needs a value of the quantity sought, which the search replaces: 1 stands in.
+        motion = (replace(self, **{sought: 1.0}) if sought else self).motion
         if self.values is not None:
-            values = np.asarray(self.numbers("values"))
+            values = np.asarray(self.read_numbers("values"))
         elif along == "factor":
             values = np.linspace(0.05, 5, 397)
         elif along == "amplitude":
             return motion, along, None
         else:
             raise ValueError(f"values must be given along {along}")
-        checked(self.block, self.coefficient, motion, along, values)
+        check_subject(self.block, self.coefficient, motion, along, values)
         return motion, along, values
 
-    def _boundaries(self, motion: Any, along: str, values: Any) -> tuple[dict[str, Any], str]:
+    def _find_boundaries(
+        self, motion: Motion, along: str, values: np.ndarray | None
+    ) -> tuple[dict[str, ArrayLike], str]:
+        """Find the boundaries of overturning: columns of a table, and text."""
         block = self.block
         c = self.coefficient
         model = self.model or "nonlinear"
         if values is None:
-            found = critical_amplitude(block, c, type(motion), motion.duration, model=model)
+            pulse: Any = motion
+            found = critical_amplitude(block, c, type(pulse), pulse.duration, model=model)
         else:
             found = overturning_boundaries(block, c, motion, along, values, model=model)
+        # A boundary may be hidden among values that were given up: no table is better than a
+        # part.
         if not bool(found.complete):
             raise ValueError(
                 "motion could not be followed to its end for every one of the values"
@@ -235,7 +245,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
         others = "" if found.count else "; --values takes others"
         return {along: found.value, **columns}, f"{found}{others}"
 
-    def _closed_form(self) -> tuple[dict[str, Any], str]:
+    def _compute_closed_form(self) -> tuple[dict[str, list[object]], str]:
+        """Compute columns and text for instantaneous pulses, a row per number and model."""
         block = self.block
         c = self.coefficient
         pulse = self.intensity
@@ -246,7 +257,7 @@ class Critical(MotionOptions, BlockOptions, Writing):
             resonance.critical_slenderness: (block, c, pulse),
             resonance.critical_restitution: (block, pulse),
         }
-        columns: dict[str, Any] = {"half_cycles": [n for n, _ in cases]}
+        columns: dict[str, list[object]] = {"half_cycles": [n for n, _ in cases]}
         columns["model"] = [model for _, model in cases]
         for solve, first in given.items():
             columns[solve.__name__] = [float(solve(*first, *case)) for case in cases]
@@ -256,16 +267,17 @@ class Critical(MotionOptions, BlockOptions, Writing):
             f" that {pulse:g} m/s just overturn",
             "half-cycles  model        intensity [m/s]  width [m]  slenderness  restitution",
             *(
-                line.format(*map(_in_words, row))
+                line.format(*map(_write_cell, row))
                 for row in zip(*columns.values(), strict=True)
             ),
         ]
         return columns, "\n".join(lines)
 
 
-def _in_words(value: Any) -> str:
-    if isinstance(value, str):
-        return value
+def _write_cell(value: object) -> str:
+    """Write a cell of the table that is printed."""
+    if not isinstance(value, float):
+        return str(value)
     return (
         "none" if math.isnan(value) else "unlimited" if math.isinf(value) else f"{value:.5g}"
     )

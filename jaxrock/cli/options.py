@@ -1,213 +1,16 @@
-"""What commands have in common: options, what is checked before they run, files, answers."""
+"""Options that several commands have: of a block, of a record, of a pulse."""
 
-import abc
-import contextlib
 import functools
-from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, dataclass_transform
-
-import numpy as np
-from cyclopts import Group, Parameter, Token
+from typing import Annotated, Literal
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import PULSES, Motion, Record, example_record, read_record
-from ..host import check_free, version, written_whole
 from ..impact import housner_restitution
 from ..validation import POSITIVE, UNIT_INTERVAL, check
+from .command import OF_BLOCK, OF_MOTION, Command
 
-# Titles of options in help, under which those stand that several commands have.
-OF_BLOCK = Parameter(group=Group("Block", sort_key=1))
-OF_MOTION = Parameter(group=Group("Ground motion", sort_key=2))
-OF_OUTPUT = Parameter(group=Group("Output", sort_key=3))
-OF_STORE = Parameter(group=Group("Store", sort_key=4))
-
-GridValue = float | str
-Grid = tuple[GridValue, ...]  # numbers, and texts START:STOP:COUNT
-Folder = Annotated[Path, OF_OUTPUT]
-
-
-def as_count(_: type, tokens: Sequence[Token]) -> int:
-    """Convert a word to a whole number; cyclopts itself would round 1.5."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
-
-
-Count = Annotated[int, Parameter(converter=as_count)]
-ModelName = Literal["linearized", "nonlinear"]
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a command answers: as text and as data for JSON, its exit code, its errors."""
-
-    text: str
-    data: Mapping[str, Any]
-    code: int = 0
-    errors: Sequence[str] = ()
-
-
-Steps = Generator[Any, Any, Answer]
-
-
-@dataclass_transform(frozen_default=True, kw_only_default=True)
-@dataclass(frozen=True, kw_only=True)
-class Command(abc.ABC):
-    """One command: a dataclass, whose fields are its options and what stands beside them is help.
-
-    What it does is a generator: above the `yield` all is checked, below it is computed.
-    """
-
-    command: ClassVar[str]  # as it is called
-    as_json: Annotated[bool, OF_OUTPUT, Parameter(name="--json")] = False
-    """Print JSON; null stands for what does not exist or never happens."""
-    no_cache: Annotated[bool, OF_OUTPUT] = False
-    """Compile everything afresh: neither use nor keep compiled programs."""
-
-    def __init_subclass__(cls) -> None:
-        dataclass(frozen=True, kw_only=True)(cls)
-
-    @abc.abstractmethod
-    def _steps(self) -> Steps:
-        """Yield the names of the files once all is checked; then get the folder for them."""
-
-    @functools.cached_property
-    def _begun(self) -> tuple[Sequence[str], Steps]:
-        steps = self._steps()
-        return next(steps), steps
-
-    def _ended(self, folder: Path | None) -> Answer:
-        _, steps = self._begun
-        del vars(self)["_begun"]  # another time from the beginning
-        try:
-            return steps.send(folder)
-        except StopIteration as end:
-            answer: Answer = end.value
-        if not (remark := self._remark()):
-            return answer
-        text = f"{answer.text}\nremark: {remark}"
-        data = {**answer.data, "remark": remark}
-        return replace(answer, text=text, data=data)
-
-    def _remark(self) -> str:
-        """Say what a user should look at again."""
-        return ""
-
-    def check(self) -> None:
-        """Raise `ValueError` for what is not allowed, before anything expensive is done."""
-        _ = self._begun
-
-    def run(self) -> Answer:
-        """Do what the command is for."""
-        return self._ended(None)
-
-    def refuse(self, *names: str, only_with: str) -> None:
-        """Raise `ValueError` if one of these options is given, since it would be ignored."""
-        for name in names:
-            if getattr(self, name) != getattr(type(self), name):
-                raise ValueError(f"{name} goes with {only_with} only")
-
-    def numbers(self, name: str) -> list[float]:
-        """List the numbers of an option, given one by one or as START:STOP:COUNT."""
-        values: Grid = getattr(self, name)
-        if not values:
-            raise ValueError(f"{name} must be at least one number, got none")
-        return [number for value in values for number in _span(name, value)]
-
-    def _given(self) -> dict[str, Any]:
-        """Return the options, with what follows from them in their place."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def paths(self) -> dict[str, Any]:
-        """Return the options that are paths: those of that type, and names of record files."""
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if isinstance(value, Path) or str(value).lower().endswith((".at2", ".csv"))
-        }
-
-    @classmethod
-    def names_of_options(cls) -> list[str]:
-        """Name the options that a job of a study may have."""
-        return [field.name for field in fields(cls) if not hasattr(Command, field.name)]
-
-
-def _span(name: str, value: GridValue) -> list[float]:
-    with contextlib.suppress(ValueError):
-        if ":" not in str(value):
-            return [float(value)]
-        start, stop, count = str(value).split(":")
-        ends = float(start), float(stop)
-        if np.isfinite(ends).all() and int(count) > 0:
-            return np.linspace(*ends, int(count)).tolist()
-    raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")
-
-
-class Writing(Command):
-    """A command that writes files, all or none."""
-
-    out: Annotated[Path | None, OF_OUTPUT]
-    """Folder to write to; made if it is missing."""
-    force: Annotated[bool, OF_OUTPUT] = False
-    """Overwrite existing files."""
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """Version, command and options, from which its files were computed."""
-        said = {
-            name: _words(value)
-            for name, value in self._given().items()
-            if value is not None and name not in _OF_WRITING
-        }
-        return {"source": f"jaxrock {version()}", "command": self.command, **said}
-
-    @property
-    def names(self) -> Sequence[str]:
-        """The names of its files."""
-        return self._begun[0]
-
-    @property
-    def targets(self) -> list[Path]:
-        """The paths that it writes."""
-        return [] if self.out is None else [self.out / name for name in self.names]
-
-    def check(self) -> None:
-        """Raise `ValueError` also for files that exist and must not be overwritten."""
-        super().check()
-        if self.out is not None and self.names:
-            check_free("out", self.out, self.names, self.force)
-
-    def run(self) -> Answer:
-        """Compute and write; the answer tells the paths of the files."""
-        if self.out is None:
-            files = []
-            writing = contextlib.nullcontext()
-        else:
-            files = [str(self.out / name) for name in self.names]
-            writing = written_whole("out", self.out, self.names, self.force)
-        with writing as folder:
-            answer = self._ended(folder)
-        text = "\n".join([answer.text, *files])
-        data = {**answer.data, "files": files}
-        return replace(answer, text=text, data=data)
-
-
 _LARGE = 60.0  # metres, beyond what stands free on two edges
-_OF_WRITING = ("as_json", "no_cache", "out", "force", "animate", "repeats")
-_OF_WRITING += ("store", "chunks", "workers", "scheduler")
-
-
-def _words(value: Any) -> str | int | float:
-    """As CF has attributes, which are numbers or text."""
-    if isinstance(value, bool):
-        return int(value)
-    if isinstance(value, int | float):
-        return value
-    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 class BlockOptions(Command):
@@ -239,14 +42,19 @@ class BlockOptions(Command):
             slenderness = self.height / self.width
         return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
 
-    def _remark(self) -> str:
+    def _write_remark(self) -> str:
+        """Write a remark on a size that was perhaps given in centimetres or millimetres."""
         sizes = {"wide": 2 * self.block.half_width, "high": 2 * self.block.half_height}
         large = [f"{size:.4g} m {word}" for word, size in sizes.items() if size > _LARGE]
         return f"the block is {' and '.join(large)}; lengths are in metres" if large else ""
 
-    def _given(self) -> dict[str, Any]:
+    def _collect_options(self) -> dict[str, object]:
+        """Collect the options, with the slenderness and the restitution that were used."""
         slenderness = float(self.block.slenderness)
-        return super()._given() | {"slenderness": slenderness, "restitution": self.coefficient}
+        return super()._collect_options() | {
+            "slenderness": slenderness,
+            "restitution": self.coefficient,
+        }
 
     @functools.cached_property
     def coefficient(self) -> float:
@@ -254,6 +62,7 @@ class BlockOptions(Command):
         if self.restitution is not None:
             check("restitution", self.restitution, UNIT_INTERVAL)
             return self.restitution
+        # Housner's C = 1 - (3/2) sin(alpha_c)^2 of a rectangle falls below 0 if it is stocky.
         housner = float(housner_restitution(self.block))
         if housner < 0:
             raise ValueError(
@@ -282,7 +91,7 @@ class RecordOptions(Command):
     @property
     def motion(self) -> Motion:
         """The record, scaled."""
-        found = read(self.record, **{name: getattr(self, name) for name in _OF_RECORD})
+        found = read_motion(self.record, self.unit, self.column, self.vertical, self.time_step)
         if isinstance(found, str):
             raise ValueError(found)
         return found.scaled(self.scale)
@@ -293,16 +102,25 @@ _OF_PULSE = ("amplitude", "pulse_duration")
 
 
 @functools.cache
-def read(record: str | None, **options: Any) -> Record | str:
-    """Read a record, or say what is wrong with it; the jobs of a study read it once."""
+def read_motion(
+    record: str | None,
+    unit: str | None,
+    column: str | None,
+    vertical: str | None,
+    time_step: float | None,
+) -> Record | str:
+    """Read a record, or return the error in words; the jobs of a study read it once."""
+    # An error is returned, since a cache keeps no exceptions: a hundred jobs with a record
+    # that is wrong would read it a hundred times.
     try:
         if record is None:
             raise ValueError("record must be given")
         if record != "example":
-            return read_record(record, **options)
-        leave_out('record "example" has its', options)
-        column = options["column"] or "north"
-        vertical = options["vertical"]
+            return read_record(
+                record, unit=unit, column=column, vertical=vertical, time_step=time_step
+            )
+        refuse_stated_units('record "example" has its', unit, time_step)
+        column = column or "north"
         if column not in ("north", "east") or vertical not in (None, "up"):
             got = f"got {column!r}" + (f" and {vertical!r}" if vertical else "")
             must = "must be north or east, and vertical up if given"
@@ -312,12 +130,12 @@ def read(record: str | None, **options: Any) -> Record | str:
         return str(error)
 
 
-def leave_out(example: str, options: Mapping[str, Any]) -> None:
+def refuse_stated_units(example: str, unit: str | None, time_step: float | None) -> None:
     """Raise `ValueError` for what records that come with jaxrock state themselves."""
-    given = [f"--{name}" for name in ("unit", "time_step") if options[name] is not None]
+    options = {"--unit": unit, "--time-step": time_step}
+    given = [name for name, value in options.items() if value is not None]
     if given:
-        names = " and ".join(given).replace("_", "-")
-        raise ValueError(f"{example} unit and time step: leave out {names}")
+        raise ValueError(f"{example} unit and time step: leave out {' and '.join(given)}")
 
 
 class MotionOptions(RecordOptions):
@@ -337,6 +155,8 @@ class MotionOptions(RecordOptions):
 
     def check(self) -> None:
         """Raise `ValueError` also for a part of a pulse or a record without the rest."""
+        # With neither, the options of both would be ignored. With one of them `motion` refuses
+        # the options of the other.
         if not self.shaken:
             self.refuse(*_OF_PULSE, *_OF_RECORD, "scale", only_with="a pulse or a record")
         super().check()
@@ -353,11 +173,3 @@ class MotionOptions(RecordOptions):
         if self.amplitude is None or self.pulse_duration is None:
             raise ValueError("amplitude and pulse_duration must be given with a pulse")
         return PULSES[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
-
-
-def picture(drawn: Any, path: Path) -> None:
-    """Write a figure, or the one that axes belong to, to a file."""
-    import matplotlib.pyplot as plt
-
-    drawn.figure.savefig(path, dpi=150)
-    plt.close(drawn.figure)

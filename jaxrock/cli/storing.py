@@ -1,13 +1,13 @@
-"""What commands have in common whose datasets can go to a Zarr store, computed by workers."""
+"""Base class of commands whose datasets can go to a Zarr store, computed by workers."""
 
 import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from .options import OF_STORE, Answer, Count, Writing
-from .signals import started_deaf
+from .command import OF_STORE, Answer, Count, Writing
+from .signals import shield_from_interrupts
 
 if TYPE_CHECKING:
     import xarray
@@ -37,12 +37,14 @@ class Storing(Writing):
             raise ValueError("workers and scheduler exclude each other, got both")
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"workers must be at least 1, got {self.workers}")
+        # A property that checks; it is used below the `yield` of some commands only.
         _ = self.lengths
         super().check()
 
     def run(self) -> Answer:
         """Compute and write files, or the store."""
-        return super().run() if self.store is None else self._ended(None)
+        # A store need not be written whole: the same command goes on with a part of it.
+        return super().run() if self.store is None else self._finish(None)
 
     @property
     def targets(self) -> list[Path]:
@@ -50,7 +52,7 @@ class Storing(Writing):
         return super().targets if self.store is None else [self.store]
 
     @property
-    def lengths(self) -> Any:
+    def lengths(self) -> dict[str, int] | Literal["auto"]:
         """The lengths of chunks by dimension, or "auto"."""
         lengths = dict[str, int]()
         for word in self.chunks:
@@ -64,18 +66,20 @@ class Storing(Writing):
             lengths[name] = int(count)
         return lengths or "auto"
 
-    def stored(
+    def write_store(
         self, lazy: "xarray.Dataset", answer: Callable[["xarray.Dataset"], Answer]
     ) -> Answer:
-        """Write a lazy dataset to the store; what is said of that, and how much there was."""
+        """Write a lazy dataset to the store, and say how much of it was there before."""
         import xarray
 
         from ..grids import write_zarr
 
         (store,) = self.targets
         dataset = lazy.assign_attrs(self.about)
-        with self._client():
+        with self._connect():
             stored = write_zarr(dataset, store)
+            # The answer is made from the store, inside of the workers' lifetime: Dask computes
+            # its shares by them, and no number is computed twice.
             with xarray.open_zarr(store, zarr_format=2) as found:
                 said = answer(found)
         data = {
@@ -86,8 +90,9 @@ class Storing(Writing):
         return Answer(f"{said.text}\n{stored}", {**said.data, **data}, said.code, said.errors)
 
     @contextlib.contextmanager
-    def _client(self) -> Iterator[None]:
-        """Workers for Dask: those of the scheduler, or some of this machine."""
+    def _connect(self) -> Iterator[None]:
+        """Connect Dask to workers: those of the scheduler, or some that are started here."""
+        # Dask takes a second to import, and only stores need it.
         from concurrent.futures import CancelledError
 
         from distributed import Client
@@ -95,17 +100,20 @@ class Storing(Writing):
 
         from ..grids import local_cluster
 
+        # The client is closed before the cluster that it belongs to.
         with contextlib.ExitStack() as stack:
             if self.scheduler is None:
-                with started_deaf():
+                with shield_from_interrupts():
                     where = stack.enter_context(local_cluster(self.workers))
             else:
                 where = self.scheduler
             client = stack.enter_context(Client(where))
+            # Only for somebody who watches: in a log the address would be a line that differs.
             if sys.stderr.isatty():
                 print(f"jaxrock: dashboard at {client.dashboard_link}", file=sys.stderr)
             try:
                 yield
+            # Errors of Dask are long and about its insides: each becomes one sentence.
             except KilledWorker as error:
                 reason = (
                     "workers ended again and again at one chunk, perhaps for want of memory"

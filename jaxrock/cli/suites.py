@@ -2,17 +2,21 @@
 
 import functools
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..grids import write_table
 from ..ground_motion import MEASURES, Suite, example_suite, read_suite
-from ..host import table
-from ..risk import Hazard, fragility, rate_elasticities, read_hazard, threshold_names
+from ..host import format_table
+from ..risk import Hazard, fragility, name_thresholds, rate_elasticities, read_hazard
 from ..validation import POSITIVE, as_real, check
-from .options import Answer, BlockOptions, Folder, Grid, ModelName, Steps, leave_out, picture
+from .command import Answer, Folder, Grid, ModelName, Steps, save_picture
+from .options import BlockOptions, refuse_stated_units
 from .storing import Storing
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class Fragility(BlockOptions, Storing):
@@ -50,21 +54,22 @@ class Fragility(BlockOptions, Storing):
     """Equation of motion."""
     out: Folder = Path("fragility")
 
-    def _steps(self) -> Steps:
+    def _carry_out(self) -> Steps:
         block = self.block
         c = self.coefficient
-        suite = self._suite()
+        suite = self._read_suite()
         check("tolerance", as_real("tolerance", self.tolerance), POSITIVE)
-        thresholds = [_number_or_word(word) for word in self.threshold]
-        threshold_names(thresholds)
+        thresholds = [_read_threshold(word) for word in self.threshold]
+        name_thresholds(thresholds)
         if self.levels is None:
-            levels = self._usual_levels()
+            levels = self._choose_levels()
         else:
-            levels = np.array(self.numbers("levels"))
+            levels = np.array(self.read_numbers("levels"))
             check("levels", levels, POSITIVE)
             if (np.diff(levels) <= 0).any():
                 raise ValueError("levels must be increasing, got values that do not increase")
-        suite.factors(1.0, self.measure, block)  # every record has to have some
+        # Every record must have some of the measure, or it could not be scaled to a level.
+        suite.factors(1.0, self.measure, block)
         hazard = None
         if self.hazard is None:
             self.refuse("hazard_unit", only_with="a hazard")
@@ -78,23 +83,24 @@ class Fragility(BlockOptions, Storing):
         curves_of = functools.partial(
             fragility, block, c, suite, levels, self.measure, thresholds, **options
         )
-        answer = functools.partial(self._answer, suite, levels, hazard)
+        answer = functools.partial(self._make_answer, suite, levels, hazard)
         if self.store:
             lazy = curves_of(chunks=self.lengths)
             yield ()
-            return self.stored(lazy, answer)
+            return self.write_store(lazy, answer)
         folder = yield [f"fragility.{kind}" for kind in ("nc", "csv", "png")]
         from ..plot import plot_fragility
 
         curves = curves_of().assign_attrs(self.about)
         curves.to_netcdf(folder / "fragility.nc")
+        # A table has columns of one length: fits of whole curves are in the other files.
         over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
         write_table(curves[over_level], folder / "fragility.csv")
-        picture(plot_fragility(curves), folder / "fragility.png")
+        save_picture(plot_fragility(curves), folder / "fragility.png")
         return answer(curves)
 
-    def _answer(
-        self, suite: Suite, levels: np.ndarray, hazard: Hazard | None, curves: Any
+    def _make_answer(
+        self, suite: Suite, levels: np.ndarray, hazard: Hazard | None, curves: "xarray.Dataset"
     ) -> Answer:
         """Describe the curves, and with a hazard the rate as well."""
         chaotic = 1 - float(curves.within_tolerance.mean())
@@ -104,7 +110,7 @@ class Fragility(BlockOptions, Storing):
         }
         _, unit, _ = MEASURES[self.measure]
         lines = [
-            table(
+            format_table(
                 f"{suite}, {levels.size} levels of {self.measure},"
                 f" {levels[0]:.4g} to {levels[-1]:.4g} {'' if unit == '1' else unit}".rstrip(),
                 [str(name) for name in curves.threshold.values],
@@ -115,7 +121,7 @@ class Fragility(BlockOptions, Storing):
         lines += [f"{n}: {r}" for n, r in zip(names, curves.remark.values, strict=True) if r]
         if chaotic:
             lines.append(f"{chaotic:.1%} of the responses are not within the tolerance")
-        data: dict[str, Any] = {
+        data: dict[str, object] = {
             "records": len(suite),
             "thresholds": [str(name) for name in names],
             **{name: values.tolist() for name, values in medians.items()},
@@ -140,7 +146,8 @@ class Fragility(BlockOptions, Storing):
             }
         return Answer("\n".join(lines), data)
 
-    def _suite(self) -> Suite:
+    def _read_suite(self) -> Suite:
+        """Read the records of a folder, or take those that come with jaxrock."""
         if self.records != "example":
             options = {
                 "unit": self.unit,
@@ -148,19 +155,22 @@ class Fragility(BlockOptions, Storing):
                 "vertical": self.with_vertical,
             }
             return read_suite(self.records, **options)
-        leave_out('records "example" have their', vars(self))
+        refuse_stated_units('records "example" have their', self.unit, self.time_step)
         return example_suite(vertical=self.with_vertical)
 
-    def _usual_levels(self) -> np.ndarray:
+    def _choose_levels(self) -> np.ndarray:
+        """Choose levels around the intensities that lift and overturn a block of this size."""
         block = self.block
         uplift = float(block.gravity / block.slenderness)
         if self.measure.startswith("pga"):
             return (1.0 if self.measure == "pga_ratio" else uplift) * np.geomspace(0.5, 8, 25)
+        # A velocity goes with p: a large block needs a faster ground to be overturned.
         unit = uplift / float(block.frequency_parameter)
         return (1.0 if self.measure == "pgv_ratio" else unit) * np.geomspace(0.1, 3, 25)
 
 
-def _number_or_word(word: str) -> float | str:
+def _read_threshold(word: str) -> float | str:
+    """Read a threshold: a number, or a word that `fragility` checks."""
     try:
         return float(word)
     except ValueError:

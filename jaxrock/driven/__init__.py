@@ -12,14 +12,14 @@ from .many_blocks import Batch as Batch
 from .many_blocks import BatchResponse, EstimatedResponse, respond_batch, respond_within
 from .many_blocks import GroundMotions as GroundMotions
 from .many_blocks import check_batch as check_batch
-from .many_blocks import compiler_options as compiler_options
+from .many_blocks import choose_compiler_options as choose_compiler_options
+from .many_blocks import convert_motion as convert_motion
 from .many_blocks import follow_batch as follow_batch
+from .many_blocks import follow_launched as follow_launched
 from .many_blocks import follow_within as follow_within
-from .many_blocks import ground_of as ground_of
-from .many_blocks import peak_after_launch as peak_after_launch
-from .one_block import Followed as Followed
+from .one_block import FollowedMotion as FollowedMotion
 from .one_block import Response, Status, respond
-from .one_block import run as run
+from .one_block import follow_scene as follow_scene
 from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
 from .overturning_criterion import free_motion_margin
 from .scene import Driven as Driven

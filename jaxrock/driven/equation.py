@@ -6,11 +6,9 @@ acceleration of the ground over g, ``lift`` the vertical acceleration over g:
 
     rotation'' = -p^2 [(1 + lift) sin(alpha_c - rotation) - push cos(alpha_c - rotation)]
 
-Linearized in the form of the literature, sin(x) = x and cos(x) = 1. Its limit for short pulses
-is not Eq. 2: there the pulse is multiplied by the cosine of alpha_c.
+In the linearized equation of the literature sin(x) = x and cos(x) = 1. Its limit for short
+pulses is not Eq. 2: there the pulse is multiplied by the cosine of alpha_c.
 """
-
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,19 +19,22 @@ from ..validation import Reals
 
 
 def uplift_acceleration(block: Block, model: RockingModel) -> Reals:
-    """Ground acceleration that just lifts the block [m/s2]: g tan(alpha_c), or g alpha_c."""
+    """Ground acceleration that just lifts the block [m/s2].
+
+    It is g tan(alpha_c), and linearized g alpha_c.
+    """
     linearized = isinstance(model, Linearized)
     return block.gravity * (block.critical_angle if linearized else 1 / block.slenderness)
 
 
 class Equation(eqx.Module):
-    """That of a block, on the side on which it stands."""
+    """The equation of motion of a block, on the side on which it stands."""
 
-    p_squared: Reals
-    critical_angle: Reals
-    critical_velocity: Reals
-    gravity: Reals
-    inertia_ratio: Reals
+    p_squared: Reals  # [1/s2]
+    critical_angle: Reals  # [rad]
+    critical_velocity: Reals  # that overturns a block from the ground [rad/s]
+    gravity: Reals  # [m/s2]
+    inertia_ratio: Reals  # for the forces at the base only
     tangent: Reals  # of the critical angle: the push that just lifts the block
     model: RockingModel
 
@@ -46,6 +47,7 @@ class Equation(eqx.Module):
     def of(cls, block: Block, model: RockingModel) -> "Equation":
         """Make the equation of a block."""
         angle = block.critical_angle
+        # Of one shape, so that blocks can be put side by side.
         return cls(
             p_squared=block.frequency_parameter**2,
             critical_angle=angle,
@@ -56,8 +58,10 @@ class Equation(eqx.Module):
             model=model,
         )
 
-    def right_hand_side(self, sine: Any, cosine: Any, push: Any, lift: Any) -> Any:
-        """Compute the angular acceleration, of numbers or of power series in time."""
+    def right_hand_side(
+        self, sine: Reals, cosine: Reals, push: Reals, lift: Reals | float
+    ) -> Reals:
+        """Compute the angular acceleration from sine and cosine of the tilt from balance."""
         return (cosine * push - sine * (lift + 1.0)) * self.p_squared
 
     def acceleration(self, rotation: Reals, push: Reals, lift: Reals) -> Reals:
@@ -68,7 +72,7 @@ class Equation(eqx.Module):
         return self.right_hand_side(jnp.sin(tilt), jnp.cos(tilt), push, lift)
 
     def uplift_excess(self, push: Reals, lift: Reals) -> Reals:
-        """Push beyond the one that just lifts the block from the ground; positive lifts."""
+        """Push beyond the push that just lifts the block from the ground; positive lifts."""
         return push - (1 + lift) * self.tangent
 
     def returning_velocity(self, rotation: Reals) -> Reals:
@@ -83,7 +87,7 @@ class Equation(eqx.Module):
     def landing_velocity(self, rotation: Reals, velocity: Reals) -> Reals:
         """Magnitude of the velocity with which free motion reaches the ground [rad/s].
 
-        0 where the energy is less than that on the ground.
+        It is 0 where the energy does not suffice to reach it.
         """
         # The fall as a product: a difference would keep its rounding error as the fall
         # vanishes.
@@ -92,5 +96,6 @@ class Equation(eqx.Module):
         else:
             fall = 4 * jnp.sin(self.critical_angle - rotation / 2) * jnp.sin(rotation / 2)
         energy = velocity**2 + self.p_squared * fall
+        # The root of 1 where it is not used: the root of 0 has an infinite derivative.
         positive = energy > 0
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, energy, 1)), 0)

@@ -1,4 +1,4 @@
-"""Whether a block stands or overturns: what energy says once the ground is at rest."""
+"""The overturning criterion: by energy, once the ground is at rest."""
 
 import math
 
@@ -17,7 +17,11 @@ TOPPLED_ROTATION = 0.5 * math.pi
 def free_motion_margins(
     equation: Equation, restitution: Reals, rotation: Reals, velocity: Reals
 ) -> tuple[Reals, Reals]:
-    """Margins to overturning before the next impact, and on the other side after it."""
+    """Margins to overturning before the next impact, and on the other side after it.
+
+    Both are differences of velocities over the critical velocity, 1 at rest and 0 at the
+    threshold.
+    """
     critical = equation.critical_velocity
     before = (equation.returning_velocity(rotation) - velocity) / critical
     # A block that lands with more than the critical velocity may overturn on the other side.
@@ -26,12 +30,13 @@ def free_motion_margins(
     return before, after
 
 
-def smaller_margin(before: Reals, after: Reals) -> Reals:
-    """Return the smaller of `free_motion_margins`, and the first where they differ by rounding.
+def pick_smaller_margin(before: Reals, after: Reals) -> Reals:
+    """Pick the smaller of `free_motion_margins`, or the first if they differ by rounding.
 
     With C = 1 both vanish at one threshold. A smaller C moves only the second margin there, so
     the first one has the derivative of the threshold.
     """
+    # More than the rounding of both, which come from roots of sums of a few terms.
     rounding = 64 * float(jnp.finfo(before.dtype).eps)
     return jnp.where(after < before - rounding, after, before)
 
@@ -46,13 +51,35 @@ def free_motion_margin(
 ) -> Reals:
     """Compute how far a block in free motion is from overturning; negative where it overturns.
 
-    From a rotation [rad] and velocity [rad/s] on, with the ground at rest. A block beyond the
-    critical angle has not overturned yet: one that moves back fast enough returns, and may
-    then overturn on the other side. The margin is continuous everywhere and smooth through 0.
+    The motion begins with a rotation [rad] and velocity [rad/s], with the ground at rest. A
+    block beyond the critical angle has not overturned yet: one that moves back fast enough
+    returns, and may then overturn on the other side. The margin is continuous everywhere and
+    smooth through 0.
 
-    Returns the smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity, D
-    = 2 p sin((alpha_c - abs(alpha)) / 2) the one that just fails to come back, v_i the one at
-    the next impact, v_c the critical velocity. 1 at rest.
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C, velocity after an impact over velocity before it [-], between 0 and 1.
+    rotation : array_like
+        Rotation alpha [rad], finite.
+    velocity : array_like
+        Angular velocity [rad/s], finite.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+
+    Returns
+    -------
+    Array, shape (...)
+        The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity,
+        D = 2 p sin((alpha_c - abs(alpha)) / 2) the velocity that just fails to come back, v_i
+        the velocity at the next impact, v_c the critical velocity. 1 at rest.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution` or `rotation` or `velocity` is out of range. A traced one
+        gives NaN.
 
     Examples
     --------
@@ -63,9 +90,10 @@ def free_motion_margin(
     0.75
     """
     equation = Equation.of(block, as_model(model))
+    # A block on the ground stands on the side to which it moves.
     backward = jnp.where(rotation == 0, velocity, rotation) < 0
     outward = jnp.where(backward, -jnp.asarray(velocity), velocity)
     margins = free_motion_margins(
         equation, jnp.asarray(restitution), jnp.abs(rotation), outward
     )
-    return smaller_margin(*margins)
+    return pick_smaller_margin(*margins)

@@ -1,4 +1,4 @@
-"""A block on moving ground: what every driven computation is about."""
+"""A block on moving ground, the subject of every driven computation."""
 
 import functools
 
@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import Printed, derivatives, shown
+from ..host import Printed, format_derivatives, format_number
 from ..validation import (
     FINITE,
     POSITIVE,
@@ -40,17 +40,18 @@ class DrivenScene(Printed, Checked):
 
     def __str__(self) -> str:
         return (
-            derivatives(self)
-            or f"{self.block}\nrestitution {shown(self.restitution)}\n{self.motion}"
+            format_derivatives(self)
+            or f"{self.block}\nrestitution {format_number(self.restitution)}\n{self.motion}"
         )
 
 
-# As far as a block can lie on its side, with what rounds in single precision.
+# A block that lies on its side has turned by pi / 2. In single precision that is rounded up to
+# more than the pi / 2 of double precision.
 _ON_THE_SIDE = Domain("between -pi / 2 and pi / 2", lambda x: abs(x) <= jnp.pi / 2 + 1e-6, 0.0)
 
 
 class Driven(DrivenScene):
-    """A scene, for how long the block is followed, and its initial state."""
+    """A scene, the duration for which the block is followed, and its initial state."""
 
     duration: Reals = quantity(POSITIVE, "s")
     rotation: Reals = quantity(_ON_THE_SIDE, "rad")

@@ -1,36 +1,38 @@
-"""A grid computed in parts: in memory, in a file, lazily by Dask, by workers, into a Zarr store.
+"""Grids that are computed in parts: in memory, in files, lazily by Dask, in Zarr stores.
 
-What Dask is needed for comes with ``jaxrock[cluster]``. Functions that return a dataset over a
+Dask and Zarr come with ``jaxrock[cluster]``. Functions that return a dataset over a
 grid take ``chunks`` and are lazy then: `resonance_spectrum`, `rocking_spectrum`,
 `overturning_spectrum`, `overturning_map`, `harmonic_spectrum` and `fragility`. Names beside
 those in ``__all__`` are for the other packages.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..host import import_optional
 from .axes import Values as Values
-from .axes import axis as axis
+from .axes import as_axis as as_axis
+from .grid import DataType as DataType
 from .grid import Grid as Grid
-from .grid import along as along
-from .grid import flat as flat
-from .grid import in_tiles as in_tiles
-from .grid import of_few_shapes as of_few_shapes
-from .tables import overturned_share as overturned_share
+from .grid import GridVariable as GridVariable
+from .grid import apply_in_tiles as apply_in_tiles
+from .grid import apply_padded as apply_padded
+from .grid import as_object_array as as_object_array
+from .grid import list_points as list_points
+from .tables import compute_overturned_share as compute_overturned_share
 from .tables import write_table
 
 if TYPE_CHECKING:
     from .lazy import Chunks as Chunks
-    from .lazy import lazily_from as lazily_from
+    from .lazy import apply_lazily as apply_lazily
     from .workers import OwnProcessors, local_cluster
     from .zarr_store import Stored, write_zarr
 
 __all__ = ["OwnProcessors", "Stored", "local_cluster", "write_table", "write_zarr"]
 
-# Imported when used first: they need Dask, which not every user has.
+# They need Dask, which not every user has, and which takes longer to import than the rest.
 _BY_DASK = {
     "Chunks": "lazy",
-    "lazily_from": "lazy",
+    "apply_lazily": "lazy",
     "OwnProcessors": "workers",
     "local_cluster": "workers",
     "Stored": "zarr_store",
@@ -38,7 +40,8 @@ _BY_DASK = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
+    """Import what needs Dask when it is used first."""
     if name not in _BY_DASK:
         raise AttributeError(f"module {__name__} has no attribute {name!r}")
     return getattr(import_optional(f"{__name__}.{_BY_DASK[name]}", "cluster"), name)

@@ -1,4 +1,4 @@
-"""The axes of grids: their names, units and what is allowed along them."""
+"""The axes of grids: their names, their units, and the values that they may have."""
 
 from collections.abc import Sequence
 
@@ -34,9 +34,12 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 }
 
 
-def axis(name: str, value: Values) -> np.ndarray:
+def as_axis(name: str, value: Values) -> np.ndarray:
     """Check the values along an axis: one or more, different, and all in its domain."""
-    as_real(name, value)  # in the precision of JAX; the axis keeps its own
+    # Raises for anything but numbers, in the words of all functions. In the precision of JAX:
+    # the axis keeps its own, since the coordinates of a dataset are compared with what was
+    # asked for.
+    as_real(name, value)
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:
         raise ValueError(
@@ -45,6 +48,7 @@ def axis(name: str, value: Values) -> np.ndarray:
         )
     check(name, values, _AXES[name][2])
     values = np.atleast_1d(values)
+    # Asked for a value that it has twice, a dataset would give two points instead of one.
     distinct, counts = np.unique(values, return_counts=True)
     if distinct.size < values.size:
         raise ValueError(
@@ -53,7 +57,7 @@ def axis(name: str, value: Values) -> np.ndarray:
     return values
 
 
-def label(name: str) -> dict[str, str]:
-    """Return the attributes of what is named like an axis."""
+def describe_axis(name: str) -> dict[str, str]:
+    """Return the attributes of the coordinate along an axis."""
     long_name, units, _ = _AXES[name]
     return {"long_name": long_name, "units": units}

@@ -6,157 +6,214 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from ..host import (
+    add_names,
+    count_processors,
     import_optional,
-    labelled,
-    mapped,
-    processors,
-    version,
-    with_names,
-    with_progress,
-    written_whole,
+    make_dataset,
+    map_in_threads,
+    read_version,
+    show_progress,
+    write_whole,
 )
-from .axes import label
+from .axes import describe_axis
 
 if TYPE_CHECKING:
+    import netCDF4
     import xarray
 
     from .lazy import Chunks
 
 Chunk = tuple[slice, ...]
+DataType = type | np.dtype | str  # of NumPy arrays
+_Tree = TypeVar("_Tree")
 
 
+class GridVariable(NamedTuple):
+    """A variable over a grid: its dimensions, the type of its numbers, its attributes."""
+
+    dims: Sequence[str]
+    dtype: DataType
+    attributes: Mapping[str, object]
+
+
+# A grid is computed in three ways that must agree: at once in memory, chunk by chunk into a
+# file, and lazily, where Dask sends each chunk to a thread, a process or another machine. All
+# three call `compute`, on which two demands follow:
+#
+# - It can be pickled: a function at the top of a module, or a `functools.partial` of one,
+#   never a local function. Dask sends it to its workers, and makes the names of tasks from
+#   its pickle: equal grids have equal names, by which a store is continued.
+# - Its answer for a point has the same bits whatever else is in the chunk. Otherwise numbers
+#   would depend on the chunks that somebody chose, and a store that two runs have written
+#   would be the answer of neither. That does not come by itself: XLA makes another program for
+#   every shape, and not all of these round alike. So points go through programs of one shape
+#   (`apply_in_tiles`), and blocks one after the other through the queue of the batch.
 @dataclass(frozen=True)
 class Grid:
     """A dataset over named axes, before it is computed.
 
     Attributes
     ----------
-    title, attributes
-        Of the dataset.
+    title : str
+        Title of the dataset.
     axes : mapping of str to ndarray
-        The values along each; an axis that is no dimension of a variable becomes a scalar
+        The values along each axis. An axis that is no dimension of a variable becomes a scalar
         coordinate.
-    variables : mapping
-        Dimensions, type and attributes of each. Dimensions are axes in their order, and after
-        them `columns`.
+    variables : mapping of str to GridVariable
+        The variables. Their dimensions are axes in the order of `axes`, and after them
+        `columns`.
+    attributes : mapping
+        Attributes of the dataset.
     compute : callable
-        Takes what is `shared` and the values along each axis in a chunk, and returns an array
-        of each variable over the dimensions of that. Is pickled, and what it returns for a
-        point is the same bits whatever else is in the chunk.
+        Takes the `shared` pytree and the values along each axis in a chunk. Returns an array
+        for each variable over the dimensions of that variable. It can be pickled, and returns
+        the same bits for a point whatever else is in the chunk.
     largest, usual : int
-        Most points that are computed at once, and most in a chunk of a lazy dataset by
+        The most points that are computed at once, and the most in a chunk of a lazy dataset by
         default.
     names : mapping
-        Names along axes whose values are none of a coordinate, and what these are names of.
+        For each axis whose values are objects instead of numbers: a name for each of them, and
+        a word for what they are.
     labels : mapping
-        Attributes of axes that are not described here.
+        Attributes of axes that `describe_axis` does not know.
     columns : mapping of str to int
-        Sizes of dimensions that are no axes.
+        Sizes of dimensions that are not axes.
     shared : pytree
+        Arguments that all points have in common.
     """
 
     title: str
     axes: Mapping[str, np.ndarray]
-    variables: Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
-    attributes: Mapping[str, Any]
-    compute: Callable[..., Mapping[str, Any]]
+    variables: Mapping[str, GridVariable]
+    attributes: Mapping[str, object]
+    compute: Callable[..., Mapping[str, np.ndarray]]
     largest: int
     usual: int
     names: Mapping[str, tuple[Sequence[str], str]] = field(default_factory=dict)
     labels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     columns: Mapping[str, int] = field(default_factory=dict)
-    shared: Any = None
+    shared: PyTree = None
 
-    def dataset(
+    def build_dataset(
         self, chunks: "Chunks | None" = None, store: str | Path | None = None
     ) -> "xarray.Dataset":
-        """Compute it, in memory or in a NetCDF file; or make it lazy, if there are chunks."""
+        """Compute the dataset, in memory or in a NetCDF file; with chunks, make it lazy."""
         if chunks is None:
-            return self.stored(store) if store is not None else self.labelled(self.computed())
+            if store is None:
+                return self.label(self.compute_all())
+            return self.write_netcdf(store)
         if store is not None:
             must = "a NetCDF file is not written in chunks; write_zarr writes a lazy dataset"
             raise ValueError(f"store goes without chunks: {must}")
         lazy = import_optional(f"{__package__}.lazy", "cluster")
-        used = {dim for dims, _, _ in self.variables.values() for dim in dims}
+
+        # Who chooses chunks sees only the dimensions of the dataset. The other axes have one
+        # value, and thus one chunk.
+        used = {dim for variable in self.variables.values() for dim in variable.dims}
         sizes = {name: values.size for name, values in self.axes.items()}
         inner = {name: size for name, size in sizes.items() if name in used}
-        along = lazy.chunks_along(chunks, inner, self.usual)
-        along |= {name: (size,) for name, size in sizes.items() if name not in used}
-        variables = {name: entry[:2] for name, entry in self.variables.items()}
-        about = (self.title, dict(self.attributes), dict(self.names), version())
-        compute = functools.partial(_all_of, self.without_values())
-        return self.labelled(
-            lazy.lazy_arrays(
-                compute, self.shared, self.axes, along, variables, self.columns, about
+        lengths = lazy.choose_chunks(chunks, inner, self.usual)
+        lengths |= {name: (size,) for name, size in sizes.items() if name not in used}
+
+        # What tells one grid from another beside its numbers: names of tasks follow from it.
+        identity = (self.title, dict(self.attributes), dict(self.names), read_version())
+        compute = functools.partial(_compute_part, self.drop_values())
+        return self.label(
+            lazy.make_lazy_arrays(
+                compute,
+                self.shared,
+                self.axes,
+                lengths,
+                self.variables,
+                self.columns,
+                identity,
             )
         )
 
-    def without_values(self) -> "Grid":
-        """Itself, without what the axes and the shared part weigh."""
+    def drop_values(self) -> "Grid":
+        """Return the grid without the values of its axes and its shared part.
+
+        This travels with every task; the values of a chunk come to the task by themselves.
+        """
         return replace(self, axes=dict.fromkeys(self.axes, np.empty(0)), shared=None, names={})
 
-    def computed(self) -> dict[str, np.ndarray]:
-        """All variables, in memory."""
+    def compute_all(self) -> dict[str, np.ndarray]:
+        """Compute all variables in memory."""
+        # What fits into one call is not copied into arrays that are made beforehand.
         if math.prod(values.size for values in self.axes.values()) <= self.largest:
             answers = self.compute(self.shared, *self.axes.values())
             return {
-                n: np.ascontiguousarray(answers[n], v[1]) for n, v in self.variables.items()
+                name: np.ascontiguousarray(answers[name], variable.dtype)
+                for name, variable in self.variables.items()
             }
         arrays = {
-            name: np.empty([self.size(dim) for dim in dims], dtype)
-            for name, (dims, dtype, _) in self.variables.items()
+            name: np.empty([self.size(dim) for dim in variable.dims], variable.dtype)
+            for name, variable in self.variables.items()
         }
         self.fill(arrays)
         return arrays
 
     def size(self, dim: str) -> int:
-        """Along a dimension."""
+        """Return the size along a dimension."""
         return self.columns[dim] if dim in self.columns else self.axes[dim].size
 
-    def fill(self, targets: Mapping[str, Any]) -> None:
+    def fill(self, targets: "Mapping[str, np.ndarray | netCDF4.Variable]") -> None:
         """Compute all variables, part by part, into arrays or variables of a file."""
-        places = chunks_of([values.size for values in self.axes.values()], self.largest)
-        for place in with_progress(places, self.title.lower()):
+        sizes = [values.size for values in self.axes.values()]
+        places = divide_into_chunks(sizes, self.largest)
+        for place in show_progress(places, self.title.lower()):
             at = dict(zip(self.axes, place, strict=True))
             answers = self.compute(self.shared, *(v[at[n]] for n, v in self.axes.items()))
             for name, target in targets.items():
-                dims = self.variables[name][0]
+                # A variable without some of the axes is written once for each chunk along
+                # these, each time with the same numbers.
+                dims = self.variables[name].dims
                 target[tuple(at.get(dim, slice(None)) for dim in dims)] = answers[name]
 
-    def labelled(self, arrays: Mapping[str, Any]) -> "xarray.Dataset":
-        """Make the dataset of arrays of all variables."""
-        entries = {name: (v[0], arrays[name], v[2]) for name, v in self.variables.items()}
-        dataset = labelled(self.title, entries, self.coordinates(), self.attributes)
-        return with_names(dataset, **self.names) if self.names else dataset
-
-    def coordinates(self) -> dict[str, Any]:
-        """Of axes that are dimensions their values, of others their only one."""
-        used = {dim for dims, _, _ in self.variables.values() for dim in dims}
-        return {
-            name: (
-                *(((name,), values) if name in used else ((), values[0])),
-                self.labels.get(name) or label(name),
-            )
-            for name, values in self.axes.items()
-            if name not in self.names
+    def label(self, arrays: Mapping[str, object]) -> "xarray.Dataset":
+        """Make the dataset of arrays of all variables, be they of NumPy or of Dask."""
+        entries = {
+            name: (variable.dims, arrays[name], variable.attributes)
+            for name, variable in self.variables.items()
         }
+        coordinates = self.describe_coordinates()
+        dataset = make_dataset(self.title, entries, coordinates, self.attributes)
+        return add_names(dataset, **self.names) if self.names else dataset
 
-    def stored(self, store: str | Path) -> "xarray.Dataset":
+    def describe_coordinates(
+        self,
+    ) -> dict[str, tuple[Sequence[str], np.ndarray | np.generic, Mapping[str, str]]]:
+        """Return the coordinates: all values of a dimension, the only one of another axis."""
+        used = {dim for variable in self.variables.values() for dim in variable.dims}
+        coordinates = {}
+        for name, values in self.axes.items():
+            if name in self.names:
+                continue
+            attributes = self.labels.get(name) or describe_axis(name)
+            dims, content = ((name,), values) if name in used else ((), values[0])
+            coordinates[name] = (dims, content, attributes)
+        return coordinates
+
+    def write_netcdf(self, store: str | Path) -> "xarray.Dataset":
         """Compute into a NetCDF file, from which the dataset reads on demand."""
         import netCDF4
         import xarray
 
         path = Path(store)
-        coordinates = self.coordinates()
+        coordinates = self.describe_coordinates()
         scalars = " ".join(name for name, (dims, *_) in coordinates.items() if not dims)
-        with written_whole("store", path.parent, [path.name], overwrite=True) as scratch:
-            bare = labelled(self.title, {}, coordinates, self.attributes)
+        # xarray writes the head of the file, and would then want all variables in memory.
+        # netCDF4 can fill them part by part. To xarray scalar coordinates are variables like
+        # others here, so that what makes them coordinates is written by hand.
+        with write_whole("store", path.parent, [path.name], overwrite=True) as scratch:
+            bare = make_dataset(self.title, {}, coordinates, self.attributes)
             bare.reset_coords().to_netcdf(scratch / path.name)
             with netCDF4.Dataset(scratch / path.name, "a") as file:
                 for name, (dims, dtype, described) in self.variables.items():
@@ -169,21 +226,22 @@ class Grid:
         return xarray.open_dataset(path)
 
 
-def _all_of(grid: Grid, shared: Any, *parts: np.ndarray) -> dict[str, np.ndarray]:
-    """All variables of one chunk: as those of a grid of its own."""
+def _compute_part(grid: Grid, shared: PyTree, *parts: np.ndarray) -> dict[str, np.ndarray]:
+    """Compute all variables of one chunk, as those of a grid of its own."""
     axes = dict(zip(grid.axes, parts, strict=True))
-    return replace(grid, axes=axes, shared=shared).computed()
+    return replace(grid, axes=axes, shared=shared).compute_all()
 
 
-def along(things: Sequence[Any]) -> np.ndarray:
-    """Things that are no numbers, as the values along an axis."""
+def as_object_array(things: Sequence[object]) -> np.ndarray:
+    """Put things that are not numbers, such as records, along an axis."""
+    # One by one: `np.array` would look into a thing that has a length, and make more axes.
     values = np.empty(len(things), object)
     for k, thing in enumerate(things):
         values[k] = thing
     return values
 
 
-def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+def list_points(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     """Return the shape of a part of a grid, and each axis' value at each of its points."""
     shape = tuple(part.size for part in parts)
     points = np.empty((len(parts), *shape))
@@ -192,61 +250,77 @@ def flat(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     return shape, points.reshape(len(parts), -1)
 
 
-def in_tiles(
-    function: Callable[..., Any], tile: int, points: np.ndarray, workers: int = 0
-) -> Any:
+def apply_in_tiles(
+    function: Callable[[int, np.ndarray], _Tree],
+    tile: int,
+    points: np.ndarray,
+    workers: int = 0,
+) -> _Tree:
     """Apply an elementwise function to points of shape (arguments, n), n > 0, in tiles.
 
     XLA makes another program for every shape, and not all of these round alike. In tiles each
-    point has the same bits whatever the others are, and one program serves all grids. The
-    function takes the number of the tile and its points, and is called by as many threads as
-    there are `workers`, by default one for each processor. Returns NumPy arrays.
+    point has the same bits whatever the others are, and one program serves all grids.
+
+    The function takes the number of the tile and its points, and is called by as many threads
+    as there are `workers`, by default one for each processor. Returns the pytree that the
+    function returns, with NumPy arrays over all points.
     """
     size = points.shape[1]
     numbers = range(-(-size // tile))
 
-    def of_tile(number: int) -> tuple[slice, Any]:
+    def compute_tile(number: int) -> tuple[slice, _Tree]:
         part = points[:, number * tile : (number + 1) * tile]
         taken = part.shape[1]
+        # The last tile is filled with copies of its last point, which is inside of every
+        # domain because a point of the grid is.
         if taken < tile:
             part = np.pad(part, ((0, 0), (0, tile - taken)), mode="edge")
         answers = function(number, part)
         return slice(number * tile, number * tile + taken), answers
 
-    at, first = of_tile(0)
+    # The first tile is computed before the others: only its answer says what arrays there have
+    # to be, and the program is compiled once instead of by all threads at the same time.
+    at, first = compute_tile(0)
     if len(numbers) == 1:
         return jax.tree.map(lambda leaf: np.asarray(leaf)[at], first)
     whole = jax.tree.map(lambda leaf: np.empty((size, *leaf.shape[1:]), leaf.dtype), first)
 
-    def store(at: slice, answers: Any) -> None:
+    def store(at: slice, answers: _Tree) -> None:
         for target, leaf in zip(jax.tree.leaves(whole), jax.tree.leaves(answers), strict=True):
             target[at] = np.asarray(leaf)[: at.stop - at.start]
 
     store(at, first)
-    mapped(lambda number: store(*of_tile(number)), numbers[1:], workers or processors())
+    # Threads write to parts of the arrays that do not overlap, so that none waits for another.
+    map_in_threads(
+        lambda number: store(*compute_tile(number)), numbers[1:], workers or count_processors()
+    )
     return whole
 
 
-def of_few_shapes(function: Callable[[Any], Any], tree: Any) -> np.ndarray:
+def apply_padded(function: Callable[[_Tree], object], tree: _Tree) -> np.ndarray:
     """Apply an elementwise function to a pytree of numbers and flat arrays, in NumPy.
 
-    Padded, so that few shapes are compiled whatever the chunks are.
+    Arrays are padded to the next power of two, from 256 on, so that few shapes are compiled
+    whatever the chunks are.
     """
     size = max(np.size(leaf) for leaf in jax.tree.leaves(tree))
     room = max(256, 1 << (size - 1).bit_length())
 
-    def padded(leaf: Any) -> Any:
+    # Numbers stay numbers: one value for all points, however many these are.
+    def pad(leaf: jax.typing.ArrayLike) -> jax.typing.ArrayLike:
         return (
             np.pad(np.asarray(leaf), (0, room - size), mode="edge") if np.ndim(leaf) else leaf
         )
 
-    answers = np.asarray(function(jax.tree.map(padded, tree)))
+    answers = np.asarray(function(jax.tree.map(pad, tree)))
     return answers[:size] if answers.ndim else answers
 
 
-def chunks_of(sizes: Sequence[int], largest: int) -> list[Chunk]:
-    """Divide a grid into chunks of at most `largest` points, the first axes before the last."""
-    cuts = []
+def divide_into_chunks(sizes: Sequence[int], largest: int) -> list[Chunk]:
+    """Divide a grid into chunks of at most `largest` points, first along the first axes."""
+    # From the last axis on: as long as whole axes fit, a chunk lies in one piece in memory and
+    # in the file, whose last axis runs fastest.
+    cuts: list[list[slice]] = []
     for size in reversed(sizes):
         length = min(size, max(largest, 1))
         largest //= length

@@ -1,4 +1,4 @@
-"""Grids as lazy Dask arrays: one task for each chunk, whose variables are taken from its answer."""
+"""Grids as lazy Dask arrays: one task for each chunk, and one to take out each variable."""
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
@@ -10,45 +10,56 @@ import jax.numpy as jnp
 import numpy as np
 from dask.delayed import delayed
 from dask.tokenize import tokenize
+from jaxtyping import Array, PyTree
 from typing_extensions import TypeAliasType
 
-from ..host import settings_of_jax, under, without_progress
+from ..host import apply_settings, hide_progress, read_jax_settings
+from .grid import DataType, GridVariable
 
 Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | str)
 Compute = Callable[..., Mapping[str, np.ndarray]]
 
 
-def lazy_arrays(
+def make_lazy_arrays(
     compute: Compute,
-    shared: Any,
+    shared: PyTree,
     axes: Mapping[str, np.ndarray],
     chunks: Mapping[str, Sequence[int]],
-    variables: Mapping[str, tuple[Sequence[str], Any]],
+    variables: Mapping[str, GridVariable],
     columns: Mapping[str, int],
-    about: Any,
+    identity: object,
 ) -> dict[str, da.Array]:
-    """Make the variables over a grid lazily; nothing is computed.
+    """Make the variables over a grid lazily; compute nothing.
 
-    `compute` is a function that can be pickled. It takes what is `shared` and the values along
-    each axis in a chunk, and returns an array for each variable, over the dimensions of that.
+    `compute` is a function as `Grid` asks for. It takes the `shared` pytree and the values
+    along each axis in a chunk, and returns an array for each variable, over its dimensions.
     These are axes in their order, and after them `columns`, with their sizes. Names of tasks
-    follow from the arguments and from `about`, so that equal grids have equal names.
+    follow from the arguments and from the `identity`, so that equal grids have equal names.
     """
-    settings = {name: value for name, value in settings_of_jax().items() if _is_plain(value)}
-    values = {name: _packed_each(axis) for name, axis in axes.items()}
+    # Tasks run in threads and processes whose settings of JAX may be others, above all the
+    # precision: they take those of here along. In the names only the precision counts. The
+    # others, such as a folder for compiled programs, change no number.
+    settings = {name: value for name, value in read_jax_settings().items() if _is_plain(value)}
+    values = {name: _pack_each(axis) for name, axis in axes.items()}
     contents = [axis.tolist() if axis.dtype == object else axis for axis in values.values()]
-    shape = (tuple(axes), chunks, variables, columns, settings["enable_x64"])
-    token = tokenize(compute, _packed(shared), contents, shape, about)
+    kinds = {name: (variable.dims, variable.dtype) for name, variable in variables.items()}
+    shape = (tuple(axes), chunks, kinds, columns, settings["enable_x64"])
+    token = tokenize(compute, _pack(shared), contents, shape, identity)
+
     place = {name: k for k, name in enumerate((*axes, *columns))}
-    inputs: list[Any] = []
+    inputs: list[object] = []
     for name, each in values.items():
-        lengths: Any = (tuple(chunks[name]),)
+        lengths: Any = (tuple(chunks[name]),)  # more than the `str` of Dask's default
         array = da.from_array(each, lengths, name=f"jaxrock-{name}-{token}")
         inputs += [array, (place[name],)]
+
     # As an input of its own: it is sent to each worker once, and not with every task.
-    common = delayed(_packed(shared), name=f"jaxrock-shared-{token}", traverse=False)
+    common = delayed(_pack(shared), name=f"jaxrock-shared-{token}", traverse=False)
+
+    # An array over the axes whose element for a chunk stands for a dictionary of all
+    # variables: so they are computed together, once, whichever of them are asked for.
     grid = da.blockwise(
-        _computed,
+        _run_task,
         tuple(range(len(axes))),
         common,
         None,
@@ -60,12 +71,12 @@ def lazy_arrays(
         meta=np.empty((0,) * len(axes), object),
     )
 
-    def taken(name: str, dims: Sequence[str], dtype: Any) -> da.Array:
+    def take(name: str, dims: Sequence[str], dtype: DataType) -> da.Array:
         # What has fewer dimensions is the same along the others: of these the first chunk.
         part = grid.blocks[tuple(slice(None) if n in dims else slice(1) for n in axes)]
         new = {place[n]: size for n, size in columns.items() if n in dims}
         return da.blockwise(
-            _taken,
+            _take_variable,
             tuple(place[dim] for dim in dims),
             part,
             tuple(range(len(axes))),
@@ -76,20 +87,20 @@ def lazy_arrays(
             meta=np.empty((0,) * len(dims), dtype),
         )
 
-    return {name: taken(name, dims, dtype) for name, (dims, dtype) in variables.items()}
+    return {name: take(name, dims, dtype) for name, (dims, dtype) in kinds.items()}
 
 
-def lazily_from(
+def apply_lazily(
     function: Compute,
     array: da.Array,
-    arguments: Sequence[Any],
-    variables: Mapping[str, tuple[Sequence[int], Any]],
+    arguments: Sequence[object],
+    variables: Mapping[str, tuple[Sequence[int], DataType]],
 ) -> dict[str, da.Array]:
     """Apply a function to a whole lazy array and to other arguments, in one task.
 
     Each variable has some axes of the array, and a type; the first one is cut as in the array.
     """
-    whole: Any = -1
+    whole: Any = -1  # more than the `str` of Dask's default
     made = da.map_blocks(
         function,
         array.rechunk(whole),
@@ -99,9 +110,9 @@ def lazily_from(
         meta=np.empty((0,) * array.ndim, object),
     )
 
-    def taken(name: str, axes: Sequence[int], dtype: Any) -> da.Array:
+    def take(name: str, axes: Sequence[int], dtype: DataType) -> da.Array:
         found = da.blockwise(
-            _taken,
+            _take_variable,
             tuple(axes),
             made,
             tuple(range(array.ndim)),
@@ -110,24 +121,25 @@ def lazily_from(
             dtype=np.dtype(dtype),
             meta=np.empty((0,) * len(axes), dtype),
         )
+        # Variables of a dataset must agree about the chunks along a dimension.
         return found.rechunk({0: array.chunks[0]}) if 0 in axes else found
 
-    return {name: taken(name, axes, dtype) for name, (axes, dtype) in variables.items()}
+    return {name: take(name, axes, dtype) for name, (axes, dtype) in variables.items()}
 
 
-def chunks_along(
+def choose_chunks(
     chunks: Chunks, sizes: Mapping[str, int], largest: int
 ) -> dict[str, tuple[int, ...]]:
-    """Choose the chunks along each axis; "auto" is at most `largest` points, last axes whole.
+    """Choose the lengths of chunks along each axis; a `ValueError` if they do not fit.
 
-    A `ValueError` if they are not those of these sizes.
+    With "auto" a chunk has at most `largest` points, and the last axes stay whole.
     """
     if isinstance(chunks, str) and chunks == "auto":
         lengths = dict[str, int]()
         for name, size in reversed([*sizes.items()]):
             lengths[name] = max(1, min(size, largest))
             largest //= lengths[name]
-        return {name: _cut(name, lengths[name], size) for name, size in sizes.items()}
+        return {name: _cut_axis(name, lengths[name], size) for name, size in sizes.items()}
     if not isinstance(chunks, Mapping):
         must = 'chunks must be "auto" or lengths by dimension, such as'
         raise ValueError(f"{must} {{{next(iter(sizes))!r}: 50}}, got {chunks!r:.60}")
@@ -135,15 +147,17 @@ def chunks_along(
         if name not in sizes:
             names = ", ".join(sizes)
             raise ValueError(f"chunks must be of the dimensions {names}, got {name!r}")
-    return {name: _cut(name, chunks.get(name, -1), size) for name, size in sizes.items()}
+    return {name: _cut_axis(name, chunks.get(name, -1), size) for name, size in sizes.items()}
 
 
-def _cut(name: str, length: Any, size: int) -> tuple[int, ...]:
-    whole = isinstance(length, int | np.integer) and not isinstance(length, bool)
-    if whole and (length > 0 or length == -1):
-        length = size if length == -1 else min(int(length), size)
-        return (*[length] * (size // length), *[size % length] * (size % length > 0))
-    if isinstance(length, Sequence) and not isinstance(length, str):
+def _cut_axis(name: str, length: int | Sequence[int], size: int) -> tuple[int, ...]:
+    """Cut an axis into chunks of one length or of several; a `ValueError` if not possible."""
+    # True is an integer in Python, and would be a length of 1.
+    if isinstance(length, int | np.integer) and not isinstance(length, bool):
+        if length > 0 or length == -1:
+            whole = size if length == -1 else min(int(length), size)
+            return (*[whole] * (size // whole), *[size % whole] * (size % whole > 0))
+    elif isinstance(length, Sequence) and not isinstance(length, str):
         lengths = tuple(length)
         if all(isinstance(n, int | np.integer) and n > 0 for n in lengths):
             lengths = tuple(map(int, lengths))
@@ -153,56 +167,73 @@ def _cut(name: str, length: Any, size: int) -> tuple[int, ...]:
     raise ValueError(f"chunks of {name} {must} {size}, got {length!r:.60}")
 
 
-def _computed(
-    shared: Any, *parts: np.ndarray, compute: Compute, settings: Mapping[str, Any]
+def _run_task(
+    shared: PyTree, *parts: np.ndarray, compute: Compute, settings: Mapping[str, object]
 ) -> Mapping[str, np.ndarray]:
-    """All variables of one chunk, whatever process this is."""
-    with under(settings), without_progress():
-        values = [part if part.dtype != object else _unpacked_each(part) for part in parts]
-        return compute(_unpacked(shared), *values)
+    """Compute all variables of one chunk, in whatever thread or process this is."""
+    # Without progress bars: those of many tasks would write over each other, and Dask has one.
+    with apply_settings(settings), hide_progress():
+        values = [part if part.dtype != object else _unpack_each(part) for part in parts]
+        return compute(_unpack(shared), *values)
 
 
-def _taken(chunk: Any, variable: str) -> np.ndarray:
-    while isinstance(chunk, list):  # of the dimensions that it does not have
+def _take_variable(chunk: list | Mapping[str, np.ndarray], variable: str) -> np.ndarray:
+    """Take one variable out of the answer for a chunk."""
+    # Along dimensions that the variable does not have, `blockwise` hands over a list of
+    # chunks, which here has one element.
+    while isinstance(chunk, list):
         (chunk,) = chunk
     return chunk[variable]
 
 
-def _is_plain(value: Any) -> bool:
+def _is_plain(value: object) -> bool:
     """Tell whether a setting means the same in another process, unlike a device."""
     return value is None or isinstance(value, bool | int | float | str | enum.Enum)
 
 
-class _Weak(float):
-    """A number that takes the precision of others, as JAX calls it."""
+# JAX arrays travel as NumPy arrays: unpickled before `apply_settings`, one of 64 bits would
+# lose half of them in a worker whose precision is single. NumPy knows no weak types, so
+# numbers that have one travel as a class of their own. Else they would widen what they meet on
+# arrival, and the bits would be others than in memory.
+class _WeakNumber(float):
+    """A number of weak type, as JAX calls it: it takes the precision of others."""
 
 
-def _packed(tree: Any) -> Any:
+def _pack(tree: PyTree) -> PyTree:
     """Pack a pytree for other processes, which have settings of their own when they get it."""
 
-    def one(leaf: Any) -> Any:
-        return _Weak(leaf) if leaf.weak_type and not leaf.ndim else np.asarray(leaf)
+    def pack_leaf(leaf: Array) -> np.ndarray | _WeakNumber:
+        return _WeakNumber(leaf) if leaf.weak_type and not leaf.ndim else np.asarray(leaf)
 
-    return jax.tree.map(lambda leaf: one(leaf) if isinstance(leaf, jax.Array) else leaf, tree)
-
-
-def _unpacked(tree: Any) -> Any:
-    def one(leaf: Any) -> Any:
-        return jnp.asarray(float(leaf) if isinstance(leaf, _Weak) else leaf)
-
-    packed = (np.ndarray, _Weak)
-    return jax.tree.map(lambda leaf: one(leaf) if isinstance(leaf, packed) else leaf, tree)
+    return jax.tree.map(
+        lambda leaf: pack_leaf(leaf) if isinstance(leaf, jax.Array) else leaf, tree
+    )
 
 
-def _packed_each(values: np.ndarray) -> np.ndarray:
-    return values if values.dtype != object else _each(_packed, values)
+def _unpack(tree: PyTree) -> PyTree:
+    """Unpack a pytree that was packed for this process, under its final settings."""
+
+    def unpack_leaf(leaf: np.ndarray | _WeakNumber) -> Array:
+        return jnp.asarray(float(leaf) if isinstance(leaf, _WeakNumber) else leaf)
+
+    packed = (np.ndarray, _WeakNumber)
+    return jax.tree.map(
+        lambda leaf: unpack_leaf(leaf) if isinstance(leaf, packed) else leaf, tree
+    )
 
 
-def _unpacked_each(values: np.ndarray) -> np.ndarray:
-    return _each(_unpacked, values)
+def _pack_each(values: np.ndarray) -> np.ndarray:
+    """Pack the objects along an axis; numbers stay as they are."""
+    return values if values.dtype != object else _apply_to_each(_pack, values)
 
 
-def _each(function: Callable[[Any], Any], values: np.ndarray) -> np.ndarray:
+def _unpack_each(values: np.ndarray) -> np.ndarray:
+    """Unpack the objects along an axis."""
+    return _apply_to_each(_unpack, values)
+
+
+def _apply_to_each(function: Callable[[PyTree], PyTree], values: np.ndarray) -> np.ndarray:
+    """Apply a function to each object along an axis."""
     new = np.empty_like(values)
     for k, value in enumerate(values):
         new[k] = function(value)

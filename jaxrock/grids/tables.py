@@ -1,10 +1,11 @@
-"""Datasets part by part, which need not fit into memory: as tables, and what is counted in them."""
+"""Datasets that need not fit into memory, read part by part: written as tables, counted."""
 
+from collections.abc import Hashable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..host import heading, with_progress, write_about, written_whole
-from .grid import chunks_of
+from ..host import format_heading, show_progress, write_inputs, write_whole
+from .grid import divide_into_chunks
 
 if TYPE_CHECKING:
     import xarray
@@ -29,27 +30,34 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """
     path = Path(path)
     with (
-        written_whole("path", path.parent, [path.name], overwrite=True) as scratch,
+        write_whole("path", path.parent, [path.name], overwrite=True) as scratch,
         open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
     ):
-        write_about(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
-        for index, part in enumerate(with_progress(parts_of(dataset), "table")):
+        write_inputs(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
+        for index, part in enumerate(show_progress(divide_dataset(dataset), "table")):
             frame = dataset.isel(part).to_dataframe().reset_index()
-            heads = [heading(str(n), dataset[n].attrs.get("units", "")) for n in frame.columns]
+            heads = [
+                format_heading(str(n), dataset[n].attrs.get("units", ""))
+                for n in frame.columns
+            ]
+            # All parts make one table, whose heads stand above the first.
             frame.to_csv(
                 file, header=heads if index == 0 else False, index=False, na_rep="nan"
             )
 
 
-def overturned_share(dataset: "xarray.Dataset") -> float:
+def compute_overturned_share(dataset: "xarray.Dataset") -> float:
     """Compute the share of the scenes in a spectrum that overturn under unlimited pulses."""
+    # The margin alone is read, and a dataset in a file can be larger than memory.
     margin = dataset.overturning_margin
-    parts = with_progress(parts_of(dataset), "overturned")
+    parts = show_progress(divide_dataset(dataset), "overturned")
     return sum(int((margin.isel(part) <= 0).sum()) for part in parts) / margin.size
 
 
-def parts_of(dataset: "xarray.Dataset", largest: int = 2**18) -> list[dict[Any, slice]]:
-    """Parts of at most `largest` points, in the order of the rows."""
+def divide_dataset(
+    dataset: "xarray.Dataset", largest: int = 2**18
+) -> list[dict[Hashable, slice]]:
+    """Divide a dataset into parts of at most `largest` points, in the order of the rows."""
     names = tuple(dataset.sizes)
     sizes = tuple(dataset.sizes.values())
-    return [dict(zip(names, at, strict=True)) for at in chunks_of(sizes, largest)]
+    return [dict(zip(names, at, strict=True)) for at in divide_into_chunks(sizes, largest)]

@@ -1,4 +1,4 @@
-"""Workers on this machine: each has processors of its own, and an accelerator if there is one."""
+"""Workers on this machine, each with processors of its own, and perhaps an accelerator."""
 
 import contextlib
 import os
@@ -10,10 +10,13 @@ from typing import Any
 import jax
 from distributed import LocalCluster, Worker, WorkerPlugin
 
-from ..host import processors
+from ..host import count_processors
 
 _GPUS = Path("/proc/driver/nvidia/gpus")
-# Settings of JAX that a worker takes over, and the variables that say them to a new process.
+# Settings of JAX that a worker takes over, and the environment variables by which a new
+# process learns them, since it imports JAX before it could be told anything. With the same
+# folder for compiled programs a worker need not compile what this process or another worker
+# has compiled.
 _OF_CACHE = {
     "jax_compilation_cache_dir": "JAX_COMPILATION_CACHE_DIR",
     "jax_persistent_cache_min_compile_time_secs": "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS",
@@ -36,14 +39,14 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
     Returns
     -------
     distributed.LocalCluster
-        Which a ``distributed.Client`` takes.
+        A cluster, which a ``distributed.Client`` takes.
 
     Raises
     ------
     ValueError
         If there is to be no worker.
     """
-    count = processors() if workers is None else workers
+    count = count_processors() if workers is None else workers
     if count < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
     said = {variable: getattr(jax.config, name) for name, variable in _OF_CACHE.items()}
@@ -83,38 +86,47 @@ class OwnProcessors(WorkerPlugin):
         ValueError
             If its name has no number.
         """
-        number = number_of(worker.name) % self.workers
-        os.environ.update(accelerator_of(number, self.workers, os.environ))
+        # Modulo, because a cluster that has shrunk and grows again goes on counting.
+        number = read_worker_number(worker.name) % self.workers
+        os.environ.update(choose_accelerator(number, self.workers, os.environ))
         if hasattr(os, "sched_setaffinity"):
-            own = share_of(sorted(os.sched_getaffinity(0)), number, self.workers)
-            threads = Path("/proc/self/task")  # those that run already
+            own = choose_processors(sorted(os.sched_getaffinity(0)), number, self.workers)
+            # Affinity belongs to threads. New ones inherit it, running ones need a
+            # call each, and some may end meanwhile.
+            threads = Path("/proc/self/task")
             for thread in threads.iterdir() if threads.exists() else [Path("0")]:
-                with contextlib.suppress(ProcessLookupError):  # ended meanwhile
+                with contextlib.suppress(ProcessLookupError):
                     os.sched_setaffinity(int(thread.name), own)
 
 
-def number_of(name: Any) -> int:
+def read_worker_number(name: object) -> int:
     """Read the number at the end of a worker's name; a `ValueError` if it has none."""
+    # A worker without a name has its address for one, whose port is no number of a worker.
     found = re.search(r"\d+$", str(name))
-    if not found or ":" in str(name):  # an address, where a worker has been given no name
+    if not found or ":" in str(name):
         raise ValueError(
             f"workers must have names that end in a number from 0 on, got {name!r}"
         )
     return int(found[0])
 
 
-def share_of(all_of_them: list[int], number: int, workers: int) -> list[int]:
+def choose_processors(available: list[int], number: int, workers: int) -> list[int]:
     """Choose the processors of a worker: at least one, several next to each other."""
-    size = len(all_of_them)
+    # Neighbours often share a cache. More workers than processors share these in
+    # turn.
+    size = len(available)
     if workers >= size:
-        return [all_of_them[number % size]]
-    return all_of_them[number * size // workers : (number + 1) * size // workers]
+        return [available[number % size]]
+    return available[number * size // workers : (number + 1) * size // workers]
 
 
-def accelerator_of(
+def choose_accelerator(
     number: int, workers: int, environment: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the environment by which a worker sees one accelerator, if there are any."""
+    # By environment variables, which JAX reads when it first looks for accelerators: before
+    # that no task has run. Counted by the files of the driver, since asking JAX would be
+    # looking.
     visible = environment.get("CUDA_VISIBLE_DEVICES")
     if visible is None:
         visible = (

@@ -1,18 +1,38 @@
-"""Lazy datasets written to Zarr stores, chunk by chunk; what is written is not computed again."""
+"""Lazy datasets written to Zarr stores, chunk by chunk, by one run or by several."""
+
+# A store is continued by whoever finds it, perhaps after a run was killed in the middle of a
+# write. So all that a run knows of earlier ones is in the folder, and each step leaves a state
+# from which the next run can go on:
+#
+# state    | what is in the folder                       | what `write_zarr` does next
+# -------- | ------------------------------------------- | ----------------------------------
+# none     | the path does not exist                     | `_begin_store`: coordinates and
+#          |                                             | metadata appear at once
+# begun    | the attributes `identity`, `computed_with`  | compute all chunks
+#          | and `unfinished`; no chunk                  |
+# partly   | some chunks, each whole; beside them        | compute the others; a chunk that
+# written  | *.partial, where a writer was killed        | one of its variables lacks is none
+# damaged  | a chunk that does not decode to its size:   | compute it again, in its place
+#          | cut, or with a wrong checksum               |
+# finished | all chunks; no `unfinished`, no *.partial;  | nothing, if all chunks decode;
+#          | consolidated metadata                       | else as if damaged
+# foreign  | another identity or version; no store;      | refuse with the reason, and touch
+#          | coordinates that are not those written      | nothing (`check_continues`)
+#
+# A chunk goes from missing to whole in one step, since Zarr renames a file *.partial once it
+# is written. Two runs must not meet: `_finish_store` removes files *.partial, also those that
+# another run is just writing.
 
 import contextlib
 import math
 import os
-import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import dask.array as da
-import jax
 import numcodecs
 import numpy as np
 import xarray
@@ -24,27 +44,26 @@ from dask.highlevelgraph import HighLevelGraph, MaterializedLayer
 from dask.tokenize import tokenize
 from distributed import Client, progress
 
-from ..host import CannotWrite, Printed, sync, written_whole
+from ..host import CannotWrite, Printed, sync, write_whole
+from .zarr_store_identity import FORMAT, IDENTITY, MADE_BY, check_continues, name_versions
 
-_IDENTITY = "identity"
 _UNFINISHED = "unfinished"
-_MADE_BY = "computed_with"
-_FORMAT = 2  # of Zarr: the one whose metadata of a whole dataset every reader knows
 Index = tuple[int, ...]
+Graph = Any  # a HighLevelGraph: checks of types at run time do not get on with its own hints
 
 
 @dataclass(frozen=True, repr=False)
 class Stored(Printed):
-    """What was written; see `write_zarr`.
+    """A store that has been written; see `write_zarr`.
 
     Attributes
     ----------
     path : Path
         The store.
     chunks : int
-        How many there are.
+        Number of chunks.
     taken_over : int
-        How many of them an earlier run had written.
+        Number of chunks that an earlier run had written.
     """
 
     path: Path
@@ -61,7 +80,7 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     By the scheduler that Dask would take: threads, or the workers of the current
     ``distributed.Client``. A chunk counts as written once all of its variables are, each of
     which appears whole or not at all. Until all are there the store has the attribute
-    ``unfinished``, and what is missing reads as NaN or 0. A chunk that is there but cannot be
+    ``unfinished``, and missing chunks read as NaN or 0. A chunk that is there but cannot be
     decoded, or not to its size, is computed again.
 
     Parameters
@@ -88,7 +107,8 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     --------
     >>> import tempfile
     >>> import jaxrock as jr
-    >>> lazy = jr.resonance_spectrum([3.0, 5.0, 9.0], 0.8, 0.7, 0.15, chunks={"slenderness": 2})
+    >>> axes = ([3.0, 5.0, 9.0], 0.8, 0.7, 0.15)
+    >>> lazy = jr.resonance_spectrum(*axes, chunks={"slenderness": 2})
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     for _ in range(2):
     ...         print(jr.grids.write_zarr(lazy, f"{folder}/spectrum.zarr").taken_over)
@@ -96,49 +116,60 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     2
     """
     path = Path(path)
-    arrays = _lazy_arrays(dataset)
+    arrays = _select_lazy_arrays(dataset)
     if set("#?") & set(str(path)):
         raise ValueError(
             f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address"
         )
+    # Names of arrays follow from all that they are computed from, precision included.
     identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
     if os.path.lexists(path):
-        _check_same(path, dataset, arrays, identity)
+        check_continues(path, dataset, arrays, identity)
     else:
-        _begin(path, dataset, identity)
+        _begin_store(path, dataset, identity)
     try:
-        return _filled(path, dataset, arrays)
-    except OSError as error:  # such as a disk that is full; what is written stays
+        return _write_missing_chunks(path, dataset, arrays)
+    # Such as a disk that is full. The chunks that are written stay, for the next run.
+    except OSError as error:
         raise CannotWrite("store", path, error) from error
 
 
-def _filled(path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]) -> Stored:
-    """Compute and write the chunks that are not there."""
-    chunks = taken_over = 0
-    # What is made of other variables comes after them, from what is stored.
-    first = {name: array for name, array in arrays.items() if not _depends(array, arrays)}
+def _write_missing_chunks(
+    path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]
+) -> Stored:
+    """Compute and write the chunks that are missing or damaged."""
+    chunks = 0
+    taken_over = 0
+    # Variables that are made of others, as the curves of a suite are, come after these and
+    # read them from the store. Otherwise a curve that is missing would have all responses
+    # computed again.
+    first = {
+        name: array for name, array in arrays.items() if not _depends_on_others(array, arrays)
+    }
     later = {name: array for name, array in arrays.items() if name not in first}
     for stage, before in ((first, {}), (later, first)):
-        graphs = list[Any]()
-        keys = list[Any]()
+        graphs = list[HighLevelGraph]()
+        keys = list[tuple[str | int, ...]]()
+        # Variables with the same dimensions have the same chunks, which one task computes and
+        # writes. So they are one group, and a chunk is there if all of them have it.
         for dims in dict.fromkeys(dataset[name].dims for name in stage):
             group = {name: a for name, a in stage.items() if dataset[name].dims == dims}
-            written = _written(path, group)
-            there = set.intersection(*(_whole_chunks(path, name) for name in group))
+            written = _make_writing_tasks(path, group)
+            there = set.intersection(*(_list_whole_chunks(path, name) for name in group))
             missing = [key for key in np.ndindex(*written.numblocks) if key not in there]
-            graphs.append(_with_stored(written.__dask_graph__(), path, before))
+            graphs.append(_replace_by_reads(written.__dask_graph__(), path, before))
             keys += [(written.name, *key) for key in missing]
             count = math.prod(written.numblocks)
             chunks += count
             taken_over += count - len(missing)
         if keys:
-            _run(HighLevelGraph.merge(*graphs), keys)
-    _finish(path, arrays)
+            _run_graph(HighLevelGraph.merge(*graphs), keys)
+    _finish_store(path, arrays)
     return Stored(path, chunks, taken_over)
 
 
-def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
-    """Return the variables that are Dask arrays, and check their chunks."""
+def _select_lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
+    """Select the variables that are Dask arrays, and check their chunks."""
     arrays = {
         str(n): v.data for n, v in dataset.data_vars.items() if isinstance(v.data, da.Array)
     }
@@ -147,6 +178,7 @@ def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
             "dataset must be lazy, of Dask arrays; its to_zarr writes one in memory"
         )
     for name, array in arrays.items():
+        # Zarr knows one length of chunks along a dimension, after which it names their files.
         for dim, lengths in zip(dataset[name].dims, array.chunks, strict=True):
             if len(set(lengths[:-1])) > 1 or lengths[-1] > lengths[0]:
                 must = "must have one length, the last may be shorter"
@@ -154,8 +186,9 @@ def _lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
     return arrays
 
 
-def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
+def _depends_on_others(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
     """Tell whether an array is made of others of these."""
+    # Walks through the layers below that of the array, each once.
     others = {other.name for other in arrays.values()} - {array.name}
     dependencies = array.dask.dependencies
     seen = set[str]()
@@ -167,98 +200,32 @@ def _depends(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
     return bool(seen & others)
 
 
-def _begin(path: Path, dataset: xarray.Dataset, identity: str) -> None:
-    """Begin a store with everything but the lazy arrays."""
-    about = {_IDENTITY: identity, _MADE_BY: _versions(), _UNFINISHED: "chunks are missing"}
+def _begin_store(path: Path, dataset: xarray.Dataset, identity: str) -> None:
+    """Begin a store: write everything but the lazy arrays, whole or not at all."""
+    about = {
+        IDENTITY: identity,
+        MADE_BY: name_versions(),
+        _UNFINISHED: "chunks are missing",
+    }
     try:
-        with written_whole("store", path.parent, [path.name], overwrite=False) as scratch:
+        with write_whole("store", path.parent, [path.name], overwrite=False) as scratch:
             target = scratch / path.name
             named = dataset.assign_attrs(about)
             # With a checksum, by which a chunk that is cut or has lost a bit is told.
             codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
             encoding = {name: codec for name in named.variables}
             named.to_zarr(
-                target, mode="w-", compute=False, zarr_format=_FORMAT, encoding=encoding
+                target, mode="w-", compute=False, zarr_format=FORMAT, encoding=encoding
             )
+    # `write_whole` refuses a path that has come into being since `write_zarr` looked.
     except ValueError as error:
         if not path.is_dir():
             raise
         raise ValueError(f"store: {str(path)!r} has just been begun by another run") from error
 
 
-def _versions() -> str:
-    return f"JAX {jax.__version__}, Dask {version('dask')}, Python {platform.python_version()}"
-
-
-def _check_same(
-    path: Path, dataset: xarray.Dataset, arrays: Mapping[str, da.Array], identity: str
-) -> None:
-    """Raise `ValueError`, which says why, if what is there is not the begun store of a dataset."""
-    try:
-        with xarray.open_zarr(path, zarr_format=_FORMAT) as there:
-            found = there.attrs
-            whole = all((path / name).is_dir() for name in arrays)
-            if (
-                found.get(_IDENTITY) == identity
-                and found.get(_MADE_BY) == _versions()
-                and whole
-            ):
-                damaged = [str(n) for n in dataset.variables if str(n) not in arrays]
-                damaged = [n for n in damaged if not _equal(there, dataset, n)]
-                if not damaged:
-                    return
-                reason = f"is damaged: {', '.join(damaged)} is not what was written"
-            else:
-                reason = _difference(there, dataset, arrays)
-    except (OSError, ValueError, KeyError, TypeError):
-        reason = "is no Zarr store that write_zarr has begun"
-    raise ValueError(f"store: {str(path)!r} {reason}; it is left as it is")
-
-
-def _equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool:
-    """Compare a variable of the store with that of the dataset, which is in memory."""
-    if name not in there.variables:
-        return False
-    ours = dataset[name].values
-    theirs = there[name].values
-    return ours.shape == theirs.shape and bool(np.array_equal(ours, theirs))
-
-
-def _difference(
-    there: xarray.Dataset, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]
-) -> str:
-    """Say in what a store differs from a dataset."""
-    if _IDENTITY not in there.attrs:
-        return "is no Zarr store that write_zarr has begun"
-    for name, made_by in (("source", dataset.attrs.get("source")), (_MADE_BY, _versions())):
-        if there.attrs.get(name) != made_by:
-            return f"was begun by {there.attrs.get(name)}, and this is {made_by}"
-    for name in dataset.coords:
-        ours = dataset[name].values
-        theirs = there[name].values if name in there else np.empty(0)
-        if ours.shape != theirs.shape or not (ours == theirs).all():
-            return f"belongs to another grid: its {name} differs"
-    for name, array in arrays.items():
-        if name not in there or there[name].dtype != array.dtype:
-            return f"belongs to another grid: {name} is not the same"
-    most = max(arrays, key=lambda name: arrays[name].ndim)
-    if there[most].chunks != arrays[most].chunks:
-        return f"was begun in chunks of {_lengths(there[most])}, not {_lengths(dataset[most])}"
-    for name, value in dataset.attrs.items():
-        if isinstance(value, str | int | float) and there.attrs.get(name) != value:
-            return (
-                f"belongs to another grid: its {name} is {there.attrs.get(name)}, not {value}"
-            )
-    return "belongs to another grid: what it was computed from differs"
-
-
-def _lengths(variable: xarray.DataArray) -> str:
-    pairs = zip(variable.dims, variable.chunks or (), strict=False)
-    return ", ".join(f"{name} {lengths[0]}" for name, lengths in pairs)
-
-
-def _present(path: Path, name: str) -> set[Index]:
-    """List the chunks of a variable that are there."""
+def _list_present_chunks(path: Path, name: str) -> set[Index]:
+    """List the chunks of a variable by the names of their files, which are their indices."""
     with os.scandir(path / name) as entries:
         words = (entry.name.split(".") for entry in entries)
         return {
@@ -266,12 +233,13 @@ def _present(path: Path, name: str) -> set[Index]:
         }
 
 
-def _whole_chunks(path: Path, name: str) -> set[Index]:
-    """List the chunks of a variable that are there, and that decode to their size."""
-    array: Any = zarr.open_array(f"{path}/{name}", mode="r", zarr_format=_FORMAT)
+def _list_whole_chunks(path: Path, name: str) -> set[Index]:
+    """List the chunks of a variable that are there and decode to their size."""
+    array = _open_array(path, name, "r")
     whole = set()
-    for index in _present(path, name):
+    for index in _list_present_chunks(path, name):
         place = path / name / ".".join(map(str, index))
+        # Something else of this name could not be replaced by a chunk.
         if not place.is_file():
             raise ValueError(
                 f"store: {str(place)!r} is in the place of a chunk, and is no file"
@@ -284,11 +252,14 @@ def _whole_chunks(path: Path, name: str) -> set[Index]:
     return whole
 
 
-def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
-    """Make a lazy array of ones, one for each chunk, which is written before."""
+def _make_writing_tasks(path: Path, group: Mapping[str, da.Array]) -> da.Array:
+    """Make a lazy array that writes chunks: its block is 1 once the chunk is on the disk.
+
+    So the answers of tasks weigh a byte, and Dask lets go of a chunk as soon as it is written.
+    """
     arrays = list(group.values())
     return da.map_blocks(
-        _write,
+        _write_chunk,
         *arrays,
         path=os.path.abspath(path),
         names=tuple(group),
@@ -300,7 +271,7 @@ def _written(path: Path, group: Mapping[str, da.Array]) -> da.Array:
     )
 
 
-def _write(
+def _write_chunk(
     *parts: np.ndarray,
     path: str,
     names: Sequence[str],
@@ -311,42 +282,57 @@ def _write(
     starts = [number * length for number, length in zip(block_id, lengths, strict=True)]
     region = tuple(slice(s, s + n) for s, n in zip(starts, parts[0].shape, strict=True))
     for name, part in zip(names, parts, strict=True):
-        target: Any = zarr.open_array(f"{path}/{name}", mode="r+", zarr_format=_FORMAT)
+        target = _open_array(path, name, "r+")
         # Otherwise a chunk that is NaN throughout would be left out, and never seem written.
         target.with_config({"write_empty_chunks": True})[region] = part
+        # Zarr renames a file that it has written. Without this a machine that loses its power
+        # could keep the name and lose the content.
         sync(Path(path, name, ".".join(map(str, block_id))))
     return np.ones((1,) * len(block_id), np.int8)
 
 
-def _read(path: str, name: str, region: tuple[slice, ...]) -> np.ndarray:
-    target: Any = zarr.open_array(f"{path}/{name}", mode="r", zarr_format=_FORMAT)
-    return target[region]
+def _read_chunk(path: str, name: str, region: tuple[slice, ...]) -> np.ndarray:
+    """Read one chunk of a variable from the store."""
+    return _open_array(path, name, "r")[region]
 
 
-def _with_stored(graph: Any, path: Path, stored: Mapping[str, da.Array]) -> Any:
-    """Make a graph in which some arrays are read from the store, instead of computed."""
+def _open_array(path: str | Path, name: str, mode: Literal["r", "r+"]) -> Any:
+    """Open a variable of the store."""
+    # Zarr says that this may be one of several kinds of arrays, of which some have no blocks.
+    return zarr.open_array(f"{path}/{name}", mode=mode, zarr_format=FORMAT)
+
+
+def _replace_by_reads(graph: Graph, path: Path, stored: Mapping[str, da.Array]) -> Graph:
+    """Make a graph in which some arrays are read from the store instead of computed."""
     layers = dict(graph.layers)
     dependencies = dict(graph.dependencies)
     for name, array in stored.items():
         if array.name in layers:
-            places = zip(np.ndindex(*array.numblocks), _regions(array), strict=True)
+            places = zip(np.ndindex(*array.numblocks), _iterate_regions(array), strict=True)
             tasks = {
-                (array.name, *k): (_read, os.path.abspath(path), name, r) for k, r in places
+                (array.name, *k): (_read_chunk, os.path.abspath(path), name, r)
+                for k, r in places
             }
+            # Under the same keys: the layers above do not notice, and those below, on which
+            # nothing depends any more, are dropped when the graph is optimized.
             layers[array.name] = MaterializedLayer(tasks)
             dependencies[array.name] = set()
     return HighLevelGraph(layers, dependencies)
 
 
-def _regions(array: da.Array) -> Iterator[tuple[slice, ...]]:
+def _iterate_regions(array: da.Array) -> Iterator[tuple[slice, ...]]:
+    """Iterate over the places of the chunks of an array, in the order of `np.ndindex`."""
     return iter(slices_from_chunks(array.chunks))
 
 
-def _run(graph: Any, keys: Sequence[Any]) -> None:
+def _run_graph(graph: Graph, keys: Sequence[tuple[str | int, ...]]) -> None:
     """Compute some keys of a graph, with Dask's own progress on a terminal."""
-    get = get_scheduler(cls=da.Array)
+    # By keys instead of `array.compute()`: the missing chunks are some of an array, and those
+    # of several arrays go to the scheduler together, which shares the tasks below them.
+    get: Any = get_scheduler(cls=da.Array)
     optimized = da.Array.__dask_optimize__(graph, list(keys))
     shows = sys.stderr.isatty()
+    # With a current client `get` is its bound method. Its progress is shown by other means.
     client = getattr(get, "__self__", None)
     if not isinstance(client, Client):
         with ProgressBar(out=sys.stderr, minimum=2) if shows else contextlib.nullcontext():
@@ -354,18 +340,20 @@ def _run(graph: Any, keys: Sequence[Any]) -> None:
         return
     futures = client.get(optimized, list(keys), sync=False)
     if shows:
-        with contextlib.redirect_stdout(sys.stderr):  # not among what is printed as a result
+        # Standard output is for results, which others may read from a pipe.
+        with contextlib.redirect_stdout(sys.stderr):
             progress(futures, notebook=False)
     client.gather(futures)
 
 
-def _finish(path: Path, arrays: Mapping[str, da.Array]) -> None:
-    """Say that the store is whole, and remove what killed writers have left."""
-    group = zarr.open_group(path, mode="r+", zarr_format=_FORMAT)
+def _finish_store(path: Path, arrays: Mapping[str, da.Array]) -> None:
+    """Mark the store as whole, and remove the files that killed writers have left."""
+    group = zarr.open_group(path, mode="r+", zarr_format=FORMAT)
     if _UNFINISHED not in group.attrs:
         return
+    # Tasks have succeeded, but perhaps on machines on which the path is another disk.
     for name, array in arrays.items():
-        missing = {*np.ndindex(*array.numblocks)} - _present(path, name)
+        missing = {*np.ndindex(*array.numblocks)} - _list_present_chunks(path, name)
         if missing:
             said = (
                 f"{len(missing)} chunks of {name} are not there; do all workers write to it?"
@@ -374,5 +362,6 @@ def _finish(path: Path, arrays: Mapping[str, da.Array]) -> None:
     for name in arrays:
         for left in (path / name).glob("*.partial"):
             left.unlink(missing_ok=True)
+    # Last, so that a run that is killed before leaves a store that says it is unfinished.
     del group.attrs[_UNFINISHED]
-    zarr.consolidate_metadata(group.store, zarr_format=_FORMAT)
+    zarr.consolidate_metadata(group.store, zarr_format=FORMAT)

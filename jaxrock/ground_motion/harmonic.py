@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..host import derivatives, shown
+from ..host import format_derivatives, format_number
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -25,11 +25,16 @@ from ..validation import (
 from .motion import Motion
 
 _MOST_CYCLES = 10**6
-_LEAST_ROOM = 256  # periods
+# Periods for which there is room at least. A power of two, as all larger sizes are: so few
+# sizes exist, and each number of periods below this one shares one program.
+_LEAST_ROOM = 256
 
 
 class Harmonic(Motion):
     """A sine for whole periods, ``amplitude sin(frequency (t - start))``, then rest.
+
+    For the batch, the property ``_period_count`` is the number of periods after which the
+    ground is at rest: `cycles`, unless there is room for more of them (see `bucketed`).
 
     Parameters
     ----------
@@ -73,13 +78,13 @@ class Harmonic(Motion):
         self.amplitude = as_real("amplitude", amplitude)
         self.frequency = as_real("frequency", frequency)
         self.start = as_real("start", start)
-        self.cycles = _counted(cycles)
+        self.cycles = _check_cycles(cycles)
 
     def __str__(self) -> str:
-        return derivatives(self) or (
-            f"{self.name} of {shown(self.amplitude, 'm/s2')}, frequency"
-            f" {shown(self.frequency, 'rad/s')}, for {self.cycles}"
-            f" period{'s' * (self.cycles > 1)} from {shown(self.start, 's')} on"
+        return format_derivatives(self) or (
+            f"{self.name} of {format_number(self.amplitude, 'm/s2')}, frequency"
+            f" {format_number(self.frequency, 'rad/s')}, for {self.cycles}"
+            f" period{'s' * (self.cycles > 1)} from {format_number(self.start, 's')} on"
         )
 
     @property
@@ -90,7 +95,7 @@ class Harmonic(Motion):
     @property
     def end(self) -> Reals:
         """Time from which on the ground is at rest [s]."""
-        return self.start + self._number * self.period
+        return self.start + self._period_count * self.period
 
     @property
     def intensity(self) -> Reals:
@@ -98,14 +103,16 @@ class Harmonic(Motion):
         return 0 * self.amplitude / self.frequency
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground; see `Motion.value`."""
+        """Compute the acceleration of the ground; see `Motion.value`."""
         horizontal = self.amplitude * jnp.sin(self.frequency * (time - self.start))
         return horizontal, jnp.zeros_like(horizontal)
 
     def knots(self) -> Float[Array, " knots"]:
-        """Start, extremes and end [s], repeated where there is room; see `Motion.knots`."""
+        """Return start, extremes and end [s]; see `Motion.knots`."""
+        # The sine has its extremes at odd multiples of a quarter of a period. The clip makes
+        # the start of the number before the first, and the end of all in the spare room.
         numbers = 0.5 * jnp.arange(2 * self.cycles + 2, dtype=self.frequency.dtype) - 0.25
-        return self.start + jnp.clip(numbers, 0, self._number) * self.period
+        return self.start + jnp.clip(numbers, 0, self._period_count) * self.period
 
     def next_kink(self, time: Reals) -> Reals:
         """Return inf, since the motion has no kink inside; see `Motion.next_kink`."""
@@ -118,41 +125,50 @@ class Harmonic(Motion):
         return eqx.tree_at(lambda motion: motion.amplitude, self, self.amplitude * factor)
 
     @property
-    def _number(self) -> Any:  # of periods
+    def _period_count(self) -> int | Reals:
+        """Number of periods until the end, for the batch."""
         return self.cycles
 
     def bucketed(self) -> "Harmonic":
-        """Make room for more periods, unless it is traced; see `Motion.bucketed`."""
+        """Make room for more periods, unless the motion is traced; see `Motion.bucketed`."""
         traced = is_traced(self)
-        return self if traced else WithRoom(self)
+        return self if traced else PaddedHarmonic(self)
 
 
-class WithRoom(Harmonic):
-    """A concrete harmonic motion with room for more periods: many numbers share a program."""
+class PaddedHarmonic(Harmonic):
+    """A concrete harmonic motion with room for more periods: many numbers share a program.
 
-    filled: Reals = quantity(POSITIVE)  # number of periods of the motion itself
+    Here `cycles`, which is static and decides about shapes, is the room; the periods of the
+    motion itself are `filled`, a number like others.
+    """
+
+    filled: Reals = quantity(POSITIVE)
 
     def __init__(self, motion: Harmonic):
         self.amplitude = motion.amplitude
         self.frequency = motion.frequency
         self.start = motion.start
+        # The next power of two.
         self.cycles = max(_LEAST_ROOM, 1 << (motion.cycles - 1).bit_length())
         self.filled = as_array(np.asarray(motion.cycles, motion.frequency.dtype))
 
     @property
-    def _number(self) -> Any:
+    def _period_count(self) -> Reals:
+        """Number of periods until the end, those of the motion itself."""
         return self.filled
 
-    def bucketed(self) -> "WithRoom":
-        """Itself."""
+    def bucketed(self) -> "PaddedHarmonic":
+        """Return itself."""
         return self
 
 
-def _counted(cycles: Any) -> int:
-    """Check that the argument `cycles` is a whole number of periods."""
+def _check_cycles(cycles: Any) -> int:
+    """Convert the argument `cycles` to an int; a `ValueError` if it counts no periods."""
+    # Any number that is not allowed, here 0, leads to the error below. True is an index to
+    # Python, but a mistake here; a traced number raises a TypeError.
     try:
         number = 0 if isinstance(cycles, bool | np.bool_) else operator.index(cycles)
-    except TypeError:  # also of a traced number
+    except TypeError:
         number = 0
     if not 1 <= number <= _MOST_CYCLES:
         raise ValueError(

@@ -1,16 +1,15 @@
 """Intensity measures of ground motions: one number that says how strong a record is."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 
 from ..block import Block
-from ..numerics import larger, largest
+from ..numerics import pick_larger, pick_largest
 from ..validation import Reals, check_kind
 from .record import Record
 
-# What `intensity_measure` knows: in words, the unit, and whether it is relative to a block.
+# The measures that `intensity_measure` knows, by name: in words, the unit, and whether it is
+# relative to a block.
 MEASURES = {
     "pga": ("peak ground acceleration", "m/s2", False),
     "pgv": ("peak ground velocity", "m/s", False),
@@ -54,17 +53,19 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
         raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")
     check_kind("record", record, Record)
     relative = MEASURES[measure][2]
+    # A block that is of no use is left out, so that it adds neither its shape nor a program.
     if relative and block is None:
         raise ValueError(f"block must be given for the measure {measure!r}")
-    return _measured(record.bucketed(), measure, block if relative else None)
+    return _compute_measure(record.bucketed(), measure, block if relative else None)
 
 
 @eqx.filter_jit
-def _measured(record: Record, measure: str, block: Block | None) -> Reals:
+def _compute_measure(record: Record, measure: str, block: Block | None) -> Reals:
+    """Compute a measure of a record; the block only where the measure is relative to one."""
     if measure.startswith("pga"):
-        value = largest(abs(record.acceleration))
+        value = pick_largest(abs(record.acceleration))
     else:
-        value = record.time_step * _peak_velocity(record.acceleration, record._last)
+        value = record.time_step * _peak_velocity(record.acceleration, record._last_index)
     value = abs(record.scale) * value
     if block is None:
         return value
@@ -74,14 +75,18 @@ def _measured(record: Record, measure: str, block: Block | None) -> Reals:
     return block.frequency_parameter * value / uplift
 
 
-def _peak_velocity(samples: Reals, last: Any) -> Reals:
-    """Return the largest velocity of one motion, over its time step."""
+def _peak_velocity(samples: Reals, last: int | Reals) -> Reals:
+    """Compute the largest magnitude of velocity, over the time step, until the `last` sample."""
     before = samples[..., :-1]
     after = samples[..., 1:]
+    # A padded record falls from its last sample to the first zero. That interval, which would
+    # add to the velocity, is no part of the motion.
     inside = jnp.arange(before.shape[-1], dtype=samples.dtype) < jnp.asarray(last)
     velocity = jnp.cumsum(jnp.where(inside, 0.5 * (before + after), 0), axis=-1)
-    # Where the acceleration changes its sign, the velocity has an extreme between two samples.
+    # Where the acceleration changes its sign, the velocity has an extreme between two samples:
+    # that at the second one, less the integral from the zero to there, which is a triangle.
     crosses = inside & (before * after < 0)
+    # The 1 stands in where no sign changes: a divisor 0 would make derivatives NaN.
     triangle = 0.5 * after * after / jnp.where(crosses, before - after, 1)
     extreme = jnp.where(crosses, velocity + triangle, 0)
-    return largest(larger(abs(velocity), abs(extreme)))
+    return pick_largest(pick_larger(abs(velocity), abs(extreme)))

@@ -1,4 +1,4 @@
-"""What all ground motions have in common.
+"""The protocol of all ground motions.
 
 The sign is the paper's (Eq. 1): a positive acceleration pushes the block to positive
 rotations. Most of the literature has it the other way round.
@@ -32,6 +32,27 @@ from ..validation import (
 class Motion(Printed, Checked):
     """A ground motion: a `Pulse` of some shape, a `Harmonic`, a `Record` or `Still` ground.
 
+    A new motion provides a `name`, a field `start`, and `end`, `intensity`, `value`, `knots`,
+    `next_kink` and `scaled`, which are abstract here. It inherits `shifted`, `horizontal`,
+    `upward` and `acts`, and `bucketed` unless programs would depend on how long it is. These
+    are the promises that integrators rely on:
+
+    - A motion is an immutable pytree, and all methods work on traced numbers. But for `knots`,
+      which is for one motion, they are elementwise: numbers may be arrays, whose shapes
+      broadcast against each other and against the time.
+    - The ground is at rest before `start` and from `end` on. Between the two, the acceleration
+      is `value`; beyond them, `value` continues it smoothly, and only `acts` tells the two
+      apart. An integration step that ends at `start` or `end` thus meets no jump.
+    - Between neighbouring kinks (see `next_kink`) `value` is smooth. A motion without kinks
+      answers inf.
+    - Between neighbouring `knots`, the horizontal acceleration is monotone. So it exceeds a
+      level within such an interval only where it does at one of the ends.
+    - Times are differentiable like values: `end`, the knots and the kinks move with the start
+      and the duration, and a step that ends at a kink moves with it.
+
+    The batch does not call these methods. It has a form of each kind of motion of its own, for
+    which a `Harmonic` and a `Record` have one more property each; see there.
+
     Attributes
     ----------
     name : str
@@ -56,7 +77,9 @@ class Motion(Printed, Checked):
 
     @abc.abstractmethod
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground, continued smoothly beyond start and end.
+        """Compute the acceleration of the ground, continued smoothly beyond start and end.
+
+        At a kink, it belongs to the interval before it: integration steps end there.
 
         Parameters
         ----------
@@ -72,6 +95,9 @@ class Motion(Printed, Checked):
     @abc.abstractmethod
     def knots(self) -> Float[Array, " knots"]:
         """Return times between which the horizontal acceleration is monotone.
+
+        Their number depends on shapes only, never on values, so that it is known to a program.
+        Times may repeat.
 
         Returns
         -------
@@ -131,11 +157,13 @@ class Motion(Printed, Checked):
             If the motion would begin before time 0.
         """
         start = self.start + as_real("delay", delay)
+        # `tree_at` makes no new object by `__init__`, so that what is traced stays as it is,
+        # and checks nothing: the one number that changes is checked here.
         check("start", start, NON_NEGATIVE)
         return eqx.tree_at(lambda motion: motion.start, self, start)
 
     def horizontal(self, time: Numbers) -> Reals:
-        """Horizontal acceleration of the ground.
+        """Compute the horizontal acceleration of the ground.
 
         Parameters
         ----------
@@ -147,10 +175,10 @@ class Motion(Printed, Checked):
         acceleration : Array, shape (...)
             Signed [m/s2]; 0 before the start and from the end on.
         """
-        return _acceleration(self.bucketed(), as_real("time", time))[0]
+        return _compute_acceleration(self.bucketed(), as_real("time", time))[0]
 
     def upward(self, time: Numbers) -> Reals:
-        """Vertical acceleration of the ground, positive upward; otherwise as `horizontal`.
+        """Compute the vertical acceleration, positive upward; otherwise as `horizontal`.
 
         Parameters
         ----------
@@ -162,7 +190,7 @@ class Motion(Printed, Checked):
         acceleration : Array, shape (...)
             Signed [m/s2].
         """
-        return _acceleration(self.bucketed(), as_real("time", time))[1]
+        return _compute_acceleration(self.bucketed(), as_real("time", time))[1]
 
     def acts(self, time: Reals) -> Booleans:
         """Tell whether the ground moves: from the start on and before the end.
@@ -179,18 +207,25 @@ class Motion(Printed, Checked):
         return (time >= self.start) & (time < self.end)
 
     def bucketed(self) -> "Motion":
-        """Give the motion one of few shapes, so that records of many lengths share a program.
+        """Give the motion one of few shapes, so that motions of many lengths share a program.
+
+        XLA compiles one program for each shape. The answers of the motion that is returned are
+        those of this one.
 
         Returns
         -------
         Motion
-            A concrete record padded with zeros; any other motion itself.
+            A concrete record padded with zeros, a concrete harmonic motion with room for more
+            periods; any other motion itself.
         """
         return self
 
 
 @eqx.filter_jit
-def _acceleration(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
+def _compute_acceleration(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
+    """Compute both components of the acceleration, 0 where the motion does not act."""
     acts = motion.acts(time)
+    # Far outside, the continuation of `value` may overflow. The derivative of `where` would
+    # multiply the infinite slope of the branch not taken by 0, which is NaN.
     inside = jnp.where(acts, time, motion.start)
     return jax.tree.map(lambda a: jnp.where(acts, a, 0), motion.value(inside))

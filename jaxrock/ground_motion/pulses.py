@@ -2,13 +2,13 @@
 
 import abc
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..host import derivatives, shown
+from ..host import format_derivatives, format_number
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -62,6 +62,7 @@ class Pulse(Motion):
     duration: Reals = quantity(POSITIVE, "s")
     start: Reals = quantity(NON_NEGATIVE, "s")
 
+    # Constants of the class, not numbers of the pulse: they are known when a program is made.
     extremes: ClassVar[tuple[float, ...]]
     area: ClassVar[float]
     angle: ClassVar[float]
@@ -74,15 +75,15 @@ class Pulse(Motion):
         self.start = as_real("start", start)
 
     def __str__(self) -> str:
-        return derivatives(self) or (
-            f"{self.name} of {shown(self.amplitude, 'm/s2')}, duration"
-            f" {shown(self.duration, 's')}, from {shown(self.start, 's')} on"
+        return format_derivatives(self) or (
+            f"{self.name} of {format_number(self.amplitude, 'm/s2')}, duration"
+            f" {format_number(self.duration, 's')}, from {format_number(self.start, 's')} on"
         )
 
     @staticmethod
     @abc.abstractmethod
     def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude.
+        """Compute the acceleration over the amplitude.
 
         Parameters
         ----------
@@ -111,7 +112,7 @@ class Pulse(Motion):
         return self.angle / self.duration
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground; see `Motion.value`."""
+        """Compute the acceleration of the ground; see `Motion.value`."""
         horizontal = self.amplitude * self.shape((time - self.start) / self.duration)
         return horizontal, jnp.zeros_like(horizontal)
 
@@ -130,8 +131,8 @@ class Pulse(Motion):
         return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
 
 
-def pulse_class(shape: Any) -> type[Pulse]:
-    """Check that the argument `shape` is a class of pulses."""
+def check_pulse_class(shape: object) -> type[Pulse]:
+    """Return the argument `shape`; a `ValueError` if it is no class of pulses."""
     if not (isinstance(shape, type) and issubclass(shape, Pulse)):
         raise ValueError(f"shape must be a class of pulses, for example Sine, got {shape!r}")
     return shape
@@ -196,14 +197,17 @@ class Ricker(Pulse):
 
     __init__ = Pulse.__init__
     name = "symmetric Ricker wavelet"
+    # The side peaks stand where pi^2 x^2 = 3/2.
     extremes = (0.0, 2 - math.sqrt(1.5) / math.pi, 2.0, 2 + math.sqrt(1.5) / math.pi, 4.0)
+    # The intensity of the whole wavelet; both tails that are cut off come to 3e-17 together.
     area = 0.0
     angle = 2 * math.pi
+    # No sine: the batch has a power series of its own for it.
     harmonic = None
 
     @staticmethod
     def shape(phase: Reals) -> Reals:
-        """Acceleration over amplitude."""
+        """Compute the acceleration over the amplitude."""
         square = (math.pi * (phase - 2)) ** 2
         return (1 - 2 * square) * jnp.exp(-square)
 

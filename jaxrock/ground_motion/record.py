@@ -1,15 +1,13 @@
 """Records: samples of the ground acceleration, with straight lines between them."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from ..host import derivatives, shown
+from ..host import format_derivatives, format_number
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -25,13 +23,17 @@ from ..validation import (
 )
 from .motion import Motion
 
-# samples: to the one, or multiples of the other, records are padded
-_SHORT = 2**14
-_LONG = 2**16
+# Numbers of samples to which records are padded: the first, else a multiple of the second.
+# Each padded length costs the compilation of a program, each sample only a place in memory.
+_LEAST_LENGTH = 2**14
+_LENGTH_STEP = 2**16
 
 
 class Record(Motion):
     """A recorded ground motion, linear between samples.
+
+    For the batch and for intensity measures, the property ``_last_index`` is the index of the
+    last sample: all samples behind it are padding (see `bucketed`).
 
     Parameters
     ----------
@@ -83,9 +85,13 @@ class Record(Motion):
         self.scale = as_real("scale", scale)
         self.start = as_real("start", start)
         shape = self.acceleration.shape
+        # `Checked`, which comes after this, looks at leading axes alone: the axis of samples
+        # is looked at here.
         got = "got an array of shape"
         if shape[-1:] < (2,):
             raise ValueError(f"acceleration must have at least two samples, {got} {shape}")
+        # Columns of times and accelerations, as `numpy.loadtxt` reads them, are a likely
+        # mistake; many records of two samples each are none that anybody would measure.
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
             hint = (
                 "which would be records of two samples; pass the column of accelerations alone"
@@ -103,10 +109,11 @@ class Record(Motion):
                 raise ValueError(f"{must}, {got} {self.vertical.shape}")
 
     def __str__(self) -> str:
-        return derivatives(self) or (
-            f"record of {self.samples} samples, step {shown(self.time_step, 's')}, from"
-            f" {shown(self.start, 's')} on: {shown(self.acceleration, 'm/s2')}, scale"
-            f" {shown(self.scale)}{'' if self.vertical is None else ', with vertical'}"
+        return format_derivatives(self) or (
+            f"record of {self.samples} samples, step {format_number(self.time_step, 's')},"
+            f" from {format_number(self.start, 's')} on:"
+            f" {format_number(self.acceleration, 'm/s2')}, scale {format_number(self.scale)}"
+            f"{'' if self.vertical is None else ', with vertical'}"
         )
 
     @property
@@ -117,53 +124,69 @@ class Record(Motion):
     @property
     def end(self) -> Reals:
         """Time of the last sample, from which on the ground is at rest [s]."""
-        return self.start + self._last * self.time_step
+        return self.start + self._last_index * self.time_step
 
     @property
     def intensity(self) -> Reals:
         """Change of the ground velocity, I [m/s]."""
+        # Padded, so that one program sums up records of many lengths.
         record = self.bucketed()
-        return self.scale * _sum(record.acceleration, record._last) * self.time_step
+        return (
+            self.scale
+            * _integrate_samples(record.acceleration, record._last_index)
+            * self.time_step
+        )
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground; see `Motion.value`.
+        """Compute the acceleration of the ground; see `Motion.value`.
 
         A sample belongs to the interval before it, since integration steps end there.
         """
         position = (time - self.start) / self.time_step
-        index = jnp.ceil(position - self._rounding(position)) - 1
-        index = jnp.clip(index, 0, self._last - 1)
+        # The time of a sample may round to either side of it. A little is taken off, so that
+        # it counts as before: else a step that ends there would end on the next line.
+        index = jnp.ceil(position - self._position_tolerance(position)) - 1
+        # Before the start and behind the end, the outer lines go on.
+        index = jnp.clip(index, 0, self._last_index - 1)
         along = position - index
+        # The interval is piecewise constant: its derivative is 0, also where it jumps.
         index = jax.lax.stop_gradient(index).astype(int)
-        horizontal = self.scale * _interpolated(self.acceleration, index, along)
+        horizontal = self.scale * _interpolate(self.acceleration, index, along)
         if self.vertical is None:
             return horizontal, jnp.zeros_like(horizontal)
-        return horizontal, self.scale * _interpolated(self.vertical, index, along)
+        return horizontal, self.scale * _interpolate(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
         """Return the times of the samples [s], padded with the last; see `Motion.knots`."""
         numbers = jnp.arange(self.acceleration.shape[-1], dtype=self.time_step.dtype)
-        return self.start + self.time_step * jnp.minimum(numbers, self._last)
+        return self.start + self.time_step * jnp.minimum(numbers, self._last_index)
 
     def next_kink(self, time: Reals) -> Reals:
         """Return the next sample's time [s], inf beyond the last; see `Motion.next_kink`."""
         position = (time - self.start) / self.time_step
-        index = jnp.maximum(jnp.floor(position + self._rounding(position)) + 1, 0)
+        # A time within rounding of a sample is that sample's: without the tolerance, a step
+        # might be asked to end where it begins.
+        index = jnp.maximum(jnp.floor(position + self._position_tolerance(position)) + 1, 0)
         kink = self.start + index * self.time_step
-        return jnp.where(index <= self._last, kink, jnp.inf)
+        return jnp.where(index <= self._last_index, kink, jnp.inf)
 
     @property
-    def _last(self) -> Any:  # the index of the last sample
+    def _last_index(self) -> int | Reals:
+        """Index of the last sample that is no padding, for the other packages."""
         return self.samples - 1
 
-    def _rounding(self, position: Reals) -> Any:
-        """Bound on the rounding of a position, in samples; it grows with the length."""
-        return 4 * (self._last + 1) * float(jnp.finfo(position.dtype).eps)
+    def _position_tolerance(self, position: Reals) -> float | Reals:
+        """Bound the rounding of a position, in samples."""
+        # The time of a sample comes from a product and a sum, its position from a difference
+        # and a quotient, each of which rounds by eps / 2: twice as much as they add up to at
+        # the end, unless the record starts much later than it lasts.
+        return 4 * (self._last_index + 1) * float(jnp.finfo(position.dtype).eps)
 
     def bucketed(self) -> "Record":
         """Return the record padded, unless it is traced; see `Motion.bucketed`."""
+        # A traced record is part of a program already, with its shape.
         traced = is_traced(self)
-        return self if traced else Padded(self)
+        return self if traced else PaddedRecord(self)
 
     def scaled(self, factor: Number) -> "Record":
         """Return the record with another `scale`; see `Motion.scaled`."""
@@ -173,57 +196,69 @@ class Record(Motion):
 
 
 @jax.jit
-def _sum(samples: Reals, last: Any) -> Reals:
-    """Integrate over the time step, by the trapezoidal rule."""
+def _integrate_samples(samples: Reals, last: int | Reals) -> Reals:
+    """Integrate samples up to the `last` one by the trapezoidal rule, over the time step."""
+    # The padding adds nothing to the sum.
     at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
     return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
 
 
-class Padded(Record):
-    """A concrete record with zeros after its end, so that many lengths share a program."""
+class PaddedRecord(Record):
+    """A concrete record with zeros after its end, so that many lengths share a program.
 
-    filled: Reals = quantity(NON_NEGATIVE)  # index of the last sample of the record itself
+    The index of the last sample of the record itself, `filled`, is a number like others, not
+    static: else there would be a program for each length again.
+    """
+
+    filled: Reals = quantity(NON_NEGATIVE)
 
     def __init__(self, record: Record):
-        # In NumPy: JAX would compile the padding for every length.
-        room = room_for(record.samples)
+        # Padded in NumPy: JAX would compile the padding for every length.
+        room = choose_padded_length(record.samples)
         vertical = record.vertical
-        self.acceleration = as_real("acceleration", padded(record.acceleration, room))
+        self.acceleration = as_real("acceleration", pad_samples(record.acceleration, room))
         self.vertical = (
-            None if vertical is None else as_real("vertical", padded(vertical, room))
+            None if vertical is None else as_real("vertical", pad_samples(vertical, room))
         )
         self.time_step = record.time_step
         self.scale = record.scale
         self.start = record.start
-        self.filled = as_array(np.asarray(record._last, self.acceleration.dtype))
+        self.filled = as_array(np.asarray(record._last_index, self.acceleration.dtype))
 
     @property
-    def _last(self) -> Any:
+    def _last_index(self) -> Reals:
+        """Index of the last sample of the record itself."""
         return self.filled
 
-    def bucketed(self) -> "Padded":
-        """Itself."""
+    def bucketed(self) -> "PaddedRecord":
+        """Return itself."""
         return self
 
 
-def room_for(samples: int) -> int:
-    """Return the padded length for a number of samples, one of few."""
-    return _SHORT if samples <= _SHORT else -(-samples // _LONG) * _LONG
+def choose_padded_length(samples: int) -> int:
+    """Choose the padded length for a number of samples, one of few."""
+    return (
+        _LEAST_LENGTH
+        if samples <= _LEAST_LENGTH
+        else -(-samples // _LENGTH_STEP) * _LENGTH_STEP
+    )
 
 
-def padded(samples: Any, room: int) -> np.ndarray:
-    """Pad samples with zeros, up to a length."""
+def pad_samples(samples: ArrayLike, room: int) -> np.ndarray:
+    """Pad the last axis of samples with zeros, up to a length."""
     samples = np.asarray(samples)
     return np.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, room - samples.shape[-1])])
 
 
-def _interpolated(samples: Reals, index: Array, along: Reals) -> Reals:
-    """Linear interpolation in the last axis; leading axes broadcast with those of `index`."""
+def _interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
+    """Interpolate in the last axis linearly; leading axes broadcast with those of `index`."""
     shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
     samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
     index = jnp.broadcast_to(index, shape)[..., None]
+    # The index has been clipped: without the mode, JAX would check it once more.
     left, right = (
         jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
         for at in (index, index + 1)
     )
-    return (1 - along) * left + along * right  # exact at both ends
+    # Exact at both ends, unlike left + along * (right - left).
+    return (1 - along) * left + along * right

@@ -1,7 +1,7 @@
 """Recorded ground motions from PEER's .AT2 files, .csv files and obspy's traces.
 
 Nothing is guessed, corrected or resampled: the unit and the time step are stated by the file
-or by the caller, and may not contradict each other; signs are preserved. What is wrong is a
+or by the caller, and may not contradict each other; signs are preserved. Any fault is a
 `ValueError` of one sentence.
 """
 
@@ -17,8 +17,9 @@ import numpy as np
 
 from ..validation import POSITIVE, as_real, check
 from .record import Record
-from .record_formats import Component, Statements, read_at2, read_csv
-from .record_units import UNITS, factor_of
+from .record_formats import Component, read_at2, read_csv
+from .record_text import Statements
+from .record_units import UNITS, parse_unit
 
 StrPath = str | os.PathLike[str]
 
@@ -81,16 +82,17 @@ def read_record(
     6001 samples, 0.01 s apart
     """
     path = Path(path)
+    # What the caller states comes first: errors then say that the file disagrees.
     units = Statements()
     steps = Statements()
     if time_step is not None:
         check("time_step", as_real("time_step", time_step), POSITIVE)
         steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
     if unit is not None:
-        units = [(0, f"unit is {unit!r}", _factor(unit))]
+        units = [(0, f"unit is {unit!r}", _require_unit(unit))]
     if path.suffix.lower() == ".csv":
         upward = None if vertical is None else str(vertical)
-        return _record(*read_csv(path, units, steps, column, upward))
+        return _make_record(*read_csv(path, units, steps, column, upward))
     if path.is_dir():
         raise ValueError(
             f"{str(path)!r} is a folder: one file is read, read_suite takes folders"
@@ -108,7 +110,7 @@ def read_record(
             must = f"vertical must be an .AT2 file, as {str(path)!r} is"
             raise ValueError(f"{must}, got {str(vertical)!r}")
         components.append(read_at2(Path(vertical), units, []))
-    return _record(*components)
+    return _make_record(*components)
 
 
 def from_obspy(
@@ -140,18 +142,18 @@ def from_obspy(
         If a calibration factor other than 1 may or may not have been applied; if it is not one
         trace, has gaps, values other than finite real numbers, less than two samples or no
         valid time step; if the traces differ in sampling or start; if the unit is unknown or
-        not that of a trace.
+        not the one that a trace states.
     """
     if vertical is None:
-        return _record(_component("trace", trace, unit, calibrated))
+        return _make_record(_take_component("trace", trace, unit, calibrated))
     components = [
-        _component(name, each, unit, calibrated)
+        _take_component(name, each, unit, calibrated)
         for name, each in (("trace", trace), ("vertical", vertical))
     ]
     starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
     if None not in starts and starts[0] != starts[1]:
         raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
-    return _record(*components)
+    return _make_record(*components)
 
 
 def example_record(component: str = "north", *, vertical: bool = False) -> Record:
@@ -194,24 +196,32 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
         return read_record(path, unit="g", column=column, vertical=upward, time_step=0.01)
 
 
-def _factor(unit: str) -> float:
-    factor = factor_of(unit)
+def _require_unit(unit: str) -> float:
+    """Convert the argument `unit` to m/s2; a `ValueError` if it is not understood."""
+    factor = parse_unit(unit)
     if math.isnan(factor):
         raise ValueError(f"unit must be {UNITS}, got {unit!r}")
     return factor
 
 
-def _component(argument: str, trace: Any, unit: str, calibrated: bool | None) -> Component:
+def _take_component(
+    argument: str, trace: Any, unit: str, calibrated: bool | None
+) -> Component:
+    """Take the accelerations out of a trace, the `argument` of that name, and check them."""
+    # By attributes, not by class: neither obspy nor gmprocess needs to be installed.
     stats: Any = getattr(trace, "stats", None)
     if not hasattr(trace, "data") or not hasattr(stats, "delta"):
         hint = f" of {len(trace)}: take one out of it" if isinstance(trace, Sized) else ""
         must = f"{argument} must be one trace, with data and stats.delta"
         raise ValueError(f"{must}, got a {type(trace).__name__}{hint}")
-    standard = getattr(stats, "standard", None)  # of gmprocess
+    # gmprocess states the unit; a caller who contradicts it would be off by a factor of 981.
+    standard = getattr(stats, "standard", None)
     stated = standard.get("units") if isinstance(standard, Mapping) else None
-    factor = _factor(unit)
-    if stated and not math.isclose(factor, factor_of(stated)):
+    factor = _require_unit(unit)
+    if stated and not math.isclose(factor, parse_unit(stated)):
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
+    # obspy leaves the factor where it is when it applies it, so that a trace cannot tell
+    # whether it has been applied.
     calibration = getattr(stats, "calib", 1.0)
     if not isinstance(calibration, Real) or not 0 < abs(float(calibration)) < math.inf:
         got = f"got {calibration!r}"
@@ -223,6 +233,7 @@ def _component(argument: str, trace: Any, unit: str, calibrated: bool | None) ->
         raise ValueError(f"calibrated must be given: {states} whether applied or not")
     if not calibrated:
         factor *= float(calibration)
+    # Merged traces have gaps as masked samples, whose data are no measurements.
     if gaps := np.ma.count_masked(trace.data):
         raise ValueError(f"{argument} must have no gaps, got {gaps} masked samples")
     data = np.asarray(trace.data)
@@ -240,7 +251,8 @@ def _component(argument: str, trace: Any, unit: str, calibrated: bool | None) ->
     return Component(argument, factor, data.astype(float), float(stats.delta))
 
 
-def _record(horizontal: Component, *upward: Component) -> Record:
+def _make_record(horizontal: Component, *upward: Component) -> Record:
+    """Make the record of one or two components; a `ValueError` if they do not fit together."""
     name, _, values, step = horizontal
     for other in upward:
         if other.values.size != values.size:
@@ -250,9 +262,11 @@ def _record(horizontal: Component, *upward: Component) -> Record:
             raise ValueError(
                 f"{other.name} has a step of {other.step} s, but {name} of {step} s"
             )
-    with np.errstate(over="ignore"):  # inf, which a record refuses
+    # What overflows is inf, which the record refuses.
+    with np.errstate(over="ignore"):
         accelerations, *upwards = (each.factor * each.values for each in (horizontal, *upward))
     try:
         return Record(accelerations, step, *upwards)
-    except ValueError as error:  # too few samples, or too large for the precision
+    # Too few samples, or accelerations too large for the precision of JAX.
+    except ValueError as error:
         raise ValueError(f"{name}: {error}") from error

@@ -1,17 +1,23 @@
-"""What is written around records about units and time steps, in m/s2 and s.
+"""Statements about units and time steps around records, found in text and converted to SI.
 
-Headers, comments and names of columns are written for people. What they state is found here;
-the readers compare it with what the caller states.
+Headers, comments and names of columns are written for people. Statements in them are found
+here, by regular expressions that are built up from named parts; all of them ignore the case.
+A statement that is recognized but not understood is NaN, which the readers refuse: no unit is
+ever guessed. The readers compare what is found with what the caller states.
 """
 
 import math
 import re
 import unicodedata
 
-Stated = tuple[str, float]  # words and what they mean, NaN if they are not understood
+# The words of a statement, and its value in SI: NaN if they are not understood.
+Stated = tuple[str, float]
 
-_G = 9.80665  # standard gravity, the unit g of records: not the gravity that acts on the block
-_FACTORS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "gal": 0.01}  # of the groups in `_KNOWN`
+# Standard gravity, the unit g of records: not the gravity that acts on the block.
+_G = 9.80665
+# By the names of the groups in `_KNOWN`; a length without a group is recognized, but no unit
+# here.
+_FACTORS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "gal": 0.01}
 _FACTORS |= {"g": _G, "percent": 0.01 * _G, "milli": 0.001 * _G}
 UNITS = "one of 'm/s2', 'cm/s2', 'mm/s2', 'gal', 'g', '%g', 'mg'"
 
@@ -32,7 +38,10 @@ _KNOWN = (
     r"|(?P<percent>(?:%|pct|per[\s_]*cent)[\s_]*(?:of[\s_]*)?g)"
     r"|(?P<milli>milli[\s_-]*g|mg)|(?P<g>g(?:'?s)?)|(?P<gal>gals?))"
 )
+# Also counts, volts, lengths and velocities, which are no accelerations: without a group, they
+# are NaN.
 _ANY = rf"(?:{_KNOWN}|counts?|volts?|mv|[ck]m|[mck]?m{_GAP}(?:/|per|p|_){_GAP}{_S})"
+# A unit is a word of its own; an underscore may stand beside it, as in acc_g.
 _START = r"(?<![a-z0-9])"
 _END = r"(?![a-z0-9/^*])"
 _SPEED = (
@@ -48,6 +57,7 @@ _IN_TEXT = (
     rf"\bacc[a-z]*\.?[\s,:=-]+(?P<unit>{_KNOWN})\s*\.?(?:$|[,;)])",
     rf"\bacc[^,;()\[\]]*?(?:[(\[{{]\s*|\bin\s+)(?P<unit>{_ANY}){_END}",
 )
+# What stands before a unit of an amount: a number, "per", or a peak value, as in "PGA (g)".
 _AMOUNT = r"(?:\d[\d.]*(?:e[-+]?\d+)?\s*|\bper\s*|\b(?:pga|peak|max(?:imum)?)\b[^,;]*)$"
 _SECONDS = {
     _S: 1.0,
@@ -63,7 +73,10 @@ _DECLARED = (
     r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[])[\s:=(\[]*"
     rf"(?:{_TIME}\s*[,;]\s*)?(?P<unit>{_ANY}{_END}|(?!(?:time|{_TIME})(?![a-z0-9]))[^\s,;)\]]+)"
 )
+# Letters of any script. Possessive: backtracking into a word would find shorter words in it.
 _WORD = r"[^\W\d_]++"
+# The whole name of a column of times: in brackets anything may be its unit, otherwise one
+# word.
 _TIMES = (
     r"(?:(?:elapsed|relative|record)[\s_]*)?(?:t|times?)(?:[\s_]*[\[(](?P<inside>[^\])]*)[\])]"
     rf"|(?:[\s_]+in)?[\s_]+(?P<after>{_WORD})|\s*/\s*(?P<over>{_WORD}))?"
@@ -71,6 +84,7 @@ _TIMES = (
 
 # Fortran may write 1.0-100 for 1e-100.
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
+# A unit beside the name, as in "dt [ms]", then the number, then whatever follows it.
 _VALUE = (
     rf"(?![a-z0-9])(?:\s*[\[(]\s*(?P<inside>{_WORD})\s*[\])]|_(?P<after>{_WORD}))?"
     rf"\s*(?:[=:]|\bis\b|\bof\b)?\s*(?P<number>{NUMBER})(?P<tail>.*)"
@@ -87,98 +101,115 @@ _UNIT_AFTER = rf"\s*[\[(]?\s*(?P<unit>{_WORD})(?!\s*[=:])(?:\s*/\s*{_WORD}(?!\s*
 _NO_UNIT_AFTER = rf"\s*(?:$|[(;)\]]|[,.](?!\d)|[\[(]?\s*{_WORD}\s*[=:])"
 
 
-def factor_of(unit: str) -> float:
-    """Return a unit in m/s2; NaN if it is not understood."""
-    match = re.fullmatch(_KNOWN, _plain(str(unit)).strip(), re.I)
-    return _stated(match)[1] if match else math.nan
+def parse_unit(unit: str) -> float:
+    """Convert a unit of acceleration to m/s2; NaN if it is not understood."""
+    match = re.fullmatch(_KNOWN, _normalize(str(unit)).strip(), re.I)
+    return _interpret_unit(match)[1] if match else math.nan
 
 
-def units_in_name(name: str) -> list[Stated]:
+def find_units_in_name(name: str) -> list[Stated]:
     """Find the units that the name of a column states, for example acc_cm_s2 or acc [g]."""
-    return [_stated(match) for match in re.finditer(_START + _ANY + _END, _plain(name), re.I)]
+    return [
+        _interpret_unit(match)
+        for match in re.finditer(_START + _ANY + _END, _normalize(name), re.I)
+    ]
 
 
-def speeds_in_name(name: str) -> list[Stated]:
+def find_speeds_in_name(name: str) -> list[Stated]:
     """Find the units of velocity that a column's name states, such as pgv [cm/s], in m/s."""
-    return [_stated(match) for match in re.finditer(_SPEED, _plain(name), re.I)]
+    return [_interpret_unit(match) for match in re.finditer(_SPEED, _normalize(name), re.I)]
 
 
-def units_in_text(line: str) -> list[Stated]:
+def find_units_in_text(line: str) -> list[Stated]:
     """Return the units of acceleration that a line of text states, from left to right."""
-    line = _plain(line)
+    line = _normalize(line)
+    # By where they begin, so that a unit that several patterns find counts once. Of two that
+    # find it, the first pattern in the list, which comes last, has the last word.
     stated = {
-        match.start("unit"): _stated(match, "unit")
+        match.start("unit"): _interpret_unit(match, "unit")
         for pattern in reversed(_IN_TEXT)
         for match in re.finditer(pattern, line, re.I)
         if not re.search(_AMOUNT, line[: match.start("unit")], re.I)
     }
+    # A declaration may be of a unit that is not understood: only where nothing else is found.
     if not stated and (match := re.search(_DECLARED, line, re.I)):
-        return [_stated(match, "unit")]
+        return [_interpret_unit(match, "unit")]
     return [stated[start] for start in sorted(stated)]
 
 
-def times_in(name: str) -> float | None:
-    """Tell the unit [s] of a column of times, NaN if not understood; None if it has none."""
-    match = re.fullmatch(_TIMES, _plain(name), re.I)
+def find_time_unit(name: str) -> float | None:
+    """Find the unit [s] of a column of times by its name; None if it is no such column.
+
+    NaN if the unit is not understood.
+    """
+    match = re.fullmatch(_TIMES, _normalize(name), re.I)
     if match is None:
         return None
     if match["inside"] is not None:
-        return _seconds(match["inside"].strip())
-    seconds = _seconds(match["after"] or match["over"] or "s")
+        return _parse_time_unit(match["inside"].strip())
+    # Without brackets, a word that is no unit makes it another column, as "time lag" is.
+    seconds = _parse_time_unit(match["after"] or match["over"] or "s")
     return None if math.isnan(seconds) else seconds
 
 
-def steps_in_text(line: str) -> list[Stated]:
+def find_steps_in_text(line: str) -> list[Stated]:
     """Find the time steps [s] that a line states, also as a number of samples per second."""
-    line = _plain(line)
+    line = _normalize(line)
     stated = []
     for pattern in (_STEP, _RATE):
         if match := re.search(pattern, line, re.I):
             number = as_number(match["number"])
             tail = match["tail"]
+            # The unit stands beside the name, "dt [ms] = 5", or behind: "dt = 5 ms".
             key = match["inside"] or match["after"]
-            words, seconds = unit_after(tail)
-            step = number * (_seconds(key) if key else seconds)
+            words, seconds = find_unit_after(tail)
+            step = number * (_parse_time_unit(key) if key else seconds)
             if pattern == _RATE and re.match(rf"\s*[\[(]?\s*{_PER_SECOND}", key or tail, re.I):
-                step = _inverse(number)
-            elif (
-                pattern == _RATE and not key and not words
-            ):  # samples per second, if it can be
-                step = _inverse(number) if number >= 1 else math.nan
+                step = _invert(number)
+            # A rate without a unit is in samples per second, if it can be; a number below 1
+            # may well be a step.
+            elif pattern == _RATE and not key and not words:
+                step = _invert(number) if number >= 1 else math.nan
             stated.append(((match[0].removesuffix(tail) + words).strip(), step))
     for match in re.finditer(_SAMPLES, line, re.I):
-        stated.append((match[0], _inverse(as_number(match["number"]))))
+        stated.append((match[0], _invert(as_number(match["number"]))))
     return stated
 
 
-def unit_after(tail: str) -> Stated:
+def find_unit_after(tail: str) -> Stated:
     """Tell the unit [s] of a number by the text after it: 1 for none, NaN if not clear."""
     if match := re.match(_UNIT_AFTER, tail):
-        return match[0], _seconds(match["unit"])
+        return match[0], _parse_time_unit(match["unit"])
     return "", 1.0 if re.match(_NO_UNIT_AFTER, tail) else math.nan
 
 
 def as_number(word: str) -> float:
-    """Return the value of a `NUMBER`, as Fortran may write it."""
+    """Convert a `NUMBER`, as Fortran may write it: 1.5D-3, or 1.0-100 without any letter."""
     word = word.lower().replace("d", "e")
     return float(word if "e" in word else re.sub(r"(?<=[\d.])(?=[-+])", "e", word))
 
 
-def _plain(text: str) -> str:
-    """Text with one form of what looks alike: powers, minus signs, dots of products, micro."""
+def _normalize(text: str) -> str:
+    """Give one form to what looks alike: powers, minus signs, dots of products, micro."""
+    # NFKC turns a superscript 2 into 2 and the micro sign into a Greek letter, but leaves the
+    # minus sign, the middle dot and the dot operator.
     return unicodedata.normalize("NFKC", text).translate({0x2212: "-", 0xB7: ".", 0x22C5: "."})
 
 
-def _stated(match: re.Match[str], group: str | int = 0) -> Stated:
+def _interpret_unit(match: re.Match[str], group: str | int = 0) -> Stated:
+    """Return the words of a unit that has been found, and its factor; NaN without a group."""
+    # A bracket at the end belongs to the text around, unless one was opened inside.
     words = match[group] if "(" in match[group] else match[group].rstrip(")]}")
     named = (factor for name, factor in _FACTORS.items() if match.groupdict().get(name))
     return words, next(named, math.nan)
 
 
-def _seconds(word: str) -> float:
+def _parse_time_unit(word: str) -> float:
+    """Convert a unit of time to seconds; NaN if it is not understood."""
     units = (seconds for unit, seconds in _SECONDS.items() if re.fullmatch(unit, word, re.I))
     return next(units, math.nan)
 
 
-def _inverse(number: float) -> float:
+def _invert(number: float) -> float:
+    """Convert a rate to a step; NaN of 0."""
     return 1 / number if number else math.nan

@@ -43,7 +43,7 @@ class Still(Motion):
         return jnp.zeros_like(self.start)
 
     def value(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration of the ground, 0; see `Motion.value`."""
+        """Return the acceleration of the ground, 0; see `Motion.value`."""
         return jnp.zeros_like(time), jnp.zeros_like(time)
 
     def knots(self) -> Float[Array, " knots"]:

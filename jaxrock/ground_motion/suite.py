@@ -1,7 +1,6 @@
 """Suites: several records, of any lengths and time steps, as one argument."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -64,6 +63,7 @@ class Suite(Printed, eqx.Module):
         if not records:
             raise ValueError("records must be at least one record, got none")
         self.records = tuple(records)
+        # A string is a sequence of strings as well, of its letters.
         if isinstance(names, str):
             raise ValueError(f"names must be a list of names, got {names!r}")
         if names is None:
@@ -106,15 +106,16 @@ class Suite(Printed, eqx.Module):
             )
         )
 
-        def between(values: list[Any]) -> str:
+        def format_range(values: list[int] | list[float]) -> str:
+            """Write the smallest and the largest of sorted values, or the only one."""
             words = [
                 f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values
             ]
             return words[0] if len(words) == 1 else f"{words[0]} to {words[-1]}"
 
         return (
-            f"suite of {len(self)} record{'s' * (len(self) > 1)} of {between(samples)} samples,"
-            f" {between(steps)} s apart"
+            f"suite of {len(self)} record{'s' * (len(self) > 1)} of {format_range(samples)}"
+            f" samples, {format_range(steps)} s apart"
         )
 
     def __len__(self) -> int:
@@ -124,7 +125,7 @@ class Suite(Printed, eqx.Module):
         return iter(self.records)
 
     def __getitem__(self, which: "int | str | slice") -> "Record | Suite":
-        """One record, by its number from 0 on or its name, or a part of the suite."""
+        """Select one record, by its number from 0 on or its name, or a part of the suite."""
         if isinstance(which, slice):
             return Suite(self.records[which], self.names[which])
         if isinstance(which, str):
@@ -154,7 +155,8 @@ class Suite(Printed, eqx.Module):
         each = [intensity_measure(record, measure, block) for record in self.records]
         if is_traced(each):
             return jnp.stack(each)
-        return jax.device_put(np.stack(each))  # compiles nothing
+        # `jnp.stack` would compile a program for each number of records.
+        return jax.device_put(np.stack(each))
 
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
         """Compute the factors that bring each record to levels of an intensity measure.
@@ -178,12 +180,14 @@ class Suite(Printed, eqx.Module):
         """
         levels = as_real("levels", levels)
         check("levels", levels, POSITIVE)
+        # `scaled` takes an axis for the records and then broadcasts against the scales: axes
+        # of levels would meet those of the scales.
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
             raise ValueError(
                 f"levels must be one where scales are arrays, of shape {shape} here"
             )
-        measures = positive_measures(self, measure, block)
+        measures = require_positive_measures(self, measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
         )
@@ -212,18 +216,24 @@ class Suite(Printed, eqx.Module):
             raise ValueError(
                 f"factors must be one, or one for each of {len(self)} records, {got}"
             )
-        each: Any = [factors] * len(self)
-        if factors.ndim:
-            # JAX would compile how an array is taken apart.
-            each = factors if is_traced(factors) else np.asarray(factors)
+        if not factors.ndim:
+            each = [factors] * len(self)
+        elif is_traced(factors):
+            each = list(factors)
+        else:
+            # In NumPy: JAX would compile a program to take the array apart.
+            each = list(np.asarray(factors))
         scaled = [
             record.scaled(factor) for record, factor in zip(self.records, each, strict=True)
         ]
         return Suite(scaled, self.names)
 
 
-def positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
-    """Return `Suite.measure`; a `ValueError` if a record has none, so that no factor scales it."""
+def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
+    """Measure the records, each of which has to be above 0, so that a factor can scale it.
+
+    Raises a `ValueError` otherwise.
+    """
     measures = suite.measure(measure, block)
     if not is_traced(measures):
         for name, value in zip(suite.names, np.asarray(measures), strict=True):

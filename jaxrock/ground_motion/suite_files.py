@@ -8,27 +8,30 @@ from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from ..host import with_progress
+from ..host import show_progress
 from .record import Record
 from .record_files import StrPath, read_record
-from .record_formats import columns_of
-from .record_units import units_in_name
+from .record_formats import list_acceleration_columns
+from .record_units import find_units_in_name
 from .suite import Suite
 
 _SUFFIXES = (".at2", ".csv")
-_INDEX = "index.csv"  # in a folder, the usual name of a table of the records
-# Words of names of columns, and the ends of names of .AT2 files.
+# In a folder, the usual name of a table of the records.
+_INDEX = "index.csv"
+# Words of names of columns, and the ends of names of .AT2 files, after the conventions of data
+# centres: the last letter of a channel of three, as in HNZ, is its direction.
 _UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
 _DOWNWARD = r"do?w?n(?:ward)?"
 _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
 _AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z"
 _AT2_DOWNWARD = r"dn|down|dwn"
-_LOCATION = r"(?:[-_. ]\d\d)?$"  # a code after that of the channel
-# Names of the NGA databases end with them also behind the code of a station, with nothing
-# between.
+# The code of a location may follow that of the channel.
+_LOCATION = r"(?:[-_. ]\d\d)?$"
+# In the NGA databases such an end may follow the code of a station with nothing between.
 _NGA_NAME = r"RSN\d+_"
 
-_Part = tuple[str, Path, str | None, StrPath | None]  # name, file, column, vertical
+# What a record is read from: its name, file, column and vertical component.
+_Part = tuple[str, Path, str | None, StrPath | None]
 
 
 def read_suite(
@@ -74,16 +77,18 @@ def read_suite(
     >>> print(suite.names)
     ('ridgecrest_2019_clc east', 'ridgecrest_2019_clc north')
     """
-    paths = _paths(source)
+    paths = _list_files(source)
+    # All faults are collected: who repairs a folder of files wants to see each of them at
+    # once.
     faults = []
     parts: list[_Part] = []
     for path in paths:
         try:
-            parts += _components(path, paths, vertical)
+            parts += _find_components(path, paths, vertical)
         except ValueError as error:
             faults.append(str(error))
     records: dict[str, Record] = {}
-    for name, path, column, upward in with_progress(parts, "reading records"):
+    for name, path, column, upward in show_progress(parts, "reading records"):
         try:
             if name in records:
                 raise ValueError(f"{str(path)!r}: another record is named {name!r} as well")
@@ -93,6 +98,7 @@ def read_suite(
         except ValueError as error:
             faults.append(str(error))
     if faults:
+        # Two components of one file may have the same fault.
         raise ValueError("\n".join(dict.fromkeys(faults)))
     if not records:
         raise ValueError(
@@ -102,7 +108,7 @@ def read_suite(
 
 
 def example_suite(*, vertical: bool = False) -> Suite:
-    """Twenty horizontal components of eight earthquakes, magnitudes 5.9 to 7.8.
+    """Return twenty horizontal components of eight earthquakes, magnitudes 5.9 to 7.8.
 
     Ten stations of the California Strong Motion Instrumentation Program, the U.S. Geological
     Survey, the Southern California Seismic Network and GeoNet, New Zealand, with peak ground
@@ -127,6 +133,7 @@ def example_suite(*, vertical: bool = False) -> Suite:
     >>> print(example_suite())
     suite of 20 records of 2,000 to 9,000 samples, 0.005 to 0.02 s apart
     """
+    # Unpacked into files, so that the records are read as a user's are.
     archive = files("jaxrock") / "data" / "example_suite.zip"
     with tempfile.TemporaryDirectory() as folder:
         with archive.open("rb") as stream, zipfile.ZipFile(stream) as packed:
@@ -134,8 +141,8 @@ def example_suite(*, vertical: bool = False) -> Suite:
         return read_suite(folder, vertical=vertical)
 
 
-def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
-    """Return the files of a suite; a `ValueError` if there is none."""
+def _list_files(source: StrPath | Iterable[StrPath]) -> list[Path]:
+    """List the files of a suite; a `ValueError` if there is none."""
     if isinstance(source, str | os.PathLike):
         folder = Path(source)
         if not folder.is_dir():
@@ -147,7 +154,8 @@ def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
             for path in sorted(folder.iterdir(), key=lambda path: path.name)
             if path.suffix.lower() in _SUFFIXES
             and path.name.lower() != _INDEX
-            and not path.name.startswith(".")  # hidden, as editors and archives leave them
+            # Hidden files are left behind by editors and archives.
+            and not path.name.startswith(".")
             and not path.is_dir()
         ]
         if not paths:
@@ -163,23 +171,24 @@ def _paths(source: StrPath | Iterable[StrPath]) -> list[Path]:
     return paths
 
 
-def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part]:
-    """Return the horizontal components of a file."""
+def _find_components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part]:
+    """Find the horizontal components in a file, each with its vertical one if wanted."""
     if path.suffix.lower() == ".at2":
         if not _is_vertical(path):
-            yield path.stem, path, None, _upward_of(path, paths) if vertical else None
+            yield path.stem, path, None, _find_vertical_file(path, paths) if vertical else None
         return
     if path.suffix.lower() != ".csv":
         raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
-    names = columns_of(path)
-    names = [name for name in names if units_in_name(name)] or names
-    plain = {name: _without_unit(name) for name in names}
+    # Where some columns state a unit of acceleration, the others hold something else.
+    names = list_acceleration_columns(path)
+    names = [name for name in names if find_units_in_name(name)] or names
+    plain = {name: _strip_unit(name) for name in names}
     rises = []
     level = []
     for name, words in plain.items():
-        if _has(_UPWARD, words):
+        if _has_word(_UPWARD, words):
             rises.append(name)
-        elif not _has(f"{_DOWNWARD}|{_NO_ACCELERATION}", words):
+        elif not _has_word(f"{_DOWNWARD}|{_NO_ACCELERATION}", words):
             level.append(name)
     if not level:
         raise ValueError(f"{str(path)!r}: no column is a horizontal acceleration")
@@ -195,23 +204,26 @@ def _components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part
         yield of_several, path, name, rises[0] if vertical else None
 
 
-def _has(pattern: str, words: str) -> bool:
-    """Tell whether one of the words of a name, also those of camelCase, is of a pattern."""
+def _has_word(pattern: str, words: str) -> bool:
+    """Tell whether a whole word of a name, which may be in camelCase, matches a pattern."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
     return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
 
 
-def _without_unit(name: str) -> str:
-    """Return the name of a column without the unit that it states."""
-    stated = units_in_name(name)
+def _strip_unit(name: str) -> str:
+    """Strip the unit that it states from the name of a column."""
+    # So that a word of the unit is not taken for a direction, and the record has a short name.
+    stated = find_units_in_name(name)
     if stated:
         at = name.rfind(stated[-1][0])
         name = f"{name[:at].rstrip('_ [(')} {name[at + len(stated[-1][0]) :].lstrip('_ ])')}"
     return name.strip("_ ")
 
 
-def _vertical_end(path: Path) -> tuple[str, bool]:
+def _find_vertical_end(path: Path) -> tuple[str, bool]:
     """Find the end of a name that marks a vertical component; tell whether it points down."""
+    # Elsewhere a separator has to stand before the end, or a number before the longer ones:
+    # the last letters of a word, as in "setup", say nothing.
     apart = r"[-_. ]*"
     if not re.match(_NGA_NAME, path.stem, re.I):
         apart = r"(?:[-_. ]+|(?<=\d)(?=ud|up|dwn))"
@@ -222,10 +234,11 @@ def _vertical_end(path: Path) -> tuple[str, bool]:
 
 
 def _is_vertical(path: Path) -> bool:
-    return _vertical_end(path)[0] != ""
+    """Tell whether the name of a file says that its component is vertical."""
+    return _find_vertical_end(path)[0] != ""
 
 
-def _upward_of(path: Path, paths: list[Path]) -> Path:
+def _find_vertical_file(path: Path, paths: list[Path]) -> Path:
     """Find the vertical component beside a horizontal one, .AT2 files, by their names."""
     found: dict[str, Path] = {}
     for other in paths:
@@ -234,15 +247,17 @@ def _upward_of(path: Path, paths: list[Path]) -> Path:
             and _is_vertical(other)
             and other.parent == path.parent
         ):
-            stem = other.stem.removesuffix(_vertical_end(other)[0])
-            # Then a separator, an angle or, in the NGA databases, a direction.
+            stem = other.stem.removesuffix(_find_vertical_end(other)[0])
+            # Both names begin alike. In the horizontal one a separator, an angle or, in the
+            # NGA databases, a direction comes next: another letter is of another station.
             rest = path.stem.removeprefix(stem) if path.stem.startswith(stem) else "?"
             if re.match(r"[-_. ]|\d{3}$|$|(?:[ns]|[ew]|ns|ew|[hlt]\d?)$", rest, re.I):
                 found[stem] = other
     if not found:
         raise ValueError(f"{str(path)!r}: no file is its vertical component by the name")
+    # The longest common beginning: "A-STA" may stand beside "A-STA-2".
     nearest = found[max(found, key=len)]
-    if _vertical_end(nearest)[1]:
+    if _find_vertical_end(nearest)[1]:
         points = f"{str(nearest)!r} points downward by its name"
         raise ValueError(f"{points}, but a vertical component must be positive upward")
     return nearest

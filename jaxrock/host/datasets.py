@@ -1,25 +1,26 @@
 """Labelled datasets that follow the CF conventions when they are written to files."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .version import version
+from .version import read_version
 
 if TYPE_CHECKING:
     import xarray
 
-Labelled = tuple[Any, Any, Mapping[str, Any]]  # dimensions, values, attributes
+# Dimensions, values, attributes.
+Labelled = tuple[str | Sequence[str], object, Mapping[str, object]]
 
 
-def labelled(
+def make_dataset(
     title: str,
     variables: Mapping[str, Labelled],
     coordinates: Mapping[str, Labelled],
-    attributes: Mapping[str, Any],
+    attributes: Mapping[str, object],
 ) -> "xarray.Dataset":
-    """Make a dataset with what CF asks for."""
+    """Make a dataset with the attributes that the CF conventions ask for."""
     import xarray
 
     no_fill_value = {"_FillValue": None}  # coordinates have no missing values
@@ -29,16 +30,16 @@ def labelled(
     signs = [np.sign(np.diff(values)) for values in dataset.indexes.values()]
     if all(sign.size == 0 or (sign[0] and (sign == sign[0]).all()) for sign in signs):
         dataset.attrs["Conventions"] = "CF-1.9"  # the first with NumPy's integers of 64 bits
-    source = f"jaxrock {version()}"
+    source = f"jaxrock {read_version()}"
     return dataset.assign_attrs({"title": title, "source": source, **attributes})
 
 
-def with_names(
+def add_names(
     dataset: "xarray.Dataset", **names: tuple[Sequence[str], str]
 ) -> "xarray.Dataset":
-    """Add names along dimensions, each with what they are names of.
+    """Add names along dimensions: for each dimension the names, and a word for what they name.
 
-    CF wants numbers along dimensions: it is not claimed any more.
+    CF wants numbers along dimensions, so that the dataset no longer claims to follow it.
     """
     coordinates = {
         dimension: (dimension, np.asarray(values, str), {"long_name": long_name})

@@ -10,8 +10,11 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-_PREFIX = ".unfinished-"  # of scratch folders; then the machine and the number of the process
-_unfinished: dict[int, list[Path]] = {}  # what this process is to remove, of each call
+# Names of scratch folders begin with it; the machine and the number of the process follow.
+_PREFIX = ".unfinished-"
+# The paths to remove if this process ends now, for each call of `write_whole` by the `id` of
+# its list. Threads may write several at once.
+_unfinished: dict[int, list[Path]] = {}
 
 
 def read_regular(path: Path) -> bytes:
@@ -22,7 +25,10 @@ def read_regular(path: Path) -> bytes:
 
 
 def sync(path: Path) -> None:
-    """Have a file, or all files of a folder, on the disk itself, before its name is."""
+    """Bring a file, or all files of a folder, onto the disk itself.
+
+    Before its name is there: else a power failure could leave the name of an empty file.
+    """
     files = [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
     for file in files:
         with open(file, "rb") as stream:
@@ -30,7 +36,7 @@ def sync(path: Path) -> None:
 
 
 class CannotWrite(ValueError):
-    """A folder that cannot be written to, because of the `reason` that an error gives."""
+    """The error that a folder cannot be written to, for the `reason` of another error."""
 
     def __init__(self, argument: str, folder: Path, error: Exception):
         self.reason = (
@@ -41,7 +47,10 @@ class CannotWrite(ValueError):
 
 
 def check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bool) -> None:
-    """Raise `ValueError` if a file is in the way, naming the `argument` that said where."""
+    """Raise `ValueError` if a file is in the way, naming the `argument` that said where.
+
+    Commands call this before they compute, so that a long computation is not lost.
+    """
     try:
         for path in (folder / name for name in names):
             if path.is_dir():
@@ -58,7 +67,7 @@ def check_free(argument: str, folder: Path, names: Sequence[str], overwrite: boo
 
 
 @contextlib.contextmanager
-def written_whole(
+def write_whole(
     argument: str, folder: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Path]:
     """Let the body write the files `names` into a scratch folder, then move them to `folder`.
@@ -69,22 +78,29 @@ def written_whole(
     `overwrite` is false, or if anything cannot be written.
     """
     check_free(argument, folder, names, overwrite)
+
+    # `begun` lists, from the inside out, all that is to go if the body raises or the process
+    # is told to end: the scratch folder, files that were moved, and folders that were made.
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     begun = list(made)
     _unfinished[id(begun)] = begun
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _remove_left(folder)
+        _remove_abandoned(folder)
         mark = f"{_PREFIX}{platform.node()}-{os.getpid()}-"
+        # In the folder itself: only within one file system is a move atomic.
         scratch = Path(tempfile.mkdtemp(prefix=mark, dir=folder))
         begun.insert(0, scratch)
         yield scratch
+
+        # All are on the disk before the first gets its name, so that a full disk leaves none.
         for name in names:
             sync(scratch / name)
         for name in names:
             os.replace(scratch / name, folder / name)
             if made:  # a new folder goes with all that is in it
                 begun.insert(0, folder / name)
+        # All is well: only the empty scratch folder is left to remove.
         begun[:] = [scratch]
     except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
@@ -96,13 +112,14 @@ def written_whole(
 
 
 def remove_unfinished() -> None:
-    """Remove what this process has not finished writing; for one that is about to end."""
+    """Remove what this process has not finished writing, before it ends."""
+    # A copy: calls in other threads may end meanwhile.
     for begun in list(_unfinished.values()):
         _remove(begun)
 
 
 def _remove(paths: Sequence[Path]) -> None:
-    """Remove files, scratch folders with their content, and other folders if they are empty."""
+    """Remove files, scratch folders with their content, and other folders if empty."""
     for path in paths:
         for _ in range(5 if path.name.startswith(_PREFIX) else 0):
             _remove_tree(path)  # another thread may still write into it
@@ -111,7 +128,7 @@ def _remove(paths: Sequence[Path]) -> None:
 
 
 def _remove_tree(path: Path) -> None:
-    """Remove a file or a folder with its content, with one file descriptor or, if empty, none."""
+    """Remove a file, or a folder with its content, with one file descriptor at most."""
     if path.is_dir() and not path.is_symlink():
         with contextlib.suppress(OSError):
             for inner in path.iterdir():
@@ -122,8 +139,9 @@ def _remove_tree(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _remove_left(folder: Path) -> None:
-    """Remove the scratch folders of processes of this machine that were killed, and name them."""
+def _remove_abandoned(folder: Path) -> None:
+    """Remove, with a warning, scratch folders of killed processes of this machine."""
+    # On a shared file system the processes of other machines cannot be asked.
     for path in folder.glob(f"{_PREFIX}{platform.node()}-*-*"):
         number = path.name.split("-")[-2]
         if number.isdecimal() and not _is_alive(int(number)):
@@ -135,7 +153,9 @@ def _remove_left(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    if os.name == "nt":  # where signal 0 is not a question; what is left there stays
+    """Tell whether a process of this machine runs, by its number."""
+    # On Windows signal 0 is not a question. Scratch folders that are left there stay.
+    if os.name == "nt":
         return True
     try:
         os.kill(process, 0)

@@ -1,32 +1,34 @@
-"""What `print` shows of arguments and results: numbers with units, arrays as ranges."""
+"""Printing of arguments and results: numbers with units, arrays as ranges."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import jax
 import jax.core
 import numpy as np
 
-from ..validation import Checked, Domain, is_traced, quantities
+from ..validation import Checked, Domain, is_traced, iterate_quantities
 
 
-def shown(value: Any, unit: str = "") -> str:
+def format_number(value: object, unit: str = "") -> str:
     """Write a number with its unit; the range of an array, the type of a traced value."""
     if is_traced(value):
         return f"traced {jax.typeof(value)}"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {shown(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {format_number(part)}" for name, part in value.items())
     if not isinstance(value, jax.Array | np.ndarray | np.generic | float | int):
         return str(value)
+
     values = np.asarray(value)
     if values.dtype == bool:
         return f"{values.sum()} of {values.size}" if values.ndim else "yes" if values else "no"
     unit = f" {unit}" if unit else ""
     if not values.ndim:
         return f"{values:.6g}{unit}"
+    # NaN stands for blocks that overturn, and must not become the range of the others.
     present = values[~np.isnan(values)]
     if not present.size:
         return f"none of {values.size}"
+    # A dictionary, so that ends that print alike are written once.
     ends = dict.fromkeys(f"{end:.6g}" for end in (present.min(), present.max()))
     missing = values.size - present.size
     return (
@@ -35,29 +37,35 @@ def shown(value: Any, unit: str = "") -> str:
 
 
 class Printed:
-    """What a class is whose `repr` says what `print` says."""
+    """A base of classes whose `repr` says what `print` says.
+
+    Equinox would show the shapes of arrays instead of their numbers.
+    """
 
     def __repr__(self) -> str:
         return str(self)
 
 
-def derivatives(module: Checked) -> str:
-    """Write the numbers of a module as derivatives, if that is what they are; else nothing.
+def format_derivatives(module: Checked) -> str:
+    """Write the numbers of a module as derivatives if they are derivatives; else nothing.
 
-    Known by a number that the quantity itself cannot be, such as a negative width.
+    `jax.grad` returns derivatives with respect to a block in a `Block`. They are known by a
+    number that the quantity itself cannot be, such as a negative width.
     """
-    numbers = list(quantities(module))
+    numbers = list(iterate_quantities(module))
     if not any(_is_outside(value, domain) for _, value, domain, _ in numbers):
         return ""
-    return "\n".join(
-        f"d/d {name.replace('half_', 'half-').replace('_', ' ')}"
-        f" {shown(value, f'1/({unit})' if '/' in unit else f'1/{unit}' if unit else '')}"
-        for name, value, _, unit in numbers
-        if value is not None
-    )
+    lines = []
+    for name, value, _, unit in numbers:
+        if value is not None:
+            per = f"1/({unit})" if "/" in unit else f"1/{unit}" if unit else ""
+            words = name.replace("half_", "half-").replace("_", " ")
+            lines.append(f"d/d {words} {format_number(value, per)}")
+    return "\n".join(lines)
 
 
-def _is_outside(value: Any, domain: Domain | None) -> bool:
+def _is_outside(value: object, domain: Domain | None) -> bool:
+    """Tell whether a concrete number other than NaN is outside of its domain."""
     if domain is None or not isinstance(value, jax.Array | np.ndarray | float):
         return False  # also what stands for an array under some transformations
     if is_traced(value):
@@ -66,7 +74,7 @@ def _is_outside(value: Any, domain: Domain | None) -> bool:
     return bool((~np.isnan(values) & ~np.asarray(domain.contains(values))).any())
 
 
-def table(first: str, names: Sequence[str], **columns: Any) -> str:
+def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) -> str:
     """Write a table: the first line, then one for each name, a column for each keyword."""
     labels = (label.replace("_", " ") for label in columns)
     lines = [first, f"{'':20}" + "".join(f"{label:>14}" for label in labels)]
@@ -75,9 +83,9 @@ def table(first: str, names: Sequence[str], **columns: Any) -> str:
     return "\n".join(lines)
 
 
-def listed(result: Any, **units: str) -> str:
+def format_fields(result: object, **units: str) -> str:
     """Write the named fields of a result with their units, one per line."""
     return "\n".join(
-        f"{name.replace('_', ' '):20}{shown(getattr(result, name), unit)}"
+        f"{name.replace('_', ' '):20}{format_number(getattr(result, name), unit)}"
         for name, unit in units.items()
     )

@@ -1,4 +1,4 @@
-"""Signs of life of what takes longer than two seconds, on a terminal only."""
+"""Progress bars and clocks of computations that take long, on a terminal only."""
 
 import contextlib
 import contextvars
@@ -8,14 +8,16 @@ from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
 _Item = TypeVar("_Item")
-_SILENT = 2.0  # seconds
+_SILENT = 2.0  # seconds before a sign of life
+# Held while a clock is shown. A lock and no context variable, since threads that work for the
+# body have contexts of their own.
 _showing = threading.Lock()
 _silent = contextvars.ContextVar("_silent", default=False)
 
 
 @contextlib.contextmanager
-def without_progress() -> Iterator[None]:
-    """Show nothing inside: of a part of something that has a progress of its own."""
+def hide_progress() -> Iterator[None]:
+    """Show nothing inside: the whole shows its progress, and parts of it must not."""
     token = _silent.set(True)
     try:
         yield
@@ -23,7 +25,7 @@ def without_progress() -> Iterator[None]:
         _silent.reset(token)
 
 
-def with_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
+def show_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
     """Iterate over `items`, with a progress bar if it takes long and stderr is a terminal."""
     if _silent.get():
         return items
@@ -33,17 +35,18 @@ def with_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
 
 
 @contextlib.contextmanager
-def with_clock(label: str) -> Iterator[None]:
+def show_clock(label: str) -> Iterator[None]:
     """Show the time taken by the body if it is long and stderr is a terminal.
 
-    Of several nested ones only the outermost does.
+    Of several nested clocks only the outermost is shown.
     """
     hidden = _silent.get() or not sys.stderr.isatty()
     if hidden or not _showing.acquire(blocking=False):
         yield
         return
+    # A thread of its own: the body may be one call of a compiled program.
     done = threading.Event()
-    thread = threading.Thread(target=_show, args=(label, done), daemon=True)
+    thread = threading.Thread(target=_show_elapsed, args=(label, done), daemon=True)
     thread.start()
     try:
         yield
@@ -53,11 +56,13 @@ def with_clock(label: str) -> Iterator[None]:
         _showing.release()
 
 
-def _show(label: str, done: threading.Event) -> None:
+def _show_elapsed(label: str, done: threading.Event) -> None:
+    """Show a clock once the silence is over, until `done`."""
     from tqdm import tqdm
 
     if not done.wait(_SILENT):
         with tqdm(desc=label, bar_format="{desc}: {elapsed}", leave=False) as clock:
+            # It counts from the start of the body, not from its own.
             clock.start_t -= _SILENT
             while not done.wait(0.5):
                 clock.refresh()

@@ -2,19 +2,22 @@
 
 import csv
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 
 from .files import read_regular
 
 
-def numbered_lines(path: Path) -> list[tuple[int, str]]:
+def read_numbered_lines(path: Path) -> list[tuple[int, str]]:
     """Read the lines of a text file with their numbers, but for empty ones and comments (#).
 
-    A `ValueError` names the file if it cannot be read or is binary.
+    Raises
+    ------
+    ValueError
+        If it cannot be read or is binary. The error names the file.
     """
     try:
         content = read_regular(path)
@@ -43,8 +46,12 @@ def is_number(word: str) -> bool:
     return True
 
 
-def heading(name: str, unit: str = "") -> str:
-    """Write the head of a column: its name, and its unit in brackets, as CF or as one does."""
+def format_heading(name: str, unit: str = "") -> str:
+    """Write the head of a column: its name, and its unit in brackets.
+
+    A unit in the style of CF, ``m s-2``, is written as ``m/s2``.
+    """
+    # Words with a negative power move behind a stroke each, the others stay in front.
     above = re.sub(r"\S+-\d", "", unit).split()
     below = re.findall(r"(\S+)-(\d)", unit)
     for word, power in below:
@@ -53,24 +60,27 @@ def heading(name: str, unit: str = "") -> str:
     return f"{name} [{plain}]" if plain else name
 
 
-def write_about(file: TextIO, about: Mapping[str, Any]) -> None:
-    """Write what a table was computed from, in lines that begin with #."""
+def write_inputs(file: TextIO, about: Mapping[str, object]) -> None:
+    """Write the inputs that a table was computed from, in lines that begin with #."""
     for name, value in about.items():
         words = (
-            value if isinstance(value, str) else " ".join(map(str, np.ravel(value).tolist()))
+            value
+            if isinstance(value, str)
+            else " ".join(map(str, np.asarray(value).ravel().tolist()))
         )
+        # In one line, since the next would not begin with #.
         file.write(f"# {name}: {' '.join(words.split())}\n")
 
 
 def write_csv(
     path: Path,
-    columns: Mapping[str, Sequence[Any]],
+    columns: Mapping[str, Iterable[object]],
     units: Mapping[str, str],
-    about: Mapping[str, Any],
+    about: Mapping[str, object],
 ) -> None:
-    """Write a table with a head, below what it was computed from."""
-    heads = [heading(name, units.get(name, "")) for name in columns]
-    rows: Iterable[Any] = zip(*columns.values(), strict=True)
+    """Write a table with a head, below the inputs that it was computed from."""
+    heads = [format_heading(name, units.get(name, "")) for name in columns]
+    rows: Iterable[Iterable[object]] = zip(*columns.values(), strict=True)
     with open(path, "w", newline="", encoding="utf-8") as file:
-        write_about(file, about)
+        write_inputs(file, about)
         csv.writer(file, lineterminator="\n").writerows([heads, *rows])

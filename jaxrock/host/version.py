@@ -1,8 +1,8 @@
-"""Which version of jaxrock this is."""
+"""The version of jaxrock."""
 
 import importlib.metadata
 
 
-def version() -> str:
+def read_version() -> str:
     """Return the version that is installed."""
     return importlib.metadata.version("jaxrock")

@@ -1,10 +1,11 @@
 """Elementary functions whose automatic derivative would lose its digits or become NaN.
 
-Each is the plain expression, elementwise, with a derivative that is accurate over the whole
+Each is a plain expression, elementwise, with a derivative that is accurate over the whole
 domain and can be differentiated again.
 """
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -15,40 +16,42 @@ from .elliptic import carlson_rd
 
 
 def quotient(numerator: Reals, denominator: Reals) -> Reals:
-    """``numerator / denominator`` for a result that is used several times."""
+    """Divide, for a result that is used several times."""
     # XLA would store a quotient in memory, but fuses a product with what uses it.
     return numerator * (1 / denominator)
 
 
-def larger(first: Reals, second: Reals) -> Reals:
-    """Return the larger of two; of equal ones the first, with all of its derivative.
+def pick_larger(first: Reals, second: Reals) -> Reals:
+    """Pick the larger of two; of equal ones the first, with all of its derivative.
 
     ``jnp.maximum`` would take the mean of both derivatives, which belongs to neither.
     """
     return jnp.where(second > first, second, first)
 
 
-def smaller(first: Reals, second: Reals) -> Reals:
-    """Return the smaller of two, as in `larger`."""
+def pick_smaller(first: Reals, second: Reals) -> Reals:
+    """Pick the smaller of two, as in `pick_larger`."""
     return jnp.where(second < first, second, first)
 
 
-def largest(values: Reals) -> Reals:
-    """Return the largest along the last axis, as in `larger`."""
+def pick_largest(values: Reals) -> Reals:
+    """Pick the largest along the last axis, as in `pick_larger`."""
     index = jnp.expand_dims(jnp.argmax(values, axis=-1), -1)
     return jnp.take_along_axis(values, index, axis=-1)[..., 0]
 
 
 @jax.custom_jvp
 def one_minus_square(x: Reals) -> Reals:
-    """``1 - x^2``: accurate for x near 1, its derivative for small x."""
+    """Compute ``1 - x^2``, accurate for x near 1, with a derivative accurate for small x."""
+    # The product rule would give the derivative as (1 - x) - (1 + x), which cancels.
     return (1 - x) * (1 + x)
 
 
 one_minus_square.defjvps(lambda dx, _, x: -2 * x * dx)
 
 
-# (arctan(u) / u - 1) / u^2 as a polynomial in u^2, within 2e-17 of u^-2 for u from 0 to 1/2.
+# Coefficients of (arctan(u) / u - 1) / u^2 as a polynomial in u^2, within 2e-17 of u^-2 for u
+# from 0 to 1/2.
 _ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
                0.11111110990139533, -0.09090904370311348, 0.07692198451257941,
                -0.06665052856794013, 0.058664967492257074, -0.05157516225552972,
@@ -57,7 +60,7 @@ _ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
 
 @jax.custom_jvp
 def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
-    """``arctan2`` for numbers from 0 on: the angle of a right triangle, from 0 to pi/2."""
+    """Compute ``arctan2`` of numbers from 0 on: the angle of a right triangle, 0 to pi/2."""
     # XLA does not vectorize its own arctan2 on processors.
     short = jnp.minimum(opposite, adjacent)
     long = jnp.maximum(opposite, adjacent)
@@ -75,6 +78,7 @@ def angle(opposite: Reals | float, adjacent: Reals | float) -> Reals:
 
 @angle.defjvp
 def _angle_jvp(primals, tangents):
+    """Differentiate as `arctan2`, without its branches."""
     opposite, adjacent = primals
     turned, stretched = tangents
     slope = 1 / (opposite**2 + adjacent**2)
@@ -83,7 +87,7 @@ def _angle_jvp(primals, tangents):
 
 @jax.custom_jvp
 def arcsin(q: Reals) -> Reals:
-    """Inverse sine for 0 <= q < 1."""
+    """Compute the inverse sine for 0 <= q < 1."""
     # From the half angle, in which the root is used only once and never stored in memory.
     return 2 * angle(q, 1 + jnp.sqrt(one_minus_square(q)))
 
@@ -91,7 +95,9 @@ def arcsin(q: Reals) -> Reals:
 arcsin.defjvps(lambda dq, _, q: dq / jnp.sqrt(one_minus_square(q)))
 
 
-def _ratio(function, argument: Array) -> Array:
+def _ratio(function: Callable[[Array], Array], argument: Array) -> Array:
+    """Compute ``function(x) / x`` of an odd function of slope 1 at 0."""
+    # Up to the root of the rounding unit the ratio is 1 to all digits, and 0 / 0 at 0.
     differs = argument**2 > jnp.finfo(argument.dtype).eps
     divisor = jnp.where(differs, argument, 0.5)
     return jnp.where(differs, function(divisor) / divisor, 1)
@@ -99,27 +105,31 @@ def _ratio(function, argument: Array) -> Array:
 
 @jax.custom_jvp
 def arctan_ratio(z: Reals) -> Reals:
-    """``arctan(z) / z`` for z > 0, its derivative accurate for small z."""
+    """Compute ``arctan(z) / z`` for z > 0, with a derivative accurate for small z."""
     return angle(z, 1.0) / z
 
 
 @jax.custom_jvp
 def artanh_ratio(x: Reals) -> Reals:
-    """``artanh(x) / x`` for 0 <= x < 1, its derivative accurate for small x."""
+    """Compute ``artanh(x) / x`` for 0 <= x < 1, with a derivative accurate for small x."""
     return _ratio(lambda t: jnp.log1p(2 * t / (1 - t)) / 2, x)
 
 
 @jax.custom_jvp
 def arcsin_ratio(q: Reals) -> Reals:
-    """``arcsin(q) / q`` for 0 <= q < 1, its derivative accurate for small q."""
+    """Compute ``arcsin(q) / q`` for 0 <= q < 1, with a derivative accurate for small q."""
     return _ratio(arcsin, q)
 
 
+# The derivatives of these ratios are differences that cancel at 0, but each of them is an R_D
+# of arguments that are close to 1 there.
 def _rd(y: Array) -> Array:
+    """Compute R_D(1, y, y)."""
     return carlson_rd(jnp.ones_like(y), y, y)
 
 
 def _rd_last(y: Array) -> Array:
+    """Compute R_D(1, 1, y)."""
     one = jnp.ones_like(y)
     return carlson_rd(one, one, y)
 
@@ -132,7 +142,7 @@ arcsin_ratio.defjvps(lambda dq, _, q: q / 3 * _rd_last(one_minus_square(q)) * dq
 
 
 def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
-    """``numerator / denominator`` of numbers from 0 on; ``x / 0`` is inf, but ``0 / 0`` is 0.
+    """Divide numbers from 0 on; ``x / 0`` is inf, but ``0 / 0`` is 0.
 
     The derivative is 0 there, so that such elements do not spoil the derivatives of others.
     """
@@ -143,7 +153,8 @@ def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
 
 
 def minus_log(ratio: Reals) -> Reals:
-    """``-log(ratio)`` for 0 <= ratio <= 1; inf at 0, with derivative 0 there."""
+    """Compute ``-log(ratio)`` for 0 <= ratio <= 1; inf at 0, with derivative 0 there."""
+    # A stand-in for 0, since the derivative of `where` takes both branches.
     positive = ratio > 0
     return jnp.where(positive, -jnp.log(jnp.where(positive, ratio, 1)), jnp.inf)
 
@@ -151,8 +162,8 @@ def minus_log(ratio: Reals) -> Reals:
 def share_of_one(ratio: Number, count: Number) -> Reals:
     """Compute the share of the first term in ``1 + C + ... + C^(n - 1)``.
 
-    For a ratio C between 0 and 1 and a count n from 1 to inf, with respect to which it is not
-    differentiated. It is 1/n at C = 1.
+    The ratio C is between 0 and 1; the share is 1/n at C = 1. The count n is from 1 to inf;
+    the share is not differentiated with respect to it.
     """
     ratio = jnp.asarray(ratio)
     count = jax.lax.stop_gradient(jnp.asarray(count).astype(ratio.dtype))
@@ -160,7 +171,7 @@ def share_of_one(ratio: Number, count: Number) -> Reals:
 
 
 def decaying_share_of_one(decay: Number, count: Number) -> Reals:
-    """`share_of_one` of the ratio ``exp(-decay)``, accurate also where that is close to 1."""
+    """Compute `share_of_one` of the ratio ``exp(-decay)``, accurately for small decay."""
     decay = jnp.asarray(decay)
     count = jax.lax.stop_gradient(jnp.asarray(count).astype(decay.dtype))
     return _decaying_share_of_one(*jnp.broadcast_arrays(decay, count))
@@ -168,6 +179,7 @@ def decaying_share_of_one(decay: Number, count: Number) -> Reals:
 
 @jax.custom_jvp
 def _share_of_one(ratio: Array, count: Array) -> Array:
+    """Compute ``(1 - C) / (1 - C^n)``, and its limits one by one."""
     limit = 1 - ratio
     several = (count > 1) & (count < jnp.inf) & (ratio > 0) & (ratio != 1)
     safe = jnp.where(several, ratio, 0.5)
@@ -177,9 +189,12 @@ def _share_of_one(ratio: Array, count: Array) -> Array:
 
 
 def _share_of_one_jvp(dratio, share, ratio, count):
+    """Differentiate the share with respect to the ratio, by its logarithm."""
+    # With one term the share is 1, with infinitely many it is 1 - C.
     several = (count > 1) & (count < jnp.inf)
     n = jnp.where(several, count, 2)
-    # From the definition where C is small, from the logarithm elsewhere.
+    # From the definition where C is small, from the logarithm elsewhere: near 1 the two terms
+    # of the definition cancel, near 0 the logarithm is infinite.
     small = ratio < 0.4
     low = jnp.where(small, ratio, 0.25)
     high = jnp.where(small, 0.5, ratio)
@@ -194,12 +209,14 @@ _share_of_one.defjvps(_share_of_one_jvp, None)
 
 @jax.custom_jvp
 def _decaying_share_of_one(decay: Array, count: Array) -> Array:
+    """Compute ``(1 - exp(-d)) / (1 - exp(-n d))``, 1/n at d = 0."""
     decays = decay > 0
     safe = jnp.where(decays, decay, 1)
     return jnp.where(decays, jnp.expm1(-safe) / jnp.expm1(-count * safe), 1 / count)
 
 
 def _decaying_share_of_one_jvp(ddecay, share, decay, count):
+    """Differentiate the share with respect to the decay, by its logarithm."""
     finite = count < jnp.inf
     slope = share * _logarithmic_slope(decay, jnp.where(finite, count, 2))
     return jnp.where(finite, slope, jnp.exp(-decay)) * ddecay
@@ -209,11 +226,15 @@ _decaying_share_of_one.defjvps(_decaying_share_of_one_jvp, None)
 
 
 def _logarithmic_slope(decay: Array, count: Array) -> Array:
-    """``1 / expm1(decay) - count / expm1(count decay)``, (count - 1) / 2 at decay 0."""
+    """Compute ``1 / expm1(d) - n / expm1(n d)``, (n - 1) / 2 at d = 0.
+
+    Of the logarithm of a share with respect to the decay d.
+    """
+    # Near 0 both terms are large and nearly equal; without their poles, 1 / d, they are not.
     near = decay < 1
     low = jnp.where(near, decay, 0)
     high = jnp.where(near, 1, decay)
-    far_slope = _over_expm1(high) - count * _over_expm1(count * high)
+    far_slope = _reciprocal_expm1(high) - count * _reciprocal_expm1(count * high)
     return jnp.where(near, count * _gap(count * low) - _gap(low), far_slope)
 
 
@@ -223,14 +244,14 @@ _BERNOULLI = (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600, 1 / 47900160, -691 / 13
 
 
 def _gap(x: Array) -> Array:
-    """``1 / x - 1 / expm1(x)`` for x >= 0; 1/2 at 0."""
+    """Compute ``1 / x - 1 / expm1(x)`` for x >= 0; 1/2 at 0."""
     near = x < 1
     low = jnp.where(near, x, 0)
     high = jnp.where(near, 1, x)
     series = jnp.polyval(jnp.asarray(_BERNOULLI[::-1], x.dtype), low**2)
-    return jnp.where(near, 0.5 - low * series, 1 / high - _over_expm1(high))
+    return jnp.where(near, 0.5 - low * series, 1 / high - _reciprocal_expm1(high))
 
 
-def _over_expm1(x: Array) -> Array:
-    """``1 / expm1(x)``, without overflow in its derivatives."""
+def _reciprocal_expm1(x: Array) -> Array:
+    """Compute ``1 / expm1(x)`` without overflow in its derivatives."""
     return jnp.exp(-x) / -jnp.expm1(-x)

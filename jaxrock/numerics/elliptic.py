@@ -1,12 +1,12 @@
 """Elliptic integrals and functions, which JAX lacks.
 
-Carlson's symmetric integrals R_F and R_D (DLMF 19.36(i), duplication and the series to order
-7) and Jacobi's sn, cn, dn by the arithmetic-geometric mean (DLMF 22.20(ii)). All are
-elementwise and differentiable any number of times.
+Carlson's symmetric integrals R_F and R_D by duplication and the series to order 7 (Carlson
+1995, doi:10.1007/BF02198293; DLMF 19.36(i)), and Jacobi's sn, cn, dn by the
+arithmetic-geometric mean (DLMF 22.20(ii)). All are elementwise and differentiable any number
+of times.
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,23 +17,39 @@ from ..validation import Reals
 _STAGES = 10  # of an arithmetic-geometric mean, each with twice as many digits as before
 
 
-def _duplicated(
+def _duplicate_arguments(
     arguments: tuple[Array, ...], slopes: tuple[int, ...] = ()
 ) -> tuple[tuple[Array, ...], list[Array], Array]:
-    """Duplicate the arguments of R_F until they are as good as equal.
+    """Duplicate the arguments of R_F until they are equal within what the series can bridge.
 
-    Returns them; for each index in `slopes` the part of R_D, with that argument last, that has
-    been split off; and the factor of what is left of R_D.
+    Each duplication splits a part off R_D and leaves a quarter of an R_D of closer arguments.
+
+    Parameters
+    ----------
+    arguments : tuple of Array
+    slopes : tuple of int
+        Indices of the arguments that R_D is wanted for, each as its last argument.
+
+    Returns
+    -------
+    arguments : tuple of Array
+        Duplicated.
+    parts : list of Array
+        The sum of the parts that have been split off, for each of `slopes`.
+    factor : Array
+        By which the R_D of the duplicated arguments is multiplied before it is added.
     """
     arguments = tuple(jnp.broadcast_arrays(*arguments))
     kind = jnp.finfo(arguments[0].dtype)
     mean = sum(arguments) / 3
     spread = functools.reduce(jnp.maximum, (abs(t - mean) for t in arguments))
+    # The series to order 7 leaves a term of order 8 in the relative differences: it is below
+    # the rounding unit from here on.
     widest = spread / (float(kind.eps) / 64) ** 0.125
     factor = jnp.ones_like(mean)
     parts = [jnp.zeros_like(mean) for _ in slopes]
 
-    def duplicated(_: Any, state: tuple) -> tuple:
+    def duplicate(_: object, state: tuple) -> tuple:
         arguments, parts, factor = state
         # A duplication divides the differences by four; one too many would only add rounding.
         apart = widest * factor > sum(arguments) / 3
@@ -49,11 +65,11 @@ def _duplicated(
     # are enough for ratios of the arguments up to 1/eps: each about halves the logarithm of
     # the ratio while that is large.
     count = 11 if kind.bits > 32 else 7
-    return jax.lax.fori_loop(0, count, duplicated, (arguments, parts, factor))
+    return jax.lax.fori_loop(0, count, duplicate, (arguments, parts, factor))
 
 
 def _rf_series(x: Array, y: Array, z: Array) -> Array:
-    """R_F of almost equal arguments (DLMF 19.36.1)."""
+    """Expand R_F of almost equal arguments (DLMF 19.36.1)."""
     mean = (x + y + z) / 3
     dx = (mean - x) / mean
     dy = (mean - y) / mean
@@ -65,7 +81,7 @@ def _rf_series(x: Array, y: Array, z: Array) -> Array:
 
 
 def _rd_series(x: Array, y: Array, z: Array) -> Array:
-    """R_D of almost equal arguments (DLMF 19.36.2)."""
+    """Expand R_D of almost equal arguments (DLMF 19.36.2)."""
     mean = (x + y + 3 * z) / 5
     dx = (mean - x) / mean
     dy = (mean - y) / mean
@@ -88,23 +104,24 @@ def _rd_series(x: Array, y: Array, z: Array) -> Array:
 
 @jax.custom_jvp
 def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
-    """Carlson's integral of the first kind, R_F(x, y, z) (DLMF 19.16.1).
+    """Compute Carlson's integral of the first kind, R_F(x, y, z) (DLMF 19.16.1).
 
-    The arguments are greater than 0, their ratios within 1/eps of the dtype. Of degree -1/2,
-    with ``R_F(x, x, x) = 1 / sqrt(x)``.
+    The arguments are greater than 0, their ratios within 1/eps of the dtype. R_F is symmetric
+    and homogeneous of degree -1/2, with ``R_F(x, x, x) = 1 / sqrt(x)``.
     """
-    arguments, _, _ = _duplicated((x, y, z))
+    arguments, _, _ = _duplicate_arguments((x, y, z))
     return _rf_series(*arguments)
 
 
 def _carlson_rf_jvp(primals, tangents):
+    """Differentiate R_F with respect to the arguments that are perturbed, by R_D."""
     # dR_F/dz = -R_D(x, y, z) / 6, and so for x and y: all from the same duplications.
     moving = tuple(
         i
         for i, t in enumerate(tangents)
         if not isinstance(t, jax.custom_derivatives.SymbolicZero)
     )
-    arguments, parts, factor = _duplicated(primals, moving)
+    arguments, parts, factor = _duplicate_arguments(primals, moving)
     value = _rf_series(*arguments)
     slope = jnp.zeros_like(value)
     for i, part in zip(moving, parts, strict=True):
@@ -118,20 +135,29 @@ carlson_rf.defjvp(_carlson_rf_jvp, symbolic_zeros=True)
 
 
 def carlson_rd(x: Reals, y: Reals, z: Reals) -> Reals:
-    """Carlson's integral of the second kind, R_D(x, y, z) (DLMF 19.16.5).
+    """Compute Carlson's integral of the second kind, R_D(x, y, z) (DLMF 19.16.5).
 
-    The arguments are as in `carlson_rf`. Symmetric in x and y only, of degree -3/2, with
-    ``R_D(x, x, x) = x**(-3/2)``.
+    The arguments are as in `carlson_rf`. R_D is symmetric in x and y only, and homogeneous of
+    degree -3/2, with ``R_D(x, x, x) = x**(-3/2)``.
     """
-    arguments, (part,), factor = _duplicated((x, y, z), (2,))
+    arguments, (part,), factor = _duplicate_arguments((x, y, z), (2,))
     return part + factor * _rd_series(*arguments)
 
 
 def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
-    """Jacobi's elliptic functions ``sn(u|m), cn(u|m), dn(u|m)`` (DLMF 22.2).
+    """Compute Jacobi's elliptic functions ``sn(u|m), cn(u|m), dn(u|m)`` (DLMF 22.2).
 
-    Of an argument u, any real number, and the complement 1 - m of the parameter, which is what
-    is known exactly when m is close to 1. A negative complement (m > 1) is allowed.
+    Parameters
+    ----------
+    argument : Array
+        u, any real number.
+    complement : Array
+        1 - m, of the parameter m: close to m = 1 it has digits that m has lost. It may be
+        negative (m > 1).
+
+    Returns
+    -------
+    sn, cn, dn : Array
     """
     # Reciprocal parameter (DLMF 22.17(i)) where m > 1. At m = 1 the mean never converges.
     eps = jnp.finfo(jnp.result_type(argument, complement)).eps
@@ -141,25 +167,28 @@ def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
     m1 = jnp.where(beyond, -complement / stretch**2, complement)
     m1 = jnp.where(parabolic, 0.5, m1)
 
-    def averaged(means: tuple, _: Any) -> tuple:
+    def average(means: tuple, _: object) -> tuple:
+        """Take one stage of the mean; keep the root and the gap for the way back."""
         mean, root = means
         gap = (mean - root) / 2
         root = jnp.sqrt(mean * root)
         return (mean - gap, root), (root, gap)
 
-    def halved(phase: Array, stage: tuple) -> tuple:
+    def halve_phase(phase: Array, stage: tuple) -> tuple:
+        """Take the phase back by one stage."""
         root, gap = stage
         # arcsin(gap sin(phase) / mean), without its cancellation near pi/2
         adjacent = jnp.sqrt(root**2 + (gap * jnp.cos(phase)) ** 2)
         return (phase + jnp.arctan2(gap * jnp.sin(phase), adjacent)) / 2, None
 
     means = (jnp.ones_like(m1), jnp.sqrt(m1))
-    (mean, _), stages = jax.lax.scan(averaged, means, length=_STAGES)
+    (mean, _), stages = jax.lax.scan(average, means, length=_STAGES)
     phase = 2.0**_STAGES * mean * stretch * argument
-    phase, _ = jax.lax.scan(halved, phase, stages, reverse=True)
+    phase, _ = jax.lax.scan(halve_phase, phase, stages, reverse=True)
     sn = jnp.sin(phase)
     cn = jnp.cos(phase)
     dn = jnp.sqrt(m1 + (1 - m1) * cn**2)
+    # With the reciprocal parameter cn and dn change places.
     cn, dn = jnp.where(beyond, dn, cn), jnp.where(beyond, cn, dn)
     limits = _jacobi_near_one(*(jnp.where(parabolic, x, 0) for x in (argument, complement)))
     pairs = zip(limits, (sn / stretch, cn, dn), strict=True)
@@ -168,7 +197,7 @@ def jacobi(argument: Reals, complement: Reals) -> tuple[Reals, Reals, Reals]:
 
 
 def _jacobi_near_one(argument: Array, complement: Array) -> tuple[Array, Array, Array]:
-    """sn, cn and dn to first order in the complement (DLMF 22.10(ii))."""
+    """Expand sn, cn and dn to first order in the complement (DLMF 22.10(ii))."""
     tanh = jnp.tanh(argument)
     sech = 1 / jnp.cosh(argument)
     even = jnp.sinh(argument) * tanh / 4

@@ -1,26 +1,33 @@
 """Derivatives in both modes of what only runs forward: a loop of unknown length."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, PyTree
 
 from ..validation import Booleans, Reals
 
+_R = TypeVar("_R")
 
-def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
+
+def differentiate_by_jacobian(function: Callable[..., _R]) -> Callable[..., _R]:
     """Give a function derivatives in both modes with respect to its positional arguments.
 
     The Jacobian is computed forward, once, at the cost of one forward derivative per perturbed
-    number, and then applied: a linear map, which both modes can use.
+    number, and then applied: a linear map, which both modes can use. Options, by keyword, have
+    no derivatives.
     """
     wrapped = eqx.filter_custom_jvp(function)
 
     @wrapped.def_jvp
-    def _(primals: Any, tangents: Any, **options: Any) -> tuple[Any, Any]:
+    def apply_jacobian(
+        primals: PyTree, tangents: PyTree, **options: object
+    ) -> tuple[PyTree, PyTree]:
+        # Equinox writes None for the tangent of a leaf that is not perturbed.
         perturbed = jax.tree.map(
             lambda t: t is not None, tangents, is_leaf=lambda t: t is None
         )
@@ -28,19 +35,23 @@ def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
         numbers, unravel = ravel_pytree(moving)
         direction, _ = ravel_pytree(tangents)
 
-        def run(numbers: Any) -> Any:
+        def compute(numbers: Array) -> tuple[PyTree, PyTree]:
+            """Compute the answer, its real arrays apart from the rest."""
             result = function(*eqx.combine(unravel(numbers), fixed), **options)
             return eqx.partition(result, eqx.is_inexact_array)
 
-        def along(basis: Any) -> Any:
-            return jax.jvp(run, (numbers,), (basis,), has_aux=True)
+        def differentiate_along(basis: Array) -> tuple[PyTree, PyTree, PyTree]:
+            return jax.jvp(compute, (numbers,), (basis,), has_aux=True)
 
         if numbers.size == 1:  # without `vmap`, a program that is a third smaller
-            values, slopes, static = along(jnp.ones_like(numbers))
+            values, slopes, static = differentiate_along(jnp.ones_like(numbers))
             jacobian = jax.tree.map(lambda slope: slope[None], slopes)
         else:
             eye = jnp.eye(numbers.size, dtype=numbers.dtype)
-            values, jacobian, static = jax.vmap(along, out_axes=(None, 0, None))(eye)
+            values, jacobian, static = jax.vmap(differentiate_along, out_axes=(None, 0, None))(
+                eye
+            )
+        # The directions enter here only, linearly: that is what reverse mode transposes.
         applied = jax.tree.map(
             lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian
         )
@@ -50,40 +61,56 @@ def through_jacobian(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Root(NamedTuple):
-    """A root and further values there: 0 where there is none."""
+    """A root and further values there; all are 0 where there is no root."""
 
     root: Reals
     values: tuple[Reals, ...]
     exists: Booleans
-    flags: Any  # without derivatives
+    flags: tuple[Array, ...]  # without derivatives
 
 
-def through_residual(
-    search: Callable[..., Root], residual: Callable[..., Any]
+def differentiate_implicitly(
+    search: Callable[..., Root], residual: Callable[..., tuple[PyTree, ...]]
 ) -> Callable[..., Root]:
-    """`search` of a scene, differentiated by the implicit function theorem.
+    """Give the search for a root of a scene derivatives by the implicit function theorem.
 
-    `residual`, of the scene and the root, returns what is 0 there, and the further values.
+    Parameters
+    ----------
+    search : callable
+        Of the scene; it is not differentiated itself.
+    residual : callable
+        Of the scene and the root. Returns a number that is 0 at the root, then the further
+        values of the `Root`, then anything.
+
+    Returns
+    -------
+    callable
+        As `search`, with derivatives in both modes.
     """
-    root_of = eqx.filter_custom_jvp(search)
+    find_root = eqx.filter_custom_jvp(search)
 
-    @root_of.def_jvp
-    def _(primals: Any, tangents: Any, **options: Any) -> Any:
-        found = root_of(*primals, **options)
+    @find_root.def_jvp
+    def move_root(
+        primals: PyTree, tangents: PyTree, **options: object
+    ) -> tuple[PyTree, PyTree]:
+        found = find_root(*primals, **options)
 
-        def at(scene: Any, root: Reals) -> Any:
+        def evaluate(scene: PyTree, root: Reals) -> tuple[PyTree, ...]:
             return residual(scene, root, **options)[:2]
 
-        def along(*direction: Any) -> Any:
-            return eqx.filter_jvp(at, (*primals, found.root), direction)[1]
+        def differentiate_along(*direction: PyTree) -> PyTree:
+            return eqx.filter_jvp(evaluate, (*primals, found.root), direction)[1]
 
         # Along the scene at this root, and along the root alone: one program for both.
         both = jax.tree.map(lambda t: jnp.stack([t, jnp.zeros_like(t)]), tangents[0])
-        change, values = jax.vmap(along)(both, jnp.array([0, 1], found.root.dtype))
+        change, values = jax.vmap(differentiate_along)(
+            both, jnp.array([0, 1], found.root.dtype)
+        )
+        # Where there is no root the slope may be 0, and the quotient NaN.
         move = -change[0] / jnp.where(found.exists, change[1], 1)
         total = (move, tuple(slope[0] + slope[1] * move for slope in values))
         root, values = jax.tree.map(lambda t: jnp.where(found.exists, t, 0), total)
         nothing = jax.tree.map(lambda leaf: None, found)
         return found, nothing._replace(root=root, values=values)
 
-    return through_jacobian(root_of)
+    return differentiate_by_jacobian(find_root)

@@ -1,10 +1,10 @@
-"""What just overturns a block: every boundary between standing and overturning.
+"""Inverse questions in driven motion: every boundary between standing and overturning.
 
 Names beside those in ``__all__`` are for the other packages.
 """
 
 from .boundaries import Boundaries, overturning_boundaries
-from .boundaries import boundaries_of as boundaries_of
+from .boundaries import find_boundaries as find_boundaries
 from .pulse_thresholds import (
     SurvivalWindows,
     critical_amplitude,
@@ -12,10 +12,10 @@ from .pulse_thresholds import (
     survival_windows,
 )
 from .pulse_thresholds import check_range as check_range
-from .pulse_thresholds import each_critical_amplitude as each_critical_amplitude
+from .pulse_thresholds import search_amplitudes_alone as search_amplitudes_alone
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search
-from .quantities import checked as checked
+from .quantities import check_subject as check_subject
 
 __all__ = ["Boundaries", "SurvivalWindows"]
 __all__ += [

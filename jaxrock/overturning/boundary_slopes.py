@@ -1,33 +1,65 @@
-"""Derivatives of boundaries, by the implicit function theorem."""
+"""Derivatives of boundaries, by the implicit function theorem.
+
+At a boundary a residual vanishes: the margin or, where the block topples, the distance of its
+peak rotation from pi / 2. When a number of the scene changes, the boundary moves so that the
+residual stays 0,
+
+    d value / d number = -(d residual / d number) / (d residual / d value),
+
+with both derivatives at the boundary itself. No derivative passes through the search: its
+loops run forward only, and its comparisons have no derivatives. Only the motions on the
+boundaries are differentiated, one for each boundary.
+
+Under a long motion, a record or a `Harmonic`, the residual is another one. A block on the
+boundary is in balance on its corner, and falls to one side or the other before the motion
+ends, as rounding decides: the margin at the end has no derivatives. But as long as the block
+balances, every small change of its rotation grows in the same ratio, whatever causes it. So
+the quotient of two derivatives of the rotation, at a time at which changes have grown much and
+the block has not fallen yet, is the derivative of the boundary.
+"""
 
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..driven import TOPPLED_ROTATION, compiler_options
+from ..driven import TOPPLED_ROTATION, choose_compiler_options
 from ..ground_motion import Pulse
-from ..host import mapped, processors
-from ..validation import is_traced
-from .quantities import Search, Subject, respond_at, split, subject_at
+from ..host import count_processors, map_in_threads
+from ..validation import AnyArray, choose_namespace, is_traced
+from .quantities import Search, Subject, respond_at, set_quantity, split_numbers
 
-# Columns of one program, each a derivative of one boundary: so many that one program serves
+# Columns of one program, each a derivative of one boundary. So many that one program serves
 # all numbers of boundaries, and derivatives with respect to whatever moves.
 _ROOM = 512
 
 
-def moved(subject: Subject, changes: Any, values: Any, found: Any, search: Search) -> Any:
+class FoundBoundaries(NamedTuple):
+    """The fields of `Boundaries` on which derivatives depend, shape (..., boundaries)."""
+
+    value: AnyArray
+    overturns_beyond: AnyArray
+    toppled: AnyArray
+
+
+def compute_tangents(
+    subject: Subject,
+    changes: Subject,
+    values: AnyArray,
+    found: FoundBoundaries,
+    search: Search,
+) -> jax.Array:
     """Compute how far the boundaries move when the numbers of the subject change.
 
     Elementwise in all numbers that are perturbed; 0 where there is no boundary.
     """
     traced = is_traced(found)
-    library: Any = jnp if traced else np
-    numbers, samples = split(subject)
+    library = choose_namespace(found)
+    numbers, samples = split_numbers(subject)
     leaves, form = jax.tree.flatten(numbers)
     tangents = form.flatten_up_to(changes)
     moving = [k for k, tangent in enumerate(tangents) if tangent is not None]
@@ -36,31 +68,37 @@ def moved(subject: Subject, changes: Any, values: Any, found: Any, search: Searc
     room = 1 << (max(columns, 1) - 1).bit_length()
     padding = [(0, 0)] * (found.value.ndim - 1) + [(0, room - columns)]
 
-    def padded(entries: Any, missing: Any) -> Any:
+    def pad_columns(entries: AnyArray, missing: float | int) -> AnyArray:
         return library.pad(library.asarray(entries), padding, constant_values=missing)
 
-    value = padded(found.value, library.nan)
+    value = pad_columns(found.value, library.nan)
     exists = library.isfinite(value)
-    # In a transformation all are followed, and what is none from a value that there is.
+    # In a transformation shapes must not depend on how many there are: all columns are
+    # followed, those without a boundary from the first of the values.
     chosen = library.ones_like(exists) if traced else exists
 
-    def flat(entries: Any) -> Any:
+    def flatten(entries: AnyArray) -> AnyArray:
         wide = library.broadcast_to(library.asarray(entries), value.shape)
         return wide.reshape(-1) if traced else wide[chosen]
 
     at = library.where(exists, value, library.asarray(values)[..., :1])
-    rows = [flat(at), *(flat(library.asarray(leaf)[..., None]) for leaf in leaves)]
-    toppled = flat(padded(found.toppled, False))
+    rows = [flatten(at), *(flatten(library.asarray(leaf)[..., None]) for leaf in leaves)]
+    toppled = flatten(pad_columns(found.toppled, False))
     edges = _Edges(samples, form, library.stack(rows), toppled, search)
     with np.errstate(all="ignore"):
+        # Under a pulse, the margin at the end has derivatives. In a transformation the time
+        # until which a block balances is not sought, so that the end has to do as well.
         if traced or isinstance(subject.motion, Pulse):
-            slopes = edges.slopes(moving, None)
+            slopes = edges.compute_slopes(moving, None)
             if search.drop_unknown:
                 slopes = library.where(library.isfinite(slopes), slopes, 0)
         else:
-            times = _while_balanced(edges, flat(padded(found.overturns_beyond, False)))
-            early, late = (edges.slopes(moving, until) for until in times)
-            # Those taken late, where those taken early are the same.
+            beyond = flatten(pad_columns(found.overturns_beyond, False))
+            times = _find_balanced_times(edges, beyond)
+            early, late = (edges.compute_slopes(moving, until) for until in times)
+            # Changes have grown more at the later time, so that its derivatives are better.
+            # How good they are is known from the earlier ones: where both differ, rounding or
+            # the fall itself is in them, and they are not known.
             same = (abs(late - early) <= _SETTLED * abs(late)).all(axis=0)
             slopes = np.where(same, late, 0.0 if search.drop_unknown else np.nan)
     if traced:
@@ -69,12 +107,13 @@ def moved(subject: Subject, changes: Any, values: Any, found: Any, search: Searc
         known = slopes
         slopes = np.zeros((len(moving), *value.shape), value.dtype)
         slopes[:, exists] = known
-    total = _products(slopes, [tangents[k] for k in moving])
+    total = _sum_products(slopes, [tangents[k] for k in moving])
     return total if room == columns else total[..., :columns]
 
 
 @jax.jit
-def _products(slopes: Any, tangents: Sequence[Any]) -> Any:
+def _sum_products(slopes: AnyArray, tangents: Sequence[AnyArray]) -> jax.Array | int:
+    """Sum up slopes times tangents, which have no axis of boundaries."""
     return sum(
         slope * jnp.broadcast_to(jnp.asarray(tangent)[..., None], slope.shape)
         for slope, tangent in zip(slopes, tangents, strict=True)
@@ -82,141 +121,183 @@ def _products(slopes: Any, tangents: Sequence[Any]) -> Any:
 
 
 class _Edges(NamedTuple):
-    """Boundaries, one after the other, and the blocks on them."""
+    """Boundaries, one after the other, and the blocks on them.
 
-    samples: Any
-    form: Any  # of the tree of numbers
-    rows: Any  # (1 + numbers, boundaries): first the values of the quantity
-    toppled: Any
+    Attributes
+    ----------
+    samples : Subject
+        What all blocks share; see `split_numbers`.
+    form : PyTreeDef
+        Structure of the tree of numbers.
+    rows : array, shape (1 + numbers, boundaries)
+        Values of the quantity, then the numbers of the blocks.
+    toppled : array of bool, shape (boundaries,)
+        Whether the rotation reaches pi / 2.
+    search : Search
+        The search by which they were found.
+    """
+
+    samples: Subject
+    form: Hashable
+    rows: AnyArray
+    toppled: AnyArray
     search: Search
 
     @property
     def subject(self) -> Subject:
+        """The blocks on the boundaries, still with their own values of the quantity."""
         return eqx.combine(jax.tree.unflatten(self.form, list(self.rows[1:])), self.samples)
 
-    def slopes(self, moving: Sequence[int], until: Any) -> Any:
-        """Compute derivatives (numbers, boundaries) with respect to the numbers that move."""
+    def compute_slopes(self, moving: Sequence[int], until: AnyArray | None) -> AnyArray:
+        """Compute derivatives (numbers, boundaries) with respect to the numbers that move.
+
+        The residual is taken at the times `until`, or at the end of the motion.
+        """
+        # A column for each boundary and direction, first the derivatives with respect to the
+        # value: so one program serves derivatives with respect to any numbers.
         number = self.rows.shape[1]
         directions = np.repeat(np.array([0, *(k + 1 for k in moving)], np.int32), number)
         times = len(moving) + 1
         traced = is_traced(self.rows)
-        library: Any = jnp if traced else np
+        library = choose_namespace(self.rows)
 
-        def repeated(entries: Any) -> Any:
+        def repeat(entries: AnyArray) -> AnyArray:
             return library.tile(entries, times)
 
-        columns = (*map(repeated, (self.rows, self.toppled)), directions)
+        columns = (repeat(self.rows), repeat(self.toppled), directions)
         if until is not None:
-            columns = (*columns, repeated(until))
-        static = {
-            "form": self.form,
-            "search": self.search._replace(max_boundaries=0, halvings=0, alone=False),
-        }
+            columns = (*columns, repeat(until))
+        # Searches that differ in what plays no role here share a program.
+        search = self.search._replace(max_boundaries=0, halvings=0, alone=False)
         if traced:
-            derivatives = _vanishing_slopes(self.samples, directions.size, *columns, **static)
+            derivatives = _differentiate_residual(
+                self.samples, directions.size, *columns, form=self.form, search=search
+            )
         else:
-            derivatives = _shared_out(self.samples, columns, static)
+            derivatives = _differentiate_in_pieces(self.samples, columns, self.form, search)
         to_value, *to_numbers = derivatives.reshape(times, number)
         return library.stack([-part / to_value for part in to_numbers])
 
 
-def _vanishing_slopes(
-    samples: Any,
-    count: Any,
-    rows: Any,
-    toppled: Any,
-    directions: Any,
-    until: Any = None,
+def _differentiate_residual(
+    samples: Subject,
+    count: jax.Array | int,
+    rows: AnyArray,
+    toppled: AnyArray,
+    directions: AnyArray,
+    until: AnyArray | None = None,
     *,
-    form: Any,
+    form: Hashable,
     search: Search,
-) -> Any:
-    """Differentiate what is 0 at a boundary, each column in the direction of its row."""
+) -> jax.Array:
+    """Differentiate the residual of the first `count` columns, each in its own direction.
 
-    def vanishing(rows: Any) -> Any:
+    A direction is the number of a row.
+    """
+
+    def compute_residual(rows: jax.Array) -> jax.Array:
         at, *numbers = rows
         subject = eqx.combine(jax.tree.unflatten(form, numbers), samples)
         response = respond_at(subject, at, search, until, count)
         margin = response.margin
         if until is not None:
-            end = subject_at(subject, at, search).motion.end
+            # Before the end, the rotation of a block that balances; see the top of this file.
+            # Its value there is not 0, but only derivatives count.
+            end = set_quantity(subject, at, search).motion.end
             margin = jnp.where(until < end, response.final_rotation, margin)
+        # Toppling ends the motion while the margin is still far from 0: what vanishes there is
+        # the distance of the peak from pi / 2.
         return jnp.where(toppled, TOPPLED_ROTATION - response.peak_rotation, margin)
 
     # One tangent for many blocks compiles faster than many tangents for one.
     tangents = (jnp.arange(len(rows), dtype=jnp.int32)[:, None] == directions[None]).astype(
         rows.dtype
     )
-    return jax.jvp(vanishing, (rows,), (tangents,))[1]
+    return jax.jvp(compute_residual, (rows,), (tangents,))[1]
 
 
 @functools.cache
-def _compiled(platform: str) -> Callable[..., Any]:
-    """`_vanishing_slopes` for a platform."""
-    options = compiler_options(platform)
+def _compile(platform: str) -> Callable[..., jax.Array]:
+    """Make `_differentiate_residual` a program for a platform, with its options."""
+    options = choose_compiler_options(platform)
     return jax.jit(
-        _vanishing_slopes, static_argnames=("form", "search"), compiler_options=options
+        _differentiate_residual, static_argnames=("form", "search"), compiler_options=options
     )
 
 
-def _shared_out(samples: Any, columns: Sequence[Any], static: dict[str, Any]) -> np.ndarray:
-    """`_vanishing_slopes` of all columns, by all processors."""
+def _differentiate_in_pieces(
+    samples: Subject,
+    columns: Sequence[AnyArray],
+    form: Hashable,
+    search: Search,
+) -> np.ndarray:
+    """Differentiate the residual of all columns, in pieces of one size, on all processors."""
     size = columns[0].shape[-1]
     pieces = -(-size // _ROOM)
-    derive = _compiled(jax.default_backend())
+    derive = _compile(jax.default_backend())
 
-    def of_piece(k: int) -> np.ndarray:
+    def differentiate_piece(k: int) -> np.ndarray:
         parts = [each[..., k::pieces] for each in columns]
         count = parts[0].shape[-1]
-        # Filled up with the last column, which is not followed again.
+        # Filled up with copies of the last column, valid numbers that are not followed: the
+        # program stops after `count` columns.
         room = [
             np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts
         ]
-        return np.asarray(derive(samples, count, *room, **static))[:count]
+        return np.asarray(derive(samples, count, *room, form=form, search=search))[:count]
 
     whole = np.empty(size, columns[0].dtype)
-    separate = mapped(of_piece, range(pieces), max(1, min(pieces, processors())))
+    workers = max(1, min(pieces, count_processors()))
+    separate = map_in_threads(differentiate_piece, range(pieces), workers)
     for k, part in enumerate(separate):
         whole[k::pieces] = part
     return whole
 
 
 # How far motions from both sides of a boundary have come apart when its derivatives are taken,
-# in radians and as powers of eps: twice, to compare. What comes later is missing in the first.
+# in radians and as powers of eps. They start with all digits in common, and have 40 and then
+# 20 % of them in common at these times: changes have grown by eps**-0.6 and eps**-0.8, beside
+# which the terms that do not grow are lost, but the distance is still small beside a radian,
+# so that the equation of motion is linear in it. Later times are better, as changes have grown
+# more and less of the ground motion is left out, until the fall itself begins: so there are
+# two.
 _APART = (0.4, 0.2)
-_SETTLED = 1e-3  # relative difference of the two, at most
+# Relative difference of derivatives at both times that still count as the same. In double
+# precision it is about eps**0.2, the distance at the second time.
+_SETTLED = 1e-3
 
 
-def _while_balanced(edges: _Edges, overturns_beyond: np.ndarray) -> list[np.ndarray]:
-    """Two times up to which the motion at each boundary under a long motion is known.
+def _find_balanced_times(edges: _Edges, overturns_beyond: AnyArray) -> list[np.ndarray]:
+    """Find two times up to which the block at each boundary still balances.
 
-    A block that balances falls to one side or the other before a long motion ends, by what
-    rounding says, so that the margin at its end has no derivatives. But as long as it
-    balances, every change grows in the same ratio, from which the boundary follows: it does so
-    until motions from both sides of the boundary have come apart.
+    It does so until motions from both sides of the boundary have come apart, by each of the
+    distances in `_APART`. Where they never do, the time is beyond the end of the motion.
     """
     subject = edges.subject
     at = edges.rows[0]
     eps = float(np.finfo(at.dtype).eps)
-    motion = subject_at(subject, at, edges.search).motion
+    motion = set_quantity(subject, at, edges.search).motion
     start = np.broadcast_to(motion.start, at.shape)
     end = np.broadcast_to(motion.end, at.shape)
-    # Both sides of the boundary at once.
+    # Both sides of the boundary at once. A boundary is known to 4 eps (see `refine_brackets`):
+    # twice as far beyond it, the block falls.
     sides = np.stack([at, at * (1 + np.where(overturns_beyond, 8, -8) * eps)])
 
-    def apart(until: Any) -> Any:
+    def compute_distance(until: np.ndarray) -> np.ndarray:
         response = respond_at(subject, sides[:, None], edges.search, until)
         final, other = np.asarray(response.final_rotation)
         return abs(final - other)
 
-    # Bisected for both distances at once.
+    # Bisected for both distances at once, to 1/4096 of the motion: changes grow with the
+    # block's own rate, which is slow beside that, so that the time need not be known better.
     distance = (eps ** np.array(_APART)[:, None]).astype(at.dtype)
     low, high = (np.broadcast_to(time, (len(_APART), at.size)) for time in (start, end))
-    together = apart(high) < distance
+    together = compute_distance(high) < distance
     for _ in range(12):
         middle = 0.5 * (low + high)
-        close = apart(middle) < distance
+        close = compute_distance(middle) < distance
         low = np.where(close, middle, low)
         high = np.where(close, high, middle)
-    # Beyond the end by rounding, which no program then takes for a time before it.
+    # The end by itself may round to a time before it in a program, which would then take the
+    # rotation for the margin: a little is added.
     return [*np.where(together, end * (1 + 16 * eps), high)]

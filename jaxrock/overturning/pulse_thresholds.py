@@ -1,4 +1,4 @@
-"""Inverse design in driven motion: the strength and duration of a motion that overturn."""
+"""Inverse design in driven motion: strengths and durations of a motion that just overturn."""
 
 import math
 from collections.abc import Sequence
@@ -11,19 +11,21 @@ import numpy as np
 
 from ..block import Block
 from ..driven import uplift_acceleration
-from ..ground_motion import Motion, Pulse, pulse_class
-from ..host import Printed, shown
+from ..ground_motion import Motion, Pulse, check_pulse_class
+from ..host import Printed, format_number
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, Numbers, as_real, check_kind, namespace_of
-from .boundaries import Boundaries, overturning_boundaries, searched
+from ..validation import Number, Numbers, as_real, check_kind, choose_namespace
+from .boundaries import Boundaries, overturning_boundaries, search_boundaries
 from .quantities import Search
 
-_HALVINGS = 6  # from first intervals of 64 times the resolution
+# The first values are 2**6 = 64 times as far apart as the resolution demands. Only intervals
+# in which a window might hide are halved down to it, a small part of the range.
+_HALVINGS = 6
 
 
 @dataclass(frozen=True, repr=False)
 class SurvivalWindows(Printed):
-    """Where a block stands and where it overturns, over the strength of a motion.
+    """Windows in which a block stands, above the first strength of a motion that overturns it.
 
     Attributes
     ----------
@@ -41,7 +43,7 @@ class SurvivalWindows(Printed):
     def __str__(self) -> str:
         if np.isinf(self.first_overturning):
             return "stands everywhere in the range"
-        lines = [f"overturns from {shown(self.first_overturning)} on"]
+        lines = [f"overturns from {format_number(self.first_overturning)} on"]
         for low, high in self.windows:
             end = "to the end of the range" if np.isinf(high) else f"to {high:.6g}"
             lines.append(f"stands again from {low:.6g} {end}")
@@ -59,7 +61,7 @@ def critical_amplitude(
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 8,
 ) -> Boundaries:
-    """Every amplitude of a pulse between standing and overturning.
+    """Find every amplitude of a pulse between standing and overturning.
 
     First overturning, windows in which the block survives, overturning without an impact.
 
@@ -97,10 +99,10 @@ def critical_amplitude(
     overturns beyond 8.08528 m/s2 (0.824 g) (overturning without an impact)
     """
     search = Search("amplitude", model, max_boundaries, _HALVINGS)
-    return _amplitudes(ratios, block, restitution, shape, duration, resolution, search)
+    return _search_amplitudes(ratios, block, restitution, shape, duration, resolution, search)
 
 
-def _amplitudes(
+def _search_amplitudes(
     ratios: Sequence[float],
     block: Block,
     restitution: Number,
@@ -109,24 +111,26 @@ def _amplitudes(
     resolution: float,
     search: Search,
 ) -> Boundaries:
-    """`critical_amplitude`, by a search of any kind."""
-    pulse = pulse_class(shape)(1.0, duration)
-    levels = _levels("ratios", ratios, resolution)
+    """Search critical amplitudes, as `critical_amplitude` does, by a search of any kind."""
+    pulse = check_pulse_class(shape)(1.0, duration)
+    levels = _make_levels("ratios", ratios, resolution)
     check_kind("block", block, Block)
+    # The range follows the block, but a boundary does not depend on where it was sought: the
+    # implicit function theorem takes no derivative with respect to these values.
     uplift = jax.lax.stop_gradient(
         jnp.asarray(uplift_acceleration(block, as_model(search.model)))
     )
-    namespace = namespace_of(uplift)
+    namespace = choose_namespace(uplift)
     amplitudes = namespace.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
-    return searched(block, restitution, pulse, amplitudes, search)
+    return search_boundaries(block, restitution, pulse, amplitudes, search)
 
 
 def check_range(ratios: Sequence[float], resolution: float) -> None:
-    """Raise `ValueError` if amplitudes between these ratios cannot be sought to a resolution."""
-    _levels("ratios", ratios, resolution)
+    """Raise `ValueError` if a search between these ratios to a resolution is not allowed."""
+    _make_levels("ratios", ratios, resolution)
 
 
-def each_critical_amplitude(
+def search_amplitudes_alone(
     block: Block,
     restitution: Number,
     shape: type[Pulse],
@@ -135,9 +139,12 @@ def each_critical_amplitude(
     resolution: float,
     model: ModelLike,
 ) -> Boundaries:
-    """`critical_amplitude`, of each duration the same bits whatever the others are."""
+    """Search critical amplitudes, of each duration the same bits whatever the others are.
+
+    So a map that is computed in parts is the same map.
+    """
     search = Search("amplitude", model, 1, _HALVINGS, alone=True)
-    return _amplitudes(ratios, block, restitution, shape, duration, resolution, search)
+    return _search_amplitudes(ratios, block, restitution, shape, duration, resolution, search)
 
 
 def critical_duration(
@@ -151,7 +158,7 @@ def critical_duration(
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 8,
 ) -> Boundaries:
-    """Every duration of a pulse of given amplitude between standing and overturning.
+    """Find every duration of a pulse of given amplitude between standing and overturning.
 
     Parameters
     ----------
@@ -178,19 +185,20 @@ def critical_duration(
     >>> print(jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0)))
     overturns beyond 0.333271 s (overturning without an impact)
     """
-    levels = _levels("durations", durations, resolution)
-    pulse = pulse_class(shape)(amplitude, 1.0)
+    levels = _make_levels("durations", durations, resolution)
+    pulse = check_pulse_class(shape)(amplitude, 1.0)
     search = Search("duration", model, max_boundaries, _HALVINGS)
-    return searched(block, restitution, pulse, levels, search)
+    return search_boundaries(block, restitution, pulse, levels, search)
 
 
-def _levels(name: str, ends: Sequence[float], resolution: float) -> np.ndarray:
-    """Values between two, whose intervals after all halvings are no wider than the resolution."""
+def _make_levels(name: str, ends: Sequence[float], resolution: float) -> np.ndarray:
+    """Make values between two ends, so close that halvings bring them to the resolution."""
     low, high = ends
     if not 0 < low < high < math.inf:
         raise ValueError(f"{name} must be two increasing positive numbers, got {ends}")
     if not 1e-6 < resolution < 1:
         raise ValueError(f"resolution must be between 1e-6 and 1, got {resolution:g}")
+    # The resolution is a share of the value, so that values make a geometric sequence.
     ratio = 1 + resolution * 2**_HALVINGS
     return np.geomspace(low, high, math.ceil(math.log(high / low) / math.log(ratio)) + 1)
 
@@ -203,9 +211,9 @@ def survival_windows(
     *,
     model: ModelLike = Nonlinear(),
 ) -> SurvivalWindows:
-    """Windows above the first overturning strength in which one block survives.
+    """Find the windows above the first overturning strength in which one block survives.
 
-    `overturning_boundaries` along the factor on a motion, in pairs.
+    They are the boundaries of `overturning_boundaries` along the factor on a motion, in pairs.
 
     Parameters
     ----------
@@ -233,6 +241,8 @@ def survival_windows(
     edges = np.asarray(found.value)
     if found.overturns_first:
         edges = np.append(as_real("factors", factors)[0], edges)
-    if edges.size % 2 == 0:  # it stands at the end of the range
+    # From the first overturning on, edges alternate. An even number means that the block
+    # stands at the end of the range, or that it never overturns: the window, if any, is open.
+    if edges.size % 2 == 0:
         edges = np.append(edges, np.inf)
     return SurvivalWindows(float(edges[0]), edges[1:].reshape(-1, 2))

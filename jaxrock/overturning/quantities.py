@@ -1,6 +1,7 @@
-"""What boundaries are sought along, and the motions that are followed for it."""
+"""Quantities along which boundaries are sought, and the motions that are followed for it."""
 
 from collections.abc import Callable
+from types import UnionType
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,12 +13,14 @@ from jaxtyping import Array
 from ..block import Block
 from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
+from ..resonance import ModelLike, as_model
 from ..validation import (
     AT_LEAST_ONE,
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
     UNIT_INTERVAL,
+    AnyArray,
     Domain,
     Number,
     Numbers,
@@ -26,69 +29,111 @@ from ..validation import (
     check_kind,
     check_shapes,
     is_traced,
-    of_one_precision,
+    unify_precision,
 )
 
 
 class Search(NamedTuple):
-    """What is sought, and how; static in compiled programs."""
+    """The kind of a search; static in compiled programs.
+
+    Attributes
+    ----------
+    along : str
+        The quantity.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion.
+    max_boundaries : int
+        Number of boundaries that are listed under a transformation.
+    halvings : int
+        Number of times that an interval is halved in which the mode changes, or in which the
+        margin comes near 0.
+    drop_unknown : bool
+        Whether derivatives that cannot be had are 0 instead of NaN, so that a sum over many
+        boundaries has those of all others.
+    alone : bool
+        Whether a boundary has the same bits whatever else is sought at the same time.
+    """
 
     along: str
-    model: Any
+    model: ModelLike
     max_boundaries: int
-    halvings: int = 0  # of intervals in which the mode changes, or the margin comes near 0
-    drop_unknown: bool = False  # derivatives that cannot be had are 0 then, and not NaN
-    alone: bool = False  # the same bits whatever else is sought at the same time
+    halvings: int = 0
+    drop_unknown: bool = False
+    alone: bool = False
 
 
 class Subject(eqx.Module):
-    """Blocks on moving ground, of which boundaries are sought."""
+    """Blocks on moving ground, whose boundaries are sought."""
 
     block: Block
-    restitution: Any
+    restitution: AnyArray | np.floating
     motion: Pulse | Harmonic | GroundMotions
 
 
-def _strength(subject: Any) -> Any:
+class _Quantity(NamedTuple):
+    """A quantity along which boundaries are sought.
+
+    Attributes
+    ----------
+    domain : Domain
+        Its values.
+    motions : class, or union of classes
+        The motions that have it.
+    select : function
+        Selects it in a subject. Of any type, since `equinox.tree_at` calls it with placeholders.
+    """
+
+    domain: Domain
+    motions: type[Motion] | UnionType
+    select: Callable[[Subject], Any]
+
+
+def _select_strength(subject: Subject) -> Any:
+    """Select the factor on a record, or the amplitude of any other motion."""
     motion = subject.motion
     return motion.factor if isinstance(motion, GroundMotions) else motion.amplitude
 
 
-# What boundaries are sought along: its domain, the motions that have it, its place in a
-# subject.
-_QUANTITIES: dict[str, tuple[Domain, Any, Callable[[Any], Any]]] = {
-    "amplitude": (FINITE, Pulse | Harmonic, _strength),
-    "duration": (POSITIVE, Pulse, lambda subject: subject.motion.duration),
-    "frequency": (POSITIVE, Harmonic, lambda subject: subject.motion.frequency),
-    "factor": (NON_NEGATIVE, Motion, _strength),  # on what is there
-    "half_width": (POSITIVE, Motion, lambda subject: subject.block.half_width),
-    "slenderness": (POSITIVE, Motion, lambda subject: subject.block.slenderness),
-    "inertia_ratio": (AT_LEAST_ONE, Motion, lambda subject: subject.block.inertia_ratio),
-    "restitution": (UNIT_INTERVAL, Motion, lambda subject: subject.restitution),
+def _select_in_motion(name: str) -> Callable[[Subject], Any]:
+    return lambda subject: getattr(subject.motion, name)
+
+
+_QUANTITIES = {
+    "amplitude": _Quantity(FINITE, Pulse | Harmonic, _select_strength),
+    "duration": _Quantity(POSITIVE, Pulse, _select_in_motion("duration")),
+    "frequency": _Quantity(POSITIVE, Harmonic, _select_in_motion("frequency")),
+    # On the strength that the motion has.
+    "factor": _Quantity(NON_NEGATIVE, Motion, _select_strength),
+    "half_width": _Quantity(POSITIVE, Motion, lambda subject: subject.block.half_width),
+    "slenderness": _Quantity(POSITIVE, Motion, lambda subject: subject.block.slenderness),
+    "inertia_ratio": _Quantity(
+        AT_LEAST_ONE, Motion, lambda subject: subject.block.inertia_ratio
+    ),
+    "restitution": _Quantity(UNIT_INTERVAL, Motion, lambda subject: subject.restitution),
 }
 
 
 UNITS = {"amplitude": "m/s2", "duration": "s", "frequency": "rad/s", "half_width": "m"}
 
 
-def with_unit(along: str, value: float) -> str:
+def format_value(along: str, value: float) -> str:
     """Write a value of a quantity, an acceleration also in g."""
     text = f"{value:.6g} {UNITS.get(along, '')}".rstrip()
     return f"{text} ({value / 9.81:.3g} g)" if along == "amplitude" else text
 
 
-def checked(
+def check_subject(
     block: Block, restitution: Number, motion: Motion | Suite, along: str, values: Numbers
 ) -> tuple[Subject, Array]:
     """Check the subject and the values of a search; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     single = motion[0] if isinstance(motion, Suite) else motion
-    allowed = [name for name, (_, has, _) in _QUANTITIES.items() if isinstance(single, has)]
+    allowed = [name for name, its in _QUANTITIES.items() if isinstance(single, its.motions)]
     if along not in allowed:
         raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")
     places = as_real("values", values)
-    check("values", places, _QUANTITIES[along][0])
+    check("values", places, _QUANTITIES[along].domain)
     restitution = as_real("restitution", restitution)
     check("restitution", restitution, UNIT_INTERVAL)
     if isinstance(single, Record) and single.acceleration.ndim > 1:
@@ -101,8 +146,9 @@ def checked(
     check_shapes(block=block, restitution=restitution, motion=single, values=of_each)
     if not is_traced(places) and (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("values must be increasing, got values that do not increase")
-    numbers = of_one_precision((block, restitution, motion, places))
+    numbers = unify_precision((block, restitution, motion, places))
     block, restitution, motion, places = numbers
+    # The samples of records are brought into the form of the batch here, once for all values.
     if isinstance(motion, Record | Suite):
         batch = Batch.of(block, restitution, motion, axes=places.ndim - 1)
         return Subject(batch.block, batch.restitution, batch.ground), places
@@ -110,25 +156,35 @@ def checked(
     return Subject(block, restitution, motion), places
 
 
-def split(subject: Subject) -> tuple[Any, Any]:
-    """Return the numbers of a subject, one a block, and the samples that all share."""
+def split_numbers(subject: Subject) -> tuple[Subject, Subject]:
+    """Split a subject into its numbers, one a block, and the samples that all blocks share."""
+    # The samples are the `parts` of `GroundMotions`.
     is_number = jax.tree.map_with_path(
         lambda path, _: all(getattr(step, "name", "") != "parts" for step in path), subject
     )
     return eqx.partition(subject, is_number)
 
 
-def subject_at(subject: Subject, value: Any, search: Search) -> Subject:
-    """Return the subject at a value of the quantity."""
-    *_, place = _QUANTITIES[search.along]
-    value = place(subject) * value if search.along == "factor" else value
-    return eqx.tree_at(place, subject, value)  # unchecked: the values have been
+def set_quantity(subject: Subject, value: AnyArray, search: Search) -> Subject:
+    """Give a subject a value of the quantity that the search is along."""
+    select = _QUANTITIES[search.along].select
+    if search.along == "factor":
+        value = select(subject) * value
+    # Checked nowhere: `check_subject` has checked all values.
+    return eqx.tree_at(select, subject, value)
 
 
 def respond_at(
-    subject: Subject, value: Any, search: Search, until: Any = None, count: Any = None
+    subject: Subject,
+    value: AnyArray,
+    search: Search,
+    until: AnyArray | None = None,
+    count: jax.Array | int | None = None,
 ) -> BatchResponse:
-    """Follow the response at a value, to a time or to the end of the input."""
-    at = subject_at(subject, value, search)
+    """Follow the response at a value, until a time or the end of the input.
+
+    In a transformation, only the first `count` blocks need be followed.
+    """
+    at = set_quantity(subject, value, search)
     batch = Batch.of(at.block, at.restitution, at.motion, until)
-    return follow_batch(batch, search.model, count=count)
+    return follow_batch(batch, as_model(search.model), count=count)

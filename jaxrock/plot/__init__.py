@@ -1,8 +1,8 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-`animate` writes a file; `plot_free_rocking_fit` makes a figure of two panels, `plot_spectrum`
-and `plot_rocking_spectrum` one of panels of which `plot_curves` and `plot_rocking_curves` draw
-one.
+`animate` writes a file. `plot_free_rocking_fit` makes a figure of two panels. `plot_spectrum`
+and `plot_rocking_spectrum` make a figure of many; `plot_curves` and `plot_rocking_curves` draw
+one of these panels.
 """
 
 from .block import animate, plot_block, plot_phase, plot_response

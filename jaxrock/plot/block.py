@@ -1,7 +1,6 @@
-"""One block: its symbols, and its motion, over time, in the phase plane and as a film."""
+"""One block: its symbols, and its motion over time, in the phase plane and as a film."""
 
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -21,19 +20,16 @@ from .axes import (
     NEUTRAL,
     RATIO,
     add_level,
-    axes_or_new,
-    draws,
-    labelled,
+    get_axes,
+    label_axes,
 )
-from .pulses import strip_above
+from .pulses import add_strip_above
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
 _FRAMES = 400  # of a film, at most
-_RESPONSE = "response : Response\n    From `jaxrock.respond`."
 
 
-@draws()
 def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = None) -> Axes:
     """Draw a block, to scale, with the symbols of Fig. 1.
 
@@ -44,32 +40,44 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     ----------
     block, rotation : Block, float
         One block, and alpha [rad], positive to the right; half the critical angle by default.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
     """
     critical = float(block.critical_angle)
     rotation = 0.5 * critical if rotation is None else float(rotation)
     side = 1 if rotation >= 0 else -1
     b = float(block.half_width)
     a = float(block.half_height)
-    ax = axes_or_new(ax, figsize=(4.2, 4.4))
+    ax = get_axes(ax, figsize=(4.2, 4.4))
+    # Wide enough for the arrow on one side, and for the top edge of a block that lies down.
     reach = max(2 * b + 0.6 * a, 1.1 * (b + 2 * a * abs(np.sin(rotation))))
-    shape = _block_on(ax, block, reach, max(2.2 * a, 2.1 * float(block.half_diagonal)))
-    shape.set_xy(_rotated(_corners(block), block, rotation))
+    shape = _draw_block(ax, block, reach, max(2.2 * a, 2.1 * float(block.half_diagonal)))
+    shape.set_xy(_rotate(_compute_corners(block), block, rotation))
+
+    # Lines from G to the pivot, to the top and across: R, a and b.
     pivot = np.array([side * b, 0.0])
     inside = np.array([[0.0, a], [0.0, 2 * a], [-side * b, a]])
-    centre, top, across = _rotated(inside, block, rotation)
+    centre, top, across = _rotate(inside, block, rotation)
     for end, look in ((pivot, "--"), (top, "-"), (across, "-")):
         ax.plot(*np.transpose([centre, end]), look, color=INK, linewidth=1)
     ax.plot(*centre, "o", color=INK, markersize=4)
     ax.plot(*pivot, "o", color=ACCENT, markersize=4)
+
     # At O, the angles from the edge to the vertical and to the centre.
     ax.plot([pivot[0]] * 2, [0, 2.1 * a], ":", color=ACCENT, linewidth=1)
     edge = 90 - np.degrees(rotation)
+    # Radii that differ keep the two angles and their symbols apart.
     for radius, other in ((1.75 * a, 90.0), (0.6 * a, edge + side * np.degrees(critical))):
         first, last = sorted((edge, other))
         size = {"width": 2 * radius, "height": 2 * radius, "theta1": first, "theta2": last}
         ax.add_patch(Arc((pivot[0], 0), **size, color=ACCENT, linewidth=1.5))
+
     along_edge = a * np.array([np.sin(rotation), np.cos(rotation)])
-    offset: dict[str, Any] = {"textcoords": "offset points"}
     for symbol, (x, y), right, up, colour in (
         ("$R$", (centre + pivot) / 2, -10, 0, INK),
         ("$a$", (centre + top) / 2, -8, 0, INK),
@@ -80,32 +88,55 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
         (r"$\alpha_c$", pivot + 0.6 * along_edge, 10, 0, ACCENT),
     ):
         by = (side * right, up)  # mirrored with the block
-        ax.annotate(symbol, (x, y), by, color=colour, ha="center", va="center", **offset)
+        ax.annotate(
+            symbol,
+            (x, y),
+            by,
+            textcoords="offset points",
+            color=colour,
+            ha="center",
+            va="center",
+        )
+
     # This push of the ground rotates the block to the right: accelerations count to the left.
     tail = -1.6 * b if side > 0 else 1.6 * b + 0.4 * a
     below = -0.1 * a
     ax.annotate("", (tail - 0.4 * a, below), (tail, below), arrowprops={"arrowstyle": "->"})
-    ax.annotate(r"$\ddot y$", (tail, below), (3, -4), **offset)
+    ax.annotate(r"$\ddot y$", (tail, below), (3, -4), textcoords="offset points")
     return ax
 
 
-@draws(_RESPONSE)
 def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     """Draw the acceleration of the ground and, under it, rotation over critical angle.
 
     From shortly before the block moves until it rests or has fallen. Every impact is a line at
     the foot, as high as the velocity before it is large. The acceleration, with the level that
     lifts the block, is on axes of its own, the child of those returned.
+
+    Parameters
+    ----------
+    response : Response
+        From `jaxrock.respond`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
     """
-    ax = axes_or_new(ax, figsize=(7.2, 4.8))
+    ax = get_axes(ax, figsize=(7.2, 4.8))
     scene = response.scene
-    first, last = _moving_span(response)
+    first, last = _find_moving_span(response)
     times = np.linspace(first, last, 4000)
     ratio = np.array(response.history(times)[0]) / float(scene.block.critical_angle)
     ax.plot(times, ratio, color=INK, linewidth=0.9)
+    # A block that never moves has a ratio of 0, which makes no limits.
     limit = min(_LIMIT, 1.2 * float(np.max(np.abs(ratio))) or _LIMIT)
+
     impacts = np.asarray(response.impact_times)
     speeds = np.abs(np.asarray(response.impact_velocities))
+    # Without an impact the largest velocity is 0, by which nothing can be divided.
     tips = limit * (0.25 * speeds / max(speeds.max(initial=0), 1e-300) - 1)
     name = "impacts (height: velocity)" if impacts.size else ""
     ax.vlines(impacts, -limit, tips, color=ACCENT, linewidth=0.8, label=name)
@@ -115,33 +146,49 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
         ax.axvline(
             float(response.overturning_time), color=LINE, linestyle=":", label="overturning"
         )
+
     ax.set_xlim(first, last)
-    above = strip_above(ax, -limit, limit)
+    above = add_strip_above(ax, -limit, limit)
+    # A vertical component makes the block lighter or heavier, and so easier to lift or harder.
     weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
     lifting = float(uplift_acceleration(scene.block, response.model)) * weight
     above.plot(times, np.asarray(scene.motion.horizontal(times)), color=NEUTRAL, linewidth=0.7)
-    look: dict[str, Any] = {"color": LINE, "linestyle": "-.", "linewidth": 0.8}
-    above.plot(times, lifting, times, -lifting, **look)
-    ax.plot([], label="lifts the block", **look)
-    labelled(above, "", "ground [m/s²]")
+    levels = above.plot(times, lifting, times, -lifting)
+    # The legend is one, below: it gets its entry from a line without points.
+    for line in (*levels, *ax.plot([], label="lifts the block")):
+        line.set(color=LINE, linestyle="-.", linewidth=0.8)
+    label_axes(above, "", "ground [m/s²]")
     ax.legend(**ABOVE, ncols=4)
-    return labelled(ax, "time [s]", RATIO)
+    return label_axes(ax, "time [s]", RATIO)
 
 
-@draws(_RESPONSE)
 def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw the phase portrait, with the separatrix of free motion: beyond it a block overturns."""
-    ax = axes_or_new(ax)
+    """Draw the phase portrait, and the separatrix of free motion: beyond it a block overturns.
+
+    Parameters
+    ----------
+    response : Response
+        From `jaxrock.respond`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    ax = get_axes(ax)
     block = response.scene.block
     angle = float(block.critical_angle)
     unit = float(block.frequency_parameter) * angle  # of the velocity
-    times = np.linspace(*_moving_span(response), 8000)
+    times = np.linspace(*_find_moving_span(response), 8000)
     rotation, velocity = (np.array(values) for values in response.history(times))
     # Impacts change the velocity at once: no line from before to after.
     broken = np.diff(np.searchsorted(np.asarray(response.impact_times), times)) > 0
     velocity[1:][broken] = np.nan
     ax.plot(rotation / angle, velocity / unit, color=INK, linewidth=0.8, label="motion")
     outward = np.linspace(0, 1.5 * angle, 200)  # from the side that the block stands on
+    # The separatrix belongs to free motion: its energy is that with which a block balances.
     equation = Equation.of(block, response.model)
     returning = np.asarray(equation.returning_velocity(jnp.asarray(outward)))
     mirrored = (
@@ -155,11 +202,14 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     reach = min(1.5, 1.2 * float(np.max(np.abs(rotation))) / angle or 1.5)
     ax.set(xlim=(-reach, reach), ylim=(-limit, limit))
     ax.legend(**ABOVE, ncols=2)
-    return labelled(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
+    return label_axes(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
 
 
-def _moving_span(response: Response, limit: float = _LIMIT) -> tuple[float, float]:
-    """From shortly before a block moves until it rests, or falls beyond a limit; else all of it."""
+def _find_moving_span(response: Response, limit: float = _LIMIT) -> tuple[float, float]:
+    """Find the time from shortly before a block moves until it rests, or falls beyond a limit.
+
+    All of the time that it was followed for if it never moves.
+    """
     end = float(response.scene.duration)
     times = np.linspace(0, end, 4000)
     ratio = np.abs(response.history(times)[0]) / float(response.scene.block.critical_angle)
@@ -167,6 +217,7 @@ def _moving_span(response: Response, limit: float = _LIMIT) -> tuple[float, floa
     if not moving.size:
         return 0.0, end
     first, last = times[moving[[0, -1]]]
+    # A twentieth on either side, and at least one step: a single sample has no length.
     margin = 0.05 * (last - first) + times[1]
     return max(0.0, float(first - margin)), min(end, float(last + margin))
 
@@ -201,25 +252,26 @@ def animate(
     end = float(response.scene.duration)
     angle = float(block.critical_angle)
     first, last = (
-        _moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
+        _find_moving_span(response, 0.999 * TOPPLED_ROTATION / angle) if span is None else span
     )
     if not 0 <= first < last <= end:
         raise ValueError(f"span must be increasing and within 0 and {end:g} s, got {span}")
     count = int(np.clip(round((last - first) * frames_per_second), 2, _FRAMES))
     times = np.linspace(first, last, count)
     rotations = np.asarray(response.history(times)[0]).tolist()
-    shifts = _ground_shift(response.scene.motion, times)
-    drawn = np.stack([_rotated(_corners(block), block, rotation) for rotation in rotations])
+    shifts = _compute_ground_shift(response.scene.motion, times)
+    drawn = np.stack(
+        [_rotate(_compute_corners(block), block, rotation) for rotation in rotations]
+    )
     drawn[..., 0] += shifts[:, None]
     reach, top = np.abs(drawn).max((0, 1))
-    sizes: dict[str, Any] = {
-        "figsize": (5, 5),
-        "height_ratios": (3, 1),
-        "layout": "constrained",
-    }
-    figure, (ax, below) = plt.subplots(2, **sizes)
+
+    figure, (ax, below) = plt.subplots(
+        2, figsize=(5, 5), height_ratios=(3, 1), layout="constrained"
+    )
     # As large as the height of the panel allows.
-    shape = _block_on(ax, block, max(1.1 * reach, 0.8 * top), 1.08 * top)
+    shape = _draw_block(ax, block, max(1.1 * reach, 0.8 * top), 1.08 * top)
+    # Marks on the ground, without which nobody would see it move.
     stones = np.linspace(-8, 8, 65) * top
     (ground,) = ax.plot(stones, 0 * stones - 0.06 * top, "|", color=NEUTRAL, markersize=8)
     ratios = np.array(rotations) / angle
@@ -228,11 +280,12 @@ def animate(
     (now,) = below.plot([], [], "o", color=ACCENT, markersize=5)
     limit = min(_LIMIT, 1.2 * float(np.abs(ratios).max()) or _LIMIT)
     below.set(xlim=(first, last), ylim=(-limit, limit))
-    labelled(below, "time [s]", r"$\alpha/\alpha_c$ [-]")
+    label_axes(below, "time [s]", r"$\alpha/\alpha_c$ [-]")
     faster = (last - first) * frames_per_second / count
     speed = f", {faster:.1f} times as fast" if faster > 1.05 else ""
 
     def draw(frame: int) -> tuple[Polygon]:
+        """Move everything to its place in a frame."""
         shape.set_xy(drawn[frame])
         ground.set_xdata(stones + shifts[frame])
         trace.set_data(times[: frame + 1], ratios[: frame + 1])
@@ -247,40 +300,42 @@ def animate(
     plt.close(figure)
 
 
-def _ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
-    """Compute how far right of its mean over two seconds the ground is [m], at rising times."""
+def _compute_ground_shift(motion: Motion, times: np.ndarray) -> np.ndarray:
+    """Compute how far right of its mean over two seconds the ground is [m] at rising times."""
     step = 0.005
     around = 200
     fine = np.arange(0, times[-1] + 1 + step, step)
-    # Accelerations count to the left.
+    # Integrated twice by sums, as exact as a film needs. Accelerations count to the left.
     place = -np.cumsum(np.cumsum(np.asarray(motion.horizontal(fine)))) * step**2
+    # A record is not free of drift: of the place itself the block would leave the picture.
     window = np.full(2 * around + 1, 1 / (2 * around + 1))
     mean = np.convolve(np.pad(place, around, "edge"), window, mode="valid")
     return np.interp(times, fine, place - mean)
 
 
-def _corners(block: Block) -> np.ndarray:
+def _compute_corners(block: Block) -> np.ndarray:
+    """Compute the corners of the upright block [m], counterclockwise from the left edge."""
     b = float(block.half_width)
     height = 2 * float(block.half_height)
     return np.array([[-b, 0], [b, 0], [b, height], [-b, height]])
 
 
-def _rotated(points: np.ndarray, block: Block, rotation: float) -> np.ndarray:
-    """Points of the upright block after its rotation about a corner."""
+def _rotate(points: np.ndarray, block: Block, rotation: float) -> np.ndarray:
+    """Rotate points of the upright block about the corner on which it then stands."""
     pivot = np.array([float(block.half_width) * (1 if rotation > 0 else -1), 0.0])
     cosine = np.cos(rotation)
     sine = np.sin(rotation)
     return (points - pivot) @ np.array([[cosine, -sine], [sine, cosine]]) + pivot
 
 
-def _block_on(ax: Axes, block: Block, reach: float, top: float) -> Polygon:
-    """Draw the upright block on the ground; axes show so much to either side and up [m]."""
+def _draw_block(ax: Axes, block: Block, reach: float, top: float) -> Polygon:
+    """Draw the upright block on the ground, in axes of this reach sideways and top [m]."""
     bottom = -0.12 * top
     ax.set(xlim=(-reach, reach), ylim=(bottom, top), aspect="equal")
     ax.set(xlabel="horizontal [m]", ylabel="height [m]")
     ax.axhspan(bottom, 0, color="0.85")
     ax.axhline(0, color=NEUTRAL, linewidth=0.8)
-    shape = Polygon(_corners(block), closed=True, facecolor="0.92", edgecolor=INK)
+    shape = Polygon(_compute_corners(block), closed=True, facecolor="0.92", edgecolor=INK)
     if not is_rectangle(block):
         shape.set_linestyle("--")
         ax.text(0.02, 0.98, _STAND_IN, transform=ax.transAxes, va="top", fontsize="small")

@@ -1,7 +1,5 @@
 """Fits of measurements: half-cycles and restitution of a block that rocks freely."""
 
-from typing import Any
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from ..calibration import FreeRockingFit
-from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, labelled
+from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, label_axes
 
 _SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
 
@@ -51,10 +49,12 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
 
 
 def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
+    """Draw measured and fitted half-cycle durations over the number of the impact."""
     used = np.asarray(fit.used)
     numbers = np.asarray(fit.impact_numbers)
     measured = np.asarray(fit.impact_times)
     computed = measured + np.asarray(fit.time_residuals)
+    # Between an impact and the next but one lie two half-cycles, and neither is known.
     whole = np.diff(numbers[used]) == 1
     between = numbers[used][:-1][whole] + 0.5
     durations = [np.diff(times[used])[whole] for times in (measured, computed)]
@@ -66,25 +66,32 @@ def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
         (numbers[~used], "^", "time left out"),
     ):
         if impacts.size:
-            look: dict[str, Any] = {"color": LINE, "fillstyle": "none", "label": name}
-            at_foot = ax.get_xaxis_transform()
-            ax.plot(impacts, np.full(impacts.shape, 0.05), marker, transform=at_foot, **look)
+            ax.plot(
+                impacts,
+                np.full(impacts.shape, 0.05),
+                marker,
+                color=LINE,
+                fillstyle="none",
+                label=name,
+                transform=ax.get_xaxis_transform(),  # the height in parts of the axes
+            )
     ax.set_yscale("log")
-    # Of a narrow range, in which there are few powers of 10 and their multiples.
+    # In a narrow range there are few powers of 10 and their multiples, perhaps none to label.
     narrow = not whole.any() or np.ptp(np.log(durations)) < 1.5
-    ticks: Any = (
-        MaxNLocator(6, steps=[1, 2, 5, 10]) if narrow else LogLocator(subs=(1, 2, 3, 5))
-    )
-    ax.yaxis.set_major_locator(ticks)
+    if narrow:
+        ax.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    else:
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlim(numbers[0] - 0.5, numbers[-1] + 0.5)
     ax.legend(**BESIDE)
-    labelled(ax, "number of the impact [-]", "half-cycle duration [s]")
+    label_axes(ax, "number of the impact [-]", "half-cycle duration [s]")
 
 
 def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
+    """Draw C of each impact over the velocity before it, and the C that was fitted."""
     velocities, each, errors = (
         np.asarray(values)
         for values in (fit.velocity_ratios, fit.restitutions, fit.restitution_errors)
@@ -97,24 +104,33 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     name = f"constant: {constant:.4g},\n$\\pm$ {error:.2g} in grey"
     ax.axhline(constant, color=ACCENT, label=name)
     ax.axhspan(constant - error, constant + error, color=NEUTRAL, alpha=0.3, linewidth=0)
+    # A C that changes with the velocity alters p as well, so that where p was fitted there is
+    # no line that belongs to the points: the legend says so.
     chance = float(fit.restitution_change_p_value)
     if chance < _SIGNIFICANT and float(fit.standard_errors["frequency_parameter"]) > 0:
         name = f"p-value of a constant {chance:.2g};\na change alters $p$ as well"
         ax.plot([], [], " ", label=name)
     elif chance < _SIGNIFICANT and np.isfinite(each).any():
         name = f"linear in the velocity,\np-value {chance:.2g}"
-        ax.plot(*_linear(fit), color=LINE, linestyle="--", label=name)
+        ax.plot(*_compute_trend_line(fit), color=LINE, linestyle="--", label=name)
+    # Values of C lie close together: matplotlib would print differences to one of them.
     ax.ticklabel_format(useOffset=False)
     ax.legend(**BESIDE)
-    labelled(ax, "velocity before the impact over the critical one [-]", "restitution $C$ [-]")
+    label_axes(
+        ax, "velocity before the impact over the critical one [-]", "restitution $C$ [-]"
+    )
 
 
-def _linear(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the line of a C linear in the velocity, through the mean point.
+def _compute_trend_line(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the ends of the line of a C that is linear in the velocity.
 
-    Of the constant C come the velocities between which C changes as much as the fit says.
+    The line goes through the mean of the points, weighted by their errors. The fit says how
+    much C changes from the first impact to the last; the velocities there follow from the
+    constant C.
     """
-    last = _last_impact(fit)
+    last = _find_last_impact(fit)
+    # The velocity falls by the factor C at each impact: before the second one it is the launch
+    # ratio times C, and so on up to the last.
     velocities = float(fit.launch_ratio) * float(fit.restitution) ** np.array([0, last - 2])
     slope = float(fit.restitution_change) / (velocities[0] - velocities[1])
     at, each, errors = (
@@ -127,8 +143,8 @@ def _linear(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
     return velocities, height + slope * (velocities - middle)
 
 
-def _last_impact(fit: FreeRockingFit) -> int:
-    """Return the number of the last impact that the measurements say something about."""
+def _find_last_impact(fit: FreeRockingFit) -> int:
+    """Find the number of the last impact that the measurements say something about."""
     if fit.impact_times.size > 1:
         return int(np.asarray(fit.impact_numbers)[np.asarray(fit.used)][-1])
     return int(np.flatnonzero(np.isfinite(np.asarray(fit.rotation_residuals)))[-1]) + 1

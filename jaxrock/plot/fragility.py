@@ -13,31 +13,44 @@ from .axes import (
     INK,
     LIGHT,
     NEUTRAL,
-    axes_or_new,
-    draws,
-    label_of,
-    labelled,
+    get_axes,
+    label_axes,
+    write_label,
 )
 
 _COLOURS = (INK, ACCENT, LIGHT, NEUTRAL)
 _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 
 
-@draws("dataset : xarray.Dataset\n    Of `jaxrock.fragility`.")
 def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw shares of a suite over the level: counted, with intervals, and lognormal curves.
 
     A mark is the counted share, a bar its interval, a line the most likely lognormal curve.
     The bars of several thresholds stand side by side around their level.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of `jaxrock.fragility`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
     """
-    ax = axes_or_new(ax, figsize=(8, 4.5))
+    ax = get_axes(ax, figsize=(8.0, 4.5))
     levels = dataset.level.values
+    # On a logarithmic axis: the bars of all thresholds fit in between two levels. A single
+    # level has no neighbours; 0.2 takes their place.
     count = dataset.threshold.size
     step = np.diff(np.log(levels)).min(initial=0.2) / (count + 1)
     for k, threshold in enumerate(dataset.threshold.values):
         curves = dataset.sel(threshold=threshold)
         colour = _COLOURS[k % len(_COLOURS)]
         look = CURVES[k % len(CURVES)]
+        # Thresholds are rotation ratios as text, or words.
         ratio = str(threshold).replace(".", "").isdigit()
         name = rf"$\alpha_{{max}} > {threshold}\,\alpha_c$" if ratio else str(threshold)
         middle, low, high = (
@@ -53,6 +66,8 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             markersize=4,
             elinewidth=0.7,
         )
+        # Without a fit, as where no record exceeds the threshold, the counted shares stand
+        # alone.
         line = {"color": colour, "linestyle": look["linestyle"]}
         if np.isfinite(curves["lognormal_median"]):
             fine = np.geomspace(levels[0], levels[-1], 300)
@@ -60,8 +75,10 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
                 float(curves[f"lognormal_{n}"]) for n in ("median", "dispersion")
             )
             ax.plot(fine, LognormalFit(median, dispersion).at(fine), **line)
+        # One entry for mark, bar and line, which the legend would else list one by one.
         mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
         ax.plot([], [], label=name, **line, **mark)
+    # A dataset that was made by hand has no attributes.
     about = dataset.attrs
     if "half_width" in about:
         width = 2 * about["half_width"]
@@ -73,4 +90,4 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.legend(**BESIDE, title="counted, with interval,\nand lognormal curves")
-    return labelled(ax, label_of(dataset.level), "share of the records [-]")
+    return label_axes(ax, write_label(dataset.level), "share of the records [-]")

@@ -6,24 +6,37 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from .axes import ABOVE, INK, NEUTRAL, axes_or_new, draws, labelled
+from .axes import ABOVE, INK, NEUTRAL, get_axes, label_axes
 
 _LOOKS = (  # of the regions from 1 on
     ("0.88", "", "stable"),
     ("w", "////", "not stable: rocks otherwise"),
     ("0.62", "", "not stable: overturns"),
 )
+# Peaks span three powers of ten; matplotlib would space contours evenly, all at the top.
 _LEVELS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 
 
-@draws("found : xarray.Dataset\n    From `jaxrock.spectra.harmonic_spectrum`.")
 def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw where a block rocks steadily on a harmonic floor, and how high.
 
     White where it does not, shaded or hatched where it does; curves are of equal peak rotation
     over critical angle. From the dashed line on the floor lifts a block that is at rest.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        From `jaxrock.spectra.harmonic_spectrum`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
     """
-    ax = axes_or_new(ax, figsize=(7.2, 4.8))
+    ax = get_axes(ax, figsize=(7.2, 4.8))
+    # Contours need rising axes, and the amplitude as the first one.
     found = found.sortby(["frequency_ratio", "amplitude_ratio"])
     found = found.transpose("amplitude_ratio", "frequency_ratio")
     across = found.frequency_ratio.values
@@ -32,8 +45,9 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     # Amplitudes of 0 have no place on a logarithmic axis.
     found = found.isel(amplitude_ratio=up > 0)
     up = up[up > 0]
-    sides = _edges(across)
-    levels = np.exp(_edges(np.log(up)))
+    # A cell around each point, on an axis that is linear and one that is logarithmic.
+    sides = _compute_edges(across)
+    levels = np.exp(_compute_edges(np.log(up)))
     for number, (colour, hatch, label) in enumerate(_LOOKS, 1):
         cells = [
             [(sides[j], levels[i]), (sides[j + 1], levels[i]),
@@ -52,6 +66,7 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.set_yscale("log")  # before curves are labelled, which leaves gaps of the right length
     ax.set(xlim=(sides[0], sides[-1]), ylim=(levels[0], levels[-1]))
     ratio = found.rotation_ratio.values
+    # Contours need two values along each axis, and warn of levels that are nowhere.
     if min(ratio.shape) > 1 and np.isfinite(ratio).any():
         inside = [x for x in _LEVELS if np.nanmin(ratio) < x < np.nanmax(ratio)]
         curves = ax.contour(across, up, ratio, levels=inside, colors=INK, linewidths=0.9)
@@ -72,11 +87,12 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.text(0.99, 0.02, numbers, transform=ax.transAxes, ha="right", fontsize="small")
     angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
     vertical = rf"amplitude ratio $a/(g\,{angle})$ [-]"
-    return labelled(ax, r"frequency ratio $\omega/p$ [-]", vertical)
+    return label_axes(ax, r"frequency ratio $\omega/p$ [-]", vertical)
 
 
-def _edges(values: np.ndarray) -> np.ndarray:
-    """Between neighbours, and as far beyond the first and the last."""
+def _compute_edges(values: np.ndarray) -> np.ndarray:
+    """Compute the edges of cells around values: halfway to neighbours, and beyond the ends."""
+    # A single value has no neighbour: a twentieth of it, and of 1 where it is small.
     if values.size == 1:
         return values + np.array([-0.05, 0.05]) * np.maximum(np.abs(values), 1)
     middle = 0.5 * (values[1:] + values[:-1])

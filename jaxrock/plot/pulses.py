@@ -1,4 +1,4 @@
-"""Pulses: the rotation under trains of them, how the worst was found, what single ones do."""
+"""Pulses: rotation under trains, the search for the worst, boundaries of single ones."""
 
 import itertools
 
@@ -21,9 +21,8 @@ from .axes import (
     NEUTRAL,
     RATIO,
     add_level,
-    axes_or_new,
-    draws,
-    labelled,
+    get_axes,
+    label_axes,
 )
 
 _POINTS = 600  # of a half-cycle
@@ -31,7 +30,6 @@ _LAST = 1.2  # rotation ratio up to which a block that overturns is followed
 _LONGEST = 6.0  # how long a half-cycle is drawn at the end, times p
 
 
-@draws()
 def plot_resonance(
     scene: Scene, half_cycles: int = 8, model: ModelLike = Linearized(), ax: Axes | None = None
 ) -> Axes:
@@ -46,6 +44,13 @@ def plot_resonance(
         One scene, and how many half-cycles to draw, at least 1.
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
 
     Raises
     ------
@@ -72,14 +77,16 @@ def plot_resonance(
     # From launch to launch: of a train at fixed times every error grows from impact to impact.
     since = durations * np.linspace(0, 1, _POINTS)
     rotation = sides * np.asarray(model.motion(block, launches, since)[0])
-    motion = _cut((starts + since).ravel(), rotation.ravel() / float(block.critical_angle))
+    motion = _drop_after_overturning(
+        (starts + since).ravel(), rotation.ravel() / float(block.critical_angle)
+    )
     pulses = intensity * sides.ravel()
     level = float(resonance.rotation_ratio(scene, model))
+    # Where the block overturns there is no stabilized peak.
     limit = (1.0, "critical angle") if np.isnan(level) else (level, "stabilized peak")
     return _draw_under_pulses(ax, motion, starts.ravel(), pulses, *limit)
 
 
-@draws()
 def plot_train(
     block: Block,
     restitution: float,
@@ -95,10 +102,19 @@ def plot_train(
     ----------
     block, restitution, train, model : Block, float, WorstTrain, Linearized or Nonlinear
         What `jaxrock.worst_train` took and found.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
     """
     model = resonance.as_model(model)
     times = np.asarray(train.times)
-    response = _respond(block, restitution, train, model)
+    response = _compute_train_response(block, restitution, train, model)
+    # The last half-cycle begins at an unknown time: it is over when the rotation has changed
+    # its sign, at the latest so long after the last pulse.
     launch = response.velocity_ratio[-1] * model.critical_velocity(block)
     longest = _LONGEST / float(block.frequency_parameter)
     # The duration is NaN if the block overturns.
@@ -106,7 +122,7 @@ def plot_train(
     rotation, velocity = response.history(times[-1])
     # A block that falls towards the ground may go higher on the other side.
     impacts = 2 if float(rotation * velocity) < 0 else 1
-    time, ratio = _follow(response, times[-1] + impacts * float(duration))
+    time, ratio = _sample_rotation(response, times[-1] + impacts * float(duration))
     later = np.diff(np.sign(ratio), append=0) * (time > times[-1])
     crossings = np.flatnonzero(later)[:impacts]
     end = crossings[-1] + 1 if crossings.size == impacts else time.size
@@ -115,27 +131,52 @@ def plot_train(
     return _draw_under_pulses(ax, motion, times, pulses, 1.0, "critical angle")
 
 
-@draws("train : WorstTrain\n    From `jaxrock.worst_train`.")
 def plot_convergence(train: WorstTrain, ax: Axes | None = None) -> Axes:
-    """Draw how far each start was from the best train, step by step."""
-    ax = axes_or_new(ax)
+    """Draw how far each start was from the best train, step by step.
+
+    Parameters
+    ----------
+    train : WorstTrain
+        From `jaxrock.worst_train`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    ax = get_axes(ax)
     reached = train.objectives[np.isfinite(train.objectives)]
+    # Starts that found no train are NaN; if none did, there is nothing to be distant from.
     better = np.max if train.goal == "most rotation" else np.min
     best = better(reached) if reached.size else np.nan
+    # A distance of 0 has no place on a logarithmic axis: half of the last digit stands for it.
     distances = np.maximum(np.abs(train.history / best - 1), 1e-16)
     ax.semilogy(distances.T, color=INK, alpha=0.5, linewidth=0.9)
     ax.set_title(f"{len(distances)} starts of the search", fontsize="medium")
-    return labelled(ax, "step of the descent [-]", "distance from the best, relative [-]")
+    return label_axes(ax, "step of the descent [-]", "distance from the best, relative [-]")
 
 
-@draws("found : xarray.Dataset\n    From `jaxrock.overturning_map`.")
 def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw all boundaries of overturning, and what lies between them.
 
     Shaded where the block overturns, hatched where it survives a stronger pulse than one
     that overturns it.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        From `jaxrock.overturning_map`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
     """
-    ax = axes_or_new(ax, figsize=(7.2, 4.4))
+    ax = get_axes(ax, figsize=(7.2, 4.4))
     found = found.sortby("frequency_ratio")
     ratios = found.frequency_ratio.values
     edges = found.amplitude_ratio.values
@@ -156,10 +197,12 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
                 areas[(number + 1) % 2].append(corners)
     overturns = {"facecolor": "0.8", "label": "overturns"}
     survives = {"facecolor": "w", "label": "survives again", "hatch": "////"}
+
     for shapes, look in zip(areas, (overturns, survives), strict=True):
         if shapes:
             area = PolyCollection(shapes, linewidth=0, zorder=0, edgecolor="0.6")
             ax.add_collection(area).set(**look)
+
     impacts = np.where(np.isfinite(edges), np.minimum(found.impacts.values, 2), -1)
     for number, colour, marker, when in (
         (0, INK, ".", "without an impact"),
@@ -181,11 +224,12 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
         ax.legend(**BESIDE)
     angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
     vertical = rf"amplitude ratio $a_p/(g\,{angle})$ [-]"
-    return labelled(ax, r"frequency ratio $\omega_p/p$ [-]", vertical)
+    return label_axes(ax, r"frequency ratio $\omega_p/p$ [-]", vertical)
 
 
-def strip_above(ax: Axes, low: float, high: float) -> Axes:
+def add_strip_above(ax: Axes, low: float, high: float) -> Axes:
     """Make axes over the top of `ax`, which shows `low` to `high` below them."""
+    # The limits of `ax` leave room for the strip, and the ticks end where it begins.
     share = 0.28  # of the height
     ax.set_ylim(low, low + (high - low) / (1 - share))
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
@@ -197,31 +241,39 @@ def strip_above(ax: Axes, low: float, high: float) -> Axes:
     return above
 
 
-def _respond(
+def _compute_train_response(
     block: Block, restitution: float, train: WorstTrain, model: RockingModel
 ) -> TrainResponse:
-    """Follow a worst train with each pulse on its side of the impacts."""
+    """Follow a worst train, with each pulse on its side of the impacts."""
     pulses = np.asarray(train.intensities)
     sides = np.sign(pulses[0]) * (-1.0) ** np.cumsum(train.impacts_between)
-    # The times are those of a train that was raised, whose impacts come a little later.
+    # The times belong to a train that the search raised a little, whose impacts come later.
+    # With the intensities as they are, a pulse right before an impact would come right after
+    # it. The first factor is the one with which the search verifies a train; where the two are
+    # followed in other steps, rounding can ask for a little more.
     raised = max(1e-6, float(jnp.finfo(as_real("times", train.times).dtype).eps) ** 0.5)
     for by in (raised, 1.01 * raised):
         stronger = pulses * (1 + by)
         response = resonance.respond_to_train(block, restitution, train.times, stronger, model)
         if (np.asarray(response.side) == sides)[1:].all():
             return response
+    # Neither puts every pulse on its side: then the train as it is.
     return resonance.respond_to_train(block, restitution, train.times, pulses, model)
 
 
-def _follow(response: TrainResponse, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sample the rotation ratio up to a time."""
+def _sample_rotation(response: TrainResponse, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sample the rotation ratio up to a time, or until a block that overturns is not drawn."""
+    # With the times of the pulses, at which the velocity jumps.
     time = np.union1d(np.linspace(0, end, 4 * _POINTS), np.asarray(response.times))
     angle = float(response.rocker.block.critical_angle)
-    return _cut(time, np.asarray(response.history(time)[0]) / angle)
+    return _drop_after_overturning(time, np.asarray(response.history(time)[0]) / angle)
 
 
-def _cut(time: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """End where a block that overturns is followed no longer."""
+def _drop_after_overturning(
+    time: np.ndarray, ratio: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drop the motion from where the ratio of a block that overturns is too large to draw."""
+    # Written so that NaN, which follows an overturning in closed form, is beyond as well.
     beyond = ~(abs(ratio) < _LAST)
     last = int(np.argmax(beyond)) if beyond.any() else ratio.size
     return time[:last], ratio[:last]
@@ -235,8 +287,8 @@ def _draw_under_pulses(
     level: float,
     name: str,
 ) -> Axes:
-    """Draw the motion below, with a named level on both sides, and the pulses in a strip above."""
-    ax = axes_or_new(ax)
+    """Draw the motion, with a named level on both sides, and the pulses in a strip above."""
+    ax = get_axes(ax)
     time, ratio = motion
     ax.plot(time, ratio, color=INK, linewidth=1.1)
     ax.axhline(0, color=LINE, linewidth=0.6)
@@ -245,16 +297,17 @@ def _draw_under_pulses(
         limit = max(limit, 1.1 * level)
         add_level(ax, level, name)
     ax.set(xlim=(-0.02 * time[-1], 1.02 * time[-1]))
-    above = strip_above(ax, -1.3 * limit, limit)  # with room for the legend
+    above = add_strip_above(ax, -1.3 * limit, limit)  # with room for the legend
     above.vlines(times, 0, pulses, color=ACCENT, linewidth=1.5)
+    # Arrowheads at the pulses, and on the rotation where they meet the block.
     for chosen, marker in ((pulses > 0, "^"), (pulses <= 0, "v")):
         above.plot(times[chosen], pulses[chosen], marker, color=ACCENT, markersize=5)
         ax.plot(times[chosen], 0 * pulses[chosen], marker, color=ACCENT, markersize=4)
     highest = float(abs(pulses).max())
     above.set(ylim=(-1.5 * highest, 1.5 * highest), yticks=[-highest, 0, highest])
     above.yaxis.set_major_formatter("{x:.3g}")
-    labelled(above, "", "$I$ [m/s]")
-    labelled(ax, "time [s]", RATIO)
+    label_axes(above, "", "$I$ [m/s]")
+    label_axes(ax, "time [s]", RATIO)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(frameon=False, loc="lower left")
     return ax

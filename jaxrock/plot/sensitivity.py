@@ -1,6 +1,4 @@
-"""What an answer depends on: tornado, maps of slopes, scatter."""
-
-from typing import Any
+"""Dependence of an answer on numbers: tornado, maps of slopes, scatter."""
 
 import matplotlib
 import matplotlib.patheffects
@@ -18,23 +16,33 @@ from .axes import (
     INK,
     LIGHT,
     LINE,
-    axes_or_new,
-    draws,
-    label_of,
-    label_of_number,
-    labelled,
+    get_axes,
+    label_axes,
+    write_label,
+    write_number_label,
 )
 
 # Without the darkest colours, on which neither lines nor numbers could be read.
 _SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
+_HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
-@draws(
-    "bars, label : TornadoBars, str\n    From `jaxrock.tornado`; name and unit of the answer."
-)
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
-    """Draw what each number can do to an answer within its range."""
-    ax = axes_or_new(ax)
+    """Draw what each number can do to an answer within its range.
+
+    Parameters
+    ----------
+    bars, label : TornadoBars, str
+        From `jaxrock.tornado`; name and unit of the answer.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    ax = get_axes(ax)
     rows = np.arange(len(bars.names))[::-1]
     for ends, others, limits, colour, name in (
         (bars.at_low, bars.at_high, bars.low, INK, "low"),
@@ -42,6 +50,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     ):
         # Where there is no answer, on the side that the other end leaves free.
         missing = ~np.isfinite(ends)
+        # A bar of no length has no direction, by which its text takes a side: hence 1e-300.
         nothing = np.where(others < bars.value, 1e-300, -1e-300)
         width = np.where(missing, nothing, ends - bars.value)
         look = {"height": 0.6, "color": colour, "label": f"at the {name} end"}
@@ -50,13 +59,12 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
         drawn = ax.barh(rows, width, left=bars.value, **look)
         ax.bar_label(drawn, texts, padding=3, fontsize="small")
     ax.axvline(bars.value, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [label_of_number(name) for name in bars.names])
+    ax.set_yticks(rows, [write_number_label(name) for name in bars.names])
     ax.margins(x=0.15)
     ax.legend(**ABOVE, ncols=2)
-    return labelled(ax, label, "", grid="x")
+    return label_axes(ax, label, "", grid="x")
 
 
-@draws()
 def plot_sensitivity_map(
     slopes: xarray.DataArray, ax: Axes | None = None, limit: float | None = None
 ) -> Axes:
@@ -72,6 +80,13 @@ def plot_sensitivity_map(
     limit : float, optional
         End of the colours, so that several maps share them. By default 95 % of the values
         are within: the steepest, at the overturning threshold, would hide all others.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
 
     Raises
     ------
@@ -80,16 +95,18 @@ def plot_sensitivity_map(
     """
     if slopes.ndim != 2:
         raise ValueError(f"slopes must have two dimensions, got {slopes.dims}")
-    ax = axes_or_new(ax)
+    ax = get_axes(ax)
     vertical, horizontal = (slopes[name] for name in slopes.dims)
     values = slopes.values
     finite = values[np.isfinite(values)]
+    # All slopes NaN or 0 make no range of colours.
     limit = limit or (float(np.quantile(abs(finite), 0.95)) if finite.size else 0.0) or 1.0
     grid = (horizontal.values, vertical.values, values)
-    hatched: dict[str, Any] = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
-    ax.patch.set(**hatched)
+    # The mesh leaves cells without a value free, where the ground of the axes shows.
+    ax.patch.set(**_HATCHED)
     mesh = ax.pcolormesh(*grid, cmap=_SIGNED, vmin=-limit, vmax=limit, shading="nearest")
     levels = MaxNLocator(9, symmetric=True).tick_values(-limit, limit)
+    # Matplotlib warns of a contour that is nowhere.
     levels = [level for level in levels if (finite < level).any() and (finite > level).any()]
     if levels and min(values.shape) > 1:
         widths = [2.0 if level == 0 else 0.7 for level in levels]
@@ -98,17 +115,18 @@ def plot_sensitivity_map(
         for text in ax.clabel(lines, fontsize="small"):
             text.set_path_effects([outline])
     if finite.size < values.size:
-        patch = Patch(label="no value: overturns", **hatched)
+        patch = Patch(label="no value: overturns")
+        patch.set(**_HATCHED)
         ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
+    # A slope may bear the name of its answer, whose label would hide the long name.
     titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
     extend = "both" if (abs(finite) > limit).any() else "neither"
-    # Above the map: beside it the label would read as that of the next panel's axis.
-    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=label_of(titled), location="top")
-    ax.set(xlabel=label_of(horizontal), ylabel=label_of(vertical))
+    # Above the map: beside it the label would be taken for the one of the next panel's axis.
+    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=write_label(titled), location="top")
+    ax.set(xlabel=write_label(horizontal), ylabel=write_label(vertical))
     return ax
 
 
-@draws()
 def plot_distribution(
     samples: np.ndarray,
     scatter: MomentEstimate | None = None,
@@ -124,6 +142,13 @@ def plot_distribution(
         answer, with its unit.
     scatter : MomentEstimate, optional
         From `jaxrock.sensitivity.propagate`: adds the normal distributions of both orders.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
 
     Raises
     ------
@@ -134,7 +159,8 @@ def plot_distribution(
     finite = samples[np.isfinite(samples)]
     if not finite.size:
         raise ValueError("samples must have at least one answer")
-    ax = axes_or_new(ax)
+    ax = get_axes(ax)
+    # From 10 bins on, more with the samples; beyond 60 they only get rough.
     edges = np.histogram_bin_edges(finite, bins=min(60, 10 + finite.size // 50))
     heights = np.histogram(finite, edges)[0] / samples.size
     ax.stairs(heights, edges, fill=True, color="0.8", label=f"{samples.size:,} samples")
@@ -157,16 +183,28 @@ def plot_distribution(
         ax.plot([], [], " ", label=f"{missing:.1f} % without an answer")
     ax.set_ylim(bottom=0)
     ax.legend(frameon=False)
-    return labelled(ax, label, "share of samples in a bin [-]")
+    return label_axes(ax, label, "share of samples in a bin [-]")
 
 
-@draws("scatter : MomentEstimate\n    From `jaxrock.sensitivity.propagate`.")
 def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
-    """Draw which share of the variance of an answer comes from which number."""
-    ax = axes_or_new(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
+    """Draw which share of the variance of an answer comes from which number.
+
+    Parameters
+    ----------
+    scatter : MomentEstimate
+        From `jaxrock.sensitivity.propagate`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
     shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])
     names = [name.replace("_", " ") for name, _ in shares]
     bars = ax.barh(names, [100 * share for _, share in shares], color=INK)
     ax.bar_label(bars, fmt=" {:.1f}", fontsize="small")
     ax.set_xlim(0, 110)
-    return labelled(ax, "share of the variance, first order [%]", "", grid="x")
+    return label_axes(ax, "share of the variance, first order [%]", "", grid="x")

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple, TypeVar
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -10,13 +10,25 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..block import Block
 from ..resonance import critical_slenderness
-from .axes import BESIDE, CURVES, LINE, NEUTRAL, POINTS, axes_or_new, draws, label_of, labelled
+from .axes import BESIDE, CURVES, LINE, NEUTRAL, POINTS, get_axes, label_axes, write_label
+
+_Data = TypeVar("_Data", xarray.DataArray, xarray.Dataset)
 
 
-@draws()
+class _Curve(NamedTuple):
+    """Curve of a panel: its level of the dimension `hue`, colour and line, and its points."""
+
+    level: float
+    colour: np.ndarray
+    line: Line2D
+    x: np.ndarray
+    y: np.ndarray
+
+
 def plot_curves(
     variable: xarray.DataArray,
     hue: str,
@@ -36,85 +48,98 @@ def plot_curves(
     thresholds : xarray.DataArray, optional
         For each `hue` the value from which on the block overturns, of a rotation ratio: the
         curve is drawn up to there, where the ratio is 1, and the value is written beside it.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
 
     Raises
     ------
     ValueError
         If `variable` has other dimensions.
     """
-    ax, curves = _curves(variable, hue, along, ax)
+    ax, curves = _draw_curves(variable, hue, along, ax)
     name = "overturns beyond" if thresholds is None else "overturning threshold"
-    for level, colour, (curve, x, y) in curves:
-        last = _last(y)
+    for level, colour, line, x, y in curves:
+        last = _find_ends(y)
         if not last.any():
             continue
         ends = x[last], y[last]
         limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
         if limit > x[last][-1]:
-            # What is missing to 1 goes with the root of what is missing to the threshold.
+            # Close to the threshold the ratio lacks of 1 the square root of what the
+            # slenderness lacks of the threshold: the parabola that is drawn here.
             rest = np.linspace(0, 1, 30)[::-1]
             k = int(np.flatnonzero(last)[-1])
             missing = limit - (limit - x[k]) * rest**2, 1 - (1 - y[k]) * rest
-            curve.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
+            line.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
             ends = [limit], [1.0]
-            text = {"ha": "center", "fontsize": "small", "color": colour}
-            ax.text(limit, 1.03, f"{limit:#.3g}", **text)
+            label = f"{limit:#.3g}"
+            ax.text(limit, 1.03, label, ha="center", fontsize="small", color=colour)
+            # A text is not part of what limits follow.
             ax.update_datalim([(limit, 1.05)], updatex=False)
         ax.plot(*ends, linestyle="", marker="x", color=colour)
         ax.plot([], linestyle="", marker="x", color=LINE, label=name)
-        name = ""
-    fallen = [f"{level:g}" for level, _, (_, _, y) in curves if not np.isfinite(y).any()]
+        name = ""  # one entry in the legend for the crosses of all curves
+    # A curve without any value cannot be seen: the reason is written into the panel.
+    fallen = [f"{curve.level:g}" for curve in curves if not np.isfinite(curve.y).any()]
     if fallen:
         place = {"transform": ax.transAxes, "ha": "right", "va": "top"}
         text = f"overturn throughout:\n{', '.join(fallen)}"
         ax.text(0.98, 0.97, text, fontsize="small", color=LINE, **place)
-    ax = _finished(ax, variable, hue)
+    ax = _finish_panel(ax, variable, hue)
     if thresholds is not None and len(fallen) == len(curves):
         ax.set_ylim(0, 1.1)
     return ax
 
 
-def _curves(
+def _draw_curves(
     variable: xarray.DataArray, hue: str, along: str, ax: Axes | None
-) -> tuple[Axes, list[Any]]:
-    """Prepare a panel of curves: of each its level, its colour and line, x and y."""
+) -> tuple[Axes, list[_Curve]]:
+    """Draw a panel with a curve for each level of `hue`; return the axes and the curves."""
     if set(variable.dims) != {along, hue}:
         raise ValueError(
             f"variable must have the dimensions {along} and {hue}, got {variable.dims}"
         )
-    ax = axes_or_new(ax)
+    ax = get_axes(ax)
     curves = []
     variable = variable.sortby(along)
     x = variable[along].values
     levels = variable[hue].values
-    # From dark to light, stopping short of what is too pale to read.
+    # From dark to light, stopping before colours too pale to read.
     colours = matplotlib.colormaps["cividis"](np.linspace(0, 0.85, levels.size))
     looks = itertools.cycle(CURVES if x.size > 1 else POINTS)
     for level, colour, look in zip(levels, colours, looks, strict=False):
         y = variable.sel({hue: level}).values
-        (curve,) = ax.plot(x, y, color=colour, label=f"{level:g}", **look)
-        curves.append((level, colour, (curve, x, y)))
+        (line,) = ax.plot(x, y, color=colour, label=f"{level:g}")
+        line.set(**look)
+        curves.append(_Curve(level, colour, line, x, y))
     if x.size > 1:
         ax.set_xlim(x[0], x[-1])
-    return labelled(ax, label_of(variable[along]), label_of(variable)), curves
+    return label_axes(ax, write_label(variable[along]), write_label(variable)), curves
 
 
-def _finished(ax: Axes, variable: xarray.DataArray, hue: str) -> Axes:
-    """With a legend, and from 0 on unless there are negative values."""
+def _finish_panel(ax: Axes, variable: xarray.DataArray, hue: str) -> Axes:
+    """Add the legend, and let the axis begin at 0 unless there are negative values."""
     if not (variable < 0).any():
         ax.set_ylim(bottom=0, auto=True)
-    ax.legend(**BESIDE, title=label_of(variable[hue]))
+    ax.legend(**BESIDE, title=write_label(variable[hue]))
     return ax
 
 
-def _last(y: np.ndarray) -> np.ndarray:
-    """Find where there is a value, and none on one side of it."""
+def _find_ends(y: np.ndarray) -> np.ndarray:
+    """Find the values that have none on one side of them: the ends of a curve."""
     standing = np.isfinite(y)
+    # What lies beyond the axis counts as a value: a curve that reaches its end has no cross
+    # there.
     return standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
 
 
 def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
-    """Draw a variable over slenderness: a column for each restitution, a row for each intensity.
+    """Draw a variable over slenderness: a column for a restitution, a row for an intensity.
 
     A curve for each width. Of a dimension with more values than can be told apart (4 panels
     a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel.
@@ -130,9 +155,12 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     matplotlib.figure.Figure
     """
     about = spectrum.attrs
+    # Spectra to a tolerance have the model "auto": the threshold of the nonlinear equation is
+    # true.
     model = "linearized" if about["model"] == "linearized" else "nonlinear"
 
     def draw(curves: xarray.DataArray, panel: Axes) -> None:
+        """Draw the curves of one restitution and intensity."""
         thresholds = None
         if variable == "rotation_ratio" and "intensity" in curves.coords:
             block = Block(
@@ -145,10 +173,11 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
         pulses = f", $I$ = {curves.intensity:g} m/s" if "intensity" in curves.coords else ""
         panel.set_title(f"$C$ = {curves.restitution:g}{pulses}")
 
-    return _panels(spectrum[variable], draw, (3.2, 3.0), width=7, restitution=4, intensity=4)
+    return _draw_panels(
+        spectrum[variable], draw, (3.2, 3.0), width=7, restitution=4, intensity=4
+    )
 
 
-@draws()
 def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw peak rotation over the period 2 pi / p, a curve for each slenderness.
 
@@ -159,6 +188,13 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
     spectrum : xarray.Dataset
         From `jaxrock.rocking_spectrum`, for one restitution or Housner's: for example
         ``spectrum.sel(restitution=0.9)``.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
 
     Raises
     ------
@@ -166,22 +202,32 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
         If there are several restitutions.
     """
     standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
-    ax, curves = _curves(standing, hue="slenderness", along="period", ax=ax)
-    at_top: dict[str, Any] = {"linewidth": 4, "transform": ax.get_xaxis_transform()}
-    for k, (_, colour, (_, x, y)) in enumerate(curves):
+    ax, curves = _draw_curves(standing, hue="slenderness", along="period", ax=ax)
+    for k, (_, colour, _, x, y) in enumerate(curves):
+        # A single period at which the block stands is a line of no length: it gets a dot.
         stands = np.isfinite(np.pad(y, 1, constant_values=np.nan))
         alone = stands[1:-1] & ~stands[:-2] & ~stands[2:]
         ax.plot(x[alone], y[alone], ".", color=colour)
+        # Bars reach halfway to neighbours. Beyond both ends the block counts as standing, so
+        # that bars begin and end within the axes.
         sides = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
         stands[[0, -1]] = True
         change = np.diff(stands.astype(int))
         bars = sides[change < 0], sides[change > 0]
-        ax.hlines(np.full(bars[0].size, 0.97 - 0.035 * k), *bars, color=colour, **at_top)
+        ax.hlines(
+            np.full(bars[0].size, 0.97 - 0.035 * k),
+            *bars,
+            color=colour,
+            linewidth=4,
+            transform=ax.get_xaxis_transform(),  # the height in parts of the axes
+        )
     if not np.isfinite(standing).all():
         ax.plot([], [], color=NEUTRAL, linewidth=4, label="overturns")
+        # Room for the bars above the highest value; where all overturn, a ratio of 1 stands
+        # in.
         top = float(np.nan_to_num(standing.max(), nan=1.0)) / (0.93 - 0.035 * len(curves))
         ax.update_datalim([(np.nan, top)], updatex=False)
-    _finished(ax, standing, "slenderness")
+    _finish_panel(ax, standing, "slenderness")
     ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]")
     given = "restitution" in spectrum.coords
     title = f"$C$ = {spectrum.restitution.item():g}" if given else "Housner's $C$"
@@ -207,25 +253,46 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    return _panels(spectrum, plot_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4)
+    return _draw_panels(
+        spectrum, plot_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4
+    )
 
 
-def _panels(
-    data: Any, draw: Callable[[Any, Axes], Any], size: tuple[float, float], **most: int
+def _draw_panels(
+    data: _Data, draw: Callable[[_Data, Axes], object], size: tuple[float, float], **most: int
 ) -> Figure:
-    """Make a panel for each intensity and restitution, of at most so many, and one legend."""
+    """Draw a panel for each intensity and restitution, and one legend for all of them.
+
+    Parameters
+    ----------
+    data, draw : DataArray or Dataset, callable
+        Whole spectrum, and the function that draws one panel of it on axes.
+    size : tuple of float
+        Width and height of a panel [inches].
+    most : int
+        By the name of a dimension, the largest number of its values that are drawn.
+    """
     for name, number in most.items():
         if data.sizes.get(name, 1) > number:
             chosen = np.linspace(0, data.sizes[name] - 1, number).round().astype(int)
             data = data.isel({name: chosen})
     rows, columns = (data.sizes.get(name, 1) for name in ("intensity", "restitution"))
+    # A panel has room for its legend and its title besides.
     figsize = (1.6 + size[0] * columns, 0.6 + size[1] * rows)
-    settings: dict[str, Any] = {"figsize": figsize, "layout": "constrained", "squeeze": False}
-    figure, panels = plt.subplots(rows, columns, sharex=True, sharey=True, **settings)
+    figure, panels = plt.subplots(
+        rows,
+        columns,
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        figsize=figsize,
+        layout="constrained",
+    )
     for (row, column), panel in np.ndenumerate(panels):
         draw(data.isel(intensity=row, restitution=column, missing_dims="ignore"), panel)
         panel.label_outer()
-    # One legend, of the panel with the most entries.
+    # One legend, from the panel with the most entries: crosses and bars are not in all of
+    # them.
     legends = [panel.get_legend() for panel in panels.flat]
     entries = max(
         (p.get_legend_handles_labels() for p in panels.flat), key=lambda e: len(e[1])

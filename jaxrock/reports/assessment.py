@@ -1,4 +1,4 @@
-"""Everything about one scene, by both models, as numbers and as text."""
+"""One scene assessed by both models, as numbers and as text."""
 
 import functools
 import math
@@ -11,14 +11,17 @@ import jax.numpy as jnp
 from .. import resonance
 from ..accuracy import choose
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..host import mapped
+from ..host import map_in_threads
 from ..impact import housner_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
 from ..validation import check_kind
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
+# Numbers and texts by their names, and more of these.
+Answers = dict[str, Any]
+
 _PARAMETERS = ("restitution", "slenderness", "half_width", "intensity")
-# Labels of the text, and where in the answers their numbers are; headings without.
+# Labels of the text, and the places of their numbers in the answers; a heading has no place.
 _ROWS = (
     ("half-diagonal R [m]", "scene.half_diagonal"),
     ("critical angle alpha_c [rad]", "scene.critical_angle"),
@@ -54,8 +57,8 @@ _ROWS = (
 )
 
 
-def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
-    """Geometry, single pulse, stabilized phase, critical intensities and sensitivities.
+def assess(scene: Scene, tolerance: float | None = None) -> Answers:
+    """Compute geometry, one pulse, stabilized phase, critical intensities and sensitivities.
 
     Parameters
     ----------
@@ -80,13 +83,16 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
-    answers = [program(scene) for program in _programs(jax.tree.map(jax.typeof, scene))]
+    answers = [
+        program(scene) for program in _compile_programs(jax.tree.map(jax.typeof, scene))
+    ]
     described, *models = jax.tree.map(float, jax.device_get(answers))
-    for model in models:  # whose labels JAX has sorted as text
+    # JAX has sorted the labels as text: "10" stood before "2".
+    for model in models:
         by_label = model["critical_intensity"]
         model["critical_intensity"] = {label: by_label[label] for label in _HALF_CYCLES}
     compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
-    result: dict[str, Any] = {
+    result: Answers = {
         "scene": described,
         "models": dict(zip(("linearized", "nonlinear"), models, strict=True)),
         "linearization_error": jax.tree.map(
@@ -108,29 +114,35 @@ def assess(scene: Scene, tolerance: float | None = None) -> dict[str, Any]:
 
 
 @functools.cache
-def _programs(scene: Scene) -> list[Callable[[Scene], Any]]:
-    """Compile the programs for a scene of these types side by side.
+def _compile_programs(scene: Scene) -> list[Callable[[Scene], Answers]]:
+    """Compile side by side the programs for a scene whose leaves are types.
 
-    Each runs once, so what counts is how long it takes to compile.
+    A program is kept: a second scene of the same types is assessed at once.
     """
     models = (
-        functools.partial(_answers, model=model) for model in (Linearized(), Nonlinear())
+        functools.partial(_compute_answers, model=model)
+        for model in (Linearized(), Nonlinear())
     )
-    lowered = [jax.jit(part).lower(scene) for part in (_described, *models)]
+    lowered = [jax.jit(part).lower(scene) for part in (_describe_scene, *models)]
+    # Each program runs for an instant: the time that it takes to compile counts, and not how
+    # fast it is then. Without optimization and fusion XLA is done soonest.
     options: Any = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
-    return mapped(lambda part: part.compile(compiler_options=options), lowered, len(lowered))
+    return map_in_threads(
+        lambda part: part.compile(compiler_options=options), lowered, len(lowered)
+    )
 
 
-def _described(scene: Scene) -> dict[str, Any]:
+def _describe_scene(scene: Scene) -> Answers:
+    """Collect what both models share: the block, its impacts, its velocities after pulses."""
     block = scene.block
-    names = [
+    names = (
         "slenderness",
         "half_diagonal",
         "critical_angle",
         "frequency_parameter",
         "gravity",
-    ]
-    names.append("inertia_ratio")
+        "inertia_ratio",
+    )
     return {
         "width": 2 * block.half_width,
         "height": 2 * block.half_height,
@@ -143,23 +155,28 @@ def _described(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
+def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
+    """Compute the answers of one model, NaN where a quantity does not exist."""
     block = scene.block
     ratio, slopes = jax.value_and_grad(resonance.rotation_ratio)(scene, model)
     margin = resonance.overturning_margin(scene, model)
     derivatives = {}
     elasticities = {}
     for name in _PARAMETERS:
+        # A parameter belongs to the scene or to its block; the slopes are a scene as well.
         value, slope = (
             getattr(tree if hasattr(tree, name) else tree.block, name)
             for tree in (scene, slopes)
         )
+        # Beyond the overturning threshold the ratio is NaN, and its derivative 0 by
+        # convention.
         derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
         elasticities[name] = derivatives[name] * value / ratio
     peak = model.peak_rotation(block, resonance.launch_velocity(scene))
     half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
     critical = resonance.critical_intensity(block, scene.restitution, half_cycles, model)
-    # A single pulse is what is left of all without restitution; compiled once for both.
+    # With a restitution of 0 the block rests after each half-cycle: its period is twice the
+    # half-cycle after a single pulse. Both go through one program.
     restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
     periods = resonance.stabilized_period(Scene(block, restitutions, scene.intensity), model)
     return {
@@ -183,12 +200,14 @@ def _answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     }
 
 
-def text(result: dict[str, Any]) -> str:
+def write_text(result: Answers) -> str:
     """Write the answers of `assess` as a page to read."""
     scene = result["scene"]
     models = result["models"]
+    # What the models share stands in the first column only.
     columns = ({"scene": scene} | models["linearized"], models["nonlinear"])
-    *columns, errors = map(_by_place, (*columns, result["linearization_error"]))
+    *columns, errors = map(_flatten, (*columns, result["linearization_error"]))
+    # Only of a rectangle the height is known; of another body, the centre of mass.
     outline = f"{scene['height']:.6g} m high (slenderness {scene['slenderness']:.6g})"
     if not math.isclose(scene["inertia_ratio"], RECTANGLE_INERTIA_RATIO, rel_tol=1e-6):
         outline = (
@@ -206,6 +225,8 @@ def text(result: dict[str, Any]) -> str:
             never = place == "overturning_half_cycle" and math.isinf(number)
             shown = "never" if never else "none" if math.isnan(number) else f"{number:.6g}"
             line += f"{shown:>14}"
+        # Some rows have no errors, and errors of what does not exist are NaN: nothing is
+        # printed.
         error = errors.get(place, math.nan)
         lines.append(line + (f"{f'{100 * error:+.2f} %':>10}" if math.isfinite(error) else ""))
     half_cycle = models["nonlinear"]["overturning_half_cycle"]
@@ -221,6 +242,7 @@ def text(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _by_place(nested: Any) -> dict[str, float]:
+def _flatten(nested: Answers) -> dict[str, float]:
+    """List the numbers of nested answers by their places, such as ``stabilized.period``."""
     leaves = jax.tree.leaves_with_path(nested)
     return {jax.tree_util.keystr(at, simple=True, separator="."): leaf for at, leaf in leaves}

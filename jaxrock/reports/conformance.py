@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from ..ground_motion import Record, example_record
-from ..host import version
+from ..host import read_version
 
 RECORDS = (
     "ridgecrest_north.csv",
@@ -39,18 +39,20 @@ RECORDS = (
 FILES = ("cases.csv", "cases.json", *RECORDS)
 
 
-def table() -> dict[str, Any]:
-    """Return the content of ``cases.json``, each case with all fields."""
+def read_table() -> dict[str, Any]:
+    """Read the content of ``cases.json``, each case with all fields."""
     resource = files("jaxrock") / "data" / "conformance.json"
     stored = json.loads(resource.read_text(encoding="utf-8"))
+    # Stored without what a case has not, which makes changes readable; programs get all
+    # fields.
     cases = [
         {field: case.get(field) for field in stored["fields"]} for case in stored["cases"]
     ]
-    return {"version": version()} | stored | {"cases": cases}
+    return {"read_version": read_version()} | stored | {"cases": cases}
 
 
-def records() -> dict[str, Record]:
-    """Return the ground motions that are written as files, by name."""
+def make_records() -> dict[str, Record]:
+    """Make the ground motions that are written as files, by the names of the files."""
     north = example_record("north")
     east = example_record("east", vertical=True)
     time = np.arange(201) * 0.01
@@ -61,13 +63,14 @@ def records() -> dict[str, Record]:
 
 
 def write(folder: Path) -> int:
-    """Write `FILES` into an existing folder; the number of cases."""
-    content = table()
+    """Write `FILES` into an existing folder, and return the number of cases."""
+    content = read_table()
+    # NaN is no JSON: a stored value that is not finite is a mistake, and not written.
     text = json.dumps(content, indent=1, allow_nan=False)
     (folder / "cases.json").write_text(text + "\n", encoding="utf-8")
     rows = (case.values() for case in content["cases"])
     _write_csv(folder / "cases.csv", list(content["fields"]), rows)
-    for name, motion in records().items():
+    for name, motion in make_records().items():
         columns = {
             "time_s": np.arange(motion.samples) * float(motion.time_step),
             "acceleration_m_per_s2": np.asarray(motion.acceleration),
@@ -79,6 +82,7 @@ def write(folder: Path) -> int:
     return len(content["cases"])
 
 
-def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """Write a table whose lines end with LF on every system, so that files can be compared."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *rows])

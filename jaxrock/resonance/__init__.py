@@ -9,7 +9,7 @@ from .elastic_oscillator import (
     equivalent_damping,
     equivalent_damping_as_printed,
 )
-from .free_rocking import Linearized, Nonlinear, RockingModel
+from .free_rocking import Linearized, Nonlinear
 from .free_rocking import ModelLike as ModelLike
 from .free_rocking import as_model as as_model
 from .half_cycle_map import (
@@ -32,6 +32,7 @@ from .inverse_design import (
     critical_width,
 )
 from .pulse_train import TrainResponse, respond_to_train
+from .rocking_model import RockingModel
 from .train_timing import timing_costs
 from .worst_trains import WorstTrain, worst_train
 

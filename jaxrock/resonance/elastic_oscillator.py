@@ -1,12 +1,12 @@
 """The elastic damped oscillator under the same input (section IV of the paper).
 
-For comparison: what resonance does to a system that has a natural frequency. Each pulse
-comes when the oscillator passes zero, every half of its damped period.
+It serves as a comparison: this is what resonance does to a system that has a natural
+frequency. Each pulse comes when the oscillator passes zero, every half of its damped period.
 """
 
 import jax.numpy as jnp
 
-from ..host import Printed, shown
+from ..host import Printed, format_number
 from ..numerics import decaying_share_of_one, minus_log, one_minus_square, quotient_or_infinite
 from ..validation import (
     BELOW_ONE,
@@ -29,9 +29,10 @@ class Oscillator(Printed, Checked):
 
     Parameters
     ----------
-    angular_frequency, damping_ratio : array_like
-        omega, undamped [rad/s], greater than 0, and xi, share of critical damping [-], at
-        least 0 and below 1.
+    angular_frequency : array_like
+        omega, undamped [rad/s], finite and greater than 0.
+    damping_ratio : array_like
+        xi, share of critical damping [-], at least 0 and less than 1.
 
     Examples
     --------
@@ -49,17 +50,18 @@ class Oscillator(Printed, Checked):
 
     def __str__(self) -> str:
         return (
-            f"angular frequency {shown(self.angular_frequency, 'rad/s')},"
-            f" damping ratio {shown(self.damping_ratio)}"
+            f"angular frequency {format_number(self.angular_frequency, 'rad/s')},"
+            f" damping ratio {format_number(self.damping_ratio)}"
         )
 
     @property
     def _damped_share(self) -> Reals:
+        """Damped over undamped angular frequency, sqrt(1 - xi^2) (Eq. 16) [-]."""
         return jnp.sqrt(one_minus_square(self.damping_ratio))
 
     @property
     def _decrement(self) -> Reals:
-        """-ln(B)."""
+        """Logarithmic decrement over a half-cycle, -ln(B) (Eq. 18) [-]."""
         return jnp.pi * self.damping_ratio / self._damped_share
 
     @property
@@ -71,32 +73,48 @@ class Oscillator(Printed, Checked):
     @property
     @elementwise()
     def velocity_decay(self) -> Reals:
-        """Ratio of velocities over a half-cycle, B = exp(-pi xi / sqrt(1 - xi^2)) (Eq. 18) [-].
+        """Velocity after a half-cycle over the velocity before it, B (Eq. 18) [-].
 
-        What the coefficient of restitution is to the block.
+        It is ``exp(-pi xi / sqrt(1 - xi^2))``, and plays the part that the coefficient of
+        restitution plays for the block.
         """
         return jnp.exp(-self._decrement)
 
     @property
     @elementwise()
     def amplification(self) -> Reals:
-        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-]; inf undamped."""
+        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-].
+
+        It is inf without damping.
+        """
+        # From the decrement, not from B: with little damping B is close to 1, and 1 - B would
+        # lose the digits that matter.
         share = decaying_share_of_one(self._decrement, jnp.inf)
         return quotient_or_infinite(jnp.ones_like(share), share)
 
     @elementwise(velocity=FINITE, time=FINITE)
     def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
-        """Displacement [m] and velocity [m/s] at a time after it passed zero (Eq. 16).
+        """Compute displacement and velocity at a time after a passage of zero (Eq. 16).
 
         Parameters
         ----------
-        velocity, time : array_like
-            At zero displacement [m/s], and time since then [s].
+        velocity : array_like
+            Velocity at zero displacement [m/s], finite.
+        time : array_like
+            Time since then [s], finite.
 
         Returns
         -------
         displacement, velocity : Array, shape (...)
+            Displacement [m] and its rate [m/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete `velocity` or `time` is out of range. A traced one gives NaN.
         """
+        # The displacement is v exp(-xi omega t) sin(Omega t) / Omega; the velocity is its
+        # derivative.
         loss = self.damping_ratio * self.angular_frequency
         frequency = self.damped_frequency
         decay = jnp.exp(-loss * time) * velocity
@@ -106,54 +124,74 @@ class Oscillator(Printed, Checked):
 
     @elementwise(intensity=NON_NEGATIVE, half_cycle=COUNT)
     def half_cycle_velocity(self, intensity: Number, half_cycle: Number) -> Reals:
-        """Velocity at the beginning of a half-cycle (Eqs. 14, 20 and 21).
+        """Compute the velocity at the beginning of a half-cycle (Eqs. 14, 20 and 21).
 
-        From the recursion of Eq. 20; its closed sum lacks the last term, as that of Eq. 8.
+        It follows from the recursion of Eq. 20. The closed sum printed there lacks its last
+        term, like the sum printed in Eq. 8.
 
         Parameters
         ----------
-        intensity, half_cycle : array_like
-            I, change of velocity in each pulse [m/s], at least 0; i, from 1 on, or inf.
+        intensity : array_like
+            I, change of velocity in each pulse [m/s], finite and at least 0.
+        half_cycle : array_like
+            i, a whole number from 1 on, or inf.
 
         Returns
         -------
         velocity : Array, shape (...)
             ``I (1 - B^i) / (1 - B)`` [m/s].
+
+        Raises
+        ------
+        ValueError
+            If a concrete `intensity` or `half_cycle` is out of range. A traced one gives NaN.
         """
         share = decaying_share_of_one(self._decrement, half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
 
     @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
-        """Displacement at a quarter of the damped period, as printed in Eq. 22.
+        """Compute the displacement at a quarter of the damped period, as printed in Eq. 22.
 
-        Not the maximum, which comes earlier: see `peak_displacement`.
+        This is not the maximum, which comes earlier: see `peak_displacement`.
 
         Parameters
         ----------
         velocity : array_like
-            Where the displacement is 0 [m/s], at least 0.
+            Velocity at zero displacement [m/s], finite and at least 0.
 
         Returns
         -------
         displacement : Array, shape (...)
             ``v exp(-pi xi / (2 sqrt(1 - xi^2))) / Omega`` [m].
+
+        Raises
+        ------
+        ValueError
+            If a concrete `velocity` is out of range. A traced one gives NaN.
         """
         return jnp.exp(-self._decrement / 2) / self.damped_frequency * velocity
 
     @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
-        """Largest displacement [m], where ``tan(Omega t) = Omega / (xi omega)``.
+        """Compute the largest displacement, where ``tan(Omega t) = Omega / (xi omega)``.
 
         Parameters
         ----------
         velocity : array_like
-            Where the displacement is 0 [m/s], at least 0.
+            Velocity at zero displacement [m/s], finite and at least 0.
 
         Returns
         -------
         displacement : Array, shape (...)
+            [m]
+
+        Raises
+        ------
+        ValueError
+            If a concrete `velocity` is out of range. A traced one gives NaN.
         """
+        # The angle of a right triangle instead of a quotient: without damping it is pi / 2.
         phase = jnp.arctan2(self._damped_share, self.damping_ratio)
         decay = jnp.exp(-self.damping_ratio / self._damped_share * phase)
         return decay / self.angular_frequency * velocity
@@ -161,10 +199,11 @@ class Oscillator(Printed, Checked):
 
 @elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping(restitution: Number) -> Reals:
-    """Viscous damping ratio [-] equivalent to a coefficient of restitution, as its source means it.
+    """Compute the viscous damping ratio that is equivalent to a coefficient of restitution.
 
-    Makris and Konstantinidis fit ``beta = -0.34 ln(r)`` with r the ratio of kinetic energies
-    over an impact, which is the square of the ratio of velocities C.
+    Makris and Konstantinidis (2003, https://doi.org/10.1002/eqe.239) fit
+    ``beta = -0.34 ln(r)`` with r the ratio of kinetic energies over an impact, which is the
+    square of the ratio of velocities C.
 
     Parameters
     ----------
@@ -174,14 +213,22 @@ def equivalent_damping(restitution: Number) -> Reals:
     Returns
     -------
     damping_ratio : Array, shape (...)
-        ``-0.68 ln(C)``, inf for C = 0.
+        ``-0.68 ln(C)`` [-], inf for C = 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution` is out of range. A traced one gives NaN.
     """
+    # 0.68 = 2 * 0.34, since ln(C^2) = 2 ln(C).
     return 0.68 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping_as_printed(restitution: Number) -> Reals:
-    """Half of `equivalent_damping` [-], as printed in Eq. 13.
+    """Compute the damping ratio as printed in Eq. 13: half of `equivalent_damping`.
+
+    Eq. 13 takes C itself where its source takes the ratio of kinetic energies, C squared.
 
     Parameters
     ----------
@@ -191,13 +238,19 @@ def equivalent_damping_as_printed(restitution: Number) -> Reals:
     Returns
     -------
     beta : Array, shape (...)
+        ``-0.34 ln(C)`` [-], inf for C = 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution` is out of range. A traced one gives NaN.
     """
     return 0.34 * minus_log(jnp.asarray(restitution))
 
 
 @elementwise(velocity_decay=UNIT_INTERVAL)
 def damping_from_decay(velocity_decay: Number) -> Reals:
-    """Damping ratio [-] of a lightly damped oscillator, ``-ln(B) / pi`` (Eq. 19).
+    """Compute the damping ratio of a lightly damped oscillator, ``-ln(B) / pi`` (Eq. 19).
 
     Parameters
     ----------
@@ -207,6 +260,11 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
     Returns
     -------
     xi : Array, shape (...)
-        Which takes ``sqrt(1 - xi^2)`` for 1.
+        Damping ratio [-], with ``sqrt(1 - xi^2)`` taken for 1; inf for B = 0.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `velocity_decay` is out of range. A traced one gives NaN.
     """
     return minus_log(jnp.asarray(velocity_decay)) / jnp.pi

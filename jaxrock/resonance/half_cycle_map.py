@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..host import Printed, derivatives, shown
+from ..host import Printed, format_derivatives, format_number
 from ..impact import velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from ..validation import (
@@ -25,7 +25,8 @@ from ..validation import (
     elementwise,
     quantity,
 )
-from .free_rocking import Linearized, ModelLike, RockingModel, as_model
+from .free_rocking import Linearized, ModelLike, as_model
+from .rocking_model import RockingModel
 
 
 class Scene(Printed, Checked):
@@ -33,9 +34,11 @@ class Scene(Printed, Checked):
 
     Parameters
     ----------
-    block, restitution, intensity : Block, array_like, array_like
-        C, velocity after an impact over that before [-], between 0 and 1; I, the change of
-        ground velocity in each pulse [m/s], at least 0.
+    block : Block
+    restitution : array_like
+        C, velocity after an impact over the velocity before it [-], between 0 and 1.
+    intensity : array_like
+        I, the change of ground velocity in each pulse [m/s], finite and at least 0.
 
     Notes
     -----
@@ -53,40 +56,76 @@ class Scene(Printed, Checked):
         self.intensity = as_real("intensity", intensity)
 
     def __str__(self) -> str:
-        return derivatives(self) or (
-            f"{self.block}\nrestitution {shown(self.restitution)},"
-            f" pulses of {shown(self.intensity, 'm/s')}"
+        return format_derivatives(self) or (
+            f"{self.block}\nrestitution {format_number(self.restitution)},"
+            f" pulses of {format_number(self.intensity, 'm/s')}"
         )
 
 
 @elementwise()
 def launch_velocity(scene: Scene) -> Reals:
-    """Velocity at the beginning of the first half-cycle (Eq. 2).
+    """Compute the velocity at the beginning of the first half-cycle (Eq. 2).
 
-    Returns `Block.pulse_velocity` of the intensity [rad/s].
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Array, shape (...)
+        `Block.pulse_velocity` of the intensity [rad/s].
     """
     return scene.block.pulse_velocity(scene.intensity)
 
 
 @elementwise(velocity=NON_NEGATIVE)
 def next_velocity(scene: Scene, velocity: Number) -> Reals:
-    """Apply the half-cycle map: one launch velocity [rad/s] to the next (Eq. 8).
+    """Apply the half-cycle map, from one launch velocity to the next (Eq. 8).
 
     The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
     pulse adds `launch_velocity`: exact in both models.
 
-    Returns launch velocity of the next half-cycle [rad/s].
+    Parameters
+    ----------
+    scene : Scene
+    velocity : array_like
+        Launch velocity of a half-cycle [rad/s], finite and at least 0.
+
+    Returns
+    -------
+    Array, shape (...)
+        Launch velocity of the next half-cycle [rad/s].
+
+    Raises
+    ------
+    ValueError
+        If a concrete `velocity` is out of range. A traced one gives NaN.
     """
-    return velocity_after_impact(scene.restitution, velocity) + launch_velocity(scene)
+    after = velocity_after_impact(scene.restitution, jnp.asarray(velocity))
+    return after + launch_velocity(scene)
 
 
 @elementwise(half_cycle=COUNT)
 def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
-    """Launch velocity of half-cycle i (Eq. 8), whether or not an earlier one overturns.
+    """Compute the launch velocity of half-cycle i, even if an earlier one overturns (Eq. 8).
 
-    From the recursion of Eq. 8; the closed sum printed there lacks its last term.
+    It follows from the recursion of Eq. 8. The closed sum printed there lacks its last term.
 
-    Returns ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
+    Parameters
+    ----------
+    scene : Scene
+    half_cycle : array_like
+        i, a whole number from 1 on, or inf.
+
+    Returns
+    -------
+    Array, shape (...)
+        ``launch_velocity (1 - C^i) / (1 - C)`` [rad/s]; inf for the limit at C = 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `half_cycle` is out of range. A traced one gives NaN.
 
     Examples
     --------
@@ -103,43 +142,74 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 
 @elementwise()
 def stabilized_velocity(scene: Scene) -> Reals:
-    """Limit of the launch velocity (Eq. 10), whether or not the block stands.
+    """Compute the limit of the launch velocity, even if the block overturns before (Eq. 10).
 
-    Returns ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Array, shape (...)
+        ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
     """
     return quotient_or_infinite(launch_velocity(scene), 1 - scene.restitution)
 
 
 @elementwise(model=as_model)
 def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Full period of the stabilized phase (Eq. 11).
+    """Compute the full period of the stabilized phase (Eq. 11).
 
     Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
 
-    Returns T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+    Parameters
+    ----------
+    scene : Scene
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        T* [s], twice the duration of a half-cycle; NaN where the block overturns.
     """
-    half = _where_stabilized(scene, model, lambda m, *at: m._half_cycle_duration(*at))
+    half = _compute_where_stabilized(scene, model, lambda m, *at: m._half_cycle_duration(*at))
     return 2 * half
 
 
 @elementwise(model=as_model)
 def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Peak rotation in the stabilized phase (Eq. 12).
+    """Compute the peak rotation in the stabilized phase (Eq. 12).
 
     Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
-    Returns alpha*_max [rad]; NaN where the block overturns.
+    Parameters
+    ----------
+    scene : Scene
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        alpha*_max [rad]; NaN where the block overturns.
     """
-    return _where_stabilized(scene, model, lambda m, *at: m._peak_rotation(*at))
+    return _compute_where_stabilized(scene, model, lambda m, *at: m._peak_rotation(*at))
 
 
 @elementwise(model=as_model)
 def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Peak rotation in the stabilized phase over the critical angle (Figs. 6 to 8).
+    """Compute the stabilized peak rotation over the critical angle (Figs. 6 to 8).
 
     Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
 
-    Returns alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
+    Parameters
+    ----------
+    scene : Scene
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        alpha*_max / alpha_c [-], below 1; NaN where the block overturns.
 
     Examples
     --------
@@ -148,23 +218,34 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     >>> print(f"{jr.rotation_ratio(wall):.4f}, {jr.rotation_ratio(wall, jr.Nonlinear()):.4f}")
     0.1232, 0.1240
     """
-    return _where_stabilized(scene, model, lambda m, block, x, _: m._rotation_ratio(block, x))
+    return _compute_where_stabilized(
+        scene, model, lambda m, block, x, _: m._rotation_ratio(block, x)
+    )
 
 
 @elementwise(model=as_model)
 def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Stabilized peak rotation over the peak after the first pulse (zeta, Fig. 4).
+    """Compute the stabilized peak rotation over the peak after the first pulse (Fig. 4).
 
     Linearized, it is right for weak pulses.
 
-    Returns zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses
-    it tends to ``1 / (1 - C)^2``.
+    Parameters
+    ----------
+    scene : Scene
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses it
+        tends to ``1 / (1 - C)^2``.
     """
     model = as_model(model)
-    x_limit, limited = _limit(scene, model)
+    x_limit, limited = _stabilized_ratio(scene, model)
     # Without pulses the block stands even with C = 1, but the amplification has no limit.
     stands = limited & (x_limit < 1) & (scene.restitution < 1)
     x = launch_velocity(scene) / model._critical_velocity(scene.block)
+    # The limit is 1 / (1 - C) = 1 + growth times as fast as the first launch.
     growth = scene.restitution / jnp.where(stands, 1 - scene.restitution, 1)
     x = jnp.where(stands, x, 0)
     growth = jnp.where(stands, growth, 0)
@@ -173,16 +254,24 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
 @elementwise(model=as_model)
 def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Energy missing to overturn in the stabilized phase, over the energy barrier.
+    """Compute the energy missing to overturn in the stabilized phase, over the energy barrier.
 
-    Smooth through the overturning threshold, where the peak rotation has an infinite slope:
-    the quantity to search and to optimise on. Linearized, v_c is 0.16 % too large at
+    It is smooth through the overturning threshold, where the peak rotation has an infinite
+    slope: the quantity to search and to optimise on. Linearized, v_c is 0.16 % too large at
     slenderness 5: the unsafe side.
 
-    Returns ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns,
-    -inf for C = 1.
+    Parameters
+    ----------
+    scene : Scene
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns, -inf
+        for C = 1.
     """
-    x, limited = _limit(scene, as_model(model))
+    x, limited = _stabilized_ratio(scene, as_model(model))
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
 
 
@@ -192,9 +281,18 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
 
     Linearized, it may be too late: v_c is too large.
 
-    Returns smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
-    floating-point number; inf where there is none. Its derivative is zero.
+    Parameters
+    ----------
+    scene : Scene
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
+        floating-point number; inf where there is none. Its derivative is zero.
     """
+    # The answer is a whole number: its derivative is zero, whatever those on the way are.
     scene = jax.lax.stop_gradient(scene)
     model = as_model(model)
     launch = launch_velocity(scene)
@@ -202,10 +300,11 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
     x = launch / critical
     restitution = scene.restitution
 
-    def reaches(half_cycle: Reals) -> Booleans:
+    def is_critical(half_cycle: Reals) -> Booleans:
         return launch / share_of_one(restitution, half_cycle) >= critical
 
-    # x (1 - C^i) / (1 - C) >= 1, solved for i ...
+    # x (1 - C^i) / (1 - C) >= 1, solved for i: 1 - C^i >= (1 - C) / x, the remainder. From a
+    # remainder of 1 on not even the limit overturns. With C = 1 every pulse adds x.
     limited = (restitution > 0) & (restitution < 1)
     base = jnp.where(limited, restitution, 0.5)
     divisor = jnp.where(x > 0, x, 1)
@@ -213,31 +312,36 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
     overturns = remainder < 1
     count = jnp.log1p(-jnp.where(overturns, remainder, 0.5)) / jnp.log(base)
     count = jnp.where(restitution == 1, 1 / divisor, count)
-    # ... and set right where the rounding of the solution went past a whole number.
+    # The rounding of the solution may have gone past a whole number, to either side: what
+    # counts is the recursion at the numbers around it.
     count = jnp.maximum(jnp.ceil(count), 1)
     earlier = jnp.maximum(count - 1, 1)
-    count = jnp.where(reaches(earlier), earlier, count)
-    count = jnp.where(reaches(count), count, count + 1)
+    count = jnp.where(is_critical(earlier), earlier, count)
+    count = jnp.where(is_critical(count), count, count + 1)
     return jnp.where(x >= 1, 1.0, jnp.where(overturns & (x > 0), count, jnp.inf))
 
 
-def _limit(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
-    """x* = v* / v_c, and whether it is finite (0 where it is not)."""
+def _stabilized_ratio(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:
+    """Compute x* = v* / v_c [-], and tell where it is finite; it is 0 where it is not."""
     velocity = stabilized_velocity(scene)
     limited = velocity < jnp.inf
     velocity = jnp.where(limited, velocity, 0)
     return quotient(velocity, model._critical_velocity(scene.block)), limited
 
 
-def _where_stabilized(
+def _compute_where_stabilized(
     scene: Scene,
     model: ModelLike,
     quantity: Callable[[RockingModel, Block, Reals, Reals], Reals],
 ) -> Reals:
-    """Compute a quantity from x* and the pulse that launches as fast; NaN without limit."""
+    """Compute a quantity from x* and the pulse that launches as fast.
+
+    It is NaN where the block overturns or the launch velocity has no limit.
+    """
     model = as_model(model)
-    x, limited = _limit(scene, model)
+    x, limited = _stabilized_ratio(scene, model)
     stands = limited & (x < 1)
+    # The single pulse that launches the block at rest as fast as the stabilized phase does.
     pulse = quotient_or_infinite(scene.intensity, 1 - scene.restitution)
     value = quantity(model, scene.block, jnp.where(stands, x, 0), jnp.where(stands, pulse, 0))
     return jnp.where(stands, value, jnp.nan)

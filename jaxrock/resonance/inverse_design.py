@@ -1,7 +1,10 @@
-"""Inverse design in closed form: what the paper's pulses just overturn."""
+"""Inverse design in closed form: intensities and blocks at the overturning threshold.
+
+All follow from one statement: a number of the paper's pulses just overturns a block if the
+single pulse that launches as fast as all of them does (Eqs. 2 and 8).
+"""
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,12 +23,29 @@ def critical_intensity(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Intensity of the pulses that just overturn the block within so many half-cycles.
+    """Compute the intensity of pulses that just overturn the block within n half-cycles.
 
     With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8). Linearized, it is
     0.16 % too large at slenderness 5: the unsafe side.
 
-    Returns I [m/s]; 0 for C = 1 and n = inf.
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C [-], between 0 and 1.
+    half_cycles : array_like
+        n, a whole number from 1 on, or inf.
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        I [m/s]; 0 for C = 1 and n = inf.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution` or `half_cycles` is out of range. A traced one gives NaN.
 
     Examples
     --------
@@ -34,7 +54,7 @@ def critical_intensity(
     >>> print(f"{jr.critical_intensity(block, 0.7, half_cycles=5.0):.3f} m/s")
     0.375 m/s
     """
-    return _single_pulse(block, model) * share_of_one(restitution, half_cycles)
+    return _single_pulse_intensity(block, model) * share_of_one(restitution, half_cycles)
 
 
 @elementwise(
@@ -47,16 +67,38 @@ def critical_width(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Width of the block of this slenderness that pulses [m/s] just overturn.
+    """Compute the width of the block of this slenderness that pulses just overturn.
 
-    Its half-width does not matter. Critical intensities grow with the square root of the size.
-    Linearized, the width is 0.32 % too small at slenderness 5: the unsafe side.
+    The half-width of `block` does not matter. Critical intensities grow with the square root
+    of the size. Linearized, the width is 0.32 % too small at slenderness 5: the unsafe side.
 
-    Returns 2b [m]: wider blocks stand. 0 without pulses; inf for C = 1 and n = inf.
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C [-], between 0 and 1.
+    intensity : array_like
+        I [m/s], finite and at least 0.
+    half_cycles : array_like
+        n, a whole number from 1 on, or inf.
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        2b [m]: wider blocks stand. 0 without pulses; inf for C = 1 and n = inf.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution`, `intensity` or `half_cycles` is out of range. A traced one
+        gives NaN.
     """
+    # A block of half-width 1 m instead of the given one, which drops out: so it is not in the
+    # derivatives either.
     unit = eqx.tree_at(lambda b: b.half_width, block, jnp.ones_like(block.half_width))
-    pulse = _equivalent_pulse(restitution, intensity, half_cycles)
-    return 2 * (pulse / _single_pulse(unit, model)) ** 2
+    pulse = _equivalent_intensity(restitution, intensity, half_cycles)
+    return 2 * (pulse / _single_pulse_intensity(unit, model)) ** 2
 
 
 @elementwise(
@@ -69,39 +111,68 @@ def critical_slenderness(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Slenderness of the block of this width that pulses [m/s] just overturn.
+    """Compute the slenderness of the block of this width that pulses just overturn.
 
-    Its slenderness does not matter. Linearized, lambda is too large: the unsafe side.
+    The slenderness of `block` does not matter. Linearized, lambda is too large: the unsafe
+    side.
 
-    Returns lambda [-]: stockier blocks stand. inf without pulses, or beyond the range of
-    floating-point numbers; 0 for C = 1 and n = inf.
+    Parameters
+    ----------
+    block : Block
+    restitution : array_like
+        C [-], between 0 and 1.
+    intensity : array_like
+        I [m/s], finite and at least 0.
+    half_cycles : array_like
+        n, a whole number from 1 on, or inf.
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        lambda [-]: stockier blocks stand. inf without pulses, or beyond the range of
+        floating-point numbers; 0 for C = 1 and n = inf.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution`, `intensity` or `half_cycles` is out of range. A traced one
+        gives NaN.
     """
-    pulse = _equivalent_pulse(restitution, intensity, half_cycles)
+    pulse = _equivalent_intensity(restitution, intensity, half_cycles)
     half_width = block.half_width
     gravity = block.gravity * block.inertia_ratio
-    # The pulse as a pure number, on which alone the slenderness depends: b g kappa is 1 with
-    # it.
+    # The pulse as a pure number, on which alone the slenderness depends.
     weight = quotient(pulse, jnp.sqrt(half_width) * jnp.sqrt(gravity))
     number = jnp.finfo(weight.dtype)
+    # Below this bound (1 / weight)^2, the slenderness of slender blocks, would overflow.
     representable = (weight > float(number.max) ** -0.5) & (weight < jnp.inf)
     slenderness_beyond = jnp.where(weight > 1, 0, jnp.inf)
     weight = jnp.where(representable, weight, 1)
 
-    def excess(log_factor: Reals, parameters: Any) -> Reals:
+    def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
+        """Compute the logarithm of what a block withstands over what the pulse is."""
         estimate, weight = parameters
         slenderness = estimate * jnp.exp(log_factor)
         unit = jnp.ones_like(estimate)
-        return jnp.log(_single_pulse(Block(0.75 * unit, slenderness, unit), model) / weight)
+        # A block with b g kappa = 1: its pulse in m/s is the pure number.
+        return jnp.log(
+            _single_pulse_intensity(Block(0.75 * unit, slenderness, unit), model) / weight
+        )
 
-    # The slenderness is the limit for slender blocks, for stocky ones up to a factor of pi /
-    # 2. The factor is solved for: beyond the ends of the clipped range it no longer changes.
+    # Weak pulses overturn slender blocks of slenderness 1 / weight^2, strong ones stocky
+    # blocks of slenderness 1 / weight, up to a factor of pi / 2. The factor is solved for;
+    # beyond the ends of the clipped range it no longer changes.
     eps = float(number.eps)
     clipped = jnp.clip(weight, 0.1 * eps**0.25, 10 / eps)
     estimate, clipped_estimate = (
         jnp.where(w < 1, (1 / w) ** 2, 1 / w) for w in (weight, clipped)
     )
-    log_factor = _root(excess, jnp.zeros_like(estimate), clipped_estimate, clipped)
-    # Nor has it a derivative there; what overflows must not meet the one of the end.
+    log_factor = _solve_by_newton(
+        log_excess, jnp.zeros_like(estimate), clipped_estimate, clipped
+    )
+    # Nor has it a derivative there: the derivative at an end, times one that overflows, would
+    # be NaN.
     fixed = jax.lax.stop_gradient(log_factor)
     factor = jnp.exp(jnp.where(weight == clipped, log_factor, fixed))
     return jnp.where(representable, estimate * factor, slenderness_beyond)
@@ -114,55 +185,80 @@ def critical_restitution(
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
 ) -> Reals:
-    """Restitution with which pulses [m/s] just overturn the block within so many half-cycles.
+    """Compute the restitution with which pulses just overturn the block within n half-cycles.
 
     Linearized, C is too large: the unsafe side.
 
-    Returns C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN
-    where the first pulse is more than that, or the block stands even with C = 1.
+    Parameters
+    ----------
+    block : Block
+    intensity : array_like
+        I [m/s], finite and at least 0.
+    half_cycles : array_like
+        n, a whole number from 1 on, or inf.
+    model : ModelLike
+
+    Returns
+    -------
+    Array, shape (...)
+        C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN where
+        the first pulse is more than that, or the block stands even with C = 1.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `intensity` or `half_cycles` is out of range. A traced one gives NaN.
     """
-    single = _single_pulse(block, model)
+    single = _single_pulse_intensity(block, model)
     share = intensity / single
     half_cycles = jnp.asarray(half_cycles, share.dtype)
+    # Some rounding is granted at both ends: a pulse from `critical_intensity` with C = 0 or 1
+    # has an answer.
     slack = 4 * float(jnp.finfo(share.dtype).eps)
     exists = (share <= 1 + slack) & (half_cycles * share >= 1 - slack)
     finite = exists & (half_cycles < jnp.inf)
     gap = jnp.where(share <= 1, (single - intensity) / single, 0)
 
-    def excess(factor: Reals, parameters: Any) -> Reals:
+    def relative_excess(factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
+        """Compute the gap that C = factor gap leaves, over the gap there is, less 1."""
         count, gap = parameters
         c = factor * gap
         return factor * share_of_one(c, count) / share_of_one(c, count - 1) - 1
 
     # C (1 - C^(n-1)) / (1 - C^n) is the gap. It is concave, so that Newton's method converges
-    # from below to C, which is between the gap and twice the gap.
+    # from below to C, which is between the gap and twice the gap. Where n is infinite C is the
+    # gap itself; there, and where no C exists, stand-ins keep the search out of trouble.
     count = jnp.where(finite, half_cycles, 2)
     finite_gap = jnp.where(finite, gap, 0.25)
-    factor = _root(excess, jnp.ones_like(share), count, finite_gap)
+    factor = _solve_by_newton(relative_excess, jnp.ones_like(share), count, finite_gap)
     restitution = jnp.where(finite, factor, 1) * gap
     # Above 1 only by rounding, which has no derivative.
     restitution = restitution - jax.lax.stop_gradient(jnp.maximum(restitution - 1, 0))
     return jnp.where(exists, restitution, jnp.nan)
 
 
-def _single_pulse(block: Block, model: ModelLike) -> Reals:
-    """Intensity of the single pulse that just overturns."""
+def _single_pulse_intensity(block: Block, model: ModelLike) -> Reals:
+    """Compute the intensity of the single pulse that just overturns [m/s]."""
     return as_model(model)._critical_velocity(block) / block.pulse_velocity(1.0)
 
 
-def _equivalent_pulse(restitution: Number, intensity: Number, half_cycles: Number) -> Reals:
-    """Intensity of the single pulse that launches as fast as so many, each after an impact."""
+def _equivalent_intensity(
+    restitution: Number, intensity: Number, half_cycles: Number
+) -> Reals:
+    """Compute the single pulse that launches as fast as n, each after an impact [m/s]."""
     return quotient_or_infinite(jnp.asarray(intensity), share_of_one(restitution, half_cycles))
 
 
-def _root(function: Callable[[Reals, Any], Reals], start: Reals, *parameters: Reals) -> Reals:
-    """Root by Newton's method, elementwise, with the derivatives of an implicit function."""
-    import optimistix
+def _solve_by_newton(
+    function: Callable[[Reals, tuple[Reals, Reals]], Reals], start: Reals, *parameters: Reals
+) -> Reals:
+    """Find a root by Newton's method, elementwise, with the derivatives of the root."""
+    import optimistix  # which loads slowly
 
     eps = float(jnp.finfo(jnp.result_type(*parameters)).eps)
     newton = optimistix.Newton(rtol=4 * eps, atol=4 * eps)
 
-    def root(start: Reals, *parameters: Reals) -> Reals:
+    def solve(start: Reals, *parameters: Reals) -> Reals:
         return optimistix.root_find(function, newton, start, parameters, throw=False).value
 
-    return jnp.vectorize(root)(jax.lax.stop_gradient(start), *parameters)
+    return jnp.vectorize(solve)(jax.lax.stop_gradient(start), *parameters)

@@ -1,8 +1,13 @@
-"""Trains of instantaneous pulses: the block rocks freely, and through impacts, between them."""
+"""Trains of instantaneous pulses at given times.
+
+Between the pulses the block rocks freely, in closed form, and through impacts; nothing is
+integrated. The block is followed from pulse to pulse by a scan, and from impact to impact in
+between by a loop.
+"""
 
 import functools
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,9 +17,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..host import Printed, listed
+from ..host import Printed, format_fields
 from ..impact import velocity_after_impact
-from ..numerics import larger
+from ..numerics import pick_larger
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -29,11 +34,13 @@ from ..validation import (
     check,
     check_kind,
     is_traced,
-    of_one_precision,
+    unify_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .rocker import Flight, Rocker
 
+# In double precision a block comes to rest (see `_rock_freely`) after about 72 / -ln(C)
+# impacts: after more than these only if C is above 0.9992.
 _MAX_IMPACTS = 10**5
 _TIMES = 512  # of a history at once
 
@@ -41,13 +48,27 @@ _Samples = Float[Array | np.ndarray, "..."]
 
 
 class FreeMotion(NamedTuple):
-    """A block in its half-cycle, and what it has done so far."""
+    """The motion of a block in a half-cycle, and its past.
 
-    x: Reals  # launch velocity of the half-cycle, over the critical one
-    duration: Reals  # of the half-cycle
-    since: Reals  # time since its launch
+    Attributes
+    ----------
+    x
+        Launch velocity of the half-cycle over the critical one [-].
+    duration, since
+        Duration of the half-cycle, and time since its launch [s].
+    side
+        Side to which the block is rotated, 1 or -1, 0 at rest.
+    peak
+        Largest rotation so far [rad].
+    overturned, impacts
+        Whether the block has overturned so far, and the number of its impacts.
+    """
+
+    x: Reals
+    duration: Reals
+    since: Reals
     side: Reals
-    peak: Reals  # rotation
+    peak: Reals
     overturned: Booleans
     impacts: Integers
 
@@ -57,17 +78,21 @@ class TrainResponse(Printed, eqx.Module):
 
     Attributes
     ----------
-    velocity_ratio, side : Array, shape (pulses,)
-        After each pulse, the velocity with which the block would have left the ground (and
-        will land) over the critical one [-]; to which side it is rotated, 1 or -1, 0 at rest.
+    velocity_ratio : Array, shape (pulses,)
+        Velocity with which the block, as it moves after each pulse, would have left the ground
+        and will land, over the critical one [-].
+    side : Array, shape (pulses,)
+        Side to which the block is rotated before each pulse, 1 or -1, 0 at rest.
     peak_rotation : Array
-        Largest rotation, also after the last pulse [rad]; pi / 2 if it overturns.
-    overturned, complete : Array of bool
-        Whether it has ever moved outward with more energy than the barrier, even if a later
-        pulse would have caught it. False if there were too many impacts to follow: then the
-        numbers are NaN.
+        Largest rotation, also after the last pulse [rad]; pi / 2 if the block overturns.
+    overturned : Array of bool
+        Whether the block has ever moved outward with more energy than the barrier, even if a
+        later pulse would have caught it.
+    complete : Array of bool
+        False if there were too many impacts to follow: then the numbers are NaN.
     times, after_pulses, rocker
-        From which `history` follows the block.
+        Times of the pulses [s], the motion after each, and the block: the data from which
+        `history` follows it.
     """
 
     velocity_ratio: Reals
@@ -85,7 +110,7 @@ class TrainResponse(Printed, eqx.Module):
         Parameters
         ----------
         time : array_like
-            [s]
+            Times at which the motion is asked for [s].
 
         Returns
         -------
@@ -107,18 +132,25 @@ class TrainResponse(Printed, eqx.Module):
         shape = wanted.shape
         if is_traced((self, wanted)):
             flat = wanted.astype(self.times.dtype).reshape(-1)
-            found = _sample(self.rocker, *_select(jnp, flat, self.times, self.after_pulses))
+            found = _sample_motion(
+                self.rocker, *_select_motion(jnp, flat, self.times, self.after_pulses)
+            )
             return found[0].reshape(shape), found[1].reshape(shape)
         # One program for all numbers of times and pulses; in NumPy, which compiles nothing.
         times, after_pulses = jax.device_get((self.times, self.after_pulses))
         pieces = max(1, -(-wanted.size // _TIMES))
         flat = np.resize(np.asarray(wanted, times.dtype), (pieces, _TIMES))
-        parts = [_sample(self.rocker, *_select(np, at, times, after_pulses)) for at in flat]
+        parts = [
+            _sample_motion(self.rocker, *_select_motion(np, at, times, after_pulses))
+            for at in flat
+        ]
         joined = np.concatenate(parts, axis=-1)[:, : wanted.size]
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
 
     def __str__(self) -> str:
-        return listed(self, overturned="", peak_rotation="rad", velocity_ratio="", complete="")
+        return format_fields(
+            self, overturned="", peak_rotation="rad", velocity_ratio="", complete=""
+        )
 
 
 def respond_to_train(
@@ -128,15 +160,18 @@ def respond_to_train(
     intensities: Numbers,
     model: ModelLike = Linearized(),
 ) -> TrainResponse:
-    """Response of one block to instantaneous pulses at given times, through every impact.
+    """Compute the response of one block to pulses at given times, through every impact.
 
     Parameters
     ----------
-    block, restitution : Block, float
-        One block and its C [-], between 0 and 1.
-    times, intensities : array_like, shape (pulses,)
-        When the pulses come [s], not decreasing, and I of each [m/s], pushing the block to
-        positive rotations where positive.
+    block : Block
+        One block.
+    restitution : float
+        Its C [-], between 0 and 1.
+    times : array_like, shape (pulses,)
+        Times of the instantaneous pulses [s], finite, at least 0 and not decreasing.
+    intensities : array_like, shape (pulses,)
+        I of each pulse [m/s], finite. A positive one pushes the block to positive rotations.
     model : Linearized or Nonlinear
         In the nonlinear equation a pulse acts ``cos(alpha_c - alpha) / cos(alpha_c)`` times
         stronger on a rotated block than Eq. 2 says.
@@ -173,31 +208,34 @@ def respond_to_train(
         )
     if not is_traced(t) and (np.diff(np.asarray(t)) < 0).any():
         raise ValueError("times must not decrease")
-    block, c, t, pulses = of_one_precision((block, c, t, pulses))
-    return follow(Rocker(block, c, as_model(model)), t, pulses)
+    block, c, t, pulses = unify_precision((block, c, t, pulses))
+    return follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
 
 
 @eqx.filter_jit
-def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
-    """`respond_to_train`, with nothing checked."""
+def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
+    """Follow a block as `respond_to_train` does, with nothing checked."""
 
-    def pulse(
+    def advance_to_pulse(
         motion: FreeMotion, interval_and_intensity: tuple[Reals, Reals]
     ) -> tuple[FreeMotion, tuple[Reals, Reals, FreeMotion]]:
+        """Rock to a pulse and apply it; list velocity, side before, and motion after it."""
         interval, intensity = interval_and_intensity
-        now = _rocked(rocker, motion, interval)
-        flight = rocker.on_flight(now.x, now.since, now.duration)
-        peak = larger(now.peak, rocker.rotation(flight))
+        now = _rock_freely(rocker, motion, interval)
+        flight = rocker.flight_at(now.x, now.since, now.duration)
+        peak = pick_larger(now.peak, rocker.rotation(flight))
+        # A block at rest is struck to the side to which the pulse pushes it.
         side = jnp.where(now.side == 0, jnp.where(intensity < 0, -1, 1), now.side)
-        flight = rocker.struck(flight, side * intensity / rocker.unit)
+        flight = rocker.apply_pulse(flight, side * intensity / rocker.unit)
         x = flight.x
         duration = rocker.duration(x)
         after = now._replace(
             x=x,
             duration=duration,
-            since=rocker.since_launch(flight, duration),
+            since=rocker.time_since_launch(flight, duration),
             side=side.astype(x.dtype),
             peak=peak,
+            # Inward it first lands, and may lose enough there.
             overturned=now.overturned | ((x >= 1) & (flight.q >= 0)),
         )
         # A block that has overturned goes on as if no pulse came any more.
@@ -208,13 +246,14 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     at_rest = FreeMotion(zero, zero, zero, zero, zero, zero > 1, jnp.zeros((), int))
     intervals = jnp.diff(times, prepend=times[:1])
     last, (ratios, sides, after_pulses) = jax.lax.scan(
-        pulse, at_rest, (intervals, intensities)
+        advance_to_pulse, at_rest, (intervals, intensities)
     )
-    # A block that falls after the last pulse may leave the impact faster than it ever was.
+    # After the last pulse the highest peak is the next one. A block that falls then may leave
+    # the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))
     overturned = last.overturned | (x >= 1)
-    peak = larger(last.peak, _peak(rocker, x))
+    peak = pick_larger(last.peak, _launch_peak(rocker, x))
     complete = last.impacts < _MAX_IMPACTS
     return TrainResponse(
         velocity_ratio=jnp.where(complete, ratios, jnp.nan),
@@ -228,10 +267,10 @@ def follow(rocker: Rocker, times: Reals, intensities: Reals) -> TrainResponse:
     )
 
 
-def _select(
+def _select_motion(
     namespace: ModuleType, time: _Samples, times: _Samples, after_pulses: FreeMotion
 ) -> tuple[FreeMotion, Reals]:
-    """Take the motion after the last pulse that has come at each time, and the time since [s]."""
+    """Take the motion after the last pulse before each time, and the time since it [s]."""
     pulse = namespace.searchsorted(times, time, side="right") - 1
     pulse = namespace.maximum(pulse, 0)
     motion = jax.tree.map(lambda part: part[pulse], after_pulses)
@@ -242,36 +281,51 @@ def _select(
 
 @eqx.filter_jit
 @functools.partial(jax.vmap, in_axes=(None, 0, 0))
-def _sample(rocker: Rocker, motion: FreeMotion, interval: Reals) -> tuple[Reals, Reals]:
+def _sample_motion(rocker: Rocker, motion: FreeMotion, interval: Reals) -> tuple[Reals, Reals]:
     """Compute rotation [rad] and velocity [rad/s] at an interval after a motion."""
-    now = _rocked(rocker, motion, interval)
+    now = _rock_freely(rocker, motion, interval)
     # A block that has overturned never falls back.
     duration = jnp.where(now.overturned, jnp.inf, now.duration)
     rotation, velocity, falls = rocker.motion(now.x, now.since, duration)
-    # The pendulum of the full equation would go round, and come back.
-    lies = (now.since > 2 * rocker.passing_time(now.x)) | (rotation > 0.5 * jnp.pi)
+    # The pendulum of the full equation would go round, and come back. By symmetry about the
+    # critical angle, the block takes twice the time to it to twice the angle.
+    lies = (now.since > 2 * rocker.time_to_critical_angle(now.x)) | (rotation > 0.5 * jnp.pi)
     unknown = (now.overturned & lies) | (now.impacts >= _MAX_IMPACTS) | jnp.isnan(rotation)
     side = jnp.where(unknown, jnp.nan, now.side)
     return side * rotation, jnp.where(falls, -side, side) * velocity
 
 
-def _rocked(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMotion:
-    """Free rocking over an interval, through impacts."""
+def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMotion:
+    """Let a block rock over an interval [s], through impacts."""
     # Below this velocity the block counts as resting: its impacts would never end.
     rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
 
-    def highest(motion: FreeMotion, until: Any) -> Any:
-        """With the peak of this half-cycle, if the block passes it until then."""
+    # The loop goes from impact to impact; `left` is what remains of the interval.
+    #
+    # state                          | known                    | next
+    # at rest, x <= rest             | nothing moves any more   | ends, at rest
+    # overturned                     | it never lands           | ends, rotation grows
+    # too many impacts               | not how it goes on       | ends, answers become NaN
+    # in flight, lands after `left`  | the half-cycle           | ends in this half-cycle
+    # in flight, lands before        | velocity of the impact   | impact, the next half-cycle
+
+    def update_peak(motion: FreeMotion, until: Reals) -> Reals:
+        """Take in the peak of this half-cycle, if the block passes it until a time."""
+        # It does in the middle, unless the half-cycle began on the way down.
         half = 0.5 * motion.duration
         passes = (motion.since <= half) & (until >= half)
-        return jnp.where(passes, larger(motion.peak, _peak(rocker, motion.x)), motion.peak)
+        return jnp.where(
+            passes, pick_larger(motion.peak, _launch_peak(rocker, motion.x)), motion.peak
+        )
 
-    def lands(carry: Any) -> Any:
+    def is_landing(carry: tuple[FreeMotion, Reals]) -> Booleans:
+        """Tell whether the block lands before the interval ends."""
         motion, left = carry
         goes_on = (motion.x > rest) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned
         return goes_on & (motion.since + left >= motion.duration)
 
-    def impact(carry: Any) -> Any:
+    def apply_impact(carry: tuple[FreeMotion, Reals]) -> tuple[FreeMotion, Reals]:
+        """Go on to the launch after the next impact, and shorten the interval by the way."""
         motion, left = carry
         x = velocity_after_impact(rocker.restitution, motion.x)
         after = FreeMotion(
@@ -279,22 +333,24 @@ def _rocked(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMotion:
             duration=rocker.duration(x),
             since=jnp.zeros_like(x),
             side=-motion.side,
-            peak=highest(motion, motion.duration),
+            peak=update_peak(motion, motion.duration),
             overturned=x >= 1,
             impacts=motion.impacts + 1,
         )
+        # Below 0 only by rounding.
         return after, jnp.maximum(left - (motion.duration - motion.since), 0)
 
-    motion, left = jax.lax.while_loop(lands, impact, (motion, interval))
+    motion, left = jax.lax.while_loop(is_landing, apply_impact, (motion, interval))
     moves = motion.x > rest
     until = motion.since + left
     return motion._replace(
         x=jnp.where(moves, motion.x, 0),
         since=jnp.where(moves, until, 0),
         side=jnp.where(moves, motion.side, 0),
-        peak=highest(motion, until),
+        peak=update_peak(motion, until),
     )
 
 
-def _peak(rocker: Rocker, x: Reals) -> Reals:
+def _launch_peak(rocker: Rocker, x: Reals) -> Reals:
+    """Compute the peak rotation after a launch [rad]."""
     return rocker.rotation(Flight(x, jnp.zeros_like(x)))

@@ -7,28 +7,42 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..validation import Booleans, Reals
-from .free_rocking import Linearized, RockingModel
+from .free_rocking import Linearized
+from .rocking_model import RockingModel
 
 
 class Flight(NamedTuple):
-    """The state of a block between two impacts, velocities over the critical one.
+    """The state of a block between two impacts: two velocities over the critical one [-].
 
-    The squares of the two add up to its energy.
+    Their squares add up to the energy of the block over the barrier. A pulse changes `q` and
+    leaves `drop`, which only depends on the rotation.
+
+    Attributes
+    ----------
+    drop
+        Launch velocity that just reaches the rotation, 0 on the ground.
+    q
+        Outward velocity, negative on the way down.
     """
 
-    drop: Reals  # outward velocity lost to gravity since the ground, 0 there
-    q: Reals  # outward velocity
+    drop: Reals
+    q: Reals
 
     @property
     def x(self) -> Reals:
-        """Velocity with which it left the ground and lands."""
+        """Velocity over the critical one with which the block left the ground and lands."""
+        # At rest the root has no derivative.
         energy = self.drop**2 + self.q**2
         moves = energy > 0
         return jnp.where(moves, jnp.sqrt(jnp.where(moves, energy, 1)), 0)
 
 
 class Rocker(NamedTuple):
-    """A block between pulses; x is the launch velocity over the critical one."""
+    """A block that rocks freely between pulses.
+
+    In all methods `x` is the launch velocity of a half-cycle over the critical one [-],
+    `since` the time since that launch and `duration` the duration of the half-cycle [s].
+    """
 
     block: Block
     restitution: Reals
@@ -40,15 +54,19 @@ class Rocker(NamedTuple):
         return self.model._critical_velocity(self.block) / self.block.pulse_velocity(1.0)
 
     def duration(self, x: Reals) -> Reals:
-        """Duration of a half-cycle [s]; a long one where the block does not come back."""
+        """Compute the duration of a half-cycle [s]; a long one where the block overturns."""
         x = jnp.minimum(x, _largest_subcritical(x))
         return self.model._half_cycle_duration(self.block, x, x * self.unit)
 
     def motion(self, x: Reals, since: Reals, duration: Reals) -> tuple[Reals, Reals, Booleans]:
-        """Rotation [rad] and its rate [rad/s], both outward as on the way up; whether it falls."""
+        """Compute rotation [rad] and its rate [rad/s], and tell where the block falls.
+
+        There the rate is the one on the way up, at the same rotation.
+        """
         left = duration - since
         falls = left < since
-        # The way down is the way up reversed.
+        # The way down is the way up reversed: so a block that falls faster than critical, and
+        # was never launched from the ground, has a motion too.
         rotation, velocity = jax.jvp(
             lambda time: self.model._rotation(self.block, x, time),
             (jnp.where(falls, left, since),),
@@ -56,9 +74,10 @@ class Rocker(NamedTuple):
         )
         return rotation, velocity, falls
 
-    def on_flight(self, x: Reals, since: Reals, duration: Reals) -> Flight:
-        """Compute the state at a time since the launch [s]; see `since_launch`."""
+    def flight_at(self, x: Reals, since: Reals, duration: Reals) -> Flight:
+        """Compute the state at a time since the launch [s]; see `time_since_launch`."""
         _, velocity, falls = self.motion(x, since, duration)
+        # Unless the block has overturned, only rounding takes the velocity out of its bounds.
         q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
         square = (x - q) * (x + q)
         # On the ground the root has no derivative.
@@ -66,18 +85,21 @@ class Rocker(NamedTuple):
         return Flight(drop, jnp.where(falls, -q, q))
 
     def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
-        """Compute the velocity `on_flight`, strictly between launch and impact.
+        """Compute `q` of `flight_at` at a time strictly between launch and impact.
 
-        Derivatives of Jacobi's functions take a minute to compile: those here are of one step of
-        Newton's method.
+        Derivatives of Jacobi's functions take a minute to compile. Here the derivatives are
+        those of one step of Newton's method, which starts at the solution.
         """
         if isinstance(self.model, Linearized):
-            return self.on_flight(x, since, duration).q
+            return self.flight_at(x, since, duration).q
+        # The velocity is held below x: on the ground the root has no derivative.
         still, *at = jax.lax.stop_gradient((self, x, since, duration))
-        q = jnp.clip(abs(still.on_flight(*at).q), 0, at[0] * (1 - jnp.finfo(x.dtype).eps))
+        q = jnp.clip(abs(still.flight_at(*at).q), 0, at[0] * (1 - jnp.finfo(x.dtype).eps))
         flight = Flight(jnp.sqrt((x - q) * (x + q)), q)
         falls = duration - since < since
-        late = self.ground_time(flight) - jnp.where(falls, duration - since, since)
+        # `late` is 0 but for rounding. Its derivatives, times the rate at which q falls, are
+        # the derivatives of q by the implicit function theorem.
+        late = self.time_from_ground(flight) - jnp.where(falls, duration - since, since)
         lever = jnp.sin(still.block.critical_angle - still.rotation(flight))
         slowing = lever * still.block.frequency_parameter**2
         q = (
@@ -89,36 +111,39 @@ class Rocker(NamedTuple):
         return jnp.where(falls, -q, q)
 
     def rotation(self, flight: Flight) -> Reals:
-        """Rotation from its side [rad]: the peak of a launch with the velocity lost."""
+        """Compute the rotation from the side on which the block stands [rad].
+
+        It is the peak rotation after a launch with the velocity that has been lost.
+        """
         drop = jnp.minimum(flight.drop, _largest_subcritical(flight.drop))
         return self.model._peak_rotation(self.block, drop, drop * self.unit)
 
-    def ground_time(self, flight: Flight) -> Reals:
-        """Time since the launch or, on the way down, to the impact [s]."""
+    def time_from_ground(self, flight: Flight) -> Reals:
+        """Compute the time since the launch or, on the way down, to the impact [s]."""
         rotation = self.rotation(flight)
         return self.model._time_from_ground(self.block, rotation, flight.x, abs(flight.q))
 
-    def since_launch(self, flight: Flight, duration: Reals) -> Reals:
-        """Time since the launch [s], in a half-cycle of a duration.
+    def time_since_launch(self, flight: Flight, duration: Reals) -> Reals:
+        """Compute the time since the launch [s], in a half-cycle of a duration.
 
-        A block that falls faster than critical was never launched from the ground: on the
-        way down, what counts is the time to the impact.
+        A block that falls faster than critical was never launched from the ground: on the way
+        down, what counts is the time to the impact.
         """
-        time = self.ground_time(flight)
+        time = self.time_from_ground(flight)
         return jnp.where(flight.q < 0, duration - time, time)
 
-    def passing_time(self, x: Reals) -> Reals:
-        """Compute the time from the launch of an overturning block to the critical angle [s]."""
+    def time_to_critical_angle(self, x: Reals) -> Reals:
+        """Compute the time from a launch that overturns to the critical angle [s]."""
         angle = self.block.critical_angle
         # Launched with exactly the critical velocity it would take for ever.
         q = jnp.sqrt(jnp.maximum((x - 1) * (x + 1), jnp.finfo(x.dtype).eps ** 2))
         return self.model._time_from_ground(self.block, angle, x, q)
 
-    def struck(self, flight: Flight, impulse: Reals) -> Flight:
+    def apply_pulse(self, flight: Flight, impulse: Reals) -> Flight:
         """Apply an outward pulse, its intensity over `unit`.
 
         Linearized, a pulse acts the same at all rotations (Eq. 2). In the full equation it
-        turns the block the more, the more upright the diagonal to the corner is.
+        turns the block the more, the more upright the diagonal through the pivot is.
         """
         if isinstance(self.model, Linearized):
             return flight._replace(q=flight.q + impulse)
@@ -128,5 +153,5 @@ class Rocker(NamedTuple):
 
 
 def _largest_subcritical(x: Reals) -> float:
-    """Return the largest x of which a duration is computed: at 1 it is infinite."""
+    """Return the largest x that is computed with: at 1 durations and slopes are infinite."""
     return 1 - float(jnp.finfo(x.dtype).eps) ** 0.6

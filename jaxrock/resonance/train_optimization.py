@@ -1,8 +1,9 @@
-"""The search for the worst train: descents, and moves to other sequences of impacts and pulses.
+"""The search for the worst train: descents, and moves to other sequences of impacts.
 
-A descent is SciPy's sequential quadratic programming (SLSQP; Kraft 1988, TOMS algorithm 733,
-https://doi.org/10.1145/192115.192124), which takes the limits as constraints: those on the
-times and, where the smallest pulses are sought, that the block overturns.
+A descent is SciPy's sequential quadratic programming (SLSQP; Kraft 1988, report DFVLR-FB
+88-28, and 1994, TOMS algorithm 733, https://doi.org/10.1145/192115.192124). It takes the
+limits as constraints: on the times and, where the smallest pulses are sought, that the block
+overturns.
 """
 
 import functools
@@ -13,33 +14,53 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from .pulse_train import Rocker
-from .train_through_impacts import MAX_IMPACTS, Outcome, evaluate
+from .train_through_impacts import MAX_IMPACTS, Outcome, evaluate_with_slopes
 
 Goal = Literal["smallest largest", "smallest total", "most rotation"]
 
 MOST_IMPACTS = 3  # between two pulses, as long as they need not be apart
 _STEPS = 50  # of a descent, far more than most take
-# phases; no descent begins closer to the ends, where the slope is 0
+# Phases of a pulse early and late in its half-cycle. No descent begins closer to the ends,
+# where the slope is 0: the energy depends on the cosine of pi times the phase.
 _EARLY = 0.1
 _LATE = 0.9
-_LEAST = 0.1  # over the bound, of a pulse that is moved
-_NO_GAIN = 1e-9  # improvement that is none
-# Of the logarithm of the bound. Over 0 even the first pulse overturns the block; as if it came
-# back nevertheless, a descent always has somewhere to begin from which the block overturns.
+# Least size, over the bound, of a pulse that is moved: of one of size 0 the phase has no
+# slope.
+_LEAST = 0.1
+_NO_GAIN = 1e-9  # improvements of the merit up to this are rounding
+# Range of the logarithm of the bound. Over 0 even the first pulse overturns the block. The
+# block is followed as if it came back nevertheless, so that a descent always has somewhere to
+# begin from which the block overturns.
 _RANGE = (-20.0, 5.0)
 
 
 class TrainProblem(NamedTuple):
-    """What all trains have in common."""
+    """The problem that a search solves: the block, the goal and the limits.
+
+    Attributes
+    ----------
+    rocker, rate
+        The block, and its frequency parameter [rad/s].
+    goal
+        See `worst_train`.
+    largest
+        Bound on the pulses over `Rocker.unit` [-]; 1 if it is sought and not given.
+    fewest_impacts
+        Fewest impacts between two pulses.
+    spacing, latest
+        Shortest time between two pulses, and latest time of the last [s].
+    eps
+        Relative rounding error of the precision.
+    """
 
     rocker: Rocker
     goal: Goal
-    largest: float  # bound on the pulses over `Rocker.unit`, if that is given
-    fewest_impacts: int  # between two pulses
-    spacing: float  # [s]
-    latest: float  # [s]
-    rate: float  # frequency parameter [rad/s]
-    eps: float  # of the precision
+    largest: float
+    fewest_impacts: int
+    spacing: float
+    latest: float
+    rate: float
+    eps: float
 
     @property
     def seeks_pulses(self) -> bool:
@@ -48,40 +69,59 @@ class TrainProblem(NamedTuple):
 
     @property
     def constrained(self) -> bool:
-        """True if the times of the pulses are."""
+        """True if there are limits on the times of the pulses."""
         return self.spacing > 0 or self.latest < np.inf
 
     @property
     def most_impacts(self) -> int:
-        """Between two pulses."""
+        """Most impacts between two pulses."""
+        # Waiting for more impacts than these only loses energy, unless the spacing asks for
+        # it.
         return MAX_IMPACTS if self.spacing > 0 else MOST_IMPACTS
 
     @property
     def accuracy(self) -> float:
-        """To which a descent goes on, and to which it keeps the constraints."""
+        """Accuracy to which a descent goes on, and to which it keeps the constraints."""
         return max(1e-11, 50 * self.eps)
 
     @property
     def tolerance(self) -> float:
-        """Of the constraints, of those on times over the frequency parameter."""
+        """Violation that still counts as none; of times, this over the frequency parameter."""
+        # Half of the digits, and a margin.
         return 10 * self.eps**0.5
 
 
 class Candidate(NamedTuple):
-    """A train, and how good it is."""
+    """A train, and how good it is.
 
-    # (2 pulses + 1,): phases, pulses over the bound, logarithm of the bound.
+    Attributes
+    ----------
+    numbers
+        Phases, pulses over the bound, and the logarithm of the bound, (2 pulses + 1,): the
+        numbers that a descent changes.
+    impacts
+        Impacts between a pulse and the one before, (pulses,): only moves change them.
+    used
+        Number of pulses of the train; the others are left out.
+    loss, violation
+        The number that is minimised, and the largest violation of a constraint.
+    ended
+        Whether the descent has ended by itself.
+    path
+        The objective in each step so far.
+    """
+
     numbers: np.ndarray
-    impacts: np.ndarray  # (pulses,) between a pulse and the one before
-    used: int  # pulses of the train, the others are left out
+    impacts: np.ndarray
+    used: int
     loss: float = np.inf
-    violation: float = np.inf  # of the constraints, the largest
-    ended: bool = False  # whether the descent has
-    path: tuple[float, ...] = ()  # the objective in each step so far
+    violation: float = np.inf
+    ended: bool = False
+    path: tuple[float, ...] = ()
 
     @property
     def phases(self) -> np.ndarray:
-        """See `Train`."""
+        """Phases of the pulses in their half-cycles, see `Train`."""
         return self.numbers[: self.impacts.size]
 
     @property
@@ -89,110 +129,139 @@ class Candidate(NamedTuple):
         """The pulses over the bound, outward positive."""
         return self.numbers[self.impacts.size : -1]
 
-    def outcome(self, problem: TrainProblem, raised: float = 0.0) -> Outcome:
-        """Compute what the train does if its pulses are raised in proportion."""
+    def compute_outcome(self, problem: TrainProblem, raised: float = 0.0) -> Outcome:
+        """Compute the outcome if the pulses are raised by a factor exp(`raised`)."""
         numbers = np.append(self.numbers[:-1], self.numbers[-1] + raised)
-        return _evaluate(self._replace(numbers=numbers), problem)[0]
+        return _evaluate_candidate(self._replace(numbers=numbers), problem)[0]
 
-    def feasible(self, problem: TrainProblem) -> bool:
-        """Tell whether it keeps the constraints."""
+    def is_feasible(self, problem: TrainProblem) -> bool:
+        """Tell whether the train keeps the constraints."""
         return self.violation < problem.tolerance
 
     def merit(self, problem: TrainProblem) -> float:
-        """Compute what candidates are compared by: anything feasible is below what is not.
+        """Compute the number by which candidates are compared; lower is better.
 
-        Of equally good trains the earlier one counts as better: a pulse right before an impact
-        does as much as one right after the impact before.
+        Anything feasible is below anything that is not. Of equally good trains the earlier one
+        counts as better: a pulse right before an impact does as much as one right after the
+        impact before.
         """
+        # Heavier than `_NO_GAIN`, or a move to the earlier train would not count as a gain.
         lateness = (np.sin(0.5 * np.pi * self.phases[1:]) ** 2).sum()
-        merit = self.loss if self.feasible(problem) else 100 + self.violation
+        merit = self.loss if self.is_feasible(problem) else 100 + self.violation
         return float(merit + 10 * _NO_GAIN * lateness)
 
 
-class _Measured(NamedTuple):
-    """What a descent goes by."""
+class _Measurement(NamedTuple):
+    """The loss and the constraints at one train, with derivatives.
+
+    Attributes
+    ----------
+    loss, slope
+        The number that is minimised, and its derivatives with respect to the numbers.
+    log_x
+        Logarithm of the velocity in the end over the critical one: from 0 on the block
+        overturns.
+    room, room_slopes
+        Room within each constraint, negative if it is violated, and its derivatives.
+    objective
+        Size of the pulses if raised until they just overturn the block, nearly; or how far
+        they lead.
+    """
 
     loss: float
     slope: np.ndarray
-    log_x: float  # 0 or more if the block overturns
-    room: np.ndarray  # within each constraint, negative if it is violated
+    log_x: float
+    room: np.ndarray
     room_slopes: np.ndarray
-    objective: float  # what the train needs, nearly, or how far it leads
+    objective: float
 
 
-def _evaluate(
+def _evaluate_candidate(
     candidate: Candidate, problem: TrainProblem
 ) -> tuple[Outcome, np.ndarray, np.ndarray]:
+    """Compute outcome, limited values and their slopes; see `evaluate_with_slopes`."""
     numbers, impacts, used, *_ = candidate
-    outcome, *limited = evaluate(numbers, impacts, used, problem.rocker, problem.spacing)
+    outcome, *limited = evaluate_with_slopes(
+        numbers, impacts, used, problem.rocker, problem.spacing
+    )
     values, slopes = (np.asarray(part, float) for part in limited)
     return outcome, values, slopes
 
 
-def _measure(candidate: Candidate, problem: TrainProblem) -> _Measured:
-    _, values, slopes = _evaluate(candidate, problem)
+def _measure_candidate(candidate: Candidate, problem: TrainProblem) -> _Measurement:
+    """Compute the loss and the constraints of a problem at a train."""
+    _, values, slopes = _evaluate_candidate(candidate, problem)
     log_x = values[0]
     log_x_slope = slopes[0]
+
+    # Times in units of 1 / rate are pure numbers, like the logarithm: one accuracy does for
+    # all constraints.
     room = -problem.rate * values[1:]
     room_slopes = -problem.rate * slopes[1:]
     # What a constraint that is not there leaves must not be infinite.
     room[-1] += min(problem.rate * problem.latest, 1e6)
+
     if not problem.seeks_pulses:
-        return _Measured(-log_x, -log_x_slope, log_x, room, room_slopes, np.exp(log_x))
+        return _Measurement(-log_x, -log_x_slope, log_x, room, room_slopes, np.exp(log_x))
     room = np.append(room, log_x)
     room_slopes = np.vstack([room_slopes, log_x_slope])
+
+    # The objective is the loss once the pulses just overturn: the velocity in the end is
+    # nearly in proportion to them.
     slope = np.zeros_like(candidate.numbers)
     if problem.goal == "smallest largest":
         loss = candidate.numbers[-1]
         slope[-1] = 1
-        return _Measured(loss, slope, log_x, room, room_slopes, np.exp(loss - log_x))
+        return _Measurement(loss, slope, log_x, room, room_slopes, np.exp(loss - log_x))
     sizes = abs(candidate.weights[: candidate.used])
     first = candidate.impacts.size
     slope[first : first + sizes.size] = np.sign(candidate.weights[: sizes.size])
     bound = np.exp(candidate.numbers[-1])
     loss = bound * sizes.sum()
-    return _Measured(loss, bound * slope, log_x, room, room_slopes, loss * np.exp(-log_x))
+    return _Measurement(loss, bound * slope, log_x, room, room_slopes, loss * np.exp(-log_x))
 
 
 def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
-    """Find the best train through the same impacts, from one on."""
+    """Find the best train through the same impacts, by a descent from a candidate."""
     from scipy.optimize import minimize  # which loads slowly
 
-    lows, highs = _bounds(candidate, problem)
+    lows, highs = _compute_bounds(candidate, problem)
     pulses = candidate.impacts.size
     begin = np.clip(candidate.numbers, lows, highs)
     begin[:pulses] = np.clip(begin[:pulses], _EARLY, _LATE)
     path = list(candidate.path)
 
     @functools.lru_cache(maxsize=2)
-    def measured(numbers: bytes) -> _Measured:
+    def measure(numbers: bytes) -> _Measurement:
+        """Measure the train of numbers, once for all that SciPy asks about them."""
         # SciPy may ask a rounding error beyond the bounds.
         within = np.clip(np.frombuffer(numbers), lows, highs)
-        return _measure(candidate._replace(numbers=within), problem)
+        return _measure_candidate(candidate._replace(numbers=within), problem)
 
     with warnings.catch_warnings():
         # SciPy says so where its own rounding goes beyond the bounds.
         warnings.filterwarnings("ignore", "Values in x were outside bounds")
         found = minimize(
-            lambda numbers: measured(numbers.tobytes()).loss,
+            lambda numbers: measure(numbers.tobytes()).loss,
             begin,
-            jac=lambda numbers: measured(numbers.tobytes()).slope,
+            jac=lambda numbers: measure(numbers.tobytes()).slope,
             method="SLSQP",
             bounds=np.column_stack([lows, highs]),
             constraints={
                 "type": "ineq",
-                "fun": lambda numbers: measured(numbers.tobytes()).room,
-                "jac": lambda numbers: measured(numbers.tobytes()).room_slopes,
+                "fun": lambda numbers: measure(numbers.tobytes()).room,
+                "jac": lambda numbers: measure(numbers.tobytes()).room_slopes,
             },
-            callback=lambda numbers: path.append(measured(numbers.tobytes()).objective),
+            callback=lambda numbers: path.append(measure(numbers.tobytes()).objective),
             options={"maxiter": _STEPS, "ftol": problem.accuracy},
         )
     numbers = np.clip(found.x, lows, highs)
-    end = measured(numbers.tobytes())
+    end = measure(numbers.tobytes())
     if problem.seeks_pulses and abs(end.log_x) < problem.tolerance:
-        # As exactly as can be told, not just to the accuracy of a descent.
+        # As exactly as can be told, not just to the accuracy of a descent: a step of Newton's
+        # method in the logarithm of the bound.
         numbers[-1] -= end.log_x / end.room_slopes[-1, -1]
-        end = _measure(candidate._replace(numbers=numbers), problem)
+        end = _measure_candidate(candidate._replace(numbers=numbers), problem)
     return candidate._replace(
         numbers=numbers,
         loss=float(end.loss),
@@ -202,89 +271,112 @@ def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
     )
 
 
-def _bounds(candidate: Candidate, problem: TrainProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Of the numbers of a train; equal if one is given."""
+def _compute_bounds(
+    candidate: Candidate, problem: TrainProblem
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the bounds on the numbers of a train; equal for a number that is given."""
     ones = np.ones(candidate.impacts.size)
     lows = -ones
     highs = ones.copy()
     if problem.goal == "smallest total":
         # With given signs: the sum of magnitudes has no slope at 0.
         lows, highs = np.where(candidate.weights < 0, (-ones, 0 * ones), (0 * ones, ones))
-    lows[0] = 1e-9  # the first pulse starts the motion; at rest nothing has a slope
+    # The first pulse starts the motion, to the positive side; at rest nothing has a slope.
+    lows[0] = 1e-9
     highs[0] = 1
-    least, most = [np.log(problem.largest)] * 2
+    least = np.log(problem.largest)
+    most = least
     if problem.goal == "smallest largest":
         least, most = _RANGE
     return np.concatenate([0 * ones, lows, [least]]), np.concatenate([ones, highs, [most]])
 
 
 def search(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate]:
-    """Find the best train that each leads to, by descents and moves between them."""
-    moved: dict[tuple, Candidate] = {}
+    """Find the best train that each candidate leads to, by descents and moves between them."""
+    # Different starts come to the same trains, whose moves need not be tried again.
+    best_after_move: dict[tuple, Candidate] = {}
 
-    def after_best_move(candidate: Candidate, k: int) -> Candidate:
-        """Find what the best move of pulse k leads to, if it improves; once for each train."""
+    def make_best_move(candidate: Candidate, k: int) -> Candidate:
+        """Move pulse k to where it leads to the best train, if that is better."""
         # Through the same impacts to the same loss: two starts have come to one train.
         merit = candidate.merit(problem)
         key = k, candidate.used, candidate.impacts.tobytes(), round(merit, 6)
-        if key not in moved:
-            tried = (
-                descend(_apart(move, problem), problem)
-                for move in _moves(candidate, problem, k)
+        if key not in best_after_move:
+            descended = (
+                descend(_space_apart(move, problem), problem)
+                for move in _generate_moves(candidate, problem, k)
             )
-            moved[key] = min(tried, key=lambda each: each.merit(problem), default=candidate)
-        if moved[key].merit(problem) >= merit - _NO_GAIN:
+            best_after_move[key] = min(
+                descended, key=lambda each: each.merit(problem), default=candidate
+            )
+        if best_after_move[key].merit(problem) >= merit - _NO_GAIN:
             return candidate
-        return moved[key]._replace(path=candidate.path + moved[key].path)
+        return best_after_move[key]._replace(path=candidate.path + best_after_move[key].path)
 
+    # state     | known                                      | next
+    # start     | numbers and impacts, perhaps too close     | spaced apart, then a descent
+    # descended | no train nearby, through the same impacts, | a pass: each pulse in turn makes
+    #           | is better                                  | its best move, if that is better
+    # improved  | the last pass has made it better           | another pass
+    # settled   | the last pass has changed nothing          | found
     found = []
     for start in candidates:
-        candidate = descend(_apart(start, problem), problem)
+        candidate = descend(_space_apart(start, problem), problem)
         before = np.inf
         while candidate.merit(problem) < before:
             before = candidate.merit(problem)
             for k in range(1, start.used):
-                candidate = after_best_move(candidate, k)
+                candidate = make_best_move(candidate, k)
         found.append(candidate)
     return found
 
 
-def _apart(candidate: Candidate, problem: TrainProblem) -> Candidate:
-    """With as many impacts between the pulses as these take to be far enough apart."""
+def _space_apart(candidate: Candidate, problem: TrainProblem) -> Candidate:
+    """Put as many impacts between the pulses as these take to be far enough apart."""
     # What one pulse needs depends on those before.
     for _ in range(candidate.impacts.size if problem.spacing > 0 else 0):
-        required = np.asarray(candidate.outcome(problem).required)
+        required = np.asarray(candidate.compute_outcome(problem).required)
         impacts = np.clip(required, candidate.impacts, problem.most_impacts)
         candidate = candidate._replace(impacts=impacts)
     return candidate
 
 
-def _moves(candidate: Candidate, problem: TrainProblem, k: int) -> Iterator[Candidate]:
+def _generate_moves(
+    candidate: Candidate, problem: TrainProblem, k: int
+) -> Iterator[Candidate]:
     """Yield trains with pulse k where no descent leads, since there are valleys between.
 
     A pulse does most early in a half-cycle outward, or late inward.
     """
     candidate = candidate._replace(path=())
     impacts = candidate.impacts.tolist()
+
+    # The same half-cycle, its neighbours, and the first two that the spacing allows.
     others = {impacts[k] - 1, impacts[k], impacts[k] + 1}
     if problem.spacing > 0:
-        required = int(candidate.outcome(problem).required[k])
+        required = int(candidate.compute_outcome(problem).required[k])
         others |= {required, required + 1}
-    for other in sorted({_allowed(each, problem) for each in others}):
+    for other in sorted({_clip_impacts(each, problem) for each in others}):
         for phase in (_EARLY, _LATE):
-            yield _placed(candidate, k, other, phase)
+            yield _place_pulse(candidate, k, other, phase)
+
+    # Two pulses at once.
     if problem.constrained and k < candidate.impacts.size - 1:
         # What comes earlier after one pulse, comes later after the next, and so on.
         for by in (-1, 1):
-            moved = _placed(candidate, k, _allowed(impacts[k] + by, problem), _EARLY)
+            one_moved = _place_pulse(
+                candidate, k, _clip_impacts(impacts[k] + by, problem), _EARLY
+            )
             for then in (-1, 1):
-                after = _allowed(impacts[k + 1] + then, problem)
-                yield _placed(moved, k + 1, after, _EARLY)
-    # Without a latest time a single pulse is two of which one is weak.
+                after = _clip_impacts(impacts[k + 1] + then, problem)
+                yield _place_pulse(one_moved, k + 1, after, _EARLY)
+
+    # One pulse less. Without a latest time a single pulse is the same as two, one of them
+    # weak: a descent finds that.
     if k == candidate.used - 1 and (
         problem.latest < np.inf or (problem.spacing > 0 and k > 1)
     ):
-        # One pulse less; the others where they are, or as strong and as early as they may be.
+        # The others where they are, or as strong and as early as they may be.
         yield candidate._replace(used=k)
         strong = candidate.numbers.copy()
         strong[candidate.impacts.size : -1] = np.where(candidate.weights < 0, -1, 1)
@@ -292,12 +384,13 @@ def _moves(candidate: Candidate, problem: TrainProblem, k: int) -> Iterator[Cand
         yield candidate._replace(used=k, numbers=strong, impacts=fewest)
 
 
-def _allowed(impacts: int, problem: TrainProblem) -> int:
+def _clip_impacts(impacts: int, problem: TrainProblem) -> int:
+    """Bring a number of impacts between two pulses to one that is allowed."""
     return int(np.clip(impacts, problem.fewest_impacts, problem.most_impacts))
 
 
-def _placed(candidate: Candidate, k: int, impacts: int, phase: float) -> Candidate:
-    """With pulse k in another half-cycle, in the direction in which the block moves there."""
+def _place_pulse(candidate: Candidate, k: int, impacts: int, phase: float) -> Candidate:
+    """Put pulse k into another half-cycle, in the direction in which the block moves there."""
     numbers = candidate.numbers.copy()
     between = candidate.impacts.copy()
     size = max(abs(candidate.weights[k]), _LEAST)

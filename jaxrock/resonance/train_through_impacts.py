@@ -1,6 +1,11 @@
-"""Trains whose pulses are timed by the impacts of the block: what they do, with derivatives."""
+"""Trains whose pulses are timed by the impacts of the block, with derivatives.
 
-from typing import Any, NamedTuple
+A pulse has a place in a given half-cycle instead of a time. The number of impacts between two
+pulses is a constant then, and everything a train does is a smooth function of the places and
+intensities of its pulses: it can be optimised.
+"""
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,112 +18,200 @@ MAX_IMPACTS = 20  # between two pulses
 
 
 class Train(NamedTuple):
-    """Arrays of shape (pulses,); the first pulse starts the motion.
+    """A train of pulses, in arrays of shape (pulses,); the first pulse starts the motion.
 
-    `phase` is 0 where a pulse comes as early in its half-cycle as it may, 1 at the impact. In
-    between, the cosine of the phase of the flight falls like the cosine of pi times it: the
-    energy after the pulse is linear in that.
+    The phase of a flight is the angle whose cosine is outward velocity over launch velocity:
+    0 at the launch, pi at the impact.
+
+    Attributes
+    ----------
+    phase
+        0 where a pulse comes as early in its half-cycle as it may, 1 at the impact. In
+        between, the cosine of the phase of the flight falls like the cosine of pi times this
+        number: the energy after the pulse is linear in that cosine.
+    impulse
+        Intensity over `Rocker.unit`, outward positive [-].
+    impacts
+        Number of impacts between a pulse and the one before.
     """
 
     phase: Reals
-    impulse: Reals  # intensity over `Rocker.unit`, outward positive
-    impacts: Integers  # whole numbers, between a pulse and the one before
+    impulse: Reals
+    impacts: Integers
 
 
 class Outcome(NamedTuple):
-    """What a train does; all but x of shape (pulses,)."""
+    """The motion of a block under a train of pulses, in arrays of shape (pulses,).
 
-    x: Reals  # in the end; after the impact, if the block moves towards one
+    Attributes
+    ----------
+    x
+        One number: the velocity in the end over the critical one, after the impact if the
+        block moves towards one [-].
+    times, sides
+        Times of the pulses [s], and sides on which the block is struck, 1 or -1.
+    delays
+        Time since the impact, in half-cycles [-].
+    lacking
+        By how much a half-cycle ends before its pulse may come [s].
+    required
+        Number of impacts within the spacing, from the pulse before on.
+    """
+
+    x: Reals
     times: Reals
-    sides: Reals  # on which the block is struck
-    delays: Reals  # since the impact, in half-cycles
-    lacking: Reals  # by how much the half-cycle ends before the pulse may come [s]
-    required: Integers  # impacts within the spacing
+    sides: Reals
+    delays: Reals
+    lacking: Reals
+    required: Integers
+
+
+class _AfterPulse(NamedTuple):
+    """The motion right after a pulse."""
+
+    flight: Flight
+    from_ground: Reals  # `Rocker.time_from_ground` of the flight [s]
+    time: Reals  # since the first pulse [s]
+    side: Reals
+
+
+class _TrainPulse(NamedTuple):
+    """A pulse of a `Train`; `comes` is False where it is left out."""
+
+    phase: Reals
+    impulse: Reals
+    impacts: Integers
+    comes: Booleans
 
 
 @jax.jit
-def evaluate(
+def evaluate_with_slopes(
     numbers: Reals, impacts: Integers, count: Integers, rocker: Rocker, spacing: Reals
 ) -> tuple[Outcome, Reals, Reals]:
-    """Compute what the train of optimised numbers does, and what is limited, with derivatives.
+    """Compute the outcome of a train from the numbers that are optimised, with derivatives.
 
-    The numbers are the phases, the impulses over a bound and the logarithm of that bound.
-    Limited are the logarithm of x, what is lacking for each pulse, and the time of the last.
+    Parameters
+    ----------
+    numbers
+        Phases, impulses over a bound, and the logarithm of that bound, (2 pulses + 1,).
+    impacts
+        Impacts between a pulse and the one before, (pulses,).
+    count
+        Pulses that come; the others are left out.
+    rocker, spacing
+        The block, and the shortest time between two pulses [s].
+
+    Returns
+    -------
+    outcome
+        The outcome of the train.
+    values
+        The limited values: the logarithm of x, `lacking` of each pulse, and the time of the
+        last pulse, (pulses + 2,).
+    slopes
+        Derivatives of the values with respect to the numbers.
     """
 
-    def limited(numbers: Reals) -> tuple[Reals, tuple[Outcome, Reals]]:
+    def compute_limited(numbers: Reals) -> tuple[Reals, tuple[Outcome, Reals]]:
+        """Compute the values, and outcome and values once more to pass on undifferentiated."""
         phases, weights, log_bound = jnp.split(numbers, [impacts.size, 2 * impacts.size])
         train = Train(phases, jnp.exp(log_bound) * weights, impacts)
-        outcome = shot(rocker, train, spacing, count)
+        outcome = follow_phased_train(rocker, train, spacing, count)
+        # A train may leave the block at rest, and 0 has no logarithm.
         log_x = jnp.log(jnp.maximum(outcome.x, 1e-30))
         values = jnp.concatenate([log_x[None], outcome.lacking, outcome.times[-1:]])
         return values, (outcome, values)
 
     numbers = numbers.astype(rocker.restitution.dtype)
-    slopes, (outcome, values) = jax.jacfwd(limited, has_aux=True)(numbers)
+    slopes, (outcome, values) = jax.jacfwd(compute_limited, has_aux=True)(numbers)
     return outcome, values, slopes
 
 
-def shot(rocker: Rocker, train: Train, spacing: Any = 0.0, count: Any = None) -> Outcome:
-    """Compute what a train does whose pulses come at least `spacing` apart [s].
+def follow_phased_train(
+    rocker: Rocker,
+    train: Train,
+    spacing: Reals | float = 0.0,
+    count: Integers | int | None = None,
+) -> Outcome:
+    """Compute the outcome of a train whose pulses come at least `spacing` apart [s].
 
     Pulses from the number `count` on do not come.
     """
     number = jnp.arange(MAX_IMPACTS + 1)
     powers = rocker.restitution ** number.astype(train.impulse.dtype)
 
-    def pulse(carry: Any, each: Any) -> Any:
-        phase, impulse, impacts, comes = each
-        flight, ground_time, time, side = carry
+    def advance_to_pulse(
+        last: _AfterPulse, pulse: _TrainPulse
+    ) -> tuple[_AfterPulse, tuple[Reals, Reals, Reals, Reals, Integers]]:
+        """Go from right after a pulse to right after the next; list what `Outcome` lists."""
+        phase, impulse, impacts, comes = pulse
+        flight, from_ground, time, side = last
+
+        # The half-cycle of the pulse: its launch velocity and its duration. Number 0 is the
+        # half-cycle of the pulse before. All there can be are computed, and one is picked.
         xs = flight.x * powers
         x = jnp.where(number == impacts, xs, 0).sum()
         moves = x > 0
+        # With no impact in between, the phase of the flight right after the pulse before is
+        # the earliest.
         earliest = jnp.where((impacts == 0) & moves, flight.q / jnp.where(moves, x, 1), 1)
         durations = rocker.duration(xs)
-        launched = jnp.where(flight.q < 0, durations[0] - ground_time, ground_time)
+        launched = jnp.where(flight.q < 0, durations[0] - from_ground, from_ground)
         duration = jnp.where(number == impacts, durations, 0).sum()
         # Time from the pulse before to the launch of this half-cycle.
         passed = jnp.where(number < impacts, durations, 0).sum() - launched
+
+        # The spacing may be over only later in the half-cycle, or after its end.
         wait = spacing - passed
         lacking = wait - duration
         waits = wait > jnp.where(impacts == 0, launched, 0)
-        earliest = _cosine_after(rocker, x, wait, duration, waits, earliest)
+        earliest = _phase_cosine_after(rocker, x, wait, duration, waits, earliest)
         # No cumulative sum: on CPUs it takes as long as all else.
         ends = jnp.where(number[:, None] >= number[None], durations[None], 0).sum(axis=1)
         required = (ends - launched < spacing).sum()
+
         # 1 + cosine and 1 - cosine of the phase of the flight, each without cancellation.
         rise = (1 + earliest) * jnp.cos(0.5 * jnp.pi * phase) ** 2
         fall = (1 - earliest) + (1 + earliest) * jnp.sin(0.5 * jnp.pi * phase) ** 2
         inside = rise * fall > 0
         drop = x * jnp.where(inside, jnp.sqrt(jnp.where(inside, rise * fall, 1)), 0)
         before = Flight(drop, x * (rise - 1))
-        after = rocker.struck(before, impulse)
+        after = rocker.apply_pulse(before, impulse)
+
         # Both in one call, since to have each compiled for itself takes long.
         both = jax.tree.map(lambda *parts: jnp.stack(parts), before, after)
-        since, ground_time = rocker.ground_time(both)
+        since, from_ground = rocker.time_from_ground(both)
         since = jnp.where(before.q < 0, duration - since, since)
         time = time + passed + since
         delay = since / jnp.where(duration > 0, duration, 1)
-        new = (after, ground_time, time, jnp.where(impacts % 2 == 1, -side, side))
-        carry = jax.tree.map(lambda new, old: jnp.where(comes, new, old), new, carry)
+        new = _AfterPulse(after, from_ground, time, jnp.where(impacts % 2 == 1, -side, side))
+        # A pulse that is left out changes nothing, and lacks nothing.
+        new = jax.tree.map(lambda new, old: jnp.where(comes, new, old), new, last)
         lacking = jnp.where(comes, lacking, -1)
-        return carry, (carry[2], carry[3], delay, lacking, required)
+        return new, (new.time, new.side, delay, lacking, required)
 
     zero = jnp.zeros_like(train.impulse[0])
     size = train.impulse.size
-    first = (Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)
+    first = _AfterPulse(Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)
     comes = jnp.arange(1, size) < (size if count is None else count)
-    (flight, *_), later = jax.lax.scan(pulse, first, (*(part[1:] for part in train), comes))
+    rest = _TrainPulse(train.phase[1:], train.impulse[1:], train.impacts[1:], comes)
+    (flight, *_), later = jax.lax.scan(advance_to_pulse, first, rest)
     x = jnp.where(flight.q < 0, velocity_after_impact(rocker.restitution, flight.x), flight.x)
-    of_first = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
-    columns = (jnp.append(b, a.astype(b.dtype)) for b, a in zip(of_first, later, strict=True))
+    # The first pulse keeps any spacing: what it lacks is negative, and nothing is required.
+    first_values = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
+    columns = (
+        jnp.append(b, a.astype(b.dtype)) for b, a in zip(first_values, later, strict=True)
+    )
     return Outcome(x, *columns)
 
 
-def _cosine_after(
+def _phase_cosine_after(
     rocker: Rocker, x: Reals, wait: Reals, duration: Reals, waits: Booleans, otherwise: Reals
 ) -> Reals:
-    """Cosine of the phase of the flight after a wait since the launch, at its end at most."""
+    """Compute the cosine of the phase of a flight after a wait since its launch [s].
+
+    It is -1, as at the end, after a longer wait than the flight, and `otherwise` without one.
+    """
     inside = waits & (wait < duration) & (x > 0)
     rate = rocker.block.frequency_parameter
     # Elsewhere some flight whose derivatives are finite.

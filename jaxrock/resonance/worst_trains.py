@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import Printed, with_clock
+from ..host import Printed, show_clock
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
@@ -18,10 +18,10 @@ from ..validation import (
     as_real,
     check,
     check_kind,
-    of_one_precision,
+    unify_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
-from .pulse_train import Flight, Rocker, TrainResponse, follow
+from .pulse_train import Flight, Rocker, TrainResponse, follow_timed_train
 from .train_optimization import MOST_IMPACTS, Candidate, Goal, TrainProblem, descend, search
 from .train_through_impacts import MAX_IMPACTS
 
@@ -32,25 +32,29 @@ class WorstTrain(Printed):
 
     Attributes
     ----------
-    times, intensities : ndarray, shape (pulses,)
-        When the pulses come, the first at 0 [s], and I of each [m/s], signed as the ground
-        moves.
-    impacts_between, delays : ndarray, shape (pulses,)
-        Impacts between a pulse and the one before it, and time from the last impact to the
-        pulse over the half-cycle that it falls into [-].
-    largest, total, peak_rotation : float
-        Largest and total magnitude of the pulses [m/s], and the peak after the last [rad]; NaN
-        if the block overturns.
-    overturns, converged : bool
-        Whether the train just overturns the block, or more; whether the search has ended, at
-        a train that keeps the constraints.
+    times : ndarray, shape (pulses,)
+        Times of the pulses, the first at 0 [s].
+    intensities : ndarray, shape (pulses,)
+        I of each pulse [m/s], signed as the ground moves.
+    impacts_between : ndarray, shape (pulses,)
+        Impacts between a pulse and the one before it.
+    delays : ndarray, shape (pulses,)
+        Time from the last impact to the pulse over the half-cycle that it falls into [-].
+    largest, total : float
+        Largest and total magnitude of the pulses [m/s].
+    peak_rotation : float
+        Peak after the last pulse [rad]; NaN if the block overturns.
+    overturns : bool
+        Whether the train just overturns the block, or more.
+    converged : bool
+        Whether the search has ended, at a train that keeps the constraints and was verified.
     objectives : ndarray, shape (starts,)
-        What each start arrived at: the largest or total intensity [m/s], or the velocity
-        after the last pulse over the critical one.
+        Best value that each start arrived at: the largest or total intensity [m/s], or the
+        velocity after the last pulse over the critical one [-].
     history : ndarray, shape (starts, steps)
         The same in each step of the descent.
     goal : str
-        That of the search.
+        Goal of the search.
     """
 
     times: np.ndarray
@@ -68,7 +72,8 @@ class WorstTrain(Printed):
 
     def __str__(self) -> str:
         lines = [
-            f"{self.goal}: largest pulse {self.largest:.5g} m/s, together {self.total:.5g} m/s,"
+            f"{self.goal}: largest pulse {self.largest:.5g} m/s,"
+            f" together {self.total:.5g} m/s,"
             + (
                 " overturns"
                 if self.overturns
@@ -85,7 +90,7 @@ class WorstTrain(Printed):
         return "\n".join(lines)
 
 
-@with_clock("worst train")
+@show_clock("worst train")
 def worst_train(
     block: Block,
     restitution: Number,
@@ -109,19 +114,25 @@ def worst_train(
 
     Parameters
     ----------
-    block, restitution : Block, float
-        One block and its C [-], between 0 and 1.
+    block : Block
+        One block.
+    restitution : float
+        Its C [-], between 0 and 1.
     count : int
         Number of pulses, at least 1.
-    goal, largest : str, float
+    goal : str
         ``"smallest largest"``: overturn the block with the smallest largest pulse;
         ``"smallest total"``: with the smallest sum of magnitudes; ``"most rotation"``: the
-        highest peak with pulses of at most `largest` [m/s].
+        highest peak with pulses of at most `largest`.
+    largest : float
+        Bound on the pulses [m/s], finite and greater than 0; for ``"most rotation"`` only.
     impacts_between : int
         Fewest impacts between a pulse and the next, 0 to 3. With 0 and no spacing the worst
-        is that all come at once.
-    spacing, latest : float
-        Shortest time between two pulses, and when the last comes at the latest [s].
+        train is all pulses at once.
+    spacing : float
+        Shortest time between two pulses [s], finite and at least 0.
+    latest : float
+        Latest time of the last pulse [s], at least 0.
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
     starts, seed : int
@@ -139,8 +150,8 @@ def worst_train(
     Notes
     -----
     With one impact between pulses the paper's input comes out: equal pulses right after the
-    impacts, each ``critical_intensity(block, restitution, count)``. The smallest total is
-    that of a single pulse: every impact wastes a part of what came before.
+    impacts, each ``critical_intensity(block, restitution, count)``. The smallest total is a
+    single pulse: every impact wastes a part of the energy that came before.
 
     Examples
     --------
@@ -179,7 +190,8 @@ def worst_train(
             f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
             f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
         )
-    block, restitution = of_one_precision((block, restitution))
+
+    block, restitution = unify_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be one, not arrays")
     rocker = Rocker(block, restitution, as_model(model))
@@ -193,8 +205,9 @@ def worst_train(
         rate=float(block.frequency_parameter),
         eps=float(np.finfo(restitution.dtype).eps),
     )
-    candidates = search(_random_candidates(problem, count, starts, seed), problem)
-    train = _result(candidates, problem, latest)
+    candidates = search(_draw_candidates(problem, count, starts, seed), problem)
+    train = _make_result(candidates, problem, latest)
+
     for _ in range(3):
         # The times are those of a train that is raised, whose impacts come later: by how much
         # depends on the train, and any more would make the pulses larger than need be.
@@ -204,35 +217,39 @@ def worst_train(
         earlier = problem.latest - late - problem.accuracy / problem.rate
         problem = problem._replace(latest=max(earlier, (count - 1) * spacing))
         candidates = [descend(candidate, problem) for candidate in candidates]
-        train = _result(candidates, problem, latest)
+        train = _make_result(candidates, problem, latest)
     return train
 
 
-def _random_candidates(
+def _draw_candidates(
     problem: TrainProblem, count: int, starts: int, seed: int
 ) -> list[Candidate]:
+    """Draw random trains to start from, of few impacts between the pulses."""
     random = np.random.default_rng(seed)
     fewest = problem.fewest_impacts
     impacts = random.integers(fewest, min(fewest + 2, MOST_IMPACTS) + 1, (starts, count))
     impacts[:, 0] = 0
     phases = random.uniform(0, 1, impacts.shape)
     weights = random.uniform(-1, 1, impacts.shape)
-    # A weak train comes to rest where a stronger one has its impacts just in time.
+    # Some weak, some almost as strong as a single pulse: a weak train comes to rest where
+    # a stronger one has its impacts just in time.
     log_bounds = np.log(np.geomspace(0.9 / count, 0.97, starts))
     numbers = np.column_stack([phases, weights, log_bounds])
     return [Candidate(*each, count) for each in zip(numbers, impacts, strict=True)]
 
 
-def _result(candidates: list[Candidate], problem: TrainProblem, latest: float) -> WorstTrain:
-    """Pick the best train of all candidates, and verify it."""
+def _make_result(
+    candidates: list[Candidate], problem: TrainProblem, latest: float
+) -> WorstTrain:
+    """Pick the best train of all candidates, verify it, and make it the answer."""
     unit = float(problem.rocker.unit)
-    losses = np.array([c.loss if c.feasible(problem) else np.inf for c in candidates])
+    losses = np.array([c.loss if c.is_feasible(problem) else np.inf for c in candidates])
     objectives = {
         "smallest largest": np.exp(losses) * unit,
         "smallest total": losses * unit,
         "most rotation": np.exp(-losses),
     }[problem.goal]
-    # Of equally good ones, one whose search has ended.
+    # Of equally good trains, one whose search has ended.
     equal = losses <= losses.min() + problem.tolerance
     ended = equal & np.array([candidate.ended for candidate in candidates])
     best = candidates[
@@ -240,14 +257,16 @@ def _result(candidates: list[Candidate], problem: TrainProblem, latest: float) -
     ]
 
     count = best.used
-    outcome = jax.device_get(best.outcome(problem))
+    outcome = jax.device_get(best.compute_outcome(problem))
+    # What the train does, from the numbers that were optimised.
     impulses = best.weights[:count] * np.exp(best.numbers[-1])
     intensities = outcome.sides[:count] * impulses * unit
     impacts = best.impacts[1:count]
     overturns = problem.seeks_pulses or bool(outcome.x >= 1)
+    # The peak of a launch is the flight at velocity 0 that has lost all of it.
     top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
-    times, verified = _verified(best, problem, intensities, peak)
+    times, verified = _verify(best, problem, intensities, peak)
     in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all() and times[-1] <= latest
     # At the limit, even more impacts between two pulses might be worse.
     in_time = in_time and (impacts < MAX_IMPACTS).all()
@@ -262,40 +281,46 @@ def _result(candidates: list[Candidate], problem: TrainProblem, latest: float) -
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
         overturns=overturns,
-        converged=bool(best.feasible(problem) and best.ended and verified and in_time),
+        converged=bool(best.is_feasible(problem) and best.ended and verified and in_time),
         objectives=np.where(np.isfinite(losses), objectives, np.nan),
         history=np.array(paths) * (unit if problem.seeks_pulses else 1),
         goal=problem.goal,
     )
 
 
-def _verified(
+def _verify(
     best: Candidate, problem: TrainProblem, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, bool]:
-    """Time the pulses, and tell whether the train, followed over time, does what it should.
+    """Time the pulses, and tell whether the train, followed over time, does as it should.
 
-    Raised a little it has to overturn, lowered a little not. Each is timed by its own impacts,
+    Raised a little it has to overturn, lowered a little it must not; where the most rotation
+    is sought, the two peaks have to enclose the peak. Each train is timed by its own impacts,
     which come later in a stronger train: a pulse on the wrong side of an impact acts the other
-    way. The times are those of the raised train, with a margin: a little later where a pulse
+    way. The times are taken from the raised train, with a margin: a little later where a pulse
     comes right after an impact, a little earlier where it comes right before.
     """
+    # Half of the digits: followed by time, the same train is computed in another way.
     trial = max(1e-6, problem.eps**0.5)
     early = best.phases[: best.used] > 0.5
 
-    def times_of(raised: float) -> np.ndarray:
-        return np.asarray(best.outcome(problem, raised).times)[: best.used]
+    def compute_times(raised: float) -> np.ndarray:
+        """Compute when the pulses of the train come if it is raised by exp(`raised`)."""
+        return np.asarray(best.compute_outcome(problem, raised).times)[: best.used]
 
-    def followed(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
-        times = np.where(early, times_of(by - margin), times_of(by + margin))
+    def follow_raised(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
+        """Follow the train raised by a share, its pulses off the impacts by a margin."""
+        # The margin, too, is one of strength: a stronger train has its impacts later.
+        times = np.where(early, compute_times(by - margin), compute_times(by + margin))
         times = np.maximum.accumulate(times)
         raised = jnp.asarray(intensities * (1 + by), times.dtype)
-        return times, follow(problem.rocker, jnp.asarray(times), raised)
+        return times, follow_timed_train(problem.rocker, jnp.asarray(times), raised)
 
+    # The smallest margin with which the train does as it should.
     times = np.zeros(0)
     verified = False
     for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
-        times, higher = followed(trial, margin)
-        _, lower = followed(-trial, margin)
+        times, higher = follow_raised(trial, margin)
+        _, lower = follow_raised(-trial, margin)
         verified = bool(higher.overturned)
         if problem.seeks_pulses:
             verified &= not lower.overturned

@@ -1,10 +1,10 @@
-"""How likely motion beyond a limit is: fragility under a suite of records, yearly rates.
+"""Risk of motion beyond a limit: fragility under a suite of records, yearly rates.
 
 Names beside those in ``__all__`` are for the other packages.
 """
 
 from .fragility_curves import fragility
-from .fragility_curves import threshold_names as threshold_names
+from .fragility_curves import name_thresholds as name_thresholds
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .lognormal import LognormalFit as LognormalFit

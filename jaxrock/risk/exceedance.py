@@ -1,38 +1,51 @@
 """Shares of a suite beyond thresholds, counted from responses, and the curves through them."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..host import with_names
+from ..grids import DataType
+from ..host import add_names
 from .lognormal import fit_lognormal
 
 if TYPE_CHECKING:
     import xarray
 
 Threshold = float | int | str
-_REMARK = 160  # characters of the longest remark, and a few more
+_LazyOrNot = Any  # an array of NumPy, or of Dask, which not every user has
+# Characters of the longest remark, and a few more. Fixed, since a lazy dataset and a store
+# must know the type of a variable before there is any remark.
+_REMARK = 160
 
 
-def about(long_name: str, units: str = "1") -> dict[str, str]:
-    """Make the attributes of a variable, its unit as CF writes it."""
+class _CurveVariable(NamedTuple):
+    """A variable made of counts: its dimensions, type, long name, and unit if it has one."""
+
+    dims: tuple[str, ...]
+    dtype: DataType
+    long_name: str
+    units: str
+
+
+def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
+    """Make the attributes of a variable, with its unit as CF writes it."""
     return {
         "long_name": long_name,
         "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
     }
 
 
-def with_curves(
+def add_curves(
     responses: "xarray.Dataset",
     thresholds: Sequence[Threshold],
     names: Sequence[str],
     confidence: float,
     unit: str,
 ) -> "xarray.Dataset":
-    """Responses over record and level, and before them what they say of each level.
+    """Add the curves over the levels to responses over record and level, before these.
 
-    Lazy if the responses are.
+    The curves are lazy if the responses are.
     """
     ratio = responses.rotation_ratio.data
     overturned = responses.overturned.data > 0
@@ -44,51 +57,61 @@ def with_curves(
     ends = f"of the interval with a confidence of {confidence:g}"
     plane = ("level", "threshold")
     line = ("threshold",)
-    entries: dict[str, tuple[Any, Any, str, str]] = {
-        "exceedance": (plane, float, "share of records beyond the threshold", "1"),
-        "exceedance_low": (plane, float, f"lower end {ends}", "1"),
-        "exceedance_high": (plane, float, f"upper end {ends}", "1"),
-        "lognormal": (plane, float, "most likely lognormal curve", "1"),
-        "lognormal_median": (line, float, "median of the lognormal curve", unit),
-        "lognormal_dispersion": (line, float, "its standard deviation of ln(level)", "1"),
-        "remark": (line, f"<U{_REMARK}", "on the curve", ""),
+    entries = {
+        "exceedance": _CurveVariable(
+            plane, float, "share of records beyond the threshold", "1"
+        ),
+        "exceedance_low": _CurveVariable(plane, float, f"lower end {ends}", "1"),
+        "exceedance_high": _CurveVariable(plane, float, f"upper end {ends}", "1"),
+        "lognormal": _CurveVariable(plane, float, "most likely lognormal curve", "1"),
+        "lognormal_median": _CurveVariable(line, float, "median of the lognormal curve", unit),
+        "lognormal_dispersion": _CurveVariable(
+            line, float, "its standard deviation of ln(level)", "1"
+        ),
+        "remark": _CurveVariable(line, f"<U{_REMARK}", "on the curve", ""),
     }
     arguments = (levels, number, confidence)
+    # Curves are fitted to the counts of all levels: one task, which does not see the
+    # responses.
     if isinstance(counts, np.ndarray):
-        curves = _curves(counts, *arguments)
+        curves = _compute_curves(counts, *arguments)
     else:
         kinds = {
-            name: ([plane.index(dim) for dim in e[0]], e[1]) for name, e in entries.items()
+            name: ([plane.index(dim) for dim in entry.dims], entry.dtype)
+            for name, entry in entries.items()
         }
-        from ..grids import lazily_from
+        from ..grids import apply_lazily
 
-        curves = lazily_from(_curves, counts, arguments, kinds)
+        curves = apply_lazily(_compute_curves, counts, arguments, kinds)
     variables = {}
     for name, (dims, _, long_name, units) in entries.items():
-        described = about(long_name, units) if units else {"long_name": long_name}
+        described = describe_variable(long_name, units) if units else {"long_name": long_name}
         variables[name] = (dims, curves[name], described)
-    chaos = about("share of records whose answer is within tolerance")
+    chaos = describe_variable("share of records whose answer is within tolerance")
     variables["share_within_tolerance"] = (("level",), within, chaos)
     first = responses.drop_vars(list(responses.data_vars)).assign(variables)
     whole = first.assign({name: responses[name] for name in responses.data_vars})
-    return with_names(whole, threshold=(names, "threshold"))
+    return add_names(whole, threshold=(names, "threshold"))
 
 
-def _exceeds(threshold: Threshold, ratio: Any, overturned: Any) -> Any:
+def _exceeds(threshold: Threshold, ratio: _LazyOrNot, overturned: _LazyOrNot) -> _LazyOrNot:
+    """Tell which responses are beyond a threshold."""
     if threshold == "uplift":
         return ratio > 0
     if threshold == "overturning":
         return overturned
+    # A block that overturns is beyond every rotation, also where it was followed no further.
     return (ratio > float(threshold)) | overturned
 
 
-def _curves(
+def _compute_curves(
     counts: np.ndarray, levels: np.ndarray, number: int, confidence: float
 ) -> dict[str, np.ndarray]:
-    """Make counted and fitted curves, for counts of shape (levels, thresholds)."""
+    """Compute counted and fitted curves, for counts of shape (levels, thresholds)."""
     from scipy.special import betaincinv
 
-    # The exact interval of Clopper and Pearson, doi:10.1093/biomet/26.4.404.
+    # The exact interval of Clopper and Pearson (1934), doi:10.1093/biomet/26.4.404, for every
+    # count that there can be. At its ends the beta distribution degenerates: to 0 and 1.
     tail = 0.5 * (1 - confidence)
     every = np.arange(number + 1)
     lower = np.append(0.0, betaincinv(every[1:], number - every[1:] + 1, tail))
@@ -100,6 +123,8 @@ def _curves(
     remarks = []
     for k, fit in enumerate(fits):
         outside = int(((fitted[:, k] < low[:, k]) | (fitted[:, k] > high[:, k])).sum())
+        # The counts need not rise with the level: a block that a record overturns may survive
+        # the same record made stronger. A lognormal curve hides that, so the remark says it.
         falls = int((np.diff(counts[:, k]) < 0).sum())
         words = [fit.remark] if fit.remark else []
         if outside:

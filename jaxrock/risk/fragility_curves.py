@@ -1,19 +1,28 @@
-"""Fragility: how many motions of a suite bring a block beyond a limit, over their intensity."""
+"""Fragility: shares of a suite that bring a block beyond limits, over the intensity."""
 
 import functools
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
 from ..block import Block
 from ..driven import Batch, follow_within
-from ..grids import Grid, along
-from ..ground_motion import MEASURES, Suite, positive_measures
+from ..grids import DataType, Grid, GridVariable, as_object_array
+from ..ground_motion import MEASURES, Suite, require_positive_measures
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, UNIT_INTERVAL, Number, Numbers, as_real, check, check_kind
-from .exceedance import Threshold, about, with_curves
+from ..validation import (
+    POSITIVE,
+    UNIT_INTERVAL,
+    Number,
+    Numbers,
+    Reals,
+    as_real,
+    check,
+    check_kind,
+)
+from .exceedance import Threshold, add_curves, describe_variable
 
 if TYPE_CHECKING:
     import xarray
@@ -21,11 +30,10 @@ if TYPE_CHECKING:
     from ..grids import Chunks
 
 _WORDS = ("uplift", "overturning")
-# responses at once, and in a chunk of a lazy dataset
-_LARGEST = 2**14
-_USUAL = 2**11
-# Type, long name and unit of what is said of every record at every level.
-_RESPONSES: dict[str, tuple[Any, str, str]] = {
+_LARGEST = 2**14  # responses that are followed at once
+_USUAL = 2**11  # responses in a chunk of a lazy dataset
+# Type, long name and unit of the variables over record and level.
+_RESPONSES: dict[str, tuple[DataType, str, str]] = {
     "factor": (float, "factor on the record", "1"),
     "rotation_ratio": (float, "peak rotation over critical angle", "1"),
     "peak_rotation": (float, "peak rotation", "rad"),
@@ -50,7 +58,7 @@ def fragility(
     model: ModelLike = Nonlinear(),
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Shares of a suite that bring a block beyond thresholds, at levels of an intensity measure.
+    """Compute shares of a suite that bring a block beyond thresholds, at levels of a measure.
 
     Parameters
     ----------
@@ -89,7 +97,7 @@ def fragility(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed, a record has no intensity, or a motion
+        If an argument is out of range, a record has no intensity, or a motion
         could not be followed.
 
     Examples
@@ -121,12 +129,16 @@ def fragility(
         )
     check("restitution", restitution, UNIT_INTERVAL)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
-    names = threshold_names(thresholds)
+    names = name_thresholds(thresholds)
     model = as_model(model)
-    strengths = np.asarray(positive_measures(suite, measure, block))
-    axes = {"record": along(list(zip(suite, strengths, strict=True))), "level": places}
+    strengths = np.asarray(require_positive_measures(suite, measure, block))
+    # A record travels with its intensity, so that a chunk of some records has theirs.
+    axes = {
+        "record": as_object_array(list(zip(suite, strengths, strict=True))),
+        "level": places,
+    }
     variables = {
-        name: (("record", "level"), dtype, about(long_name, units))
+        name: GridVariable(("record", "level"), dtype, describe_variable(long_name, units))
         for name, (dtype, long_name, units) in _RESPONSES.items()
     }
     attributes = {
@@ -146,22 +158,26 @@ def fragility(
         axes,
         variables,
         attributes,
-        functools.partial(_responses, tolerance, model),
+        functools.partial(_follow_scaled_records, tolerance, model),
         _LARGEST,
         _USUAL,
         names={"record": (suite.names, "ground motion")},
-        labels={"level": about(*MEASURES[measure][:2])},
+        labels={"level": describe_variable(*MEASURES[measure][:2])},
         shared=(block, restitution),
     )
-    return with_curves(
-        grid.dataset(chunks), thresholds, names, confidence, MEASURES[measure][1]
+    return add_curves(
+        grid.build_dataset(chunks), thresholds, names, confidence, MEASURES[measure][1]
     )
 
 
-def _responses(
-    tolerance: float, model: RockingModel, shared: Any, records: np.ndarray, levels: np.ndarray
+def _follow_scaled_records(
+    tolerance: float,
+    model: RockingModel,
+    shared: tuple[Block, Reals],
+    records: np.ndarray,
+    levels: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Follow responses to some records, which come with their intensities, at some levels."""
+    """Follow a block under some records, which come with their intensities, at some levels."""
     block, restitution = shared
     suite = Suite([record for record, _ in records])
     strengths = np.stack([strength for _, strength in records])
@@ -176,18 +192,18 @@ def _responses(
     return {name: np.asarray(values[name]) for name in _RESPONSES}
 
 
-def threshold_names(thresholds: Sequence[Threshold]) -> list[str]:
-    """Thresholds as their labels; a `ValueError` if they are not allowed."""
+def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
+    """Name the thresholds; a `ValueError` if they are not allowed."""
     if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
         raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
-    names = [_name(threshold) for threshold in thresholds]
+    names = [_name_threshold(threshold) for threshold in thresholds]
     if not names or len(set(names)) < len(names):
         got = ", ".join(names) or "none"
         raise ValueError(f"thresholds must be at least one, each only once, got {got}")
     return names
 
 
-def _name(threshold: Threshold) -> str:
+def _name_threshold(threshold: Threshold) -> str:
     """Name a threshold; a `ValueError` if it is none."""
     if isinstance(threshold, str):
         if threshold not in _WORDS:

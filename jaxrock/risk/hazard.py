@@ -1,4 +1,4 @@
-"""Seismic hazard: how often a year a level of shaking is exceeded."""
+"""Seismic hazard: the yearly rates at which levels of shaking are exceeded."""
 
 import equinox as eqx
 import jax
@@ -18,7 +18,8 @@ from ..validation import (
     quantity,
 )
 
-HAZARD_MEASURES = ("pgv", "pga")  # of hazard curves: those that do not depend on the block
+# Measures that a hazard curve can have. Ratios to a block's threshold are none of them.
+HAZARD_MEASURES = ("pgv", "pga")
 
 
 class Hazard(Printed, Checked):
@@ -33,8 +34,7 @@ class Hazard(Printed, Checked):
     rates : array_like, shape (n,)
         Rates of exceedance [1/yr], greater than 0 and falling.
     measure : {"pgv", "pga"}, optional
-        Which intensity measure it is about; what is computed from the curve refuses another
-        one.
+        The intensity measure of the curve; functions that take the curve refuse another one.
 
     Raises
     ------
@@ -70,6 +70,7 @@ class Hazard(Printed, Checked):
         if of_rates != shape:
             raise ValueError(f"rates must be as many as levels, {shape[0]}, got {of_rates}")
         self.check()
+        # Steps of traced curves cannot be looked at: these are taken as they are.
         for name, values, sign, does in (
             ("levels", self.levels, 1, "increase"),
             ("rates", self.rates, -1, "fall"),
@@ -109,8 +110,10 @@ class Hazard(Printed, Checked):
 
 @jax.jit
 def _interpolate(levels: Reals, rates: Reals, level: Reals) -> Reals:
-    """Rates by straight lines between logarithms; NaN outside."""
+    """Interpolate rates by straight lines between logarithms; NaN outside."""
     inside = (level >= levels[0]) & (level <= levels[-1])
+    # A level outside is replaced before the logarithm: the derivative of the branch that is
+    # not taken must not be NaN either.
     at = jnp.log(jnp.where(inside, level, levels[0]))
     rate = jnp.exp(jnp.interp(at, jnp.log(levels), jnp.log(rates)))
     return jnp.where(inside, rate, jnp.nan)

@@ -1,4 +1,4 @@
-"""Hazard curves from files, whose heads are understood or refused."""
+"""Hazard curves from files, whose heads must leave no doubt about measure and units."""
 
 import math
 import os
@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..ground_motion import speeds_in_name, units_in_name
-from ..host import is_number, numbered_lines
+from ..ground_motion import find_speeds_in_name, find_units_in_name
+from ..host import is_number, read_numbered_lines
 from .hazard import HAZARD_MEASURES, Hazard
 
-# How the measure is named, and the units that it may have.
+# A rate for a probability, or cm/s for m/s, would give a plausible answer that is wrong by
+# orders of magnitude. So every word of the head must be known, and nothing is guessed: a head
+# with a word that is not listed here is refused, and the message says what was expected.
+
+# Names of the measures.
 _NAMES = {
     "pga": r"pga|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+acceleration",
     "pgv": r"pgv|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+velocity",
@@ -36,7 +40,7 @@ def read_hazard(
         ``pgv [m/s],rate [1/yr]``, and perhaps lines that begin with #.
     unit : str, optional
         Of the levels, where the head does not state it: ``"m/s"``, ``"cm/s"`` and so on, or
-        that of an acceleration as for `read_record`.
+        a unit of acceleration as in `read_record`.
     measure : {"pgv", "pga"}, optional
         Which measure is expected: the curve must not be of another one.
 
@@ -66,19 +70,19 @@ def read_hazard(
     if measure not in (None, *HAZARD_MEASURES):
         allowed = ", ".join(HAZARD_MEASURES)
         raise ValueError(f"measure must be one of {allowed}, or None, got {measure!r:.60}")
-    lines = numbered_lines(path)
+    lines = read_numbered_lines(path)
     if lines and is_number(lines[0][1].split(",")[0]):
         must = "a line with the names of the two columns was expected"
         raise ValueError(
             f"{str(path)!r}, line {lines[0][0]}: {must}, got {lines[0][1][:60]!r}"
         )
-    rows = [_level_and_rate(path, *line) for line in lines[1:]]
+    rows = [_parse_level_and_rate(path, *line) for line in lines[1:]]
     if len(rows) < 2:
         must = "at least two lines of a level and a rate below their names were expected"
         raise ValueError(f"{str(path)!r}: {must}, got {len(rows)}")
     number, head = lines[0]
     try:
-        factor, found = _understood(head, unit, measure)
+        factor, found = _parse_head(head, unit, measure)
     except ValueError as error:
         raise ValueError(f"{str(path)!r}, line {number}: {error}") from None
     levels, rates = np.array(rows).T
@@ -88,31 +92,35 @@ def read_hazard(
         raise ValueError(f"{str(path)!r}: {error}") from None
 
 
-def _understood(head: str, unit: str | None, expected: str | None) -> tuple[float, str]:
-    """Tell the unit of the levels in m/s or m/s2 and the measure, from the columns' names."""
+def _parse_head(head: str, unit: str | None, expected: str | None) -> tuple[float, str]:
+    """Read the unit of the levels, in m/s or m/s2, and the measure from the columns' names."""
     columns = [name.strip().strip('"').strip() for name in head.split(",")]
     if len(columns) != 2:
         raise ValueError(f"two columns were expected, as in {_EXAMPLE}, got {head[:60]!r}")
     name, rate = columns
-    named = [word for word in _words(rate) if re.fullmatch(_RATE, word, re.I)]
-    if not named or not _all_are(f"{_RATE}|{_OF_A_YEAR}", rate):
+    # The second column: at least one word for a rate, and no word that means something else.
+    named = [word for word in _split_words(rate) if re.fullmatch(_RATE, word, re.I)]
+    if not named or not _all_match(f"{_RATE}|{_OF_A_YEAR}", rate):
         must = "the second column must be a rate of exceedance per year"
         raise ValueError(
             f"{must}, as in {_EXAMPLE}, got {rate!r}; a probability p in n years is a"
             " rate of -ln(1 - p) / n"
         )
+    # The first column: take out the measure, then the unit, and only words without a meaning
+    # of their own may be left.
     stated = {kind for kind, pattern in _NAMES.items() if re.search(pattern, name, re.I)}
     rest = name
     for pattern in _NAMES.values():
         rest = re.sub(pattern, " ", rest, flags=re.I)
-    kind, units = _units(rest)
+    kind, units = _find_units(rest)
     for said, _ in units:
         rest = rest.replace(said, " ")
-    if len(stated) > 1 or len(units) > 1 or not _all_are(_LEVEL, rest):
+    if len(stated) > 1 or len(units) > 1 or not _all_match(_LEVEL, rest):
         must = "the first column must be pgv or pga with its unit"
         raise ValueError(f"{must}, as in {_EXAMPLE}, got {name!r}")
     if unit is not None:
-        given = _units(str(unit))
+        # A unit of the caller may repeat the one in the head, but not contradict it.
+        given = _find_units(str(unit))
         if len(given[1]) != 1 or math.isnan(given[1][0][1]):
             raise ValueError(
                 f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}"
@@ -122,6 +130,7 @@ def _understood(head: str, unit: str | None, expected: str | None) -> tuple[floa
         kind, units = given
     if not units:
         raise ValueError(f"the head states no unit, so that unit must be given, got {name!r}")
+    # Without its name the measure follows from the unit.
     found = next(iter(stated), kind)
     ((said, factor),) = units
     if math.isnan(factor) or kind != found:
@@ -131,21 +140,24 @@ def _understood(head: str, unit: str | None, expected: str | None) -> tuple[floa
     return factor, found
 
 
-def _units(text: str) -> tuple[str, list[tuple[str, float]]]:
+def _find_units(text: str) -> tuple[str, list[tuple[str, float]]]:
     """Find the units that a text states, and the measure that has such units."""
-    speeds = speeds_in_name(text)
-    return ("pgv", speeds) if speeds else ("pga", units_in_name(text))
+    speeds = find_speeds_in_name(text)
+    return ("pgv", speeds) if speeds else ("pga", find_units_in_name(text))
 
 
-def _words(text: str) -> list[str]:
+def _split_words(text: str) -> list[str]:
+    """Split a text into words of letters and digits; % is one of its own."""
     return re.findall(r"[^\W_]+|%", text)
 
 
-def _all_are(pattern: str, text: str) -> bool:
-    return all(re.fullmatch(pattern, word, re.I) for word in _words(text))
+def _all_match(pattern: str, text: str) -> bool:
+    """Tell whether all words of a text match a pattern, in upper or lower case."""
+    return all(re.fullmatch(pattern, word, re.I) for word in _split_words(text))
 
 
-def _level_and_rate(path: Path, number: int, line: str) -> tuple[float, float]:
+def _parse_level_and_rate(path: Path, number: int, line: str) -> tuple[float, float]:
+    """Read a level and a rate from a line; a `ValueError` with its number if it has others."""
     fields = line.split(",")
     must = "a level and a rate were expected, separated by a comma"
     if len(fields) == 2 and all(map(is_number, fields)):

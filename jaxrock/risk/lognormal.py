@@ -1,10 +1,12 @@
-"""Lognormal fragility curves by maximum likelihood."""
+"""Lognormal fragility curves by maximum likelihood (Baker 2015, doi:10.1193/021113EQS025M)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-_LEVEL = 1e-4  # a slope that is none, for a change of ln(level) by its standard deviation
+# Least slope of the probit, for a change of ln(level) by its standard deviation. A fit to
+# counts that do not rise ends near 0, and its median would be beyond all levels.
+_LEAST_SLOPE = 1e-4
 
 
 class LognormalFit(NamedTuple):
@@ -12,7 +14,7 @@ class LognormalFit(NamedTuple):
 
     median: float
     dispersion: float
-    remark: str = ""  # why there is none, or what is wrong with it; empty if all is well
+    remark: str = ""  # a reason why there is none, or a fault of it; empty if all is well
 
     def at(self, levels: np.ndarray) -> np.ndarray:
         """Evaluate the curve at levels."""
@@ -34,6 +36,8 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         return LognormalFit(np.nan, np.nan, "always exceeded")
     if len(levels) < 2:
         return LognormalFit(np.nan, np.nan, "one level is not enough for a curve")
+    # Data that a threshold separates have no most likely curve: the steeper, the likelier. The
+    # search would not end, so these are answered by a step.
     partly = np.flatnonzero((exceeded > 0) & (exceeded < trials))
     if len(partly) < 2 and (np.diff(exceeded) >= 0).all():
         # Any steep curve through the one level between does, the likelier the steeper.
@@ -44,12 +48,15 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         median = levels[at] if len(partly) else np.sqrt(levels[at - 1] * levels[at])
         where = "around one level" if len(partly) else "between two levels"
         return LognormalFit(float(median), 0.0, f"from none to all {where}")
+    # Levels of mean 0 and deviation 1: the search starts at 0 and takes steps of about 1.
     x = np.log(levels)
     middle = x.mean()
     width = x.std()
     scaled = (x - middle) / width
 
-    def minus_log_likelihood(parameters: Any) -> tuple[float, np.ndarray]:
+    def minus_log_likelihood(parameters: np.ndarray) -> tuple[float, np.ndarray]:
+        # In logarithms of the distribution function, which do not underflow far from the
+        # median.
         z = parameters[0] + parameters[1] * scaled
         above = log_ndtr(z)
         below = log_ndtr(-z)
@@ -60,10 +67,11 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         )
         return value / trials, -np.array([pull.sum(), (pull * scaled).sum()]) / trials
 
-    # Concave in both: where it ends does not depend on the start.
+    # The log-likelihood is concave in both parameters (Pratt 1981), so that where the search
+    # ends does not depend on where it starts.
     found = minimize(minus_log_likelihood, np.zeros(2), jac=True, method="BFGS", tol=1e-10)
     offset, slope = found.x
-    if slope < _LEVEL:
+    if slope < _LEAST_SLOPE:
         return LognormalFit(np.nan, np.nan, "the share does not rise with the level")
     median = float(np.exp(middle - offset / slope * width))
     return LognormalFit(median, float(width / slope), "")

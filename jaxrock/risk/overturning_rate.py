@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..ground_motion import Suite, positive_measures
-from ..host import Printed, shown
-from ..overturning import Boundaries, Search, boundaries_of, checked
+from ..ground_motion import Suite, require_positive_measures
+from ..host import Printed, format_number
+from ..overturning import Boundaries, Search, check_subject, find_boundaries
 from ..resonance import ModelLike, Nonlinear
 from ..validation import (
     POSITIVE,
@@ -25,30 +25,34 @@ from ..validation import (
     as_real,
     check,
     check_kind,
+    choose_namespace,
     is_traced,
-    namespace_of,
 )
 from .hazard import Hazard
 
 _MEASURES = ("pga", "pgv")
 _SPACING = 0.01  # relative, between levels
-_UNSEEN = 3  # of events of which none was seen in a sample, as many may be expected at 95 %
+# The rule of three: where none was seen, a Poisson variable has a mean of at most -ln(0.05),
+# about 3, with a confidence of 95 % (Hanley and Lippman-Hand 1983,
+# doi:10.1001/jama.1983.03330370053031).
+_RULE_OF_THREE = 3
 
 
 class OverturningRate(Printed, eqx.Module):
-    """How often a year a block overturns; see `overturning_rate`.
+    """The yearly rate at which a block overturns; see `overturning_rate`.
 
     Attributes
     ----------
     rate : Array, shape ()
         The mean over the records [1/yr].
     contributions : Array, shape (records,)
-        What it would be if each motion were like this record [1/yr].
+        The rate if each motion were like this record [1/yr].
     standard_error : Array, shape ()
-        Of the rate, for the scatter from record to record [1/yr]; NaN for one record.
+        Standard error of the rate, for the scatter from record to record [1/yr]; NaN for one
+        record.
     unseen : Array, shape ()
-        Estimated upper limit (95 %) of what windows that no level hits may change, and all
-        that levels beyond the last may [1/yr].
+        Estimated upper limit (95 %) of the change of the rate by windows that no level hits,
+        and by all levels beyond the last [1/yr].
     boundaries : Boundaries
         Of each record, in levels of the intensity measure.
     complete : Array of bool, shape ()
@@ -65,13 +69,16 @@ class OverturningRate(Printed, eqx.Module):
 
     def __str__(self) -> str:
         found = int(np.asarray(self.boundaries.count).sum())
+        rate = format_number(self.rate, "1/yr")
+        error = format_number(self.standard_error, "1/yr")
+        unseen = format_number(self.unseen, "1/yr")
         low = "\na record overturns it at the lowest level: may be more"
         low = low if self.boundaries.overturns_first.any() else "\nnot complete"
         low = "" if self.complete else low
         return (
-            f"overturns at a rate of {shown(self.rate, '1/yr')}\n"
-            f"standard error {shown(self.standard_error, '1/yr')} from {len(self.contributions)}"
-            f" records, up to {shown(self.unseen, '1/yr')} unseen between {found} boundaries{low}"
+            f"overturns at a rate of {rate}\n"
+            f"standard error {error} from {len(self.contributions)} records,"
+            f" up to {unseen} unseen between {found} boundaries{low}"
         )
 
 
@@ -79,7 +86,7 @@ def overturning_rate(
     block: Block,
     restitution: Number,
     suite: Suite,
-    hazard: Hazard | Callable[[Any], Any],
+    hazard: Hazard | Callable[..., Reals],
     measure: str = "pgv",
     levels: Numbers | None = None,
     *,
@@ -120,21 +127,23 @@ def overturning_rate(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed, or a record has no intensity.
+        If an argument is out of range, or a record has no intensity.
 
     Notes
     -----
-    What is beyond the last level is taken to be like the last level, and nothing below the
-    first counts. Derivatives with respect to the block, the restitution and the hazard, in
-    both modes, are those of the boundaries found; a boundary that rounding hides adds nothing
-    to them (see `overturning_boundaries`), under `jit` most of those of long records. What
-    they say of a change of some per cent, `rate_elasticities` compares.
+    Levels beyond the last are taken to be like the last one, and nothing below the first
+    counts. Derivatives with respect to the block, the restitution and the hazard, in both
+    modes, are those of the boundaries found; a boundary that rounding hides adds nothing to
+    them (see `overturning_boundaries`), under `jit` most boundaries of long records. For a
+    change of some per cent, compare them with `rate_elasticities`.
 
-    What is unseen is estimated as Good and Turing did: a level hits a window between two
-    others as often as it is wide. So the windows that one level alone has hit are together as
-    wide as those that none has hit, up to scatter, for which twice their standard deviation is
-    added, and three windows of the usual width, since there may be so many where none was hit.
-    The standard error takes the records for independent samples.
+    The unseen part is estimated as Good and Turing estimate unseen species (I. J. Good,
+    Biometrika 40 (1953) 237-264, doi:10.1093/biomet/40.3-4.237; I. J. Good and
+    G. H. Toulmin, Biometrika 43 (1956) 45-63, doi:10.1093/biomet/43.1-2.45). The wider a
+    window is, the more likely a level hits it. So the windows that one level alone has hit are
+    together as wide as the windows that none has hit, up to scatter. For this scatter twice
+    its standard deviation is added; and three windows of the usual width, since there may be
+    as many where none was hit. The standard error takes the records for independent samples.
 
     Examples
     --------
@@ -157,53 +166,65 @@ def overturning_rate(
         raise ValueError(
             "block, restitution and scales of records must be single ones, got arrays"
         )
-    places = levels_of(hazard, levels)
+    places = choose_levels(hazard, levels)
     at_levels = hazard(places)
     if not is_traced(at_levels):
         check("the rates of the hazard", at_levels, POSITIVE)
         if (np.diff(np.asarray(at_levels)) >= 0).any():
             raise ValueError("the rates of the hazard must fall with the level, got others")
+    # Boundaries are sought along a factor on records of intensity 1, so that the factor is the
+    # level itself. One whose margin rounding decides has no derivative: it is dropped there.
     search = Search("factor", model, max_boundaries, drop_unknown=True)
-    subject, factors = checked(block, restitution, suite, search.along, places)
-    strengths = positive_measures(suite, measure)
+    subject, factors = check_subject(block, restitution, suite, search.along, places)
+    strengths = require_positive_measures(suite, measure)
     if not is_traced(strengths):
         strengths = np.asarray(strengths)
     motion = subject.motion.scaled(1.0 / strengths)
-    found = boundaries_of(dataclasses.replace(subject, motion=motion), factors, search)
-    padded = _padded(found)
-    levels_found = _levels_found(padded.value, places[0])
+    found = find_boundaries(dataclasses.replace(subject, motion=motion), factors, search)
+    padded = _pad_boundaries(found)
+    levels_found = _fill_missing_levels(padded.value, places[0])
     return OverturningRate(
-        **_summed(padded, hazard(levels_found), at_levels, places),
+        **_sum_rates(padded, hazard(levels_found), at_levels, places)._asdict(),
         boundaries=found,
     )
 
 
-def _padded(found: Boundaries) -> Boundaries:
-    """With room for more boundaries, so that few programs are compiled."""
+def _pad_boundaries(found: Boundaries) -> Boundaries:
+    """Pad boundaries to a power of two of columns, so that few programs are compiled."""
     columns = found.value.shape[-1]
     room = max(8, 1 << (columns - 1).bit_length())
-    namespace = namespace_of(found)
+    namespace = choose_namespace(found)
     missing = {"value": np.nan, "overturns_beyond": False}
 
-    def wide(name: str) -> Any:
+    def pad(name: str) -> np.ndarray | jax.Array:
         padding = [(0, 0), (0, room - columns)]
         return namespace.pad(getattr(found, name), padding, constant_values=missing[name])
 
     names = tuple(missing)
-    return eqx.tree_at(lambda f: [getattr(f, n) for n in names], found, [*map(wide, names)])
+    return eqx.tree_at(lambda f: [getattr(f, n) for n in names], found, [*map(pad, names)])
 
 
 @jax.jit
-def _levels_found(value: Reals, any_level: Reals) -> Reals:
+def _fill_missing_levels(value: Reals, any_level: Reals) -> Reals:
+    """Put some level where there is no boundary, since a hazard need not be defined at NaN."""
     return jnp.where(jnp.isfinite(value), value, any_level)
 
 
+class _Sums(NamedTuple):
+    """The fields of an `OverturningRate` that are sums over boundaries."""
+
+    complete: Booleans
+    contributions: Reals
+    rate: Reals
+    standard_error: Reals
+    unseen: Reals
+
+
 @eqx.filter_jit
-def _summed(
-    found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals
-) -> dict[str, Any]:
-    """Compute the fields of an `OverturningRate` from hazards at boundaries and levels."""
+def _sum_rates(found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals) -> _Sums:
+    """Sum the rates at the boundaries of each record, and average over the records."""
     signs = jnp.where(found.overturns_beyond, 1.0, -1.0).astype(rates.dtype)
+    # Beyond a boundary the block overturns, or it stands again: H(a_0) - H(a_1) + ...
     changes = jnp.where(jnp.isfinite(found.value), signs * rates, 0).sum(axis=-1)
     contributions = changes + jnp.where(found.overturns_first, at_levels[0], 0)
     number = len(contributions)
@@ -212,16 +233,18 @@ def _summed(
     )
     listed = jnp.isfinite(found.value).sum(axis=-1)
     complete = found.complete.all() & ~found.overturns_first.any()
-    return {
-        "rate": contributions.mean(),
-        "contributions": contributions,
-        "standard_error": scatter / math.sqrt(number),
-        "unseen": _unseen(jax.lax.stop_gradient((found, at_levels)), levels),
-        "complete": complete & (found.count <= listed).all(),
-    }
+    return _Sums(
+        rate=contributions.mean(),
+        contributions=contributions,
+        standard_error=scatter / math.sqrt(number),
+        unseen=_estimate_unseen_by_good_turing(
+            *jax.lax.stop_gradient((found, at_levels)), levels
+        ),
+        complete=complete & (found.count <= listed).all(),
+    )
 
 
-def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> Any:
+def choose_levels(hazard: Hazard | Callable[..., Reals], levels: Numbers | None) -> Reals:
     """Choose the levels between which to seek boundaries; a `ValueError` if not allowed."""
     ends = None
     if isinstance(hazard, Hazard) and not is_traced(hazard.levels):
@@ -230,6 +253,7 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
         if ends is None:
             raise ValueError("levels must be given, since the hazard is a function or traced")
         low, high = ends
+        # The ends as they are: rounded ones could lie outside of the hazard curve.
         inner = np.geomspace(low, high, math.ceil(math.log(high / low) / _SPACING) + 1)
         return as_real("levels", np.concatenate([[low], inner[1:-1], [high]]))
     places = as_real("levels", levels)
@@ -241,6 +265,7 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
         return places
     if (np.diff(np.asarray(places)) <= 0).any():
         raise ValueError("levels must be increasing, got values that do not increase")
+    # Levels that are those of the hazard up to rounding are moved onto it.
     slack = 8 * float(jnp.finfo(places.dtype).eps)
     low = float(places[0])
     high = float(places[-1])
@@ -250,20 +275,48 @@ def levels_of(hazard: Hazard | Callable[[Any], Any], levels: Numbers | None) -> 
     return jnp.clip(places, *ends) if ends else places
 
 
-def _unseen(found_and_rates: Any, levels: Any) -> Reals:
-    """Estimate what windows that no level hits, and levels beyond, may change."""
-    found, rates = found_and_rates
-    # NaN is not below anything.
+# The population is all levels of shaking beyond the first, each counted by how often a year it
+# occurs, which is how much the hazard falls there. A species is a window: a range of levels
+# within which the outcome under one record differs from the outcome on both sides, be it that
+# the block overturns there or that it survives. The sample is the levels at which the block
+# was followed, and each belongs to the window in which it lies. The wider a window is (in rate
+# of the hazard), the more likely a level hits it, as a frequent species is more likely to be
+# met.
+#
+# Good and Turing: the species without a member in the sample have together the share N1 / N of
+# the population, where N1 species have exactly one member and N is the size of the sample.
+# Here a level does not stand for 1 / N but for a share of its own, half of the fall of the
+# hazard between its neighbours. So the sum of these shares over the levels that are alone in
+# their window estimates the width of all windows that no level hits.
+#
+# A window that was missed changes the rate by its width, up or down. The sum of the widths is
+# thus a bound of the change, in which no signs cancel.
+def _estimate_unseen_by_good_turing(found: Boundaries, rates: Reals, levels: Reals) -> Reals:
+    """Estimate a bound of the change of the rate by windows between levels and levels beyond.
+
+    After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
+    doi:10.1093/biomet/43.1-2.45). `rates` are those of the hazard at `levels`.
+    """
+    # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
+    # is not below anything.
     before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)
     overturned = (before % 2 == 1) != found.overturns_first[:, None]
+
+    # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[:, 1:] != overturned[:, :-1]
     lonely = changed[:, :-1] & changed[:, 1:]
     alone = jnp.where(lonely, 0.5 * (rates[:-2] - rates[2:])[None, :], 0)
+    # Twice the standard deviation of their sum, if each of them was met by chance (Poisson).
     scatter = 2 * jnp.sqrt((alone * alone).sum())
+
+    # Without any level alone both are 0, and yet windows may have been missed: up to three,
+    # each as wide as steps are where the outcome changes, or as the widest step if it never
+    # does.
     steps = rates[:-1] - rates[1:]
     number = changed.sum()
     width = jnp.where(changed, steps[None, :], 0).sum()
     typical = jnp.where(
         number > 0, width / jnp.maximum(number, 1).astype(rates.dtype), steps.max()
     )
-    return (alone.sum() + scatter + _UNSEEN * typical) / len(overturned) + rates[-1]
+    # Averaged over the records, as the rate is. Beyond the last level anything may happen.
+    return (alone.sum() + scatter + _RULE_OF_THREE * typical) / len(overturned) + rates[-1]

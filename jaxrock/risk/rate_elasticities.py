@@ -1,7 +1,6 @@
-"""What the rate of overturning depends on, at a point and over a change."""
+"""Elasticities of the rate of overturning, at a point and over a change."""
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,11 +11,11 @@ from jaxtyping import Array, Float
 from ..block import Block
 from ..driven import BatchResponse, respond_batch
 from ..ground_motion import Suite
-from ..host import Printed, table
+from ..host import Printed, format_table
 from ..resonance import ModelLike, Nonlinear
-from ..validation import Number, Numbers, as_real
+from ..validation import Number, Numbers, Reals, as_real
 from .hazard import Hazard
-from .overturning_rate import OverturningRate, levels_of, overturning_rate
+from .overturning_rate import OverturningRate, choose_levels, overturning_rate
 
 
 class RateElasticities(Printed, eqx.Module):
@@ -45,14 +44,14 @@ class RateElasticities(Printed, eqx.Module):
     def __str__(self) -> str:
         over = {f"over_+-{100 * self.change:g}%": np.asarray(self.differences)}
         columns = {**over, "at_the_point": np.asarray(self.slopes)}
-        return table("elasticities of the rate", self.names, **columns)
+        return format_table("elasticities of the rate", self.names, **columns)
 
 
 def rate_elasticities(
     block: Block,
     restitution: Number,
     suite: Suite,
-    hazard: Hazard | Callable[[Any], Any],
+    hazard: Hazard | Callable[..., Reals],
     measure: str = "pgv",
     levels: Numbers | None = None,
     *,
@@ -90,11 +89,11 @@ def rate_elasticities(
         raise ValueError(f"change must be greater than 0 and less than 0.5, got {change!r}")
     restitution = as_real("restitution", restitution)
 
-    def rate(block: Block, c: Any) -> tuple[Any, OverturningRate]:
+    def compute_rate(block: Block, c: Reals) -> tuple[Reals, OverturningRate]:
         found = overturning_rate(block, c, suite, hazard, measure, levels, model=model)
         return found.rate, found
 
-    slopes, found = jax.grad(rate, argnums=(0, 1), has_aux=True)(block, restitution)
+    slopes, found = jax.grad(compute_rate, argnums=(0, 1), has_aux=True)(block, restitution)
     names = (*vars(block), "restitution")
     at = np.array([float(value) for value in (*vars(block).values(), restitution)])
     slope = np.array([float(value) for value in (*vars(slopes[0]).values(), slopes[1])])
@@ -106,23 +105,27 @@ def rate_elasticities(
         )
         for one, two, three in ((1, 0, 0), (np.inf, 1, np.inf))
     )
+    # Not beyond the domains of the two numbers that have ends: kappa >= 1, 0 <= C <= 1.
     ends = np.clip(ends, least, most)
-    places = levels_of(hazard, levels)
+    # All blocks under all records at all levels, as one batch: a suite that is scaled to each
+    # level, and blocks along an axis of their own.
+    places = choose_levels(hazard, levels)
     *shape, c = (jnp.asarray(ends[..., k])[..., None] for k in range(at.size))
     scaled = suite.scaled(suite.factors(places, measure))
     response = respond_batch(Block(*shape), c, scaled, model=model)
     if not bool(response.complete.all()):
         raise ValueError("motion could not be followed to its end for every record and level")
-    counted = _rates(hazard, np.asarray(places), response)
+    counted = _average_rates(hazard, np.asarray(places), response)
     spans = np.stack([np.diagonal(end) for end in ends])
+    # A rate of 0 has no elasticity: NaN, without a warning.
     with np.errstate(invalid="ignore", divide="ignore"):
         difference = (counted[1] - counted[0]) / (spans[1] - spans[0]) * at / float(found.rate)
         slope = slope * at / float(found.rate)
     return RateElasticities(names, jnp.asarray(slope), jnp.asarray(difference), change, found)
 
 
-def _rates(
-    hazard: Hazard | Callable[[Any], Any], levels: np.ndarray, response: BatchResponse
+def _average_rates(
+    hazard: Hazard | Callable[..., Reals], levels: np.ndarray, response: BatchResponse
 ) -> np.ndarray:
     """Average the rates of responses (records, ..., levels) over the records."""
     over = np.asarray(response.overturned)
@@ -130,7 +133,8 @@ def _rates(
     changes = over[..., 1:] != over[..., :-1]
     before = margin[..., :-1]
     after = margin[..., 1:]
-    # Margins of blocks that have toppled need not change their sign with the outcome.
+    # A boundary is where the line through the two margins vanishes. Margins of blocks that
+    # have toppled need not change their sign with the outcome: then it is taken in the middle.
     between = changes & (before * after < 0)
     share = np.where(between, before / np.where(between, before - after, 1), 0.5)
     boundaries = levels[:-1] ** (1 - share) * levels[1:] ** share

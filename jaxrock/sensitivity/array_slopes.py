@@ -1,18 +1,19 @@
-"""Values and slopes of an elementwise function, point by point."""
+"""Values and slopes of elementwise functions, point by point."""
 
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..validation import check_kind
 
 _CHUNK = 2**14  # points, whose intermediate results fit into the cache of a processor
+_Tree = TypeVar("_Tree")
 
 
 def value_and_slopes(
@@ -21,7 +22,7 @@ def value_and_slopes(
     *,
     mask_beyond: bool = False,
 ) -> Callable[..., tuple[Array, Any]]:
-    """`jax.value_and_grad` for an elementwise function of arrays.
+    """Differentiate an elementwise function of arrays, as `jax.value_and_grad` does numbers.
 
     Compiled once for each function. On a processor, large arrays are computed in chunks, so
     that no intermediate result goes to memory.
@@ -50,14 +51,15 @@ def value_and_slopes(
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, jnp.array([0.1, 0.2]))
     >>> value, slope = jr.value_and_slopes(jr.rotation_ratio)(wall)
-    >>> print(f"{value[1]:.3f}, {slope.restitution[1]:.2f} and {slope.block.half_width[1]:.2f}")
+    >>> of_width = slope.block.half_width[1]
+    >>> print(f"{value[1]:.3f}, {slope.restitution[1]:.2f} and {of_width:.2f}")
     0.233, 1.79 and -0.67
     """
     check_kind("function", function, Callable)
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
 
     @functools.wraps(function)
-    def differentiated(*arguments: Any, **named: Any) -> tuple[Array, Any]:
+    def differentiate(*arguments: PyTree, **named: object) -> tuple[Array, PyTree]:
         value, slopes = _value_and_slopes(function, argnums, arguments, named)
         if mask_beyond:
             slopes = jax.tree.map(
@@ -65,50 +67,57 @@ def value_and_slopes(
             )
         return value, slopes
 
-    return differentiated
+    return differentiate
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _value_and_slopes(
     function: Callable[..., Array],
     argnums: int | tuple[int, ...],
-    arguments: tuple[Any, ...],
-    named: dict[str, Any],
-) -> tuple[Array, Any]:
+    arguments: tuple[PyTree, ...],
+    named: dict[str, object],
+) -> tuple[Array, PyTree]:
+    """Compute values and slopes in one program for each function, form and shape."""
     value = functools.partial(function, **named)
     shape = jax.eval_shape(value, *arguments).shape
+    # An argument that is broadcast has a slope at each point, so it is spread over all points
+    # before. Numbers stay numbers: their slopes get the shape of the values by `vmap`.
     many, single = eqx.partition(arguments, lambda leaf: jnp.ndim(leaf) > 0)
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape).reshape(-1), many)
 
-    def at(point: Any) -> tuple[Array, Any]:
+    def differentiate_at(point: PyTree) -> tuple[Array, PyTree]:
         return jax.value_and_grad(value, argnums)(*eqx.combine(point, single))
 
+    # Only processors take chunks: there the intermediate results of a large array would go to
+    # memory and back, while an accelerator wants all points at once.
     size = math.prod(shape)
     result = jax.lax.platform_dependent(
         many,
-        cpu=functools.partial(_in_chunks, at, size),
-        default=jax.vmap(at, axis_size=size),
+        cpu=functools.partial(_apply_in_chunks, differentiate_at, size),
+        default=jax.vmap(differentiate_at, axis_size=size),
     )
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
 
-def _in_chunks(at: Callable[[Any], Any], size: int, many: Any) -> Any:
-    """`at` of all points, chunk by chunk; the last chunk overlaps with the one before it.
+def _apply_in_chunks(function: Callable[[PyTree], _Tree], size: int, many: PyTree) -> _Tree:
+    """Apply a function of one point to all points, chunk by chunk.
 
-    A last chunk of another size would be a second program.
+    The last chunk overlaps with the one before it: one of another size would be a second
+    program, and twice as much to compile.
     """
     chunk = min(size, _CHUNK)
-    points = jax.vmap(at, axis_size=chunk)
+    points = jax.vmap(function, axis_size=chunk)
     if chunk == size:
         return points(many)
     slice_of = jax.lax.dynamic_slice_in_dim
     update = jax.lax.dynamic_update_slice_in_dim
 
-    def step(number: Array, result: Any) -> Any:
+    def fill_chunk(number: Array, result: _Tree) -> _Tree:
         start = jnp.minimum(number * chunk, size - chunk)
         part = points(jax.tree.map(lambda leaf: slice_of(leaf, start, chunk), many))
         return jax.tree.map(lambda leaf, new: update(leaf, new, start, 0), result, part)
 
-    forms = jax.eval_shape(jax.vmap(at, axis_size=size), many)
+    # Filled in place. The forms come from tracing alone, nothing is computed for them.
+    forms = jax.eval_shape(jax.vmap(function, axis_size=size), many)
     empty = jax.tree.map(lambda form: jnp.zeros(form.shape, form.dtype), forms)
-    return jax.lax.fori_loop(0, -(-size // chunk), step, empty)
+    return jax.lax.fori_loop(0, -(-size // chunk), fill_chunk, empty)

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ..host import Printed, table
+from ..host import Printed, format_table
 from ..validation import COUNT, check
-from .parameters import Answer, Ranges, parametric
+from .parameters import Answer, Ranges, make_parametric
 
 
 @dataclass(frozen=True, repr=False)
@@ -32,11 +32,11 @@ class Sensitivities(Printed):
 
     def __str__(self) -> str:
         columns = {"at": self.at, "slope": self.gradient, "elasticity": self.elasticity}
-        return table(f"{self.value:.6g}", self.names, **columns)
+        return format_table(f"{self.value:.6g}", self.names, **columns)
 
 
 def sensitivities(answer: Answer, at: Any) -> Sensitivities:
-    """Value, gradient, elasticities and second derivatives of an answer.
+    """Compute value, gradient, elasticities and second derivatives of an answer.
 
     Parameters
     ----------
@@ -66,9 +66,11 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     restitution                    0.7       0.87915       4.99457
     intensity                     0.15        1.7583       2.14053
     """
-    function = parametric(answer, at)
+    function = make_parametric(answer, at)
     x = np.asarray(function.values)
-    y, gradient, hessian = function.series(x, 2)
+    y, gradient, hessian = function.evaluate(x, 2)
+    # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
+    # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x / y
     return Sensitivities(function.names, x, float(y), gradient, elasticity, hessian)
@@ -76,7 +78,7 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
 
 @dataclass(frozen=True, repr=False)
 class TornadoBars(Printed):
-    """How far each parameter moves an answer within its range; see `tornado`.
+    """Bars of how far each parameter moves an answer within its range; see `tornado`.
 
     Attributes
     ----------
@@ -97,7 +99,7 @@ class TornadoBars(Printed):
 
     def __str__(self) -> str:
         columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
-        return table(f"{self.value:.6g}", self.names, **columns)
+        return format_table(f"{self.value:.6g}", self.names, **columns)
 
 
 def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
@@ -128,13 +130,17 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     restitution                    0.6           0.8     0.0673033      0.307402
     slenderness                      4             6     0.0954255       0.15161
     """
-    function = parametric(answer, at, "ranges", ranges)
+    function = make_parametric(answer, at, "ranges", ranges)
+    # One batch for one program: the point itself, then for each parameter both ends of its
+    # range.
     ends = np.asarray(list(ranges.values()), float).reshape(-1, 2)
     points = np.tile(np.asarray(function.values)[list(function.varied)], (1 + ends.size, 1))
     end = np.arange(ends.size)
     points[1 + end, end // 2] = ends.ravel()
-    (values,) = function.series(points)
+    (values,) = function.evaluate(points)
     answers = values[1:].reshape(-1, 2)
+    # An end at which the block overturns has no answer: such a bar is the widest of all.
+    # Stable, so that equal bars keep the order in which they were asked for.
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
@@ -168,7 +174,7 @@ class DerivativeBasedMeasures(Printed):
             f"{self.mean:.6g} +- {self.standard_deviation:.6g}, left out {self.left_out:.3g}"
         )
         columns = {name: getattr(self, name) for name in ("mean_slope", "measure", "bound")}
-        return table(first, self.names, **columns)
+        return format_table(first, self.names, **columns)
 
 
 def derivative_based_measures(
@@ -178,7 +184,7 @@ def derivative_based_measures(
 
     A parameter whose `bound` is near 0 need not be known well (I. M. Sobol and S. Kucherenko,
     Derivative based global sensitivity measures and their link with global sensitivity
-    indices, Math. Comput. Simul. 79 (2009) 3009-3017).
+    indices, Math. Comput. Simul. 79 (2009) 3009-3017, doi:10.1016/j.matcom.2009.01.023).
 
     Parameters
     ----------
@@ -196,13 +202,15 @@ def derivative_based_measures(
     ValueError
         If a name is not one of `at`, or a range is empty.
     """
-    function = parametric(answer, at, "ranges", ranges)
+    function = make_parametric(answer, at, "ranges", ranges)
     low, high = np.asarray(list(ranges.values()), float).reshape(-1, 2).T
     if not (high > low).all():
         raise ValueError("ranges must go from a low value to a higher one")
     check("samples", samples, COUNT)
     points = low + np.random.default_rng(seed).random((samples, low.size)) * (high - low)
-    values, gradients = function.series(points, 1)
+    values, gradients = function.evaluate(points, 1)
+    # Samples without an answer, where the block overturns, are left out and their share is
+    # said. The measures are then those of the ranges as far as there is an answer.
     finite = np.isfinite(values) & np.isfinite(gradients).all(axis=1)
     if not finite.any():
         raise ValueError("answer is NaN everywhere in these ranges")
@@ -211,6 +219,8 @@ def derivative_based_measures(
     slope = abs(gradients).mean(axis=0)
     measure = (gradients**2).mean(axis=0)
     variance = values.var()
+    # The bound follows from Poincare's inequality for a uniform variable, whose constant is
+    # (high - low)^2 / pi^2. An answer that does not vary has no variance to be shared out.
     bound = measure * (high - low) ** 2 / (np.pi**2 * variance) if variance else 0 * measure
     moments = float(values.mean()), float(values.std()), float(1 - finite.mean())
     return DerivativeBasedMeasures(tuple(ranges), slope, measure, bound, *moments)

@@ -3,36 +3,54 @@
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..driven import Batch, follow_batch, follow_within, uplift_acceleration
-from ..grids import Grid, Values, along, axis, flat, of_few_shapes
-from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, pulse_class
+from ..grids import (
+    DataType,
+    Grid,
+    GridVariable,
+    Values,
+    apply_padded,
+    as_axis,
+    as_object_array,
+    list_points,
+)
+from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, check_pulse_class
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import AT_LEAST_ONE, POSITIVE, UNIT_INTERVAL, as_real, check, check_kind
+from ..validation import (
+    AT_LEAST_ONE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Reals,
+    as_real,
+    check,
+    check_kind,
+)
 
 if TYPE_CHECKING:
     import xarray
 
     from ..grids import Chunks
 
-_CHUNK = 2**14  # blocks of a spectrum that are followed at once
-_USUAL = 2**14  # and in a chunk of a lazy dataset
+_LARGEST = 2**14  # blocks of a spectrum that are followed at once
+_USUAL = 2**14  # blocks in a chunk of a lazy dataset
 
 # Type, long name and unit.
-_VARIABLES: dict[str, tuple[Any, str, str]] = {
+_VARIABLES: dict[str, tuple[DataType, str, str]] = {
     "rotation_ratio": (float, "peak rotation over critical angle", "1"),
     "peak_rotation": (float, "peak rotation", "rad"),
     "overturned": (np.int8, "1 where the block overturns", "1"),
     "margin": (float, "margin at the end of the input, overturns below 0", "1"),
     "impacts": (int, "number of impacts", "1"),
 }
-_ESTIMATES: dict[str, tuple[Any, str, str]] = {
+_ESTIMATES: dict[str, tuple[DataType, str, str]] = {
     "rtol": (float, "tolerance that this block is computed with", "1"),
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
     "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
@@ -53,7 +71,7 @@ def rocking_spectrum(
     tolerance: float | None = None,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Response of blocks of many sizes and shapes to one ground motion, or to several.
+    """Compute responses of blocks of many sizes and shapes to one or several ground motions.
 
     Parameters
     ----------
@@ -107,6 +125,7 @@ def rocking_spectrum(
         )
     if (slenderness is None) == (critical_angle is None):
         raise ValueError("slenderness or critical_angle must be given, one of the two")
+    # By the domain of the slenderness an angle beyond pi / 2 would only be called negative.
     if critical_angle is not None:
         angle = np.asarray(critical_angle, float)
         if not ((angle > 0) & (angle < 0.5 * math.pi)).all():
@@ -114,34 +133,41 @@ def rocking_spectrum(
         slenderness = 1 / np.tan(angle)
     values = {"period": period, "slenderness": slenderness, "restitution": restitution}
     values["factor"] = factor
-    axes = {name: axis(name, given) for name, given in values.items() if given is not None}
+    axes = {name: as_axis(name, given) for name, given in values.items() if given is not None}
     gravity = float(gravity)
     inertia_ratio = float(inertia_ratio)
     about = {"motion": records[0].name, "gravity": gravity, "inertia_ratio": inertia_ratio}
-    problem = functools.partial(_blocks_of_periods, (*axes,), gravity, inertia_ratio)
-    grid = _grid("Rocking spectrum", axes, problem, motion, model, tolerance, about)
-    return grid.dataset(chunks)
+    problem = functools.partial(_make_blocks, (*axes,), gravity, inertia_ratio)
+    grid = _make_response_grid(
+        "Rocking spectrum", axes, problem, motion, model, tolerance, about
+    )
+    return grid.build_dataset(chunks)
 
 
 def _is_several(motion: Motion) -> bool:
-    names = ("acceleration", "vertical")  # which have an axis of their own
+    """Tell whether a motion stands for an array of motions."""
+    # Samples of a record have an axis of their own, along time; anything else with an axis
+    # makes several motions.
+    names = ("acceleration", "vertical")
     own = {id(getattr(motion, name, None)) for name in names}
     return any(np.ndim(leaf) > (id(leaf) in own) for leaf in jax.tree.leaves(motion))
 
 
-def _blocks_of_periods(
+def _make_blocks(
     names: Sequence[str],
     gravity: float,
     inertia_ratio: float,
     motion: Motion | Suite,
     *values: np.ndarray,
-) -> tuple[Block, Any, Motion | Suite]:
-    """Blocks, restitutions and motions at points of a rocking spectrum."""
+) -> tuple[Block, Reals, Motion | Suite]:
+    """Make blocks, restitutions and motions at points of a rocking spectrum."""
     at = dict(zip(names, values, strict=True))
+    # p^2 = g / (kappa R), with kappa = I / (m R^2).
     half_diagonal = 1 / inertia_ratio * gravity * (at["period"] / (2 * math.pi)) ** 2
     half_width = half_diagonal / np.sqrt(1 + at["slenderness"] ** 2)
     block = Block(half_width, at["slenderness"], gravity, inertia_ratio)
-    c = at["restitution"] if "restitution" in at else of_few_shapes(_restitution, block)
+    c = at["restitution"] if "restitution" in at else apply_padded(_compute_restitution, block)
+    # A suite wants a factor for each of its records, here the same for all.
     if "factor" in at:
         records = (len(motion),) if isinstance(motion, Suite) else ()
         motion = motion.scaled(np.broadcast_to(at["factor"], (*records, *at["factor"].shape)))
@@ -187,56 +213,64 @@ def overturning_spectrum(
         If an argument is out of range, or a motion could not be followed.
     """
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    axes = {name: axis(name, values) for name, values in given.items()}
-    kind = pulse_class(shape)
-    block, c, uplift = unit_block(slenderness, restitution, inertia_ratio, model)
+    axes = {name: as_axis(name, values) for name, values in given.items()}
+    kind = check_pulse_class(shape)
+    block, c, uplift = make_unit_block(slenderness, restitution, inertia_ratio, model)
     scales = (uplift, float(block.frequency_parameter))
     about = {
         "motion": kind.name,
         "gravity": float(block.gravity),
         "inertia_ratio": inertia_ratio,
     }
-    problem = functools.partial(_pulses_of_ratios, kind, *scales)
+    problem = functools.partial(_make_pulses, kind, *scales)
     shared = (block, as_real("restitution", c))
-    return _grid(
+    return _make_response_grid(
         "Overturning spectrum", axes, problem, shared, model, tolerance, about
-    ).dataset(chunks)
+    ).build_dataset(chunks)
 
 
-def _pulses_of_ratios(
-    kind: type[Pulse], uplift: float, rate: float, shared: Any, *ratios: np.ndarray
-) -> tuple[Block, Any, Motion]:
+def _make_pulses(
+    kind: type[Pulse],
+    uplift: float,
+    rate: float,
+    shared: tuple[Block, Reals],
+    *ratios: np.ndarray,
+) -> tuple[Block, Reals, Motion]:
     """Make the block, its restitution, and the pulses at points of an overturning spectrum."""
     frequency_ratio, amplitude_ratio = ratios
     return *shared, kind(amplitude_ratio * uplift, kind.angle / (frequency_ratio * rate))
 
 
-def unit_block(
+def make_unit_block(
     slenderness: float, restitution: float | None, inertia_ratio: float, model: ModelLike
 ) -> tuple[Block, float, float]:
-    """Make a block of any size, its restitution, and the acceleration that just lifts it."""
+    """Make a block of some size, its restitution, and the acceleration that just lifts it.
+
+    Ratios to the scales of the block do not depend on its size, so that any size serves.
+    """
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
-    c = float(_restitution(block)) if restitution is None else restitution
+    c = float(_compute_restitution(block)) if restitution is None else restitution
     check("restitution", as_real("restitution", c), UNIT_INTERVAL)
     return block, c, float(uplift_acceleration(block, as_model(model)))
 
 
-def _restitution(block: Block) -> Any:
+def _compute_restitution(block: Block) -> np.ndarray | np.floating:
+    """Compute Housner's restitution; 0 for stocky blocks, for which it is negative."""
     return np.maximum(housner_restitution(block), 0)
 
 
-def _grid(
+def _make_response_grid(
     title: str,
     axes: Mapping[str, np.ndarray],
-    problem: Callable[..., tuple[Block, Any, Motion | Suite]],
-    shared: Any,
+    problem: Callable[..., tuple[Block, Reals, Motion | Suite]],
+    shared: PyTree,
     model: ModelLike,
     tolerance: float | None,
-    about: Mapping[str, Any],
+    about: Mapping[str, str | float],
 ) -> Grid:
-    """Responses over a grid, where `problem` says of which blocks to which motions.
+    """Make the grid of responses; `problem` makes the blocks and motions at points of it.
 
-    If what is shared is a suite, its records make an axis.
+    If the shared pytree is a suite, its records make an axis.
     """
     model = as_model(model)
     table = _VARIABLES
@@ -245,42 +279,52 @@ def _grid(
         check("tolerance", as_real("tolerance", tolerance), POSITIVE)
         attributes["tolerance"] = tolerance
         table = _VARIABLES | _ESTIMATES
-    compute = functools.partial(_responses, problem, model, tolerance, (*table,))
+    compute = functools.partial(_follow_part, problem, model, tolerance, (*table,))
     names = {}
     if isinstance(shared, Suite):
         names["record"] = (shared.names, "ground motion")
-        axes = {"record": along([*shared]), **axes}
-        compute = functools.partial(_of_records, compute)
+        axes = {"record": as_object_array([*shared]), **axes}
+        # Records come as values along an axis instead of as the shared pytree, so that a chunk
+        # of some records does not carry the others along.
+        compute = functools.partial(_follow_suite, compute)
         shared = None
     variables = {
-        name: (tuple(axes), dtype, {"long_name": long_name, "units": units})
+        name: GridVariable(tuple(axes), dtype, {"long_name": long_name, "units": units})
         for name, (dtype, long_name, units) in table.items()
     }
     return Grid(
-        title, axes, variables, attributes, compute, _CHUNK, _USUAL, names=names, shared=shared
+        title,
+        axes,
+        variables,
+        attributes,
+        compute,
+        _LARGEST,
+        _USUAL,
+        names=names,
+        shared=shared,
     )
 
 
-def _of_records(
+def _follow_suite(
     compute: Callable[..., dict[str, np.ndarray]],
     _: None,
     records: np.ndarray,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Follow the responses to the records of a suite."""
+    """Follow blocks over a part of a grid whose first axis are records of a suite."""
     return compute(Suite([*records]), *parts)
 
 
-def _responses(
-    problem: Callable[..., tuple[Block, Any, Motion | Suite]],
+def _follow_part(
+    problem: Callable[..., tuple[Block, Reals, Motion | Suite]],
     model: RockingModel,
     tolerance: float | None,
     names: Sequence[str],
-    shared: Any,
+    shared: PyTree,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Follow the responses over a part of a grid."""
-    shape, points = flat(*parts)
+    """Follow blocks over a part of a grid."""
+    shape, points = list_points(*parts)
     if isinstance(shared, Suite):
         shape = (len(shared), *shape)
     batch = Batch.of(*problem(shared, *points))
@@ -291,7 +335,9 @@ def _responses(
         response = estimate.response
     if not np.asarray(response.complete).all():
         raise ValueError("motion could not be followed to its end for every block")
-    angles = of_few_shapes(lambda block: block.critical_angle, batch.block)
+    # One value for blocks of one shape, else one for each point.
+    angles = apply_padded(lambda block: block.critical_angle, batch.block)
     ratio = np.asarray(response.peak_rotation) / angles
+    # The estimate has what it says of itself, and the response within it all else.
     values = {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
     return {name: np.asarray(values[name]).reshape(shape) for name in names}

@@ -1,8 +1,8 @@
-"""Spectra of steady rocking on a harmonic floor: where it is stable, and what happens elsewhere."""
+"""Spectra of steady rocking on a harmonic floor, and of motion where it is not stable."""
 
 import functools
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -12,28 +12,31 @@ from ..driven import (
     TOPPLED_ROTATION,
     Batch,
     follow_batch,
-    peak_after_launch,
+    follow_launched,
     uplift_acceleration,
 )
-from ..grids import Grid, Values, axis, flat, in_tiles
+from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
 from ..ground_motion import Harmonic
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..steady import HarmonicOrbit, harmonic_orbit
-from ..validation import UNIT_INTERVAL, as_real, check
+from ..validation import UNIT_INTERVAL, Reals, as_real, check
 
 if TYPE_CHECKING:
     import xarray
 
     from ..grids import Chunks
 
-_CHUNK = 2**14  # points of a spectrum that are computed at once
-_USUAL = 2**12  # and in a chunk of a lazy dataset
-_TILE = 2**6  # and whose orbits go through a program at once
-# Of these programs only one runs at a time: in JAX 0.10 the threads of several wait for each
-# other.
+_LARGEST = 2**14  # points of a spectrum that are computed at once
+_USUAL = 2**12  # points in a chunk of a lazy dataset
+_TILE = 2**6  # points whose orbits go through a program at once
+# Of the programs for orbits only one runs at a time: in JAX 0.10 the threads of several wait
+# for each other.
 _turns = threading.Lock()
-_DISTURBANCE = 1e-3  # of the launch velocity, relative
+# Relative change of the launch velocity, by which a block leaves an orbit that is not stable.
+# Small enough to be near the orbit, and far above rounding, which would need many periods to
+# grow to a motion of another kind.
+_DISTURBANCE = 1e-3
 
 _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
@@ -69,7 +72,7 @@ def harmonic_spectrum(
     cycles: int = 100,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
+    """Compute steady rocking on a harmonic floor, over its frequency and amplitude.
 
     Parameters
     ----------
@@ -103,7 +106,7 @@ def harmonic_spectrum(
     Notes
     -----
     Near an orbit means in its phase but 0.1 % faster. At a restitution of 1 no orbit is
-    stable, and at best what is disturbed stays nearby. Where motions are chaotic single points
+    stable: a disturbed one stays nearby at best. Where motions are chaotic, single points
     of the regions are due to rounding.
 
     Examples
@@ -114,7 +117,7 @@ def harmonic_spectrum(
     [[0, 1, 3], [0, 1, 1]]
     """
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    axes = {name: axis(name, values) for name, values in given.items()}
+    axes = {name: as_axis(name, values) for name, values in given.items()}
     model = as_model(model)
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     if restitution is None:
@@ -123,16 +126,16 @@ def harmonic_spectrum(
     uplift = float(uplift_acceleration(block, model))
     rate = float(block.frequency_parameter)
     critical = float(model.critical_velocity(block))
-    Harmonic(1.0, 1.0, cycles)  # a `ValueError` before any work
+    Harmonic(1.0, 1.0, cycles)  # raises here, before any work, if `cycles` is not allowed
 
-    variables: dict[str, Any] = {
-        name: (tuple(axes), float, {"long_name": long_name, "units": units})
+    variables = {
+        name: GridVariable(tuple(axes), float, {"long_name": long_name, "units": units})
         for name, (long_name, units) in _VARIABLES.items()
     }
     for name, (long_name, meanings) in _FLAGS.items():
         values = np.arange(len(meanings.split()), dtype=np.int8)
         described = {"long_name": long_name, "flag_values": values, "flag_meanings": meanings}
-        variables[name] = (tuple(axes), np.int8, described)
+        variables[name] = GridVariable(tuple(axes), np.int8, described)
     attributes = {
         "model": model.name,
         "motion": Harmonic.name,
@@ -141,7 +144,7 @@ def harmonic_spectrum(
         "inertia_ratio": inertia_ratio,
         "cycles": cycles,
     }
-    compute = functools.partial(_of_floors, uplift, rate, critical, cycles, model)
+    compute = functools.partial(_compute_floors, uplift, rate, critical, cycles, model)
     shared = (block, as_real("restitution", restitution))
     grid = Grid(
         "Harmonic spectrum",
@@ -149,38 +152,39 @@ def harmonic_spectrum(
         variables,
         attributes,
         compute,
-        _CHUNK,
+        _LARGEST,
         _USUAL,
         shared=shared,
     )
-    found = grid.dataset(chunks)
+    found = grid.build_dataset(chunks)
+    # The axes are called after pulses, which these names have in other spectra.
     for name, long_name in _AXES.items():
         found[name].attrs["long_name"] = long_name
     return found
 
 
-def _of_floors(
+def _compute_floors(
     uplift: float,
     rate: float,
     critical: float,
     cycles: int,
     model: RockingModel,
-    shared: Any,
+    shared: tuple[Block, Reals],
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Orbits and regions over a part of the plane."""
+    """Compute orbits and regions over a part of the plane."""
     block, restitution = shared
-    shape, (ratios, strengths) = flat(*parts)
+    shape, (ratios, strengths) = list_points(*parts)
     amplitude = strengths * uplift
     frequency = ratios * rate
 
-    def of_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
+    def compute_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
         with _turns:
             return jax.block_until_ready(
                 harmonic_orbit(block, restitution, *floors, model=model)
             )
 
-    orbit = in_tiles(of_tile, _TILE, np.stack([amplitude, frequency]))
+    orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
     motion = Harmonic(amplitude, frequency, cycles)
     answers = {
         "velocity_ratio": np.asarray(orbit.launch_velocity) / critical,
@@ -188,50 +192,53 @@ def _of_floors(
         "phase": orbit.phase,
         "trace": orbit.trace,
         "multiplier": abs(np.asarray(orbit.multipliers[..., 0])),
-        "region": _region(block, restitution, amplitude, frequency, cycles, orbit, model),
-        "from_rest": _from_rest(block, restitution, motion, model),
+        "region": _classify_orbits(
+            block, restitution, amplitude, frequency, cycles, orbit, model
+        ),
+        "from_rest": _classify_from_rest(block, restitution, motion, model),
     }
     return {name: np.asarray(values).reshape(shape) for name, values in answers.items()}
 
 
-def _region(
+def _classify_orbits(
     block: Block,
-    restitution: Any,
+    restitution: Reals,
     amplitude: np.ndarray,
     frequency: np.ndarray,
     cycles: int,
     orbit: HarmonicOrbit,
     model: RockingModel,
 ) -> np.ndarray:
-    """Numbers of the regions, as in `_FLAGS`."""
+    """Classify the orbits as in `_FLAGS`; follow blocks near orbits that are not stable."""
     region = np.asarray(orbit.stable, np.int8)
     exists = np.asarray(orbit.exists)
     unstable = np.flatnonzero(exists & (region == 0))
     if unstable.size:
-        # Some more than once, so that few sizes are compiled.
+        # Up to a power of two by taking some more than once, so that few sizes are compiled.
         places = np.resize(unstable, 1 << (unstable.size - 1).bit_length())
         motion = Harmonic(amplitude.flat[places], frequency.flat[places], cycles)
         phase, launch = (
             np.asarray(x).flat[places] for x in (orbit.phase, orbit.launch_velocity)
         )
         faster = (1 + _DISTURBANCE) * launch
-        peak = peak_after_launch(block, restitution, motion, phase, faster, model)
-        region.flat[places] = 2 + _topples(peak)
+        peak = follow_launched(block, restitution, motion, phase, faster, model)
+        region.flat[places] = 2 + _flag_toppled(peak)
     return region
 
 
-def _from_rest(
-    block: Block, restitution: Any, motion: Harmonic, model: RockingModel
+def _classify_from_rest(
+    block: Block, restitution: Reals, motion: Harmonic, model: RockingModel
 ) -> np.ndarray:
-    """Tell what blocks at rest do, as in `_FLAGS`."""
+    """Classify what blocks at rest do, as in `_FLAGS`."""
     response = follow_batch(Batch.of(block, restitution, motion), model)
     peak = np.asarray(response.peak_rotation)
-    return (peak > 0) + _topples(peak)
+    return (peak > 0) + _flag_toppled(peak)
 
 
-def _topples(peak: np.ndarray) -> np.ndarray:
-    """1 where blocks have fallen, else 0."""
+def _flag_toppled(peak: np.ndarray) -> np.ndarray:
+    """Flag blocks that have fallen by 1, others by 0."""
     if np.isnan(peak).any():
         raise ValueError("motion could not be followed to its end for every block")
-    # By rotation: after many periods what free motion would do is beside the point.
+    # By rotation and not by energy: the floor goes on moving, so that it does not count what
+    # the block would do on a floor at rest.
     return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)

@@ -3,18 +3,18 @@
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import RECTANGLE_INERTIA_RATIO
-from ..grids import Grid, Values, axis
-from ..ground_motion import Pulse, pulse_class
-from ..overturning import check_range, each_critical_amplitude
+from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..grids import DataType, Grid, GridVariable, Values, as_axis
+from ..ground_motion import Pulse, check_pulse_class
+from ..overturning import check_range, search_amplitudes_alone
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import as_real
-from .driven import unit_block
+from ..validation import Reals, as_real
+from .driven import make_unit_block
 
 if TYPE_CHECKING:
     import xarray
@@ -25,7 +25,7 @@ _USUAL = 2**8  # frequencies in a chunk of a lazy dataset
 _LISTED = 16  # boundaries at each frequency in a lazy dataset
 _PLANE = ("frequency_ratio", "boundary")
 _LINE = ("frequency_ratio",)
-_BOUNDARIES: dict[str, tuple[Sequence[str], Any, str]] = {  # dimensions, type, long name
+_BOUNDARIES: dict[str, tuple[Sequence[str], DataType, str]] = {  # dimensions, type, long name
     "amplitude_ratio": (
         _PLANE,
         float,
@@ -51,7 +51,7 @@ def overturning_map(
     max_boundaries: int | None = None,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Every boundary between standing and overturning, in the plane of the literature.
+    """Find every boundary between standing and overturning, in the plane of the literature.
 
     Parameters
     ----------
@@ -78,29 +78,33 @@ def overturning_map(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If an argument is out of range.
     """
     model = as_model(model)
-    ratios = axis("frequency_ratio", frequency_ratio)
+    ratios = as_axis("frequency_ratio", frequency_ratio)
     if max_boundaries is not None and max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
-    kind = pulse_class(shape)
-    block, c, uplift = unit_block(slenderness, restitution, inertia_ratio, model)
+    kind = check_pulse_class(shape)
+    block, c, uplift = make_unit_block(slenderness, restitution, inertia_ratio, model)
     lows_and_highs = (float(amplitude_ratios[0]), float(amplitude_ratios[1]))
     check_range(lows_and_highs, resolution)
     rate = float(block.frequency_parameter)
     search = (lows_and_highs, resolution, model)
-    compute = functools.partial(_boundaries, kind, uplift, rate, search)
+    compute = functools.partial(_search_boundaries, kind, uplift, rate, search)
     shared = (block, as_real("restitution", c))
+    # By default all boundaries are listed, and how many there are is known once they have been
+    # found. A lazy dataset must state its size before.
     found = None
-    if max_boundaries is None and chunks is None:  # as many as there are, which is known then
+    if max_boundaries is None and chunks is None:
         found = compute(0, shared, ratios)
         max_boundaries = found["amplitude_ratio"].shape[1]
     columns = _LISTED if max_boundaries is None else max_boundaries
-    variables: dict[str, Any] = {}
+    variables: dict[str, GridVariable] = {}
     for name, (dims, dtype, long_name) in _BOUNDARIES.items():
         about = {"long_name": long_name, "units": "1"}
-        variables[name] = (dims, jnp.result_type(float) if dtype is float else dtype, about)
+        # In the precision of JAX, which the amplitudes come in.
+        kind_of_number = jnp.result_type(float) if dtype is float else dtype
+        variables[name] = GridVariable(dims, kind_of_number, about)
     attributes = {
         "model": model.name,
         "motion": kind.name,
@@ -123,23 +127,23 @@ def overturning_map(
         shared=shared,
     )
     if found is None:
-        return grid.dataset(chunks)
-    return grid.labelled({n: np.asarray(found[n], v[1]) for n, v in variables.items()})
+        return grid.build_dataset(chunks)
+    return grid.label({n: np.asarray(found[n], v.dtype) for n, v in variables.items()})
 
 
-def _boundaries(
+def _search_boundaries(
     kind: type[Pulse],
     uplift: float,
     rate: float,
     search: tuple[Sequence[float], float, RockingModel],
     columns: int,
-    shared: Any,
+    shared: tuple[Block, Reals],
     ratios: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Search boundaries at some frequencies, at least `columns`; 0 for all there are."""
+    """Search boundaries at some frequencies; list `columns` of them, or all if it is 0."""
     durations = kind.angle / (ratios * rate)
     block, c = shared
-    found = each_critical_amplitude(block, c, kind, durations, *search)
+    found = search_amplitudes_alone(block, c, kind, durations, *search)
     if not np.asarray(found.complete).all():
         raise ValueError("motion could not be followed to its end for every pulse")
     answers = {
@@ -147,6 +151,8 @@ def _boundaries(
         "overturns_beyond": np.asarray(found.overturns_beyond, np.int8),
         "impacts": np.asarray(found.impacts),
     }
+    # The search has as many columns as the frequency with most boundaries in this chunk needs:
+    # fewer or more than the dataset has.
     room = max(0, columns - found.value.shape[1])
     missing = {"amplitude_ratio": math.nan, "overturns_beyond": 0, "impacts": -1}
     padded = {

@@ -3,18 +3,18 @@
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from .. import resonance
-from ..accuracy import linearized_is_enough
+from ..accuracy import is_linearized_enough
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..grids import Grid, Values, axis, flat, in_tiles
-from ..host import processors
+from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
+from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
 from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
 
@@ -23,14 +23,17 @@ if TYPE_CHECKING:
 
     from ..grids import Chunks
 
-Devices = Sequence[Any] | None
+Devices = Sequence[jax.Device] | None
+_Argument = TypeVar("_Argument")
 
 RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
-# Points that go through a program at once: on one processor, whose cache holds what passes
-# between its loops then, and on several, which share each loop. Both round alike, which the
-# tests compare.
+# Points that go through a program at once. On one processor a tile is so small that its cache
+# holds what passes from one loop of the program to the next. Several processors share each
+# loop, so that a tile can be larger. Both round alike, which the tests compare: the bits of a
+# spectrum must not depend on the number of processors.
 _TILES = (2**12, 2**15)
-_LARGEST = _USUAL = 2**20  # points of a grid at once, and in a chunk of a lazy dataset
+_LARGEST = 2**20  # points of a grid at once, for which there is memory
+_USUAL = 2**20  # points in a chunk of a lazy dataset
 
 _VARIABLES = {  # long name and unit
     "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
@@ -101,7 +104,7 @@ def resonance_spectrum(
     Raises
     ------
     ValueError
-        If an argument is empty, has several dimensions or a value outside of what is allowed;
+        If an argument is empty, has several dimensions or a value out of range;
         if `store` cannot be written.
 
     Examples
@@ -123,39 +126,43 @@ def resonance_spectrum(
         )
     given = (slenderness, width, restitution, intensity)
     axes = {
-        name: axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
+        name: as_axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
     }
     dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
-    variables: dict[str, Any] = {
-        name: (dims, jnp.result_type(float), {"long_name": long_name, "units": units})
+    variables = {
+        name: GridVariable(
+            dims, jnp.result_type(float), {"long_name": long_name, "units": units}
+        )
         for name, (long_name, units) in _VARIABLES.items()
     }
-    variables["critical_intensity"] = (dims[:3], *variables["critical_intensity"][1:])
+    # The critical intensity is itself a value along the axis of intensities.
+    critical = variables["critical_intensity"]
+    variables["critical_intensity"] = critical._replace(dims=dims[:3])
     numbers = {name: float(value) for name, value in constants.items()}
     attributes = {"model": "auto", **numbers, "gravity_units": "m s-2"}
     if single:
         attributes["model"] = single.name
-        compute = functools.partial(_single, model=single, devices=devices)
+        compute = functools.partial(_compute_by_model, model=single, devices=devices)
     else:
         attributes["tolerance"] = tolerance
-        variables["model"] = (dims, np.int8, _MODEL)
-        compute = functools.partial(_auto, tolerance=tolerance, devices=devices)
+        variables["model"] = GridVariable(dims, np.int8, _MODEL)
+        compute = functools.partial(_compute_by_cheapest, tolerance=tolerance, devices=devices)
+    ranks = {name: len(variable.dims) for name, variable in variables.items()}
     grid = Grid(
         "Resonance spectra of rigid rocking blocks",
         axes,
         variables,
         attributes,
-        functools.partial(
-            _over_axes, compute, {name: len(v[0]) for name, v in variables.items()}
-        ),
+        functools.partial(_compute_chunk, compute, ranks),
         _LARGEST,
         _USUAL,
         shared=tuple(shared),
     )
-    return grid.dataset(chunks, store)
+    return grid.build_dataset(chunks, store)
 
 
-def _of_one_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
+def _compute_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
+    """Compute all variables for one scene."""
     return {
         "rotation_ratio": resonance.rotation_ratio(scene, model),
         "peak_rotation": resonance.stabilized_rotation(scene, model),
@@ -168,83 +175,95 @@ def _of_one_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
 
 
 def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
+    """Compute the critical intensity of a scene, whatever its own intensity is."""
     return resonance.critical_intensity(scene.block, scene.restitution, model=model)
 
 
-def _over_axes(
+def _compute_chunk(
     compute: Callable[..., dict[str, np.ndarray]],
     ranks: Mapping[str, int],
     shared: Sequence[Array],
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Apply `compute` to the points of a grid, by the number of axes of each variable."""
-    shape, points = flat(*parts)
+    """Compute all variables over a chunk; `ranks` says how many axes each of them has."""
+    shape, points = list_points(*parts)
     answers = compute(points, shared)
     full = len(shape)
-    # What has fewer dimensions is the same along the others.
+    # A variable with fewer dimensions is the same along the others: the first point stands for
+    # all of them.
     return {
         name: answers[name].reshape(shape)[(..., *[0] * (full - rank))]
         for name, rank in ranks.items()
     }
 
 
-def _single(
+def _compute_by_model(
     points: np.ndarray, shared: Sequence[Array], model: RockingModel, devices: Devices
 ) -> dict[str, np.ndarray]:
-    """All variables at points, of one model."""
-    return _at_points(_of_one_scene, points, shared, devices, model)
+    """Compute all variables at points by one model."""
+    return _compute_at_points(_compute_scene, points, shared, devices, model)
 
 
-def _auto(
+def _compute_by_cheapest(
     points: np.ndarray, shared: Sequence[Array], tolerance: float, devices: Devices
 ) -> dict[str, np.ndarray]:
-    """As `_single`, each point by the cheapest model; and by which."""
+    """Compute all variables at points, each by the cheapest model, and say by which."""
     limit = as_real("tolerance", tolerance)
-    linear = _at_points(linearized_is_enough, points, shared, devices, limit)
+    linear = _compute_at_points(is_linearized_enough, points, shared, devices, limit)
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
         if not mask.any():
             continue
-        for name, values in _single(points[:, mask], shared, model, devices).items():
+        for name, values in _compute_by_model(points[:, mask], shared, model, devices).items():
             answers[name][mask] = values
-    # It has no intensity, and all intensities have to agree about it.
-    exact = _at_points(_critical_intensity, points, shared, devices, Nonlinear())
+    # The critical intensity is one number for all intensities of the axis, even if the
+    # other variables come from one model at some of them and from the other at the rest.
+    exact = _compute_at_points(_critical_intensity, points, shared, devices, Nonlinear())
     return answers | {"critical_intensity": exact, "model": ~linear}
 
 
-def _at_points(
-    function: Callable[..., Any],
+def _compute_at_points(
+    function: Callable[[Scene, _Argument], PyTree],
     points: np.ndarray,
     shared: Sequence[Array],
     devices: Devices,
-    argument: Any,
-) -> Any:
+    argument: _Argument,
+) -> PyTree:
     """Apply a function of a scene and an argument at points of shape (axes, n), in NumPy."""
     gravity, inertia_ratio = shared
     devices = devices or jax.local_devices()
+    # On processors threads share the tiles; with accelerators one thread feeds each device.
     on_processor = devices[0].platform == "cpu"
-    workers = max(processors(), len(devices)) if on_processor else len(devices)
+    workers = max(count_processors(), len(devices)) if on_processor else len(devices)
     elsewhere = len(devices) > 1 or devices[0] != jax.local_devices()[0]
 
-    def of_tile(number: int, tile: np.ndarray) -> Any:
+    def compute_tile(number: int, tile: np.ndarray) -> PyTree:
         given = (tile, gravity, inertia_ratio)
         if elsewhere:
-            # Each tile by the program for one device: of what is partitioned XLA makes
-            # another.
+            # Each tile by the program for one device: partitioned over
+            # several it would be another program, which could round differently.
             given = jax.device_put(given, devices[number % len(devices)])
-        return _of_scenes(given, argument, function=function)
+        return _apply_to_scenes(given, argument, function=function)
 
     values = np.asarray(points, jnp.result_type(float))
-    tile = _TILES[processors() > 1] if on_processor else _LARGEST
-    return in_tiles(of_tile, tile, values, workers)
+    tile = _TILES[count_processors() > 1] if on_processor else _LARGEST
+    return apply_in_tiles(compute_tile, tile, values, workers)
 
 
 @functools.partial(jax.jit, static_argnames="function")
-def _of_scenes(given: tuple[Array, Array, Array], argument: Any, *, function: Any) -> Any:
+def _apply_to_scenes(
+    given: tuple[Array, Array, Array],
+    argument: _Argument,
+    *,
+    function: Callable[[Scene, _Argument], PyTree],
+) -> PyTree:
+    """Apply a function of a scene and an argument to many scenes, in one program."""
     points, gravity, inertia_ratio = given
 
-    def of_one(slenderness: Array, width: Array, restitution: Array, intensity: Array) -> Any:
+    def apply_to_one(
+        slenderness: Array, width: Array, restitution: Array, intensity: Array
+    ) -> PyTree:
         block = Block(width / 2, slenderness, gravity, inertia_ratio)
         return function(Scene(block, restitution, intensity), argument)
 
-    return jax.vmap(of_one)(*points)
+    return jax.vmap(apply_to_one)(*points)

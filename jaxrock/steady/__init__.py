@@ -5,7 +5,8 @@ Both are fixed points of a map from one half-period to the next, with its slope 
 
 from .harmonic_linearized import least_harmonic_amplitude, symmetry_breaking_amplitude
 from .harmonic_orbit import HarmonicOrbit, harmonic_orbit
-from .repeated_pulses import PulsedPhase, pulsed_next_velocity, pulsed_phase
+from .repeated_pulses import PulsedPhase, pulsed_phase
+from .repeated_pulses_map import pulsed_next_velocity
 from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
 
 __all__ = [

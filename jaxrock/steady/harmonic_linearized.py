@@ -10,12 +10,15 @@ t = tanh(T / 2), and m half of the landing velocity these are two linear equatio
 
     k sin(phase) = t (1 - C) m,    k w cos(phase) = t - (1 + C) m,
 
-and their squares are a quadratic equation for m. Its larger root is that of the motion which
+and their squares are a quadratic equation for m. Its larger root belongs to the motion that
 can be stable; on the lower branch a multiplier exceeds 1. The roots meet at beta_min.
+
+The derivative of the map from one launch to the next, in time and velocity, has the
+determinant C^2. Its trace says the rest of stability.
 """
 
+import abc
 import math
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,9 +32,9 @@ class HarmonicScene(eqx.Module):
     """One block on a harmonic floor, in units of 1 / p and alpha_c."""
 
     equation: Equation  # with p = 1
-    restitution: Reals
-    frequency: Reals  # w, omega / p
-    amplitude: Reals  # beta, over g alpha_c
+    restitution: Reals  # C
+    frequency: Reals  # w = omega / p
+    amplitude: Reals  # beta, the acceleration of the floor over g alpha_c
 
     @property
     def half_period(self) -> Reals:
@@ -39,32 +42,42 @@ class HarmonicScene(eqx.Module):
         return math.pi / self.frequency
 
     def acceleration(self, rotation: Reals, push: Reals) -> Reals:
-        """Of a rotation and a push over alpha_c."""
+        """Angular acceleration, of a rotation and a push over alpha_c."""
         angle = self.equation.critical_angle
         lift = jnp.zeros_like(rotation)
         return self.equation.acceleration(angle * rotation, angle * push, lift) / angle
 
 
-class Steady(eqx.Module):
-    """What one half period of a steady motion is like; arbitrary where there is none."""
+class HalfPeriodPath(eqx.Module):
+    """Motion in a half period as a function of the share of it, from 0 to 1."""
+
+    @abc.abstractmethod
+    def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
+        """Rotation, velocity and acceleration at a share of the half period."""
+
+
+class SteadyMotion(eqx.Module):
+    """One half period of a steady motion; arbitrary numbers where there is none."""
 
     landing: Reals  # velocity, over alpha_c p
     sine: Reals  # beta sin(phase)
     cosine: Reals  # beta cos(phase)
     trace: Reals  # of the derivative of the half-period map
     exists: Booleans
-    path: Any  # rotation, velocity and acceleration `at` a share of the half period
+    path: HalfPeriodPath
 
 
-class LinearizedPath(eqx.Module):
-    """Rotation over time, in closed form."""
+class LinearizedPath(HalfPeriodPath):
+    """Motion of the linearized block in a half period, in closed form."""
 
     half_period: Reals
     sine: Reals  # k sin(phase)
     cosine: Reals  # k cos(phase)
 
     def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
-        """Rotation, velocity and acceleration."""
+        """Rotation, velocity and acceleration at a share of the half period."""
+        # Exponentials of negative numbers, less 1: no overflow for a slow floor, and no
+        # cancellation at both ends, where the rotation is 0.
         length = self.half_period
         frequency = math.pi / self.half_period
         gone = jnp.expm1(-share * length)
@@ -84,11 +97,12 @@ class LinearizedPath(eqx.Module):
         return rotation, velocity, rotation - 1 + push
 
 
-def linearized_steady(scene: HarmonicScene) -> Steady:
-    """Compute the steady motion on the upper branch."""
+def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
+    """Solve for the steady motion of the linearized block on the upper branch."""
     c = scene.restitution
     w = scene.frequency
-    t, loss, squares = _coefficients(c, w)
+    t, loss, squares = _compute_coefficients(c, w)
+    # `exists` at one side of beta_min, so that the root has no NaN in its derivative.
     strength = scene.amplitude / (1 + w**2)
     least = t**2 * loss / jnp.sqrt(squares)
     exists = strength > least
@@ -96,11 +110,11 @@ def linearized_steady(scene: HarmonicScene) -> Steady:
     root = jnp.sqrt(squares * above)
     m = (t * (1 + c) + w * root) / squares
     sine = t * loss * m
-    # t - (1 + C) m, without cancellation
+    # k w cos(phase) = t - (1 + C) m with the solution for m put in: the difference cancels.
     cosine = (t**3 * w * loss**2 - (1 + c) * root) / squares
     path = LinearizedPath(scene.half_period, sine, cosine)
-    from_parts, from_landing = _trace_terms(c, w)
-    return Steady(
+    from_parts, from_landing = _compute_trace_terms(c, w)
+    return SteadyMotion(
         landing=2 * m,
         sine=(1 + w**2) * sine,
         cosine=(1 + w**2) * cosine,
@@ -111,32 +125,34 @@ def linearized_steady(scene: HarmonicScene) -> Steady:
 
 
 def least_amplitude(restitution: Reals, frequency: Reals) -> Reals:
-    """beta_min."""
-    t, loss, squares = _coefficients(restitution, frequency)
+    """Least amplitude beta_min, over g alpha_c, at which a steady motion exists."""
+    t, loss, squares = _compute_coefficients(restitution, frequency)
     return (1 + frequency**2) * t**2 * loss / jnp.sqrt(squares)
 
 
-def _coefficients(c: Reals, w: Reals) -> tuple[Reals, Reals, Reals]:
-    """t, 1 - C, and (1 + C)^2 + (w t (1 - C))^2."""
+def _compute_coefficients(c: Reals, w: Reals) -> tuple[Reals, Reals, Reals]:
+    """Compute the coefficients t, 1 - C, and (1 + C)^2 + (w t (1 - C))^2."""
     t = jnp.tanh(0.5 * math.pi / w)
     loss = 1 - c
     return t, loss, (1 + c) ** 2 + (w * t * loss) ** 2
 
 
-def _trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
-    """Compute two terms of the trace of the map's derivative: the second over m, less the first."""
+def _compute_trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
+    """Compute two terms of the trace, which is the second one over m, less the first one."""
     length = math.pi / w
-    rise = 2 * jnp.sinh(0.5 * length) ** 2  # cosh(T) - 1
+    # cosh(T) - 1, which would cancel for a fast floor.
+    rise = 2 * jnp.sinh(0.5 * length) ** 2
     from_parts = 2 * c * (1 + rise) + 0.5 * rise * (1 + w**2) * (1 - c) ** 2
     return from_parts, 0.5 * (1 + c) * jnp.sinh(length)
 
 
 @elementwise(restitution=UNIT_INTERVAL, frequency=POSITIVE)
 def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
-    """Least amplitude of a harmonic floor that keeps the linearized block rocking.
+    """Compute the least amplitude of a harmonic floor that keeps the linearized block rocking.
 
-    Of a block that moves already, in the symmetric motion of `harmonic_orbit`; far below what
-    lifts it from rest where it loses little at impacts. 0 for a restitution of 1.
+    The block moves already, in the symmetric motion of `harmonic_orbit`. If it loses little at
+    impacts, this is far below the amplitude that lifts it from rest; for a restitution of 1 it
+    is 0.
 
     Parameters
     ----------
@@ -144,14 +160,19 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
     restitution : array_like
         C [-], between 0 and 1.
     frequency : array_like
-        Angular frequency omega of the floor [rad/s], greater than 0.
+        Angular frequency omega of the floor [rad/s], finite and greater than 0.
 
     Returns
     -------
     amplitude : Array, shape (...)
-        Of the acceleration [m/s2], ``g alpha_c beta_min`` with, for w = omega / p and t =
-        tanh(pi / (2 w)),
+        Amplitude of the acceleration [m/s2], ``g alpha_c beta_min`` with, for w = omega / p
+        and t = tanh(pi / (2 w)),
         ``beta_min = (1 + w^2) (1 - C) t^2 / sqrt((1 + C)^2 + (w t (1 - C))^2)``.
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution` or `frequency` is out of range. A traced one gives NaN.
 
     Examples
     --------
@@ -167,26 +188,35 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
 
 @elementwise(restitution=UNIT_INTERVAL, frequency=POSITIVE)
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
-    """Amplitude beyond which steady rocking of the linearized block is no longer symmetric.
+    """Compute the amplitude beyond which steady rocking is no longer symmetric.
 
-    There a multiplier of the half-period map passes -1: the symmetric motion of
-    `harmonic_orbit` goes on to exist, but is not stable any more.
+    There a multiplier of the half-period map of the linearized block passes -1: the symmetric
+    motion of `harmonic_orbit` goes on to exist, but is not stable any more.
 
     Parameters
     ----------
-    block, restitution, frequency
-        As in `least_harmonic_amplitude`.
+    block : Block
+    restitution : array_like
+        C [-], between 0 and 1.
+    frequency : array_like
+        Angular frequency omega of the floor [rad/s], finite and greater than 0.
 
     Returns
     -------
     amplitude : Array, shape (...)
-        Of the acceleration [m/s2].
+        Amplitude of the acceleration [m/s2].
+
+    Raises
+    ------
+    ValueError
+        If a concrete `restitution` or `frequency` is out of range. A traced one gives NaN.
     """
     c = jnp.asarray(restitution)
     w = jnp.divide(frequency, block.frequency_parameter)
-    t, loss, _ = _coefficients(c, w)
-    # Where the trace is -(1 + C^2).
-    from_parts, from_landing = _trace_terms(c, w)
+    t, loss, _ = _compute_coefficients(c, w)
+    # A multiplier is -1 where 1 + trace + C^2 = 0. That is linear in 1 / m, and with m both
+    # equations for the phase give k.
+    from_parts, from_landing = _compute_trace_terms(c, w)
     m = from_landing / (from_parts - (1 + c**2))
     strength = jnp.sqrt((t * loss * m) ** 2 + ((t - (1 + c) * m) / w) ** 2)
     return block.gravity * block.critical_angle * (1 + w**2) * strength

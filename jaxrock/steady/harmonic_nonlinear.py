@@ -3,8 +3,8 @@
 The unknowns are the angular acceleration at nodes in the half period, from which the rotation
 follows by integrating a polynomial twice, and beta sin(phase) and beta cos(phase). The
 equation of motion at the nodes, the impact law and the given beta decide on them. As a
-boundary value problem this is well conditioned however unstable the motion is, and without
-impacts in between it is smooth: the polynomial converges to rounding.
+boundary value problem this is well conditioned however unstable the motion is. Between two
+impacts the motion is smooth, so that the polynomial converges to rounding.
 
 Newton's method starts at the linearized motion under a floor that is strong enough, and from
 there goes down to the given one. There beta^2 is a nearly parabolic function of the landing
@@ -12,41 +12,59 @@ velocity, so that it arrives without overshooting wherever the upper branch goes
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 from numpy.polynomial import chebyshev
 
-from ..validation import Booleans, Reals
-from .harmonic_linearized import HarmonicScene, Steady, least_amplitude, linearized_steady
+from ..validation import Booleans, Integers, Reals
+from .harmonic_linearized import (
+    HalfPeriodPath,
+    HarmonicScene,
+    SteadyMotion,
+    least_amplitude,
+    solve_linearized,
+)
 
+# Nodes: the polynomial resolves motions on floors faster than about 0.3 p.
 _NODES = 36
+# Newton's steps, at most.
 _ITERATIONS = 60
-_ABOVE = 1.5, 0.2  # where the search starts: times the least amplitude, and over g alpha_c
+# The search starts at a floor of so many times the least amplitude, and so much beyond it over
+# g alpha_c: well above the fold, where the linearized motion is close to the nonlinear one.
+_START_TIMES = 1.5
+_START_BEYOND = 0.2
 
 
 class _Collocation(NamedTuple):
-    """Linear maps from what a polynomial is at the nodes, on the interval from -1 to 1."""
+    """Linear maps of a polynomial given by its values at the nodes, on the interval -1 to 1.
 
-    elapsed: Any  # since launch, in half intervals, at the nodes
-    sine: Any  # of the phase since launch
-    cosine: Any
-    coefficients: Any  # of Chebyshev polynomials
-    between: Any  # double integral that is 0 at both ends, at the nodes
-    first_slope: Any  # of that, at the ends
-    last_slope: Any
-    onward: Any  # double integral from the first end, at the nodes
-    onward_end: Any  # and at the other end
-    integral: Any  # from the first end to the other
-    path: Any  # coefficients of the double integral that is 0 at both ends
-    velocity: Any  # and of its derivative
+    A double integral "between" the ends is 0 at both of them, as the rotation is at impacts.
+    One "onward" from the first end begins with value and slope 0.
+    """
+
+    elapsed: Reals  # time since launch at the nodes, in half intervals
+    sine: Reals  # of the phase since launch, at the nodes
+    cosine: Reals
+    coefficients: Reals  # of Chebyshev polynomials
+    between: Reals  # double integral between the ends, at the nodes
+    first_slope: Reals  # of that double integral, at the first end
+    last_slope: Reals  # and at the last
+    onward: Reals  # double integral onward, at the nodes
+    onward_end: Reals  # and at the last end
+    integral: Reals  # from the first end to the last
+    path: Reals  # Chebyshev coefficients of the double integral between the ends
+    velocity: Reals  # and of its derivative
 
 
 @functools.cache
-def _maps() -> _Collocation:
+def _make_collocation() -> dict[str, np.ndarray]:
+    """Make the linear maps by their names, in NumPy and in double precision."""
+    # Chebyshev nodes, which cluster at the ends: interpolation there converges geometrically.
     nodes = -np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
     coefficients = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
     unit = np.eye(_NODES)
@@ -54,99 +72,115 @@ def _maps() -> _Collocation:
     twice = np.stack([chebyshev.chebint(row, 2, lbnd=-1) for row in unit], axis=1)
     end = twice.sum(axis=0)
     integral = once.sum(axis=0)
-    # Less the line to the end, half of it times 1 + x.
+    # The double integral onward, less the line that leads to its value at the last end: half
+    # of that value times 1 + x.
     path = twice.copy()
     velocity = once.copy()
     path[:2] -= 0.5 * end
     velocity[0] -= 0.5 * end
 
-    def at(points: Any, series: np.ndarray) -> np.ndarray:
+    def evaluate(points: ArrayLike, series: np.ndarray) -> np.ndarray:
         return chebyshev.chebvander(points, len(series) - 1) @ series @ coefficients
 
     phase = 0.5 * np.pi * (1 + nodes)
-    return _Collocation(
-        elapsed=1 + nodes,
-        sine=np.sin(phase),
-        cosine=np.cos(phase),
-        coefficients=coefficients,
-        between=at(nodes, path),
-        first_slope=at(-1.0, velocity)[0],
-        last_slope=at(1.0, velocity)[0],
-        onward=at(nodes, twice),
-        onward_end=end @ coefficients,
-        integral=integral @ coefficients,
-        path=path @ coefficients,
-        velocity=velocity @ coefficients,
-    )
+    return {
+        "elapsed": 1 + nodes,
+        "sine": np.sin(phase),
+        "cosine": np.cos(phase),
+        "coefficients": coefficients,
+        "between": evaluate(nodes, path),
+        "first_slope": evaluate(-1.0, velocity)[0],
+        "last_slope": evaluate(1.0, velocity)[0],
+        "onward": evaluate(nodes, twice),
+        "onward_end": end @ coefficients,
+        "integral": integral @ coefficients,
+        "path": path @ coefficients,
+        "velocity": velocity @ coefficients,
+    }
 
 
-def _maps_in(dtype: Any) -> _Collocation:
-    return jax.tree.map(lambda part: jnp.asarray(part, dtype), _maps())
+def _cast_collocation(dtype: np.dtype) -> _Collocation:
+    """Cast the linear maps to JAX arrays of a precision."""
+    maps = _make_collocation()
+    return _Collocation(**{name: jnp.asarray(part, dtype) for name, part in maps.items()})
 
 
-def _times(matrix: Reals, values: Reals) -> Reals:
-    """Multiply in full precision, on accelerators too."""
+def _multiply_precisely(matrix: Reals, values: Reals) -> Reals:
+    """Multiply in full precision, which accelerators do not by themselves."""
     return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
 
 
-class PolynomialPath(eqx.Module):
-    """Rotation, velocity and acceleration over time, by their Chebyshev coefficients."""
+class PolynomialPath(HalfPeriodPath):
+    """Motion in a half period by Chebyshev coefficients."""
 
     rotation: Reals
     velocity: Reals
     acceleration: Reals
 
     def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
-        """All three at a share of the half period."""
+        """Rotation, velocity and acceleration at a share of the half period."""
+        # T_n(x) = cos(n arccos(x)).
         angle = jnp.arccos(2 * share - 1)
         orders = jnp.arange(_NODES + 2, dtype=angle.dtype)
         polynomials = jnp.cos(jnp.multiply.outer(angle, orders))
         series = self.rotation, self.velocity, self.acceleration
         rotation, velocity, acceleration = (
-            _times(polynomials[..., : each.size], each) for each in series
+            _multiply_precisely(polynomials[..., : each.size], each) for each in series
         )
         return rotation, velocity, acceleration
 
 
-def nonlinear_steady(scene: HarmonicScene) -> Steady:
-    """Compute the steady motion on the branch that begins as the linearized one."""
-    unknowns, found = _solution(scene)
-    return _steady(scene, unknowns, found)
+def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
+    """Solve for the steady motion on the branch that begins as the linearized one."""
+    unknowns, found = _solve_equations(scene)
+    return _make_steady_motion(scene, unknowns, found)
 
 
 @eqx.filter_custom_jvp
-def _solution(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """Find the unknowns, differentiated by the implicit function theorem; tell if found."""
-    return _search(scene)
+def _solve_equations(scene: HarmonicScene) -> tuple[Reals, Booleans]:
+    """Solve the equations for the unknowns; tell if that succeeded.
+
+    Derivatives come from the implicit function theorem: none passes through the search.
+    """
+    return _search_unknowns(scene)
 
 
-@_solution.def_jvp
-def _(primals: Any, tangents: Any) -> Any:
+@_solve_equations.def_jvp
+def _(
+    primals: tuple[HarmonicScene], tangents: tuple[HarmonicScene]
+) -> tuple[tuple[Reals, Booleans], tuple[Reals, None]]:
+    """Differentiate the unknowns by the implicit function theorem."""
     (scene,) = primals
-    unknowns, found = _solution(scene)
+    unknowns, found = _solve_equations(scene)
 
     def residual(scene: HarmonicScene) -> Reals:
-        return _equations(scene, scene.amplitude, unknowns)[0]
+        return _compute_residuals(scene, scene.amplitude, unknowns)[0]
 
     change = eqx.filter_jvp(residual, primals, tangents)[1]
-    jacobian = _equations(scene, scene.amplitude, unknowns)[1]
-    # What does not exist does not move.
+    jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
+    # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
     identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
     move = jnp.linalg.solve(jnp.where(found, jacobian, identity), jnp.where(found, -change, 0))
     return (unknowns, found), (move, None)
 
 
-def _equations(scene: HarmonicScene, amplitude: Reals, unknowns: Reals) -> tuple[Reals, Reals]:
-    """Compute the residuals of a steady motion, and their Jacobian matrix."""
-    maps = _maps_in(unknowns.dtype)
+def _compute_residuals(
+    scene: HarmonicScene, amplitude: Reals, unknowns: Reals
+) -> tuple[Reals, Reals]:
+    """Compute the residuals of a steady motion, and their Jacobian matrix.
+
+    The residuals are the equation of motion at the nodes, the impact law, which joins the
+    velocities at both ends, and beta^2.
+    """
+    maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
     sine, cosine = unknowns[-2:]
     to_rotation = half**2 * maps.between
     to_impact = half * (maps.first_slope + scene.restitution * maps.last_slope)
-    needed, (by_rotation, by_push) = _acceleration(scene, unknowns)
+    needed, (by_rotation, by_push) = _compute_node_accelerations(scene, unknowns)
     residual = [acceleration - needed, jnp.stack([
-        _times(to_impact, acceleration), sine**2 + cosine**2 - amplitude**2,
+        _multiply_precisely(to_impact, acceleration), sine**2 + cosine**2 - amplitude**2,
     ])]  # fmt: skip
     identity = jnp.eye(needed.size, dtype=needed.dtype)
     beside = -by_push[:, None] * jnp.stack([maps.cosine, maps.sine], axis=1)
@@ -156,11 +190,11 @@ def _equations(scene: HarmonicScene, amplitude: Reals, unknowns: Reals) -> tuple
     return jnp.concatenate(residual), jnp.concatenate([nodes, impact[None], strength[None]])
 
 
-def _acceleration(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
+def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
     """Compute the acceleration at the nodes, and its derivatives by rotation and push."""
-    maps = _maps_in(unknowns.dtype)
+    maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
-    rotation = half**2 * _times(maps.between, unknowns[:-2])
+    rotation = half**2 * _multiply_precisely(maps.between, unknowns[:-2])
     push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
     one = jnp.ones_like(push)
     zero = jnp.zeros_like(push)
@@ -172,97 +206,118 @@ def _acceleration(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
 
 
 class _Newton(NamedTuple):
+    """The state of the search; see the table in `_search_unknowns`."""
+
     unknowns: Reals
-    amplitude: Reals  # for which the equations are being solved
+    amplitude: Reals  # beta for which the equations are being solved
     found: Booleans
     goes_on: Booleans
-    count: Any
+    steps: Integers
 
 
-def _search(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """Find the unknowns, arbitrary where there is no steady motion; tell if there is one."""
-    maps = _maps_in(scene.amplitude.dtype)
+def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
+    """Find the unknowns by Newton's method, or 1 where there is no motion; tell which."""
+    # State of the search   | What is known                     | What happens next
+    # ----------------------|-----------------------------------|------------------------------
+    # stronger floor        | the linearized motion under it    | Newton's steps for that floor
+    # arrived there         | a point on the upper branch       | Newton's steps for the given
+    #                       |                                   |   floor, all the way down
+    # arrived at the given  | the unknowns                      | found: the end
+    #   floor               |                                   |
+    # past the fold, or NaN | the upper branch does not go as   | not found: the end
+    #                       |   far down                        |
+    maps = _cast_collocation(scene.amplitude.dtype)
     dtype = scene.amplitude.dtype
-    times, beyond = _ABOVE
-    first = times * least_amplitude(scene.restitution, scene.frequency) + beyond
+    first = _START_TIMES * least_amplitude(scene.restitution, scene.frequency) + _START_BEYOND
     # A stocky block takes more, in proportion to what lifts it.
     first = first * scene.equation.tangent / scene.equation.critical_angle
     first = jnp.maximum(scene.amplitude, first)
+    # A floor at rest has no phase, which the equations would need.
     given = scene.amplitude > 0
-    begin = linearized_steady(eqx.tree_at(lambda s: s.amplitude, scene, first))
+    begin = solve_linearized(eqx.tree_at(lambda s: s.amplitude, scene, first))
     shares = jnp.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES), dtype)
     unknowns = jnp.append(begin.path.at(shares)[2], jnp.stack([begin.sine, begin.cosine]))
+    # Newton's method squares the error: after a step of this size it is rounding.
     tolerance = 0.1 * float(jnp.finfo(dtype).eps) ** 0.5
+    # Right-hand side for the derivative of the unknowns with respect to beta^2.
     last = jnp.zeros_like(unknowns).at[-1].set(1)
 
-    def step(state: _Newton) -> _Newton:
-        residual, jacobian = _equations(scene, state.amplitude, state.unknowns)
+    def take_step(state: _Newton) -> _Newton:
+        residual, jacobian = _compute_residuals(scene, state.amplitude, state.unknowns)
         change, slope = jnp.linalg.solve(jacobian, jnp.stack([residual, last], axis=1)).T
         unknowns = state.unknowns - change
-        # On the upper branch a stronger floor means a faster landing.
-        rising = _times(maps.last_slope, slope[:-2]) < 0
+        # On the upper branch a stronger floor means a faster landing. Where that is no longer
+        # so, the step has passed the fold and would go on to the other branch.
+        rising = _multiply_precisely(maps.last_slope, slope[:-2]) < 0
         sound = rising & jnp.isfinite(unknowns).all()
-        # Each compared with its like: beta may be small.
+        # Accelerations and beta are compared with themselves only: beta may be small.
         small = [
             jnp.abs(change[part]).max() <= tolerance * jnp.abs(unknowns[part]).max()
             for part in (slice(-2), slice(-2, None))
         ]
         arrived = sound & small[0] & small[1]
         found = arrived & given & (state.amplitude == scene.amplitude)
-        count = state.count + 1
+        steps = state.steps + 1
         return _Newton(
             unknowns=unknowns,
             amplitude=jnp.where(arrived, scene.amplitude, state.amplitude),
             found=found,
-            goes_on=sound & ~found & (count < _ITERATIONS),
-            count=count,
+            goes_on=sound & ~found & (steps < _ITERATIONS),
+            steps=steps,
         )
 
     no = jnp.zeros((), bool)
     start = _Newton(unknowns, first, no, jnp.isfinite(unknowns).all(), jnp.zeros((), int))
-    end = jax.lax.while_loop(lambda state: state.goes_on, step, start)
+    end = jax.lax.while_loop(lambda state: state.goes_on, take_step, start)
     return jnp.where(end.found, end.unknowns, 1), end.found
 
 
-def _steady(scene: HarmonicScene, unknowns: Reals, found: Booleans) -> Steady:
-    """Compute the steady motion that belongs to the unknowns."""
-    maps = _maps_in(unknowns.dtype)
+def _make_steady_motion(
+    scene: HarmonicScene, unknowns: Reals, found: Booleans
+) -> SteadyMotion:
+    """Make the steady motion that belongs to the unknowns."""
+    maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
     sine, cosine = unknowns[-2:]
-    coefficients = _times(maps.coefficients, acceleration)
-    landing = -half * _times(maps.last_slope, acceleration)
+    coefficients = _multiply_precisely(maps.coefficients, acceleration)
+    landing = -half * _multiply_precisely(maps.last_slope, acceleration)
+    # Where the last coefficients have not become small, more nodes would be needed.
     size = jnp.abs(coefficients).max()
     rest = jnp.abs(coefficients[-2:]).max()
     resolved = rest <= 0.1 * float(jnp.finfo(size.dtype).eps) ** 0.5 * size
     exists = found & resolved & (landing > 0)
     path = PolynomialPath(
-        rotation=half**2 * _times(maps.path, acceleration),
-        velocity=half * _times(maps.velocity, acceleration),
+        rotation=half**2 * _multiply_precisely(maps.path, acceleration),
+        velocity=half * _multiply_precisely(maps.velocity, acceleration),
         acceleration=coefficients,
     )
-    trace = _trace(scene, unknowns, jnp.where(exists, landing, 1))
-    return Steady(landing, sine, cosine, trace, exists, path)
+    trace = _compute_trace(scene, unknowns, jnp.where(exists, landing, 1))
+    return SteadyMotion(landing, sine, cosine, trace, exists, path)
 
 
-def _trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Reals:
-    """Of the derivative of the map from launch to launch, in time and velocity.
+def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Reals:
+    """Compute the trace of the derivative of the map from one launch to the next.
 
-    A later launch, and a faster one, change rotation and velocity at the time of the next
-    impact by solutions of the linear equation along the motion.
+    The map takes time and velocity of a launch. A later launch, and a faster one, change
+    rotation and velocity at the time of the next impact by solutions of the linear equation
+    along the motion. They are found by collocation too: `begun` is the solution without
+    stiffness, `bent` the acceleration that the stiffness adds.
     """
-    maps = _maps_in(unknowns.dtype)
+    maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     c = scene.restitution
-    _, along = _acceleration(scene, unknowns)
+    _, along = _compute_node_accelerations(scene, unknowns)
     stiffness = along[0][:, None]
     one = jnp.ones_like(along[0])
     begun = jnp.stack([one, half * maps.elapsed], axis=1)  # of unit rotation, of unit velocity
     matrix = jnp.eye(one.size, dtype=one.dtype) - stiffness * (half**2 * maps.onward)
     bent = jnp.linalg.solve(matrix, stiffness * begun)
     zero = jnp.zeros_like(half)
-    end = jnp.stack([zero + 1, 2 * half]) + half**2 * _times(maps.onward_end, bent)
-    rate = jnp.stack([zero, zero + 1]) + half * _times(maps.integral, bent)
+    end = jnp.stack([zero + 1, 2 * half]) + half**2 * _multiply_precisely(
+        maps.onward_end, bent
+    )
+    rate = jnp.stack([zero, zero + 1]) + half * _multiply_precisely(maps.integral, bent)
     sine = unknowns[-2]
     leaving, arriving = (scene.acceleration(zero, push) for push in (sine, -sine))
     return -c * (end[0] + rate[1]) - end[1] * (leaving + c * arriving) / landing

@@ -1,7 +1,7 @@
 """Steady rocking on a floor that goes on to move harmonically, and whether it is stable."""
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ from jaxtyping import Array, Complex
 
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, Equation, uplift_acceleration
-from ..host import Printed, listed
+from ..host import Printed, format_fields
 from ..impact import velocity_after_impact
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -24,14 +24,18 @@ from ..validation import (
     Reals,
     elementwise,
     is_traced,
-    of_one_precision,
+    unify_precision,
 )
-from .harmonic_linearized import HarmonicScene, linearized_steady
-from .harmonic_nonlinear import nonlinear_steady
+from .harmonic_linearized import HalfPeriodPath, HarmonicScene, solve_linearized
+from .harmonic_nonlinear import solve_nonlinear
 
-_TOGETHER = 64  # orbits that one step of Newton's method is taken for
-_INSTANTS = 128  # intervals of the half period in which its highest point is sought
-_NEWTONS = 5
+# Orbits for which one step of Newton's method is taken at once: all wait for the slowest
+# one, and each has its own matrix in memory.
+_TOGETHER = 64
+# Intervals of the half period among whose ends the highest point is chosen.
+_INSTANTS = 128
+# Newton's steps from there to the peak.
+_PEAK_STEPS = 5
 
 
 class HarmonicOrbit(Printed, eqx.Module):
@@ -42,13 +46,13 @@ class HarmonicOrbit(Printed, eqx.Module):
     launch_velocity : Array
         Angular velocity just after an impact [rad/s].
     phase : Array
-        Of the sine of the floor at an impact after which the block stands on the side to which
-        rotation is positive [rad], between -pi and pi.
+        Phase of the floor's sine [rad], between -pi and pi, at an impact after which the block
+        stands on the side to which rotation is positive.
     peak_rotation, rotation_ratio : Array
         Largest rotation [rad], and over the critical angle.
     multipliers : Array of complex, shape (..., 2)
         Eigenvalues of the derivative of the map from one launch to the next, half a period
-        later; the one of larger modulus first. What is left of a perturbation.
+        later: the factors by which perturbations shrink. The one of larger modulus is first.
     trace, determinant : Array
         Their sum and their product, the square of the restitution; smooth where they are not.
     exists : Array of bool
@@ -77,7 +81,7 @@ class HarmonicOrbit(Printed, eqx.Module):
     def __str__(self) -> str:
         units = {"launch_velocity": "rad/s", "phase": "rad", "peak_rotation": "rad"}
         names = [name for name in self.__dataclass_fields__ if name != "multipliers"]
-        text = listed(self, **dict.fromkeys(names, "") | units)
+        text = format_fields(self, **dict.fromkeys(names, "") | units)
         if not is_traced(self.below_uplift) and self.below_uplift.any():
             text += (
                 "\nBelow uplift the motion goes on once it has begun, but no block begins it."
@@ -93,7 +97,7 @@ def harmonic_orbit(
     *,
     model: ModelLike = Nonlinear(),
 ) -> HarmonicOrbit:
-    """Symmetric steady rocking on a floor whose acceleration is a sine that goes on for ever.
+    """Compute symmetric steady rocking on a floor that goes on to move as a sine for ever.
 
     The block hits the ground once in each half period, alternately on both sides. Of two such
     motions it is the one with the faster launch; the other one is never stable.
@@ -104,16 +108,16 @@ def harmonic_orbit(
     restitution : array_like
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     amplitude : array_like
-        Of the acceleration of the floor [m/s2], at least 0.
+        Amplitude of the acceleration of the floor [m/s2], at least 0.
     frequency : array_like
-        Its angular frequency omega [rad/s], greater than 0.
+        Angular frequency omega of the floor [rad/s], greater than 0.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`. Linearized it has a closed form.
 
     Returns
     -------
     HarmonicOrbit
-        Of the shape to which the arguments broadcast.
+        Its arrays have the shape to which the arguments broadcast.
 
     Raises
     ------
@@ -124,8 +128,8 @@ def harmonic_orbit(
     -----
     The floor accelerates with ``amplitude sin(omega t)``. Towards the least amplitude at which
     the motion exists its derivatives grow without bound. Nonlinear motions are found by
-    collocation with 36 nodes. A motion that these do not resolve counts as none; its floor is
-    slower than 0.3 p, or that slow for how strong it is.
+    collocation with 36 nodes. A motion that these do not resolve counts as none. Such motions
+    occur on floors slower than 0.3 p, and on somewhat faster ones that are strong.
 
     Examples
     --------
@@ -136,21 +140,35 @@ def harmonic_orbit(
     0.094 True True
     """
     model = as_model(model)
-    values = _quantities(block, restitution, amplitude, frequency, model)
-    return _with_stability(*values)
+    # Two programs: the first one guards its arguments, and makes an orbit that does not exist
+    # NaN, from which the second one knows it.
+    values = _compute_quantities(block, restitution, amplitude, frequency, model)
+    return _make_orbit(*values)
+
+
+class _Quantities(NamedTuple):
+    """The fields of an orbit from which the others follow, NaN where there is none."""
+
+    launch: Reals  # velocity
+    phase: Reals
+    peak: Reals
+    ratio: Reals  # of the peak rotation to the critical angle
+    trace: Reals
+    determinant: Reals
+    uplift: Reals  # acceleration that lifts the block from rest, beyond the amplitude
 
 
 @elementwise(
     restitution=UNIT_INTERVAL, amplitude=NON_NEGATIVE, frequency=POSITIVE, model=as_model
 )
-def _quantities(
+def _compute_quantities(
     block: Block,
     restitution: Number,
     amplitude: Number,
     frequency: Number,
     model: RockingModel,
-) -> tuple[Any, ...]:
-    """Return the fields that do not follow from others, and the acceleration that lifts."""
+) -> _Quantities:
+    """Compute the quantities of all orbits, row by row, each row side by side."""
     equation = Equation.of(block, model)
     rate = block.frequency_parameter
     angle = equation.critical_angle
@@ -160,37 +178,43 @@ def _quantities(
     strength = amplitude / (block.gravity * angle)
     ratio = jnp.divide(frequency, rate)
     scenes = HarmonicScene(equation, restitution, ratio, strength)
-    leaves, form = jax.tree.flatten(of_one_precision(scenes))
+    leaves, form = jax.tree.flatten(unify_precision(scenes))
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
+    # Rows of nearly equal length, the last one filled up with the last orbit.
     rows = max(1, -(-size // _TOGETHER))
     width = -(-size // rows)
 
-    def in_rows(leaf: Reals) -> Reals:
+    def divide_into_rows(leaf: Reals) -> Reals:
         flat = jnp.broadcast_to(leaf, shape).reshape(-1)
         return jnp.pad(flat, (0, rows * width - size), mode="edge").reshape(rows, width)
 
-    scenes = jax.tree.unflatten(form, [in_rows(leaf) for leaf in leaves])
-    found = jax.lax.map(jax.vmap(_steady), scenes)
+    scenes = jax.tree.unflatten(form, [divide_into_rows(leaf) for leaf in leaves])
+    found = jax.lax.map(jax.vmap(_solve_scene), scenes)
     *values, exists = (part.reshape(-1)[:size].reshape(shape) for part in found)
     landing, phase, peak, trace = values
     launch = velocity_after_impact(restitution, landing * angle * rate)
     values = launch, phase, peak * angle, peak, trace, restitution**2
     # Last of all, so that no NaN is a factor of a derivative.
-    known = (jnp.where(exists, value, jnp.nan) for value in values)
-    return *known, uplift_acceleration(block, model) - amplitude
+    known = [jnp.where(exists, value, jnp.nan) for value in values]
+    return _Quantities(*known, uplift=uplift_acceleration(block, model) - amplitude)
 
 
-def _steady(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]:
-    """Landing velocity, phase, peak, trace and existence of one, in units of 1 / p and alpha_c."""
+def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]:
+    """Solve one scene; return landing velocity, phase, peak, trace, and if it exists.
+
+    All in units of 1 / p and alpha_c.
+    """
     linearized = isinstance(scene.equation.model, Linearized)
-    steady = linearized_steady(scene) if linearized else nonlinear_steady(scene)
+    steady = solve_linearized(scene) if linearized else solve_nonlinear(scene)
     shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, _INSTANTS) / _INSTANTS)
     shares = jnp.asarray(shares, scene.amplitude.dtype)
     rotations = steady.path.at(shares)[0]
-    peak = _peak(steady.path, scene.half_period, shares, rotations)
+    peak = _find_peak(steady.path, scene.half_period, shares, rotations)
     sine = steady.sine
     cosine = steady.cosine
+    # A solution of the equations counts only if the block stays above the ground and falls to
+    # neither side: else there would be other impacts, or none.
     toppled = scene.equation.critical_angle * peak >= TOPPLED_ROTATION
     exists = steady.exists & (rotations.min() > 0) & ~toppled
     moves = (sine != 0) | (cosine != 0)
@@ -200,12 +224,14 @@ def _steady(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]
     return steady.landing, phase, peak, steady.trace, exists
 
 
-def _peak(path: Any, half_period: Reals, shares: Reals, rotations: Reals) -> Reals:
-    """Find the highest rotation, from the highest of some instants on by Newton's method."""
+def _find_peak(
+    path: HalfPeriodPath, half_period: Reals, shares: Reals, rotations: Reals
+) -> Reals:
+    """Find the highest rotation by Newton's method, from the highest of some instants."""
     top = jnp.argmax(rotations)
     low, high = (shares[jnp.clip(top + k, 0, shares.size - 1)] for k in (-1, 1))
 
-    def better(path: Any, half_period: Reals, share: Reals) -> Reals:
+    def take_newton_step(path: HalfPeriodPath, half_period: Reals, share: Reals) -> Reals:
         _, velocity, acceleration = path.at(share)
         falling = acceleration < 0
         step = velocity / (half_period * jnp.where(falling, acceleration, -1))
@@ -213,14 +239,15 @@ def _peak(path: Any, half_period: Reals, shares: Reals, rotations: Reals) -> Rea
 
     share = shares[top]
     fixed = jax.lax.stop_gradient((path, half_period))
-    for _ in range(_NEWTONS):
-        share = better(*fixed, share)
-    # Only the last step has a derivative, which the second derivative of the peak needs.
-    return path.at(better(path, half_period, share))[0]
+    for _ in range(_PEAK_STEPS):
+        share = take_newton_step(*fixed, share)
+    # Only the last step has a derivative. The first derivative of the peak needs none, as the
+    # velocity there is 0; the second one needs the first derivative of the instant.
+    return path.at(take_newton_step(path, half_period, share))[0]
 
 
 @jax.jit
-def _with_stability(
+def _make_orbit(
     launch: Reals,
     phase: Reals,
     peak: Reals,
@@ -233,7 +260,7 @@ def _with_stability(
     exists = ~jnp.isnan(launch)
     known = jnp.where(exists, trace, 0)
     share = jnp.where(exists, determinant, 0)
-    multipliers = _multipliers(known, share)
+    multipliers = _compute_multipliers(known, share)
     return HarmonicOrbit(
         launch_velocity=launch,
         phase=phase,
@@ -249,13 +276,14 @@ def _with_stability(
     )
 
 
-def _multipliers(trace: Reals, determinant: Reals) -> Complex[Array, "... 2"]:
-    """Both eigenvalues, the one of larger modulus, or on the positive side, first."""
+def _compute_multipliers(trace: Reals, determinant: Reals) -> Complex[Array, "... 2"]:
+    """Compute both eigenvalues; first the one of larger modulus, or of positive phase."""
     half = 0.5 * trace
     square = half**2 - determinant
     differ = square != 0
+    # The root of 1 where it is not used: the root of 0 would make derivatives NaN.
     root = jnp.where(differ, jnp.sqrt(jnp.where(differ, jnp.abs(square), 1)), 0)
-    # The smaller one as a quotient: a difference would cancel.
+    # The smaller eigenvalue as a quotient: a difference would cancel.
     larger = half + jnp.where(half < 0, -root, root)
     smaller = determinant / jnp.where(larger == 0, 1, larger)
     real = jnp.where(square[..., None] > 0, jnp.stack([larger, smaller], -1), half[..., None])

@@ -1,37 +1,49 @@
-"""The pulses of finite duration that just overturn in resonance."""
+"""The pulses of finite duration that just overturn in resonance.
+
+Without end, a block that lands with the critical velocity v_c is at the threshold if the next
+pulse just fails to overturn it: then it lands with v_c again. With a finite number of pulses
+they are followed from rest, and the last one decides. In both cases the margin at the end of
+the pulse is a function of the amplitude, whose lowest root is sought.
+"""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
+from jaxtyping import ArrayLike
 
 from ..block import Block
 from ..driven import Equation, Response, uplift_acceleration
-from ..ground_motion import Pulse, pulse_class
-from ..host import Printed, listed, with_clock
-from ..numerics import ABOVE, BELOW, Root, Sample, Scan, chosen, through_residual
+from ..ground_motion import Pulse, check_pulse_class
+from ..host import Printed, format_fields, show_clock
+from ..numerics import ABOVE, BELOW, Root, Sample, Scan, differentiate_implicitly, select_tree
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Integers, Number, Reals, is_traced
-from .repeated_pulses import (
+from .repeated_pulses import PulsedPhase, compute_phase
+from .repeated_pulses_map import (
     LONGEST,
     RESTS,
-    PulsedPhase,
     PulsedScene,
-    checked,
-    half_cycle,
-    landing_of,
-    phase_of,
-    tolerance_of,
+    check_pulsed_arguments,
+    follow_half_cycle,
+    limit_tolerance,
+    read_landing,
 )
 
-_STEP = 0.2  # of the logarithm of the amplitude, until a pulse overturns the block
-_STEPS = 300  # at most
-_MOST = 10**6  # half-cycles, if they are counted
-_BELOW = 1e-6  # part by which pulses are weaker for which `from_rest` is computed
-_NEAR = 1e-3  # how close the block lands then to what is expected, in critical velocities
+# Step of the logarithm of the amplitude, on the way up until a pulse overturns the block.
+_STEP = 0.2
+# Steps on the way up, at most.
+_STEPS = 300
+# Half-cycles that may be counted.
+_MAX_HALF_CYCLES = 10**6
+# Part by which pulses are weaker for which `from_rest` is computed: at the threshold itself
+# rounding decides.
+_WEAKER = 1e-6
+# Distance of their landing velocity from the expected one, over the critical velocity.
+_NEAR = 1e-3
 
 
 class PulsedThreshold(Printed, eqx.Module):
@@ -40,7 +52,7 @@ class PulsedThreshold(Printed, eqx.Module):
     Attributes
     ----------
     amplitude, intensity : Array
-        Of the pulses [m/s2], [m/s].
+        Amplitude [m/s2] and intensity [m/s] of the pulses.
     rate : Array
         Slope of the half-cycle map there; NaN for a finite number of half-cycles.
     lifts : Array of bool
@@ -63,10 +75,10 @@ class PulsedThreshold(Printed, eqx.Module):
         units |= {"amplitude": "m/s2", "intensity": "m/s"}
         if not is_traced(self.rate) and jnp.isnan(self.rate).all():
             del units["rate"]
-        return listed(self, **units)
+        return format_fields(self, **units)
 
 
-@with_clock("critical amplitude of pulses")
+@show_clock("critical amplitude of pulses")
 def critical_pulsed_amplitude(
     block: Block,
     restitution: Number,
@@ -77,12 +89,12 @@ def critical_pulsed_amplitude(
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-10,
 ) -> PulsedThreshold:
-    """Amplitude of the pulses that just overturn a block within so many half-cycles.
+    """Find the amplitude of the pulses that just overturn a block within so many half-cycles.
 
     The first pulse meets the block at rest, each other one follows an impact. Without end,
     they overturn it from where the fixed point of `pulsed_next_velocity` disappears: there a
     block that lands with the critical velocity just fails to overturn under the next pulse.
-    For short pulses the intensity is that of `critical_intensity`.
+    For short pulses the intensity tends to `critical_intensity`.
 
     Parameters
     ----------
@@ -110,87 +122,115 @@ def critical_pulsed_amplitude(
     ValueError
         If `shape` is no class of pulses, or a concrete argument is out of range.
     """
-    pulse = pulse_class(shape)(1.0, duration)
-    scene, _ = checked(block, restitution, pulse, 0.0, rtol)
+    pulse = check_pulse_class(shape)(1.0, duration)
+    scene, _ = check_pulsed_arguments(block, restitution, pulse, 0.0, rtol)
     model = as_model(model)
-    allowed = f"half_cycles must be a whole number from 1 to {_MOST}, or inf"
+    allowed = f"half_cycles must be a whole number from 1 to {_MAX_HALF_CYCLES}, or inf"
     if is_traced(half_cycles):
         raise ValueError(f"{allowed}, got a traced value")
     if half_cycles != math.inf:
-        if half_cycles not in range(1, _MOST + 1):
+        if half_cycles not in range(1, _MAX_HALF_CYCLES + 1):
             raise ValueError(f"{allowed}, got {half_cycles!r:.60}")
-        return _threshold(scene, model, rtol, jnp.asarray(half_cycles, int))[0]
-    threshold, weaker, expected = _threshold(scene, model, rtol, None)
-    # Without derivatives, which a yes or no has not; and apart, since this program is likely
-    # to be compiled already.
+        return _compute_threshold(scene, model, rtol, jnp.asarray(half_cycles, int))[0]
+    threshold, weaker, expected = _compute_threshold(scene, model, rtol, None)
+    # Without derivatives, which a yes or no does not have; and apart, since this program is
+    # likely to be compiled already.
     weaker, expected = jax.lax.stop_gradient(((*scene[:2], weaker), expected))
-    phase = phase_of(weaker, model, max(rtol, 1e-9))
-    leads = _leads_there(phase, *expected)
+    phase = compute_phase(weaker, model, max(rtol, 1e-9))
+    leads = _is_reached_from_rest(phase, *expected)
     return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
-def _margin(
+class _Outcome(NamedTuple):
+    """The end of the pulse that decides."""
+
+    velocity: Reals  # away from the ground
+    lands: Booleans  # whether the block landed while the pulse acted
+    early: Booleans | bool  # whether a pulse before it overturned the block
+
+
+def _compute_margin(
     scene: PulsedScene,
     logarithm: Reals,
-    direction: Any,
+    direction: tuple[Reals, Reals],
     count: Integers | None,
     model: RockingModel,
     rtol: float,
-) -> tuple[Reals, Reals, tuple[Reals, Booleans, Any]]:
-    """Compute the margin at the end of the pulse, its slope; the velocity then; the outcome.
+) -> tuple[Reals, Reals, _Outcome]:
+    """Compute the margin to overturning at the end of the pulse, and its slope.
 
-    That is whether the block landed under the pulse, and whether it overturned under one
-    before.
+    Parameters
+    ----------
+    scene : PulsedScene
+    logarithm : Array
+        Logarithm of the amplitude.
+    direction : tuple of Array
+        In which the slope is taken: of that logarithm, and of the landing velocity before.
+    count : Array of int or None
+        None for the pulse after a landing with the critical velocity; else the last of so many
+        pulses from rest.
+    model : RockingModel
+    rtol : float
 
-    Of a block that landed with the critical velocity or, with a count, of the last of so many
-    pulses from rest. The direction is one of the logarithm of the amplitude and of that
-    velocity.
+    Returns
+    -------
+    margin, slope : Array
+    outcome : _Outcome
     """
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
 
-    def margin(logarithm: Reals, velocity: Reals) -> tuple[Reals, tuple[Reals, Booleans, Any]]:
+    def margin_when_pulse_ends(logarithm: Reals, velocity: Reals) -> tuple[Reals, _Outcome]:
         stronger = block, restitution, pulse.scaled(jnp.exp(logarithm))
         if count is None:
-            response = half_cycle(stronger, velocity, 0.0, model, rtol).response
+            response = follow_half_cycle(stronger, velocity, 0.0, model, rtol).response
             early = False
         else:
-            response, early = _last_of(count, stronger, velocity, model, rtol)
+            response, early = _follow_last_pulse(count, stronger, velocity, model, rtol)
         side = jnp.where(response.final_rotation < 0, -1, 1)
         outward = side * response.final_velocity
         returning = equation.returning_velocity(side * response.final_rotation)
         left = (returning - outward) / equation.critical_velocity
-        return left, (outward, response.impacts > 0, early)
+        return left, _Outcome(outward, response.impacts > 0, early)
 
     start = equation.critical_velocity if count is None else jnp.zeros_like(logarithm)
-    return jax.jvp(margin, (logarithm, start), direction, has_aux=True)
+    return jax.jvp(margin_when_pulse_ends, (logarithm, start), direction, has_aux=True)
 
 
-def _last_of(
+# Pulses that remain, landing velocity, whether one overturned early, and the last response.
+_LastPulse = tuple[Integers, Reals, Booleans, Response]
+
+
+def _follow_last_pulse(
     count: Integers, scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Response, Booleans]:
-    """Follow the last pulse, or the one before if that overturns; tell which it is."""
+    """Follow the last of some pulses, or one before if that overturns; tell which it is."""
 
-    def step(state: Any) -> Any:
+    def follow_next_pulse(state: _LastPulse) -> _LastPulse:
         left, velocity, early, _ = state
         last = left == 0
         # The last pulse until it ends, the others until the block lands.
-        followed = half_cycle(scene, velocity, jnp.where(last, 0.0, LONGEST), model, rtol)
-        landing, (outcome, *_) = landing_of(followed)
+        followed = follow_half_cycle(
+            scene, velocity, jnp.where(last, 0.0, LONGEST), model, rtol
+        )
+        landing, (outcome, *_) = read_landing(followed)
         over = ~last & (outcome > RESTS)
         left = jnp.where(over, 0, left - 1)
         return left, jnp.where(last | over, velocity, landing), early | over, followed.response
 
+    # The loop needs a response to begin with: the shapes of one, filled with zeros.
     response = jax.eval_shape(
-        lambda: half_cycle(scene, velocity, velocity, model, rtol).response
+        lambda: follow_half_cycle(scene, velocity, velocity, model, rtol).response
     )
     response = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), response)
     begin = count - 1, velocity, jnp.zeros((), bool), response
-    _, _, early, response = jax.lax.while_loop(lambda state: state[0] >= 0, step, begin)
+    _, _, early, response = jax.lax.while_loop(
+        lambda state: state[0] >= 0, follow_next_pulse, begin
+    )
     return response, early
 
 
-def _residual(
+def _compute_threshold_residual(
     scene: PulsedScene,
     logarithm: Reals,
     *,
@@ -198,47 +238,67 @@ def _residual(
     model: RockingModel,
     rtol: float,
 ) -> tuple[Reals, tuple[Reals, ...]]:
-    """Compute what is 0 at the threshold, and the rate of the half-cycle map there."""
+    """Compute the margin, 0 at the threshold, and the rate of the half-cycle map there."""
     along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (velocity, *_) = _margin(
+    margin, slope, (velocity, *_) = _compute_margin(
         scene, logarithm, along_velocity, count, model, rtol
     )
-    # The block lands with sqrt(v_c^2 + v^2 - D^2), D being the velocity at which it just fails
-    # to come back, and at the threshold its velocity v is D.
+    # The block lands with sqrt(v_c^2 + v^2 - D^2), where v is its velocity at the end of the
+    # pulse and D the one at which it just fails to come back. The margin is (D - v) / v_c, and
+    # at the threshold v is D: so the landing velocity changes by -v times the margin.
     return margin, (-velocity * slope,)
 
 
 class _ThresholdSearch(NamedTuple):
-    scan: Scan  # of minus the logarithm of the amplitude, so that it goes up
+    """The state of the search; see the table in `_search_threshold`."""
+
+    scan: (
+        Scan  # of minus the logarithm of the amplitude: a scan goes down, and the amplitude up
+    )
     found: Booleans
     goes_on: Booleans
     gain: Reals  # slope of the landing velocity there, with respect to the logarithm
     rate: Reals  # of the half-cycle map there, which takes one evaluation more
 
 
-def _search(
+def _search_threshold(
     scene: PulsedScene, *, count: Integers | None, model: RockingModel, rtol: float
 ) -> Root:
-    """Up from next to nothing (uplift, with a count) until it overturns, and to the threshold."""
+    """Search for the lowest amplitude that overturns, up from almost 0 or from uplift."""
+    # State of the search | What is known                      | What happens next
+    # --------------------|------------------------------------|-------------------------------
+    # on the way up       | no amplitude so far overturns      | the next one, a fifth larger
+    # between two points  | the upper one overturns, the lower | Newton's method and bisection
+    #                     |   one does not                     |
+    # jump                | the block is caught before it      | not found: the end
+    #                     |   lands, or overturns at once      |
+    # found               | the threshold, and its slope along | one evaluation more, along
+    #                     |   the amplitude                    |   the velocity, for the rate
+    #                     |                                    |   of the map: the end
+    #
+    # One evaluation a turn, along one direction, so that its program is compiled once.
     block, _, pulse = scene
-    tolerance = tolerance_of(pulse.amplitude, rtol)
+    tolerance = limit_tolerance(pulse.amplitude, rtol)
     eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
+    # A block in motion may be overturned by far less than lifts it: in float64 the way up
+    # begins at 5e-7 of uplift.
     below = 0.4 * math.log(eps) if count is None else 0.0
     first = jnp.log(uplift_acceleration(block, model)) + below
     no = jnp.zeros((), bool)
     zero = jnp.zeros_like(first)
 
-    def points(index: Any) -> Reals:
+    def place_point(index: ArrayLike) -> Reals:
         return -first - _STEP * index
 
-    def step(search: _ThresholdSearch) -> _ThresholdSearch:
+    def evaluate_margin(search: _ThresholdSearch) -> _ThresholdSearch:
         scan = search.scan
         one = zero + 1
         # Once the threshold is found, along the velocity, for the rate of the map.
         along = jnp.where(search.found, zero, one), jnp.where(search.found, one, zero)
-        margin, slope, (velocity, lands, early) = _margin(
+        margin, slope, (velocity, lands, early) = _compute_margin(
             scene, -scan.trial, along, count, model, rtol
         )
+        # Written so that NaN, of a motion that could not be followed, counts as overturned.
         overturns = ~lands & ~(margin >= 0) | early
         kind = jnp.where(overturns, ABOVE, BELOW)
         new = Sample(scan.trial, -margin, jnp.where(lands | early, 0, slope), kind)
@@ -247,7 +307,7 @@ def _search(
         last = jnp.abs(scan.last.newton)
         close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
         found = close & (overturns | (scan.since > 0))
-        following = scan.after(new, found, points)
+        following = scan.advance(new, found, place_point)
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
         at_once = (following.since == 0) & (following.right.kind == ABOVE)
@@ -255,27 +315,36 @@ def _search(
         following = following._replace(trial=jnp.where(found, scan.trial, following.trial))
         onward = _ThresholdSearch(following, found, goes_on, -velocity * slope, zero)
         done = search._replace(goes_on=no, rate=-velocity * slope)
-        return chosen(search.found, done, onward)
+        return select_tree(search.found, done, onward)
 
-    scan = Scan.beginning(points(0))._replace(point=jnp.zeros((), int))
+    scan = Scan.start(place_point(0))._replace(point=jnp.zeros((), int))
     begin = _ThresholdSearch(scan, no, ~no, zero, zero)
-    end = jax.lax.while_loop(lambda search: search.goes_on, step, begin)
+    end = jax.lax.while_loop(lambda search: search.goes_on, evaluate_margin, begin)
     root, rate, gain = (
         jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain)
     )
     return Root(root, (rate,), end.found, (gain,))
 
 
-_root = through_residual(_search, _residual)
+_find_threshold = differentiate_implicitly(_search_threshold, _compute_threshold_residual)
 
 
 @eqx.filter_jit
-def _threshold(
+def _compute_threshold(
     scene: PulsedScene, model: RockingModel, rtol: float, count: Integers | None
 ) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
-    """Find the threshold; a slightly weaker pulse, the landing velocity due then, how near."""
+    """Find the threshold, and what says whether it is reached from rest.
+
+    Returns
+    -------
+    threshold : PulsedThreshold
+    weaker : Pulse
+        Slightly weaker than the threshold.
+    expected : tuple of Array
+        Landing velocity of its fixed point, and how near it must be.
+    """
     block, _, pulse = scene
-    root = _root(scene, count=count, model=model, rtol=rtol)
+    root = _find_threshold(scene, count=count, model=model, rtol=rtol)
     (rate,) = root.values
     (gain,) = root.flags
     rate = rate if count is None else jnp.full_like(rate, jnp.nan)
@@ -288,13 +357,15 @@ def _threshold(
         lifts=stable & (amplitude > uplift_acceleration(block, model)),
         from_rest=stable,
     )
-    weaker = pulse.scaled(jnp.where(stable, amplitude, 1) * (1 - _BELOW))
+    weaker = pulse.scaled(jnp.where(stable, amplitude, 1) * (1 - _WEAKER))
     critical = Equation.of(block, model).critical_velocity
-    # Short cosines nearly cancel: there a little less amplitude is much less velocity.
-    less = _BELOW * gain / jnp.where(rate < 1, 1 - rate, 1)
+    # Short cosines nearly cancel: there a little less amplitude is much less velocity. The
+    # fixed point moves by the gain of the map over 1 less its rate.
+    less = _WEAKER * gain / jnp.where(rate < 1, 1 - rate, 1)
     return threshold, weaker, (critical - less, _NEAR * critical + 0.5 * jnp.abs(less))
 
 
 @jax.jit
-def _leads_there(phase: PulsedPhase, expected: Reals, near: Reals) -> Booleans:
+def _is_reached_from_rest(phase: PulsedPhase, expected: Reals, near: Reals) -> Booleans:
+    """Tell whether a phase from rest is the expected fixed point."""
     return phase.stands & phase.from_rest & (jnp.abs(phase.velocity - expected) <= near)

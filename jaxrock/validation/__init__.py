@@ -1,5 +1,6 @@
-"""Arguments: arrays, domains of their values, and guarding of those that are traced."""
+"""Arguments: arrays, domains of their values, and guarding of traced arguments."""
 
+from .arrays import AnyArray as AnyArray
 from .arrays import Booleans as Booleans
 from .arrays import Integers as Integers
 from .arrays import Number as Number
@@ -7,10 +8,10 @@ from .arrays import Numbers as Numbers
 from .arrays import Reals as Reals
 from .arrays import as_array as as_array
 from .arrays import as_real as as_real
+from .arrays import choose_namespace as choose_namespace
 from .arrays import describe as describe
 from .arrays import is_traced as is_traced
-from .arrays import namespace_of as namespace_of
-from .arrays import of_one_precision as of_one_precision
+from .arrays import unify_precision as unify_precision
 from .domains import AT_LEAST_ONE as AT_LEAST_ONE
 from .domains import BELOW_ONE as BELOW_ONE
 from .domains import COUNT as COUNT
@@ -25,8 +26,8 @@ from .domains import Domain as Domain
 from .domains import check as check
 from .domains import check_kind as check_kind
 from .domains import check_shapes as check_shapes
-from .domains import quantities as quantities
+from .domains import iterate_quantities as iterate_quantities
 from .domains import quantity as quantity
 from .guarding import elementwise as elementwise
-from .guarding import guarding as guarding
+from .guarding import guard_once as guard_once
 from .guarding import replace_invalid as replace_invalid

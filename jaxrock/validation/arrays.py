@@ -18,7 +18,7 @@ from typing_extensions import TypeAliasType
 Number = TypeAliasType("Number", Real[ArrayLike, "..."])
 
 
-Numbers = TypeAliasType("Numbers", Number | Sequence[Any])
+Numbers = TypeAliasType("Numbers", Number | Sequence[object])
 
 
 Reals = TypeAliasType("Reals", Float[Array, "..."])
@@ -30,27 +30,32 @@ Integers = TypeAliasType("Integers", Int[Array, "..."])
 Booleans = TypeAliasType("Booleans", Bool[Array, "..."])
 
 
+# In what NumPy computes for concrete values and JAX for traced ones, by the same lines.
+AnyArray = np.ndarray | jax.Array
+
+
 _T = TypeVar("_T")
 
 
-def is_traced(tree: Any) -> bool:
+def is_traced(tree: object) -> bool:
     """Tell whether a pytree has a traced leaf.
 
     Public functions are called in two ways. Of concrete numbers one can raise an error, search
     on the host, and compute in NumPy, which compiles nothing. Of traced ones, inside of
-    `jit`, `vmap` or `grad`, only JAX may compute, and what is wrong becomes NaN. This and
-    `namespace_of` are the only questions by which functions tell the two apart.
+    `jit`, `vmap` or `grad`, only JAX may compute, and wrong ones become NaN. This and
+    `choose_namespace` are the only questions by which functions tell the two apart.
     """
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def namespace_of(tree: Any) -> ModuleType:
-    """Choose JAX for what is traced, NumPy for what is concrete; see `is_traced`."""
+def choose_namespace(tree: object) -> ModuleType:
+    """Choose JAX for a traced pytree, NumPy for a concrete one; see `is_traced`."""
     return jnp if is_traced(tree) else np
 
 
+# Anything may be tried; `as_real` refuses values that are no arrays.
 def as_array(value: Any) -> Array:
-    """`value` as an array."""
+    """Make `value` an array of JAX."""
     # By way of NumPy where possible: JAX would compile a conversion for every shape.
     if isinstance(value, list | tuple) and not is_traced(value):
         value = np.asarray(value)
@@ -60,13 +65,21 @@ def as_array(value: Any) -> Array:
     return jnp.asarray(value)
 
 
-def as_real(name: str, value: Any) -> Array:
-    """`value` as an array of floating-point numbers; Python numbers stay weakly typed."""
+def as_real(name: str, value: object) -> Array:
+    """Make `value` an array of floating-point numbers; Python numbers stay weakly typed.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or has a unit. The error names the argument.
+    """
     # Quantities with units (of pint, astropy, unyt) would lose them without a word.
     if hasattr(type(value), "units") or hasattr(type(value), "unit"):
         raise ValueError(
             f"{name} must be a number without a unit, in SI, got {describe(value)}"
         )
+
+    # What NumPy and JAX say of a value that is no array would not name the argument.
     with contextlib.suppress(TypeError, ValueError, OverflowError):
         array = as_array(float(value) if isinstance(value, int | float) else value)
         if jnp.issubdtype(array.dtype, jnp.integer):
@@ -76,14 +89,15 @@ def as_real(name: str, value: Any) -> Array:
             return array
         if jnp.issubdtype(array.dtype, jnp.floating):
             value = array.dtype
+
     must = "a real number or an array of them"
     if isinstance(value, np.dtype):
         must += ", in float32 or float64"
     raise ValueError(f"{name} must be {must}, got {describe(value)}")
 
 
-def describe(value: Any) -> str:
-    """Describe a value in a few words, for what an error got."""
+def describe(value: object) -> str:
+    """Describe a value in a few words, for the end of an error message."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, eqx.Module):
@@ -99,16 +113,19 @@ def describe(value: Any) -> str:
     return words if len(words) <= 60 else f"{words[:57]}..."
 
 
-def of_one_precision(tree: _T) -> _T:
+def unify_precision(tree: _T) -> _T:
     """Bring a pytree of numbers to the precision that JAX promotes them to together."""
+    # The caller may have made promotion strict, which is meant for other arrays.
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*jax.tree.leaves(tree))
 
-    def converted(leaf: Any) -> Any:
+    def convert(leaf: ArrayLike) -> Array:
         if is_traced(leaf):
             return jnp.asarray(leaf, dtype)
+        # As it is where it can stay: a copy of a long record takes time and memory.
         if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
             return leaf
+        # By way of NumPy, as in `as_array`.
         return as_array(np.asarray(leaf, dtype))
 
-    return jax.tree.map(converted, tree)
+    return jax.tree.map(convert, tree)

@@ -1,30 +1,32 @@
 """Domains: the values that a quantity may have, and errors for concrete ones outside.
 
 A concrete value outside of its domain is a `ValueError` that names the argument, the value and
-what is allowed.
+the domain.
 """
 
 import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .arrays import describe, is_traced
+from .arrays import AnyArray, describe, is_traced
 
 
 class Domain(NamedTuple):
     """The values that an argument may have."""
 
-    allowed: str  # in words, for the error message
-    contains: Callable[[Any], Any]
+    allowed: str  # in words, for the error message and the docstring
+    # By NumPy, where concrete arguments are checked; by JAX, where traced ones are guarded.
+    contains: Callable[[AnyArray], AnyArray]  # False for NaN
     stand_in: float  # replaces a value outside
 
 
+# Comparisons serve NumPy and JAX alike, and NaN fails them all.
 POSITIVE = Domain("finite and greater than 0", lambda x: (x > 0) & (x < jnp.inf), 1.0)
 
 
@@ -54,8 +56,24 @@ COUNT = Domain(
 GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
+# A field specifier of a dataclass has to pass for a value of any field: hence `Any`.
 def quantity(domain: Domain | None, unit: str = "", own_axes: int = 0) -> Any:
-    """Declare a field of a `Checked` module: domain, unit, and axes that are no batch's."""
+    """Declare a field of a `Checked` module.
+
+    Parameters
+    ----------
+    domain : Domain, optional
+        None allows all values.
+    unit : str
+        In SI, as it is printed.
+    own_axes : int
+        How many axes, the last ones, belong to the quantity itself and to no batch.
+
+    Returns
+    -------
+    field
+        A field of a dataclass.
+    """
     return eqx.field(metadata={"domain": domain, "unit": unit, "own_axes": own_axes})
 
 
@@ -80,21 +98,23 @@ class Checked(eqx.Module):
             If a concrete value is outside of its domain, or if shapes do not broadcast.
         """
         parts = vars(self)  # much faster than attributes of an Equinox module
-        for name, domain, _, kind in fields_of(type(self)):
-            if kind is not None:
-                check_kind(name, parts[name], kind)
-            check(name, parts[name], domain)
+        for field in list_fields(type(self)):
+            if field.kind is not None:
+                check_kind(field.name, parts[field.name], field.kind)
+            check(field.name, parts[field.name], field.domain)
         check_shapes(itself=self)
 
 
-def check(name: str, value: Any, domain: Domain | None) -> None:
-    """Raise `ValueError` if a value, or a field of a module, is concrete and not in its domain."""
+def check(name: str, value: object, domain: Domain | None) -> None:
+    """Raise `ValueError` if a concrete value, or field of a module, is not in its domain."""
     if isinstance(value, Checked):
+        # Again, though it was checked when it was made: tree operations of JAX make modules
+        # without that. Through the class, since Equinox wraps each method of an instance.
         Checked.check(value)
     if domain is None or is_traced(value):
         return
     values = np.asarray(value)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # NaN is outside, and no reason for a warning
         outside = ~np.asarray(domain.contains(values))
     if outside.any():
         first = f"{float(values[outside].flat[0]):.9g}"
@@ -103,11 +123,13 @@ def check(name: str, value: Any, domain: Domain | None) -> None:
         raise ValueError(f"{name} must be {domain.allowed}, got {first}")
 
 
-def check_kind(name: str, value: Any, *kinds: Any, hint: str = "") -> None:
+# `Callable` is a kind as well, but no `type` for type checkers: hence `Any`.
+def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
     """Raise `ValueError` if a value is of none of these classes; the hint says what to do."""
     if not isinstance(value, kinds):
         names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
         must = " or ".join([", ".join(names[:-1]), names[-1]][len(names) == 1 :])
+        # The two slips that are likely, each with the way out.
         if inspect.isclass(value) and issubclass(value, kinds):
             hint = f"; {value.__name__}(...) makes one"
         if isinstance(value, list | tuple) and any(isinstance(each, kinds) for each in value):
@@ -115,9 +137,12 @@ def check_kind(name: str, value: Any, *kinds: Any, hint: str = "") -> None:
         raise ValueError(f"{name} must be {must}, got {describe(value)}{hint}")
 
 
-def check_shapes(**arguments: Any) -> None:
-    """Raise `ValueError` if numbers and those in modules, traced or not, do not broadcast."""
-    shapes = [pair for name, value in arguments.items() for pair in _shapes(name, value)]
+def check_shapes(**arguments: object) -> None:
+    """Raise `ValueError` if arguments, and fields of modules, do not broadcast.
+
+    Traced ones are checked as well: their shapes are known.
+    """
+    shapes = [pair for name, value in arguments.items() for pair in _list_shapes(name, value)]
     if len(some := {shape for _, shape in shapes if shape}) > 1:
         try:
             np.broadcast_shapes(*some)
@@ -126,36 +151,54 @@ def check_shapes(**arguments: Any) -> None:
             raise ValueError(f"shapes must broadcast against each other, got {got}") from None
 
 
-def _shapes(name: str, value: Any, own_axes: int = 0) -> list[tuple[str, tuple[int, ...]]]:
+def _list_shapes(
+    name: str, value: object, own_axes: int = 0
+) -> list[tuple[str, tuple[int, ...]]]:
+    """List name and shape of a value, or of all fields of a module, without own axes."""
     if not isinstance(value, Checked):
         shape = getattr(value, "shape", ())
         return [(name, shape[: len(shape) - own_axes])]
-    fields = fields_of(type(value))
     return [
-        pair for name, _, own, _ in fields for pair in _shapes(name, vars(value)[name], own)
+        pair
+        for field in list_fields(type(value))
+        for pair in _list_shapes(field.name, vars(value)[field.name], field.own_axes)
     ]
 
 
-def is_checked(kind: Any) -> bool:
+def is_checked(kind: object) -> TypeGuard[type[Checked]]:
     """Tell whether an annotation is a class of `Checked` modules."""
     return inspect.isclass(kind) and issubclass(kind, Checked)
 
 
+class Declaration(NamedTuple):
+    """A field of a `Checked` class, as it was declared."""
+
+    name: str
+    domain: Domain | None
+    own_axes: int
+    kind: type[Checked] | None  # the class of a field that is such a module itself
+
+
+# Asked for at every call, and a class does not change.
 @functools.cache
-def fields_of(module: type[Checked]) -> list[tuple[str, Any, int, Any]]:
-    """Of each field the name, the domain, its own axes and, if it is such a module, its class."""
+def list_fields(module: type[Checked]) -> list[Declaration]:
+    """List the fields of a class with their domains, own axes and kinds."""
     return [
-        (field.name, field.metadata.get("domain"), field.metadata.get("own_axes", 0), kind)
+        Declaration(
+            field.name,
+            field.metadata.get("domain"),
+            field.metadata.get("own_axes", 0),
+            field.type if is_checked(field.type) else None,
+        )
         for field in dataclasses.fields(module)
-        for kind in [field.type if is_checked(field.type) else None]
     ]
 
 
-def quantities(module: Checked) -> Iterator[tuple[str, Any, Domain, str]]:
-    """Name, value, domain and unit of every `quantity` of a module, also of its modules."""
+def iterate_quantities(module: Checked) -> Iterator[tuple[str, object, Domain, str]]:
+    """Iterate over name, value, domain and unit of the numbers in a module and its modules."""
     for field in dataclasses.fields(module):
         value = getattr(module, field.name)
         if isinstance(value, Checked):
-            yield from quantities(value)
+            yield from iterate_quantities(value)
         elif field.metadata.get("domain") is not None:
             yield field.name, value, field.metadata["domain"], field.metadata.get("unit", "")

@@ -25,12 +25,12 @@ from jaxrock.ground_motion import PULSES, HalfSine, Motion, Pulse, Record, Ricke
 from jaxrock.impact import housner_restitution
 from jaxrock.overturning import critical_amplitude, overturning_boundaries
 from jaxrock.reports import conformance
-from jaxrock.reports.paper import printed_tables
+from jaxrock.reports.paper import read_printed_tables
 from jaxrock.resonance import Linearized, Nonlinear, RockingModel, Scene
 
 FROZEN = Path(jr.__file__).parent / "data" / "conformance.json"
 RECORDS = conformance.RECORDS
-FIELDS = tuple(conformance.table()["fields"])
+FIELDS = tuple(conformance.read_table()["fields"])
 
 _UNITS = {
     "critical_angle": "rad",
@@ -72,7 +72,7 @@ Motions = dict[str, Record]
 
 def cases(parts: Sequence[Callable[[Motions], Iterator[Row]]] | None = None) -> Iterator[Row]:
     """All cases, or some parts of them, with their values."""
-    motions = conformance.records()
+    motions = conformance.make_records()
     return itertools.chain.from_iterable(part(motions) for part in parts or _PARTS)
 
 
@@ -531,7 +531,7 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
 
 def _published_tables(_: Motions) -> Iterator[Row]:
     paper = "C. Casapulla, On the Resonance Conditions of Rigid Rocking"
-    peaks, durations, *others = printed_tables()["tables"]
+    peaks, durations, *others = read_printed_tables()["tables"]
     for table, quantity, width, slenderness in (
         (peaks, "half_cycle_peak_rotation", 0.4, 3.0),
         (durations, "half_cycle_duration", 1.2, 10.0),
@@ -911,7 +911,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     found = list(cases())
     frozen = json.loads(FROZEN.read_text(encoding="utf-8"))
-    known = {case["id"]: case for case in conformance.table()["cases"]}
+    known = {case["id"]: case for case in conformance.read_table()["cases"]}
     for case in found:
         old = known.get(case["id"])
         off = abs(case["value"] - old["value"]) if old else math.inf

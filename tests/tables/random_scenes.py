@@ -7,7 +7,7 @@ import numpy as np
 from references import finite_pulses as lasting
 
 import jaxrock as jr
-from jaxrock.accuracy.model_errors import Answers, answers_of
+from jaxrock.accuracy.model_errors import Answers, compute_answers
 
 NUMBER = 2000  # one number, since each takes seconds to compile
 
@@ -43,7 +43,7 @@ def computed(scene, setting):
     # The inertia ratio of a rectangle in this precision: the truth takes it as exact.
     ratio = jnp.asarray(4 / 3, dtype)
     scene = eqx.tree_at(lambda s: s.block.inertia_ratio, scene, ratio)
-    return answers_of(scene, jr.resonance.as_model(setting.level))
+    return compute_answers(scene, jr.resonance.as_model(setting.level))
 
 
 def each(scene, k):

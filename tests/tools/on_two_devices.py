@@ -9,7 +9,6 @@ import pytest
 from scenes import GRID
 
 import jaxrock as jr
-from jaxrock.driven.many_blocks.ground_inputs import PulseInput
 
 
 @pytest.fixture
@@ -33,8 +32,9 @@ def test_spectrum(tmp_path, monkeypatch, devices):
 
 def test_batch(monkeypatch, devices):
     """In four parts, which the devices take in turns."""
-    monkeypatch.setattr("jaxrock.driven.many_blocks.respond_many.processors", lambda: 4)
-    monkeypatch.setattr("jaxrock.driven.many_blocks.respond_many._ALONE", {PulseInput: 1})
+    monkeypatch.setattr("jaxrock.driven.many_blocks.respond_many.count_processors", lambda: 4)
+    inputs = "jaxrock.driven.many_blocks.pulse_inputs"
+    monkeypatch.setattr(f"{inputs}.PulseInput.fewest_for_two_threads", lambda _: 1)
     placed = []
 
     def put(tree, device=None, put=jax.device_put):

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from jaxrock.cli.signals import end_on_signals
-from jaxrock.host import written_whole
+from jaxrock.host import write_whole
 
 
 def sleep():
@@ -39,7 +39,7 @@ def write():
 def written(folder, situation):
     global scratch
     names = ["first", "second", "third"]
-    with written_whole("out", folder, names, False) as scratch:
+    with write_whole("out", folder, names, False) as scratch:
         for name in names:
             (scratch / name).write_text("x")
         if situation:

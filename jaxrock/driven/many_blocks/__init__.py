@@ -1,11 +1,12 @@
 """Many blocks side by side, each at its own pace, by Taylor polynomials."""
 
-from .batch import Batch, GroundMotions, ground_of
-from .launched_blocks import peak_after_launch
+from .batch import Batch
+from .compiler_options import choose_compiler_options
+from .ground_motions import GroundMotions, convert_motion
+from .launched_blocks import follow_launched
 from .respond_many import (
     BatchResponse,
     check_batch,
-    compiler_options,
     follow_batch,
     respond_batch,
 )
@@ -18,11 +19,11 @@ __all__ = [
     "EstimatedResponse",
     "GroundMotions",
     "check_batch",
-    "compiler_options",
+    "choose_compiler_options",
+    "convert_motion",
     "follow_batch",
+    "follow_launched",
     "follow_within",
-    "ground_of",
-    "peak_after_launch",
     "respond_batch",
     "respond_within",
 ]

@@ -1,4 +1,4 @@
-"""What a block in motion does on one Taylor polynomial: its highest rotation, and its impact.
+"""The flight of a block on one Taylor polynomial: its highest rotation, and its impact.
 
 The impact is a root of that polynomial, and the highest rotation one of its slope. Both are
 sought from the cubic through both ends of the step. How far the polynomial is from a cubic is
@@ -11,23 +11,26 @@ part of a step.
 import math
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ...validation import Booleans, Number, Reals
-from .taylor import Coefficients, derivative, evaluate, materialized
+from .ground_input import PerBlock, TruthPerBlock
+from .taylor import Coefficients, differentiate, evaluate, materialize
 
 # Longest step times the fastest rate: on longer ones the cubic is rarely close enough.
 LONGEST = 0.9
-# How far a function is at most from the cubic with its values and slopes at both ends of an
-# interval, over the fourth power of the length and the largest fourth derivative; and how far
-# their slopes are, over the third power.
+# The error of cubic Hermite interpolation is at most this times the fourth power of the length
+# of the interval and the largest fourth derivative in it (Birkhoff and Priver 1967,
+# doi:10.1002/sapm1967461440).
 _FROM_CUBIC = 1 / 384
+# The error of its slope is at most sqrt(3) / 216 < 1 / 120 times the third power and the same.
 _FROM_ITS_SLOPE = 1 / 120
 
 
 class _Cubic(NamedTuple):
-    """That through both ends of a step, which begins at time 0."""
+    """The cubic with the rotations and slopes of both ends of a step, from time 0 on."""
 
     step: Reals
     rotation: Reals | float
@@ -73,14 +76,16 @@ class _Cubic(NamedTuple):
         return jnp.where(inside, share * self.step, self.step), inside
 
 
-def _newton(slope: Coefficients, time: Reals, inside: Booleans, latest: Reals) -> Reals:
+def _improve_extreme(
+    slope: Coefficients, time: Reals, inside: Booleans, latest: Reals
+) -> Reals:
     """Improve the time of an extreme by Newton's method, if that stays before `latest`."""
-    curved = evaluate(derivative(slope), time)
+    curved = evaluate(differentiate(slope), time)
     better = time - evaluate(slope, time) / jnp.where(curved == 0, 1, curved)
-    return materialized(jnp.where(inside & (better > 0) & (better < latest), better, time))
+    return materialize(jnp.where(inside & (better > 0) & (better < latest), better, time))
 
 
-def _landing(
+def _locate_landing(
     path: Coefficients, slope: Coefficients, parabola: Coefficients, latest: Reals
 ) -> tuple[Reals, Booleans]:
     """Locate where a rotation that is negative at `latest` falls through 0; tell whether it did.
@@ -89,44 +94,50 @@ def _landing(
     enough, and gives the time its derivatives.
     """
     a, b, c = parabola
-    bend = derivative(slope)
+    bend = differentiate(slope)
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0))
     up = b >= 0
     below = jnp.where(up, -2 * c, root - b)
     time = jnp.where(up, b + root, 2 * a) / jnp.where(below > 0, below, 1)
     inside = (below > 0) & (time > 0) & (time < latest)
-    time = materialized(jnp.where(inside, time, 0.5 * latest))
+    time = materialize(jnp.where(inside, time, 0.5 * latest))
+    # Twice: the parabola is right to a few digits, and each step of Halley's method triples
+    # their number.
     for _ in range(2):
         value, steep, bent = (evaluate(each, time) for each in (path, slope, bend))
         below = steep * steep - 0.5 * value * bent
-        time = materialized(time - value * steep / jnp.where(below > 0, below, jnp.inf))
+        time = materialize(time - value * steep / jnp.where(below > 0, below, jnp.inf))
     before = jax.lax.stop_gradient(time)
-    steep, bent = materialized((evaluate(slope, before), evaluate(bend, before)))
+    steep, bent = materialize((evaluate(slope, before), evaluate(bend, before)))
     below = jnp.where(steep < 0, steep, -1)
     off = evaluate(path, before) / below
     # The square matters only in the second derivative of the time.
-    time = materialized(before - off - 0.5 * off * off * bent / below)
+    time = materialize(before - off - 0.5 * off * off * bent / below)
+    # Half of the digits: as many as the last step, whose error is of third order, has mended.
     near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
     return time, near & (steep < 0) & (time > 0) & (time <= latest)
 
 
-def _parabola(path: Coefficients, latest: Reals, depth: Reals) -> Coefficients:
-    """Return the coefficients of one that is close to a path down to its depth at `latest`."""
+def _fit_parabola(path: Coefficients, latest: Reals, depth: Reals) -> Coefficients:
+    """Fit a parabola that is close to a path down to its depth at `latest`.
+
+    With the path's value and slope at the begin; it ends at the depth, or has the path's own
+    curvature if the bounce is so small that it falls below the ground long before.
+    """
     width = jnp.where(latest > 0, latest, 1)
     chord = (depth - path[0] - path[1] * width) / (width * width)
-    # A small bounce fills little of the step.
     small = (path[0] == 0) & (path[1] + 0.5 * path[2] * latest < 0)
     return path[0], path[1], jnp.where(small, path[2], chord)
 
 
-def _fourth_derivative(path: Coefficients, step: Reals) -> Reals:
+def _bound_fourth_derivative(path: Coefficients, step: Reals) -> Reals:
     """Bound the magnitude of the fourth derivative within a step."""
     terms = (math.perm(k, 4) * jnp.abs(path[k]) for k in range(4, len(path)))
     return evaluate(tuple(terms), step)
 
 
 def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Reals, lowest: Reals) -> Booleans:
-    """Certify that a rotation stays above the ground in a step; `lowest` is that of its dip."""
+    """Certify that a rotation stays above the ground in a step; its dip has the `lowest` one."""
     step = cubic.step
     _, c1, c2, c3 = path[:4]
     # Because the chords from its beginning rise: Bernstein coefficients of their slope, with
@@ -143,7 +154,11 @@ def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Reals, lowest: Reals
 
 
 def _is_first(path: Coefficients, fourth: Reals, landing: Reals) -> Booleans:
-    """Certify that a root is the first one: p(t) / t falls up to it."""
+    """Certify that a root is the first one: p(t) / t falls up to it.
+
+    Its derivative is (-c0 + c2 t^2 + 2 c3 t^3 + ...) / t^2, with less than an eighth of the
+    fourth derivative times t^4 for all that follows.
+    """
     c0, _, c2, c3 = path[:4]
     rises = c2 + landing * (2 * jnp.maximum(c3, 0) + landing * fourth * (1 / 8))
     return rises * landing * landing <= c0
@@ -151,7 +166,8 @@ def _is_first(path: Coefficients, fourth: Reals, landing: Reals) -> Booleans:
 
 def _is_top(slope: Coefficients, time: Reals, missing: Number) -> Booleans:
     """Check that a maximum is found: the rotation there is too low by `missing` at most."""
-    bend = jnp.minimum(evaluate(derivative(slope), time), 0)
+    # By the parabola through it, the top is slope^2 / (-2 curvature) higher.
+    bend = jnp.minimum(evaluate(differentiate(slope), time), 0)
     return evaluate(slope, time) ** 2 <= -2 * bend * missing
 
 
@@ -173,16 +189,16 @@ def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Reals) -> Booleans:
     return rises | falls | (slow >= apart) | (fast <= -apart)
 
 
-class StepFlight(NamedTuple):
-    """What a block in motion does in a step."""
+class StepFlight(eqx.Module):
+    """The flight of a block in motion within a step."""
 
-    time: Reals  # until its impact or the end of the step
-    rotation: Reals  # then
-    velocity: Reals  # then, before the impact
-    highest: Reals  # rotation
-    lands: Booleans
-    blocked: Booleans  # whether the step is too long to tell, and is not taken
-    reach: Reals  # longest step then
+    time: PerBlock  # until its impact or the end of the step
+    rotation: PerBlock  # then
+    velocity: PerBlock  # then, before the impact
+    highest: PerBlock  # rotation
+    lands: TruthPerBlock
+    blocked: TruthPerBlock  # whether the step is too long to tell, and is not taken
+    step_limit: PerBlock  # to the next step, if this one is blocked
 
     @classmethod
     def of(
@@ -190,61 +206,74 @@ class StepFlight(NamedTuple):
     ) -> "StepFlight":
         """Describe the flight on a polynomial, up to a time.
 
-        A highest rotation above the peak so far is found to the tolerance.
+        A highest rotation above the peak so far is found to the tolerance. Four questions are
+        answered one after the other: does the block stay above the ground? if not, when does
+        it land? is that its first impact? how high does it rise until then? Where one of the
+        answers is not certain, the step is blocked.
         """
-        slope = derivative(path)
-        end, end_slope = materialized((evaluate(path, step), evaluate(slope, step)))
+        slope = differentiate(path)
+        end, end_slope = materialize((evaluate(path, step), evaluate(slope, step)))
         # Decisions have no derivatives; the end of the step has, as where the input has a
         # corner.
         fixed, fixed_slope, peak = jax.lax.stop_gradient((path, slope, peak))
         cubic = _Cubic(*jax.lax.stop_gradient((step, path[0], path[1], end, end_slope)))
-        fourth = materialized(_fourth_derivative(fixed, cubic.step))
+        fourth = materialize(_bound_fourth_derivative(fixed, cubic.step))
+
+        # Does it stay above the ground? The cubic's dip, improved, is the lowest candidate.
         dip, dips = cubic.extreme(-1.0)
-        dip = _newton(fixed_slope, dip, dips, cubic.step)
-        lowest = materialized(evaluate(fixed, dip))
+        dip = _improve_extreme(fixed_slope, dip, dips, cubic.step)
+        lowest = materialize(evaluate(fixed, dip))
         above = _stays_above(fixed, cubic, fourth, lowest)
-        above, lowest = materialized((above, lowest))
+        above, lowest = materialize((above, lowest))
         crosses = moves & ~above & (jnp.minimum(lowest, cubic.end_rotation) < 0)
-        latest = materialized(jnp.where(lowest < 0, dip, cubic.step))
+
+        # When does it land? Before the dip, or before the end where that is below the ground.
+        latest = materialize(jnp.where(lowest < 0, dip, cubic.step))
         depth = jnp.where(lowest < 0, lowest, cubic.end_rotation)
-        landing, located = _landing(path, slope, _parabola(fixed, latest, depth), latest)
+        landing, located = _locate_landing(
+            path, slope, _fit_parabola(fixed, latest, depth), latest
+        )
+        # A root of the polynomial is an impact only if the block was above the ground before.
         first = _is_first(fixed, fourth, jax.lax.stop_gradient(landing))
         lands = crosses & located & first
-        open_ = moves & ~above & ~lands
-        time = materialized(jnp.where(lands, landing, step))
+        uncertain = moves & ~above & ~lands
+        time = materialize(jnp.where(lands, landing, step))
 
-        velocity = materialized(evaluate(slope, time))
+        velocity = materialize(evaluate(slope, time))
         # Never on the ground without an impact, which could not be located from there.
         positive = jnp.maximum(evaluate(path, time), float(jnp.finfo(step.dtype).tiny))
-        rotation = materialized(jnp.where(lands, 0, positive))
-        # The highest rotation is before the impact.
+        rotation = materialize(jnp.where(lands, 0, positive))
+
+        # How high does it rise? The cubic now ends at the impact.
         cubic = _Cubic(*jax.lax.stop_gradient((time, path[0], path[1], rotation, velocity)))
         top, inside = cubic.extreme(1.0)
-        top = _newton(fixed_slope, top, inside, cubic.step)
+        top = _improve_extreme(fixed_slope, top, inside, cubic.step)
         # Only this step has a derivative, which the second derivative of the rotation needs.
-        top = _newton(slope, top, inside, cubic.step)
-        highest = jnp.where(inside, materialized(evaluate(path, top)), 0)
-        highest = materialized(jnp.maximum(rotation, highest))
+        top = _improve_extreme(slope, top, inside, cubic.step)
+        highest = jnp.where(inside, materialize(evaluate(path, top)), 0)
+        highest = materialize(jnp.maximum(rotation, highest))
         highest_so_far = jnp.maximum(peak, jax.lax.stop_gradient(highest))
         reached = inside & _is_top(
             fixed_slope, jax.lax.stop_gradient(top), tolerance * highest_so_far
         )
+        # It is known if it was found, if there is none inside, or if it cannot exceed the peak.
         higher = cubic.bounds()[1] + fourth * cubic.step**4 * _FROM_CUBIC
         known = reached | _is_monotone(fixed, cubic, fourth) | (higher <= highest_so_far)
-        open_ = open_ | (moves & ~known)
+        uncertain = uncertain | (moves & ~known)
 
-        # Shorter than rounding, or not finite: no shorter step would tell more.
+        # What the next step may be. One shorter than rounding, or not finite, is taken as it
+        # is: no shorter one would tell more, and the lane would never end.
         long = step > 4 * float(jnp.finfo(step.dtype).eps)
-        blocked = materialized(open_ & long & jnp.isfinite(end))
-        # A small bounce fills little of the step.
+        blocked = materialize(uncertain & long & jnp.isfinite(end))
+        # After a small bounce, which fills little of the step, its own length is the best guess.
         bounce = -2 * fixed[1] / jnp.where(fixed[2] < 0, fixed[2], -1)
         small = (fixed[0] == 0) & (fixed[2] < 0) & (bounce < 0.5 * latest)
         return cls(
-            jnp.where(blocked, 0, time),
-            jnp.where(blocked, path[0], rotation),
-            jnp.where(blocked, path[1], velocity),
-            jnp.where(blocked, 0, highest),
-            lands & ~blocked,
-            blocked,
-            jnp.where(small, bounce, 0.5 * jnp.minimum(latest, cubic.step)),
+            time=jnp.where(blocked, 0, time),
+            rotation=jnp.where(blocked, path[0], rotation),
+            velocity=jnp.where(blocked, path[1], velocity),
+            highest=jnp.where(blocked, 0, highest),
+            lands=lands & ~blocked,
+            blocked=blocked,
+            step_limit=jnp.where(small, bounce, 0.5 * jnp.minimum(latest, cubic.step)),
         )

@@ -1,8 +1,8 @@
-"""What becomes of blocks that are launched near a steady motion on a harmonic floor."""
+"""Blocks that are launched at some phase of a harmonic motion, and how high they rise."""
 
 import functools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Hashable
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -11,20 +11,20 @@ import numpy as np
 from ...block import Block
 from ...ground_motion import Harmonic
 from ...resonance import RockingModel
-from ...validation import Number, Reals
+from ...validation import Integers, Number, Reals
 from ..overturning_criterion import TOPPLED_ROTATION
-from .batch import ground_of
-from .ground_inputs import PulseInput
-from .respond_many import compiler_options
-from .step import Case, Lanes, max_steps, take_step
+from .compiler_options import choose_compiler_options
+from .ground_input import GroundInput
+from .ground_motions import convert_motion
+from .step import BatchArguments, Lanes, max_steps, prepare_blocks, take_step
 
 _LANES = 64
-# those of `respond_batch` at its usual tolerance
+# As `respond_batch` has them at its usual tolerance.
 _ORDER = 14
 _TOLERANCE = 5e-11
 
 
-def peak_after_launch(
+def follow_launched(
     block: Block,
     restitution: Number,
     motion: Harmonic,
@@ -32,55 +32,71 @@ def peak_after_launch(
     velocity: Number,
     model: RockingModel,
 ) -> np.ndarray:
-    """Peak rotations of blocks until the motion ends [rad]; NumPy, one-dimensional.
+    """Find the peak rotations of blocks until the motion ends [rad]; NumPy, one-dimensional.
 
     Launched to the positive side with a velocity [rad/s] at a phase [rad] of the first period.
     At most `TOPPLED_ROTATION`; NaN where the motion could not be followed to its end.
     """
-    ground = ground_of(motion)
+    ground = convert_motion(motion)
+    numbers = ground.numbers
     time = np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency)
-    arguments = (block, restitution, *ground.numbers)
+    arguments = BatchArguments(
+        block,
+        np.asarray(restitution),
+        factor=numbers.factor,
+        length=numbers.length,
+        start=numbers.start,
+        duration=numbers.end,
+        motion=numbers.motion,
+    )
     leaves, form = jax.tree.flatten((arguments, time, velocity))
     size = np.size(time)
     groups = max(1, -(-size // _LANES))
-    # A power of two, so that few programs are compiled; the rest are blocks that there are.
+    # A power of two, so that few programs are compiled; the rest is filled with blocks that
+    # there are.
     room = (1 << (groups - 1).bit_length()) * _LANES
     rows = np.stack([np.resize(np.broadcast_to(leaf, (size,)), room) for leaf in leaves])
     rows = rows.reshape(len(leaves), -1, _LANES).swapaxes(0, 1)
-    follow = _compiled(jax.default_backend())
+    follow = _compile(jax.default_backend())
     peaks = follow(ground.parts[0], rows, groups, form=form, model=model)
     return np.asarray(peaks).reshape(-1)[:size]
 
 
-def _follow(
-    ground: PulseInput, rows: Any, groups: Any, form: Any, model: RockingModel
+def _follow_groups(
+    ground: GroundInput,
+    rows: Reals,
+    groups: Integers,
+    form: Hashable,
+    model: RockingModel,
 ) -> Reals:
-    """Return the first groups of rows, one after the other."""
+    """Follow the blocks of the first groups of rows, one group after the other."""
 
-    def group(number: Any, peaks: Reals) -> Reals:
+    def follow_group(number: Integers, peaks: Reals) -> Reals:
         arguments, time, velocity = jax.tree.unflatten(form, list(rows[number]))
-        case = Case.of(ground, arguments, model)
+        case, unit, valid = prepare_blocks(ground, arguments, model)
         dtype = time.dtype
-        steps_of = case.for_steps()
         tolerance = jnp.asarray(max(_TOLERANCE, float(jnp.finfo(dtype).eps)), dtype)
-        begin = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)._replace(
-            along=time / case.unit,
-            velocity=velocity * case.unit,
+        resting = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)
+        begin = replace(
+            resting,
+            elapsed=time / unit,
+            velocity=velocity * unit,
             moves=jnp.ones(_LANES, bool),
         )
         end = jax.lax.while_loop(
-            lambda lanes: lanes.active(steps_of).any(),
-            lambda lanes: take_step(lanes, steps_of, ground, tolerance, _ORDER),
+            lambda lanes: lanes.are_active(case).any(),
+            lambda lanes: take_step(lanes, case, ground, tolerance, _ORDER),
             begin,
         )
-        followed = case.valid() & (end.steps < max_steps(case))
+        followed = valid & (end.steps < max_steps(case))
         peak = jnp.where(followed, jnp.minimum(end.peak, TOPPLED_ROTATION), jnp.nan)
         return peaks.at[number].set(peak)
 
-    return jax.lax.fori_loop(0, groups, group, jnp.zeros(rows[:, 0].shape, rows.dtype))
+    return jax.lax.fori_loop(0, groups, follow_group, jnp.zeros(rows[:, 0].shape, rows.dtype))
 
 
 @functools.cache
-def _compiled(platform: str) -> Callable[..., Reals]:
-    options = compiler_options(platform)
-    return jax.jit(_follow, static_argnames=("form", "model"), compiler_options=options)
+def _compile(platform: str) -> Callable[..., Reals]:
+    """Jit `_follow_groups` for a platform, once in a process."""
+    options = choose_compiler_options(platform)
+    return jax.jit(_follow_groups, static_argnames=("form", "model"), compiler_options=options)

@@ -12,10 +12,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from ...validation import Integers, Reals
-from .ground_inputs import PulseInput, RecordInput
+from .ground_input import GroundInput
 from .step import Case, Lanes, max_steps
-
-_STEPS = {PulseInput: 4, RecordInput: 64}  # between two refills of the lanes
 
 
 class FinalStates(NamedTuple):
@@ -31,15 +29,15 @@ class FinalStates(NamedTuple):
 
     @classmethod
     def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
-        """Those of all lanes, finished or not."""
+        """Collect the states of all lanes, finished or not."""
         return cls(
-            lanes.peak,
-            lanes.side * lanes.rotation,
-            lanes.side * lanes.velocity,
-            lanes.end_rotation,
-            lanes.end_velocity,
-            lanes.impacts.astype(lanes.peak.dtype),
-            (lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
+            peak=lanes.peak,
+            rotation=lanes.side * lanes.rotation,
+            velocity=lanes.side * lanes.velocity,
+            end_rotation=lanes.end_rotation,
+            end_velocity=lanes.end_velocity,
+            impacts=lanes.impacts.astype(lanes.peak.dtype),
+            followed=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
 
 
@@ -48,11 +46,11 @@ class _Progress(NamedTuple):
     block: Integers  # of each lane, its place in the queue; beyond its end for none
     case: Case  # of the lanes
     taken: Integers  # from the queue
-    results: Reals  # (queue + 1, results): those of no block go to the last row
+    results: Reals  # (queue + 1, results): the last row is for lanes without a block
 
 
 def work_off(
-    ground: PulseInput | RecordInput,
+    ground: GroundInput,
     queue: Case,
     count: Integers | int,
     lanes: int,
@@ -62,51 +60,58 @@ def work_off(
     dtype = queue.duration.dtype
     size = queue.duration.size
 
-    def refilled(progress: _Progress) -> _Progress:
+    def refill(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
-        idle = ~lanes.active(case)
+        idle = ~lanes.are_active(case)
+        # One scatter of rows, where an array each result would be seven.
         rows = jnp.stack(FinalStates.of(lanes, case), axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
-        number = _running_sum(idle.astype(jnp.int32))
+
+        # Idle lanes are numbered, and take blocks from the queue in that order.
+        number = _sum_up(idle.astype(jnp.int32))
         place = taken + number - 1
         gets = idle & (place < count)
         place = jnp.clip(place, 0, size - 1)
         block = jnp.where(idle, jnp.where(gets, place, size), block)
 
-        def replaced(new: Array, old: Array) -> Array:
+        def replace(new: Array, old: Array) -> Array:
             return jnp.where(gets, new, old)
 
         next_case = jax.tree.map(
             lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queue
         )
-        case = jax.tree.map(replaced, next_case, case)
-        fresh = ground.next_interval(jnp.zeros_like(lanes.interval), case)
-        lanes = jax.tree.map(replaced, Lanes.at_rest(fresh, dtype), lanes)
+        case = jax.tree.map(replace, next_case, case)
+        fresh = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
+        lanes = jax.tree.map(replace, Lanes.at_rest(fresh, dtype), lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
-    def steps(progress: _Progress) -> _Progress:
+    def take_steps(progress: _Progress) -> _Progress:
+        # A refill moves all numbers of all lanes, and costs as much as a step.
         _, lanes = jax.lax.while_loop(
-            lambda state: state[0] < _STEPS[type(ground)],
+            lambda state: state[0] < ground.steps_between_refills,
             lambda state: (state[0] + 1, step(state[1], progress.case)),
             (0, progress.lanes),
         )
-        return refilled(progress._replace(lanes=lanes))
+        return refill(progress._replace(lanes=lanes))
 
+    # Lanes begin as if they had finished some block, whose result nobody reads.
     any_case = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue)
     begin = _Progress(
-        Lanes.at_rest(any_case.intervals, dtype),
-        jnp.full(lanes, size, jnp.int32),
-        any_case,
-        jnp.zeros((), jnp.int32),
-        jnp.zeros((size + 1, len(FinalStates._fields)), dtype),
+        lanes=Lanes.at_rest(any_case.excitation.intervals, dtype),
+        block=jnp.full(lanes, size, jnp.int32),
+        case=any_case,
+        taken=jnp.zeros((), jnp.int32),
+        results=jnp.zeros((size + 1, len(FinalStates._fields)), dtype),
     )
-    *_, results = jax.lax.while_loop(lambda p: (p.block < size).any(), steps, refilled(begin))
+    *_, results = jax.lax.while_loop(
+        lambda progress: (progress.block < size).any(), take_steps, refill(begin)
+    )
     return FinalStates(*results[:-1].T)
 
 
-def _running_sum(x: Integers) -> Integers:
-    """Sum all up to each, by doubling: XLA's own takes all pairs."""
+def _sum_up(x: Integers) -> Integers:
+    """Sum all elements up to each, by doubling: the sum of XLA for processors takes all pairs."""
     shift = 1
     while shift < x.size:
         x = x + jnp.pad(x[:-shift], (shift, 0))

@@ -1,8 +1,8 @@
 """Driven motion of many blocks at once, shared out to devices or processors."""
 
 import functools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Hashable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Harmonic, Motion, Pulse, Record, Suite
-from ...host import Printed, listed, mapped, processors, with_progress
+from ...host import Printed, count_processors, format_fields, map_in_threads, show_progress
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     POSITIVE,
@@ -25,28 +25,36 @@ from ...validation import (
     check_kind,
     check_shapes,
 )
-from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, smaller_margin
-from .batch import Batch, GroundMotions
-from .ground_inputs import PulseInput, RecordInput
+from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
+from .batch import Batch
+from .compiler_options import choose_compiler_options
+from .ground_input import GroundInput, HostReals
+from .ground_motions import GroundMotions
 from .queue import work_off
-from .step import Case, Lanes, take_step
-from .taylor import materialized
+from .record_input import RecordInput
+from .step import BatchArguments, Case, Lanes, prepare_blocks, take_step
 
-_LANES = 64  # on a processor
-_ROOM = 2048  # for the queue, on a processor
-# Blocks that one thread follows as fast as two, through one pulse or a record.
-_ALONE = {PulseInput: 512, RecordInput: 16}
-# Orders of the Taylor polynomials, by the bytes of a number. On records samples keep steps
-# short.
-_ORDERS = {PulseInput: {8: 14, 4: 8}, RecordInput: {8: 10, 4: 8}}
-# Of the tolerance that a step may take, also from 1e-10 on, where rounding takes a part.
+# On a processor, lanes fill its vectors several times over, and their states its nearest cache.
+_LANES = 64
+# The queue has one size there, so that one program serves batches of all sizes.
+_ROOM = 2048
+# The part of the tolerance that a step may use up: errors of steps add up, and impacts amplify
+# them. Less from 1e-10 on, where rounding takes a part.
 _SHARE = 0.05
 _SHARE_OF_TIGHT = 0.02
 _TIGHT = 1e-10
 
 
+class _Program(NamedTuple):
+    """The facts that a program is compiled for, beside the kind of input."""
+
+    form: Hashable  # of the arguments
+    model: RockingModel
+    order: int  # of the Taylor polynomials
+
+
 class BatchResponse(Printed, eqx.Module):
-    """What many blocks did; see `respond_batch`. All have the shape of the batch.
+    """The responses of many blocks; see `respond_batch`. All have the shape of the batch.
 
     Attributes
     ----------
@@ -79,7 +87,7 @@ class BatchResponse(Printed, eqx.Module):
     complete: Booleans
 
     def __str__(self) -> str:
-        return listed(
+        return format_fields(
             self,
             overturned="",
             margin="",
@@ -91,40 +99,40 @@ class BatchResponse(Printed, eqx.Module):
         )
 
 
-def _march(
-    ground: PulseInput | RecordInput,
-    arguments: Any,
-    count: Any,
-    tolerance: Any,
-    form: Any,
-    model: RockingModel,
+def _follow_rows(
+    ground: GroundInput,
+    rows: Reals,
+    count: Integers | int,
+    tolerance: Reals,
+    program: _Program,
     lanes: int,
-    order: int,
 ) -> BatchResponse:
-    """Return the first `count` columns of arguments, leaves of a tree of the given form."""
-    case = Case.of(ground, jax.tree.unflatten(form, list(arguments)), model)
+    """Follow the blocks of the first `count` columns, whose rows are their arguments."""
+    arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
+    case, unit, valid = prepare_blocks(ground, arguments, program.model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
-        return take_step(lanes, case, ground, tolerance, order)
+        return take_step(lanes, case, ground, tolerance, program.order)
 
-    ends = work_off(ground, case.for_steps(), count, lanes, step)
-    complete = case.valid() & (ends.followed > 0)
+    ends = work_off(ground, case, count, lanes, step)
+    complete = valid & (ends.followed > 0)
     before_impact, after_impact = free_motion_margins(
         case.equation, case.restitution, ends.end_rotation, ends.end_velocity
     )
-    margin = smaller_margin(before_impact, after_impact)
-    fallen = ends.peak >= TOPPLED_ROTATION
-    overturned = complete & (fallen | (margin < 0))
+    margin = pick_smaller_margin(before_impact, after_impact)
+    toppled = ends.peak >= TOPPLED_ROTATION
+    overturned = complete & (toppled | (margin < 0))
     impacts = ends.impacts.astype(int)
-    mode = impacts + jnp.where(fallen | (before_impact < 0), 0, 1)
+    # A block that overturns on the other side does so after one more impact.
+    mode = impacts + jnp.where(toppled | (before_impact < 0), 0, 1)
 
-    def where_complete(value: Any) -> Any:
+    def where_complete(value: Reals) -> Reals:
         return jnp.where(complete, value, jnp.nan)
 
     return BatchResponse(
         peak_rotation=where_complete(jnp.minimum(ends.peak, TOPPLED_ROTATION)),
         final_rotation=where_complete(ends.rotation),
-        final_velocity=where_complete(ends.velocity / case.unit),
+        final_velocity=where_complete(ends.velocity / unit),
         overturned=overturned,
         margin=where_complete(margin),
         impacts=impacts,
@@ -133,38 +141,14 @@ def _march(
     )
 
 
-def _takes_option(name: str, value: Any) -> bool:
-    """Tell whether the compiler takes an option: versions differ, and none must fail."""
-    try:
-        trial = jax.jit(lambda x: materialized(x + x) * x, compiler_options={name: value})
-        with jax.default_device(jax.local_devices(backend="cpu")[0]):
-            trial.lower(np.zeros(2, np.float32)).compile()
-    except Exception:  # of which type depends on the version
-        return False
-    return True
-
-
 @functools.cache
-def compiler_options(platform: str) -> dict[str, Any] | None:
-    """Options for XLA, for programs that follow a batch on their own."""
-    if platform != "cpu":
-        return None
-    # By itself XLA does not take the widest vectors of a processor. A minimum that does not
-    # propagate NaN is faster, and blocks with NaN are masked here anyway.
-    options = {
-        "xla_cpu_prefer_vector_width": 512,
-        "xla_cpu_enable_fast_min_max": True,
-    }
-    if jax.__version_info__ < (0, 11):
-        # This pass removes the barriers against recomputation, too early in these versions.
-        options["xla_disable_hlo_passes"] = "cse_barrier_expander"
-    return {n: v for n, v in options.items() if _takes_option(n, v)}
-
-
-@functools.cache
-def _compiled(platform: str) -> Callable[..., BatchResponse]:
-    static = ("form", "model", "lanes", "order")
-    return jax.jit(_march, static_argnames=static, compiler_options=compiler_options(platform))
+def _compile(platform: str) -> Callable[..., BatchResponse]:
+    """Jit `_follow_rows` for a platform, once in a process."""
+    return jax.jit(
+        _follow_rows,
+        static_argnames=("program", "lanes"),
+        compiler_options=choose_compiler_options(platform),
+    )
 
 
 def respond_batch(
@@ -250,9 +234,12 @@ def check_batch(
 
 
 def follow_batch(
-    batch: Batch, model: RockingModel, rtol: float | None = None, count: Any = None
+    batch: Batch,
+    model: RockingModel,
+    rtol: float | None = None,
+    count: Integers | int | None = None,
 ) -> BatchResponse:
-    """`respond_batch` of what has been checked; in NumPy where it is concrete.
+    """Follow a batch, as `respond_batch` does once it has checked; in NumPy where concrete.
 
     In a transformation only the first `count` blocks need be followed.
     """
@@ -261,44 +248,46 @@ def follow_batch(
         rtol = 1e-9 if dtype == np.float64 else 1e-5
     share = _SHARE if rtol >= _TIGHT else _SHARE_OF_TIGHT
     tolerance = np.asarray(max(share * rtol, float(jnp.finfo(dtype).eps)), dtype)
-    rows, form = batch.rows()
-    order = _ORDERS[type(batch.ground.parts[0])][dtype.itemsize]
-    static = {"form": form, "model": model, "order": order}
+    rows, form = batch.flatten()
+    # The order follows from precision and kind of input alone: a program for each tolerance
+    # would have to be compiled.
+    program = _Program(form, model, batch.ground.parts[0].orders[dtype.itemsize])
     if batch.traced:
         (part,) = batch.ground.parts
         # The samples of a record may be all that is traced.
         part, rows = jax.tree.map(jnp.asarray, (part, rows))
-        count = rows.shape[1] if count is None else count
-        result = _march(part, rows, count, tolerance, lanes=_LANES, **static)
+        number = rows.shape[1] if count is None else count
+        result = _follow_rows(part, rows, number, jnp.asarray(tolerance), program, _LANES)
     else:
-        result = _in_parts(batch.ground, rows, tolerance, static)
+        result = _follow_groups(batch.ground, rows, tolerance, program)
     shape = batch.shape
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
 
-def _in_parts(
-    ground: GroundMotions, rows: Any, tolerance: Any, static: dict[str, Any]
+def _follow_groups(
+    ground: GroundMotions, rows: HostReals, tolerance: np.ndarray, program: _Program
 ) -> BatchResponse:
-    """`_march` of all columns, under one group of records after the other; NumPy arrays."""
+    """Follow all columns, under one group of records after the other; NumPy arrays."""
     if not ground.begins[1:]:
-        return _shared_out(ground.parts[0], rows, tolerance, static)
+        return _share_out(ground.parts[0], rows, tolerance, program)
+    # The last row is the index of the motion, see `BatchArguments`.
     group = np.searchsorted(ground.begins, rows[-1], side="right") - 1
     separate = []
     places = []
-    for k, part in enumerate(with_progress(ground.parts, "groups of records")):
+    for k, part in enumerate(show_progress(ground.parts, "groups of records")):
         (place,) = np.nonzero(group == k)
         own = rows[:, place]
         own[-1] -= ground.begins[k]
-        separate.append(_shared_out(part, own, tolerance, static))
+        separate.append(_share_out(part, own, tolerance, program))
         places.append(place)
     order = np.argsort(np.concatenate(places))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[order], *separate)
 
 
-def _shared_out(
-    ground: PulseInput | RecordInput, rows: Any, tolerance: Any, static: dict[str, Any]
+def _share_out(
+    ground: GroundInput, rows: HostReals, tolerance: np.ndarray, program: _Program
 ) -> BatchResponse:
-    """`_march` of all columns, on all devices or processors; NumPy arrays."""
+    """Follow all columns, on all devices or processors; NumPy arrays."""
     default = jax.config.jax_default_device
     if default is None:
         devices = jax.local_devices()
@@ -306,11 +295,11 @@ def _shared_out(
         named = isinstance(default, str)
         devices = jax.local_devices(backend=default) if named else [default]
     on_processor = devices[0].platform == "cpu"
-    workers = processors() if on_processor else len(devices)
+    workers = count_processors() if on_processor else len(devices)
     size = rows.shape[1]
-    alone = _ALONE[type(ground)] if on_processor else 1
-    if isinstance(ground, PulseInput):
-        alone = max(alone // int(ground.intervals), 1)
+
+    # An accelerator takes all its blocks as lanes; its shapes are powers of two.
+    alone = ground.fewest_for_two_threads() if on_processor else 1
     share = max(-(-size // workers), alone)
     room = 1 << (share - 1).bit_length()
     lanes = share
@@ -319,7 +308,7 @@ def _shared_out(
         share = -(-share // -(-share // _ROOM))
         room = _ROOM
         lanes = _LANES
-    march = _compiled(devices[0].platform)
+    follow = _compile(devices[0].platform)
     pieces = max(1, -(-size // share))
     order = np.arange(size)
     if isinstance(ground, RecordInput):
@@ -327,18 +316,19 @@ def _shared_out(
         intervals = np.asarray(ground.intervals)[rows[-1].astype(int)]
         order = np.argsort(-intervals, kind="stable")
 
-    def on_device(k: int) -> BatchResponse:
+    def follow_piece(k: int) -> BatchResponse:
+        # Every so-manieth block: neighbours in a grid take about as long.
         part = rows[:, order[k::pieces]]
         count = part.shape[1]
         queue = np.ones((len(rows), room), rows.dtype)
         queue[:, :count] = part
-        placed = ground, queue
+        placed = (ground, queue)
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
-        result = march(*placed, count, tolerance, lanes=lanes, **static)
+        result = follow(*placed, count, tolerance, program=program, lanes=lanes)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
-    separate = mapped(on_device, range(pieces), min(workers, pieces))
+    separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
 
     def put_together(*parts: np.ndarray) -> np.ndarray:
         whole = np.empty(size, parts[0].dtype)

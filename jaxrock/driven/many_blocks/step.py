@@ -1,220 +1,300 @@
-"""Many blocks side by side, each at its own pace through a ground motion.
+"""One step of many blocks, each at its own pace through a ground motion.
 
-Every lane takes a step at a time by a Taylor polynomial: as long as its last terms allow, to a
-corner of the input at most, or to the impact, which is a root of that polynomial. A block at
-rest goes to the next time that might lift it. What a lane does depends on no other.
+Every lane takes a step at a time by a Taylor polynomial. What a lane does depends on no other.
+The state of a lane is `Lanes`; a step leads from one row of this table to another:
+
+    a lane that             takes a step                   and then
+    ----------------------  -----------------------------  ----------------------------------
+    rests (not `moves`)     to the time at which the       moves from the ground, to the side
+                            input lifts it, if this        that is lifted
+                            interval lifts it
+                            else to the end of the         rests in the next interval that
+                            interval                       may lift it
+    moves                   as long as the last terms of   moves
+                            its polynomial allow, at most
+                            to the end of the interval
+                            shorter, to an impact, a       moves on the other side; or rests,
+                            root of the polynomial         if all further bounces would end
+                                                           within the step (`_settles`)
+                            of length 0 (`blocked`), if    moves, with a shorter `step_limit`
+                            impact or peak are not
+                            certain
+    moves past pi / 2,      to the end of that step        is done: interval = intervals, and
+    or has used up its                                     no longer `moves`
+    steps
+    is done                 of length 0                    is done, until the queue gives it
+                                                           another block
+
+Behind the end of the input (interval = intervals) a block that moves goes on in free motion to
+the end of its duration; one that rests is done.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from ...block import Block
 from ...impact import velocity_after_impact
-from ...numerics import larger
+from ...numerics import pick_larger
 from ...resonance import Linearized, RockingModel
-from ...validation import Booleans, Integers, Number, Reals
+from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from .flight import LONGEST, StepFlight
-from .ground_inputs import PulseInput, RecordInput, negligible
+from .ground_input import (
+    CountPerBlock,
+    Excitation,
+    GroundInput,
+    HostNumbers,
+    PerBlock,
+    TruthPerBlock,
+    rounding_margin,
+)
 from .taylor import (
     Coefficients,
-    accurate_step,
-    derivative,
+    choose_step,
+    differentiate,
     evaluate,
-    materialized,
-    rotation_series,
+    expand_rotation,
+    materialize,
     sine_cosine,
 )
 
 
-class Case(NamedTuple):
-    """What follows from the arguments once for all steps. Times are in units of `unit`."""
+class BatchArguments(NamedTuple):
+    """The numbers of each block of a batch; arrays of one type that broadcast."""
+
+    block: Block
+    restitution: HostNumbers
+    factor: HostNumbers  # on the motion: its amplitude or scale
+    length: HostNumbers  # of an interval [s]
+    start: HostNumbers  # of the motion [s]
+    duration: HostNumbers  # for which the block is followed [s]
+    motion: (
+        HostNumbers  # index of the motion, where there are several; a real as all the others
+    )
+
+
+class Case(eqx.Module):
+    """The numbers of a block that all steps need, in its unit of time."""
 
     equation: Equation
-    on_ground: tuple[Reals, Reals]  # sine and cosine of the tilt on the ground
-    unit: Reals  # of time
-    longest: Reals  # part of a step behind the end of the input
-    restitution: Reals
-    strength: Reals  # factor over g
-    length: Reals  # of an interval
-    rate: Reals  # of the phase of the input
-    start: Reals
-    duration: Reals
-    first: Integers  # place of the first interval of the motion
-    intervals: Integers  # of the motion
-    grade: Integers  # of intervals that might lift the block
-    uplifts: tuple[Reals, ...]  # times at which a pulse might, and to which side
-    finite: Booleans  # whether the motion is
-
-    @classmethod
-    def of(
-        cls, ground: PulseInput | RecordInput, arguments: tuple[Any, ...], model: RockingModel
-    ) -> "Case":
-        """Make the case of the arguments of `respond_batch`, elementwise.
-
-        `factor` is on the motion (its amplitude or scale), `length` that of an interval,
-        `motion` the index where there are several.
-        """
-        block, restitution, factor, length, start, duration, motion = arguments
-        motion = motion.astype(jnp.int32)
-        equation = Equation.of(block, model)
-        angle = equation.critical_angle
-        strength = factor / equation.gravity
-        rate = ground.rate(length)
-        natural = fastest = jnp.sqrt(equation.p_squared)
-        if isinstance(ground, PulseInput):
-            fastest = jnp.maximum(fastest, jnp.abs(rate))
-        # The unit is arbitrary, so that no derivative depends on it.
-        unit = jax.lax.stop_gradient(1 / fastest)
-        equation = eqx.tree_at(
-            lambda e: (e.p_squared, e.critical_velocity),
-            equation,
-            (equation.p_squared * unit * unit, equation.critical_velocity * unit),
-        )
-        needed = equation.tangent / jnp.abs(strength)
-        rate = rate * unit
-        # By rounding alone no block is lifted, as in `uplift`.
-        uplifts = ground.uplifts(rate, needed * (1 + negligible(rate.dtype)))
-        if ground.vertical:
-            needed = needed / (1 + equation.tangent)
-        first, intervals = ground.extent_of(motion)
-        return cls(
-            equation=equation,
-            on_ground=(angle, jnp.ones_like(angle))
-            if isinstance(model, Linearized)
-            else sine_cosine(angle),
-            unit=unit,
-            longest=LONGEST / (natural * unit),
-            restitution=restitution,
-            strength=strength,
-            length=length / unit,
-            rate=rate,
-            start=start / unit,
-            duration=duration / unit,
-            first=first,
-            intervals=intervals,
-            grade=ground.grade(needed),
-            uplifts=uplifts,
-            finite=ground.is_finite(motion),
-        )
-
-    def for_steps(self) -> "Case":
-        """Return the part that the steps need."""
-        unused = (None, None)
-        equation = eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), self.equation, unused)
-        return self._replace(equation=equation, unit=None, finite=None)
-
-    def valid(self) -> Booleans:
-        """Tell whether all arguments are allowed."""
-        equation = self.equation
-        restitution = self.restitution
-        total = equation.p_squared + equation.tangent + self.strength + self.start
-        finite = jnp.isfinite(total + restitution + self.length + self.duration) & self.finite
-        positive = (equation.p_squared > 0) & (self.length > 0) & (self.duration > 0)
-        return finite & positive & (self.start >= 0) & (restitution >= 0) & (restitution <= 1)
+    ground_sine: PerBlock  # of the tilt alpha_c - rotation, on the ground
+    ground_cosine: PerBlock
+    longest_free_step: PerBlock  # behind the end of the input
+    restitution: PerBlock
+    start: PerBlock  # of the motion
+    duration: PerBlock
+    excitation: Excitation
 
 
-class Lanes(NamedTuple):
-    """Where the blocks are."""
+class PreparedBlocks(NamedTuple):
+    """Blocks as they are followed, with the unit and validity that the answers need."""
 
-    interval: Integers
-    along: Reals  # time in the interval
-    side: Reals
-    rotation: Reals
-    velocity: Reals
-    reach: Reals  # longest step
-    moves: Booleans
-    peak: Reals
-    impacts: Integers
-    steps: Integers  # in motion
-    end_rotation: Reals  # at the end of the input, or now if that is earlier
-    end_velocity: Reals
+    case: Case
+    unit: Reals  # of time [s]
+    valid: Booleans  # whether all arguments are allowed
+
+
+def prepare_blocks(
+    ground: GroundInput, arguments: BatchArguments, model: RockingModel
+) -> PreparedBlocks:
+    """Compute what follows from the arguments once for all steps, elementwise."""
+    motion = jnp.asarray(arguments.motion).astype(jnp.int32)
+    restitution = jnp.asarray(arguments.restitution)
+    equation = Equation.of(arguments.block, model)
+    angle = equation.critical_angle
+    strength = jnp.asarray(arguments.factor) / equation.gravity
+    length = jnp.asarray(arguments.length)
+    rate = ground.find_rate(length)
+    natural = jnp.sqrt(equation.p_squared)
+
+    # The unit is arbitrary, so that no derivative depends on it.
+    unit = jax.lax.stop_gradient(1 / ground.find_fastest(natural, rate))
+    p_squared = equation.p_squared * unit * unit
+    equation = eqx.tree_at(
+        lambda e: (e.p_squared, e.critical_velocity),
+        equation,
+        (p_squared, equation.critical_velocity * unit),
+    )
+    rate = rate * unit
+    length = length / unit
+    start = jnp.asarray(arguments.start) / unit
+    duration = jnp.asarray(arguments.duration) / unit
+
+    # By rounding alone no block is lifted, as in `GroundInput.find_uplift`.
+    needed = equation.tangent / jnp.abs(strength)
+    uplift_times = ground.find_uplift_times(rate, needed * (1 + rounding_margin(rate.dtype)))
+    if ground.has_vertical:
+        # The grade is about the larger of both components, s. A block is lifted where
+        # push > (1 + lift) tangent: nowhere below s = (1 - s) tangent.
+        needed = needed / (1 + equation.tangent)
+    first_interval, intervals = ground.find_intervals(motion)
+    excitation = Excitation(
+        strength=strength,
+        length=length,
+        rate=rate,
+        first_interval=first_interval,
+        intervals=intervals,
+        grade=ground.choose_grade(needed),
+        uplift_times=uplift_times,
+    )
+
+    # A sum is finite if all its terms are.
+    total = p_squared + equation.tangent + strength + start
+    finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
+    positive = (p_squared > 0) & (length > 0) & (duration > 0)
+    allowed = (start >= 0) & (restitution >= 0) & (restitution <= 1)
+
+    if isinstance(model, Linearized):
+        ground_sine = angle
+        ground_cosine = jnp.ones_like(angle)
+    else:
+        ground_sine, ground_cosine = sine_cosine(angle)
+    case = Case(
+        # Without numbers that no step needs: what a loop carries costs time.
+        equation=eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), equation, (None, None)),
+        ground_sine=ground_sine,
+        ground_cosine=ground_cosine,
+        longest_free_step=LONGEST / (natural * unit),
+        restitution=restitution,
+        start=start,
+        duration=duration,
+        excitation=excitation,
+    )
+    return PreparedBlocks(case, unit, finite & positive & allowed)
+
+
+class Lanes(eqx.Module):
+    """The states of the blocks that are followed side by side."""
+
+    interval: CountPerBlock
+    elapsed: PerBlock  # time since the begin of the interval
+    side: PerBlock  # on which the block stands, 1 or -1
+    rotation: PerBlock  # from that side
+    velocity: PerBlock
+    step_limit: PerBlock  # to the length of the next step
+    moves: TruthPerBlock
+    peak: PerBlock  # rotation
+    impacts: CountPerBlock
+    steps: CountPerBlock  # in motion
+    end_rotation: PerBlock  # at the end of the input, or now if that is earlier
+    end_velocity: PerBlock
 
     @classmethod
     def at_rest(cls, interval: Integers, dtype: DTypeLike) -> "Lanes":
         """Blocks that have not moved, in an interval."""
         zero = jnp.zeros(interval.shape, dtype)
         count = jnp.zeros_like(interval)
-        fields = dict.fromkeys(cls._fields, zero) | dict.fromkeys(("impacts", "steps"), count)
-        fields |= {"interval": interval, "side": zero + 1, "reach": zero + jnp.inf}
-        return cls(**fields | {"moves": jnp.zeros(interval.shape, bool)})
+        return cls(
+            interval=interval,
+            elapsed=zero,
+            side=zero + 1,
+            rotation=zero,
+            velocity=zero,
+            step_limit=zero + jnp.inf,
+            moves=jnp.zeros(interval.shape, bool),
+            peak=zero,
+            impacts=count,
+            steps=count,
+            end_rotation=zero,
+            end_velocity=zero,
+        )
 
-    def active(self, case: Case) -> Booleans:
-        """Tell whether the motion goes on."""
-        return self.moves | (self.interval < case.intervals)
+    def are_active(self, case: Case) -> Booleans:
+        """Tell which motions go on."""
+        return self.moves | (self.interval < case.excitation.intervals)
 
 
 def max_steps(case: Case) -> Integers:
-    """Largest number of steps of a lane, which bounds the time; reported where it is reached."""
-    return 1000 * jnp.minimum(case.intervals, 2 * 10**6) + 10**6
+    """Compute the largest number of steps of a lane, which bounds the time.
+
+    A lane that reaches it says so in `BatchResponse.complete`.
+    """
+    return 1000 * jnp.minimum(case.excitation.intervals, 2 * 10**6) + 10**6
 
 
 def take_step(
     lanes: Lanes,
     case: Case,
-    ground: PulseInput | RecordInput,
-    tolerance: Number,
+    ground: GroundInput,
+    tolerance: Reals,
     order: int,
 ) -> Lanes:
-    """Take each lane a step further: to its impact, its uplift or the end of its interval."""
-    acts = lanes.interval < case.intervals
-    begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.length
-    length = jnp.where(acts, case.length, jnp.inf)
+    """Take each lane a step further; the table above says where it leads.
+
+    All rows of the table are computed for all lanes, and `where` picks: lanes run on SIMD
+    lanes of the processor, which have no branches.
+    """
+    # Where the step may end: at the end of the interval, or of the duration.
+    intervals = case.excitation.intervals
+    acts = lanes.interval < intervals
+    begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.excitation.length
+    length = jnp.where(acts, case.excitation.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
-    left = stop - lanes.along
-    # All that follows uses these many times. Without a barrier (here and at each
-    # `materialized` in this file), XLA would fuse their computation into every use and repeat
-    # it there.
-    strength = materialized(jnp.where(acts, case.strength, 0))
-    horizontal, lift = ground.series(
-        case._replace(strength=strength), lanes.interval, lanes.along, order
-    )
+    left = stop - lanes.elapsed
+
+    # The input from here on. All that follows uses these many times. Without a barrier (here
+    # and at each `materialize` in this file), XLA would fuse their computation into every use
+    # and repeat it there.
+    strength = materialize(jnp.where(acts, case.excitation.strength, 0))
+    excitation = replace(case.excitation, strength=strength)
+    horizontal, lift = ground.expand(excitation, lanes.interval, lanes.elapsed, order)
     push = tuple(lanes.side * part for part in horizontal)
-    horizontal, lift, push, left = materialized((horizontal, lift, push, left))
+    horizontal, lift, push, left = materialize((horizontal, lift, push, left))
 
-    lifted, wait, uplift_side = ground.uplift(case, lanes, horizontal, lift, left)
+    # At rest: uplift within the interval.
+    lifted, wait, uplift_side = ground.find_uplift(
+        case.excitation, case.equation.tangent, lanes.elapsed, horizontal, lift, left
+    )
     lifted = ~lanes.moves & acts & lifted & (left > wait)
-    lifted, wait, uplift_side = materialized((lifted, wait, uplift_side))
+    lifted, wait, uplift_side = materialize((lifted, wait, uplift_side))
 
-    path = rotation_series(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = jnp.where(acts, LONGEST, case.longest)
-    step = jnp.minimum(jnp.minimum(left, longest), lanes.reach)
-    step = materialized(
-        jnp.where(lanes.moves, jnp.minimum(step, accurate_step(path, tolerance)), 0)
+    # In motion: the polynomial, how far it is accurate, and what the block does on it.
+    path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
+    longest = jnp.where(acts, LONGEST, case.longest_free_step)
+    step = jnp.minimum(jnp.minimum(left, longest), lanes.step_limit)
+    step = materialize(
+        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, tolerance)), 0)
     )
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak, tolerance)
     leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
     settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
-    settles = materialized(flight.lands & settles)
+    settles = materialize(flight.lands & settles)
 
-    over = flight.highest >= TOPPLED_ROTATION
-    ends_there = ~(flight.lands | flight.blocked) & (flight.time >= left)
-    arrives = jnp.where(lanes.moves, ends_there, ~lifted)
-    exhausted = over | (lanes.steps >= max_steps(case))
+    # Which row of the table each lane has come to.
+    toppled = flight.highest >= TOPPLED_ROTATION
+    flies_to_end = ~(flight.lands | flight.blocked) & (flight.time >= left)
+    arrives = jnp.where(lanes.moves, flies_to_end, ~lifted)
+    exhausted = toppled | (lanes.steps >= max_steps(case))
+    # Not `stop < length`: where NaN has got in, the lane must end as well.
     ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
     interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
-    interval = jnp.where(lanes.moves | lifted, interval, ground.next_interval(interval, case))
+    interval = jnp.where(
+        lanes.moves | lifted, interval, ground.find_next_interval(interval, case.excitation)
+    )
+
+    # The new state. For the overturning criterion it is noted as long as the input acts.
     side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
     rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
     taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
-    # The state for the overturning criterion is that where the input ends.
-    return materialized(
+    return materialize(
         Lanes(
-            interval=jnp.where(ended, case.intervals, interval),
-            along=jnp.where(arrives, 0, lanes.along + taken),
+            interval=jnp.where(ended, intervals, interval),
+            elapsed=jnp.where(arrives, 0, lanes.elapsed + taken),
             side=side,
             rotation=rotation,
             velocity=velocity,
-            reach=jnp.where(flight.blocked, flight.reach, jnp.inf),
+            step_limit=jnp.where(flight.blocked, flight.step_limit, jnp.inf),
             moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
-            peak=jnp.where(lanes.moves, larger(lanes.peak, flight.highest), lanes.peak),
+            peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
             impacts=lanes.impacts + flight.lands.astype(jnp.int32),
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
             end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
@@ -232,33 +312,42 @@ def _settles(
     leaving: Reals,
     peak: Reals,
 ) -> Booleans:
-    """Tell whether a block comes to rest after an impact: all further bounces end in the step.
+    """Tell whether a block comes to rest after an impact at the time `flight` in the step.
 
-    Their time is bounded by that of bounces to the side where the ground presses less, under
-    an acceleration that must not change much meanwhile, whatever the input does.
+    It does if all further bounces, which are infinitely many, end within the step (Zeno). From
+    the velocity `leaving` an impact, and under a constant acceleration `down` to the ground, a
+    bounce takes 2 leaving / down, and all together take 2 leaving / (down (1 - C)). Here that
+    is bounded for an input that changes meanwhile.
     """
     equation = case.equation
-    sine, cosine = case.on_ground
+    # On the side to which the ground pushes, it presses less.
     sideways = jnp.abs(evaluate(push, flight))
     upward = evaluate(lift, flight) if lift else 0.0
-    down = -equation.right_hand_side(sine, cosine, sideways, upward)
-    down, leaving = materialized((down, leaving))
+    down = -equation.right_hand_side(case.ground_sine, case.ground_cosine, sideways, upward)
+    down, leaving = materialize((down, leaving))
+
+    # An acceleration that changes by less than `little` until the bounces have ended makes
+    # each of them a little longer: 3 instead of 2 leaving / (down (1 - C)) is ample.
     little = 0.125 * (1 - case.restitution) * down
     bounces = 3 * leaving / jnp.where(little > 0, 8 * little, 1)
     settled = flight + bounces
-    change = cosine * _fastest(push, settled)
+    change = case.ground_cosine * _bound_slope(push, settled)
     if lift:
-        change = change + sine * _fastest(lift, settled)
+        change = change + case.ground_sine * _bound_slope(lift, settled)
     steady = bounces * change * equation.p_squared <= little
+
+    # The bounces must also be so low that gravity pulls no less than on the ground.
     low = equation.p_squared * leaving * leaving <= little * down
-    tiny = negligible(leaving.dtype)
-    nothing = leaving <= tiny * equation.critical_velocity
-    level = -down <= 2 * tiny * equation.p_squared * case.on_ground[0]
     # The next bounce is not computed any more: it must not be the highest.
     low = low & (leaving * leaving <= down * peak)
+
+    # Where the input all but lifts the block, `down` is rounding, and so is this velocity.
+    tiny = rounding_margin(leaving.dtype)
+    nothing = leaving <= tiny * equation.critical_velocity
+    level = -down <= 2 * tiny * equation.p_squared * case.ground_sine
     return ((little > 0) & (settled <= step) & steady & low) | (nothing & level)
 
 
-def _fastest(series: Coefficients, time: Reals) -> Reals:
+def _bound_slope(series: Coefficients, time: Reals) -> Reals:
     """Bound the magnitude of the derivative of a series up to a time."""
-    return evaluate(derivative(tuple(map(jnp.abs, series))), time)
+    return evaluate(differentiate(tuple(map(jnp.abs, series))), time)

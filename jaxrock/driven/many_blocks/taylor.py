@@ -1,4 +1,4 @@
-"""Truncated power series, and that of the rotation in time.
+"""Truncated power series, and the Taylor series of the rotation in time.
 
 The equation of motion has one sine and one cosine, whose argument follows in time from the
 equation itself: one evaluation gives the whole Taylor polynomial of the motion, which is its
@@ -6,15 +6,17 @@ own dense output.
 """
 
 import math
-from typing import Any
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
-from ...validation import Reals
+from ...validation import Number, Reals
 from ..equation import Equation
 
 Coefficients = tuple[Reals | float, ...]
+_Tree = TypeVar("_Tree")
 
 
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
@@ -22,6 +24,7 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
 
     By polynomials, which run on SIMD lanes; the functions that XLA has for float64 do not.
     """
+    # Taylor's own: the first term left out is below eps / 2 at pi / 2.
     square = angle * angle
     sine = cosine = jnp.zeros_like(angle)
     for k in reversed(range(11)):
@@ -31,49 +34,60 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
     return angle * sine, cosine
 
 
-def materialized(values: Any) -> Any:
-    """Compute the values here and once: XLA would do so again wherever they are used."""
+def materialize(values: _Tree) -> _Tree:
+    """Compute the values here and once: XLA would do so again wherever they are used.
+
+    XLA fuses elementwise operations into their users, without counting how many users there
+    are. The coefficients of a series, each of which enters all later ones, would be computed
+    exponentially often.
+    """
     return jax.lax.optimization_barrier(values)
 
 
-def _product(a: Coefficients, b: Coefficients, k: int) -> Any:
-    """Coefficient `k` of the product of two series."""
+def _multiply(a: Coefficients, b: Coefficients, k: int) -> Reals | float | int:
+    """Compute coefficient `k` of the product of two series."""
     return sum(a[j] * b[k - j] for j in range(len(a)) if 0 <= k - j < len(b))
 
 
-def rotation_series(
+def expand_rotation(
     equation: Equation,
     rotation: Reals,
     velocity: Reals,
     push: Coefficients,
     lift: Coefficients,
     order: int,
-) -> Coefficients:
-    """Taylor coefficients of the rotation in time, up to an order, from those of the ground.
+) -> tuple[Reals, ...]:
+    """Expand the rotation in time, up to an order, from the series of the ground.
 
     With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
     coefficients of sine and cosine one after the other.
     """
-    c: list[Any] = [rotation, velocity]
+    c: list[Reals] = [rotation, velocity]
     tilt = equation.critical_angle - rotation
-    rate: list[Any] = [-velocity]  # coefficients of q'
+    rate: list[Reals] = [-velocity]  # coefficients of q'
+    sine: list[Reals | float]
+    cosine: list[Reals | float]
     if equation.linearized:
         sine = [tilt]
         cosine = [1.0]
     else:
         # A barrier: both enter every coefficient, as do those of higher order below.
-        sine, cosine = ([part] for part in materialized(sine_cosine(tilt)))
+        first_sine, first_cosine = materialize(sine_cosine(tilt))
+        sine = [first_sine]
+        cosine = [first_cosine]
     for k in range(order - 1):
         if k and equation.linearized:
             sine.append(rate[k - 1] * (1 / k))
         elif k:
-            parts = tuple(_product(tuple(rate), tuple(part), k - 1) for part in (cosine, sine))
-            next_sine, next_cosine = materialized((parts[0] * (1 / k), parts[1] * (-1 / k)))
+            parts = tuple(
+                _multiply(tuple(rate), tuple(part), k - 1) for part in (cosine, sine)
+            )
+            next_sine, next_cosine = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
             sine.append(next_sine)
             cosine.append(next_cosine)
-        pull = sine[k] + _product(tuple(sine), lift, k)
-        acceleration = (_product(tuple(cosine), push, k) - pull) * equation.p_squared
-        c.append(materialized(acceleration * (1 / ((k + 1) * (k + 2)))))
+        pull = sine[k] + _multiply(tuple(sine), lift, k)
+        acceleration = (_multiply(tuple(cosine), push, k) - pull) * equation.p_squared
+        c.append(materialize(acceleration * (1 / ((k + 1) * (k + 2)))))
         if k == 0:
             # Lifted at this moment, a block does not accelerate to the ground: rounding may.
             starts = (rotation == 0) & (velocity == 0)
@@ -84,13 +98,13 @@ def rotation_series(
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:
     """Evaluate the series at a time."""
-    total: Any = c[-1]
+    total = cast("Reals", c[-1])
     for part in reversed(c[:-1]):
         total = total * time + part
     return total
 
 
-def derivative(c: Coefficients) -> Coefficients:
+def differentiate(c: Coefficients) -> Coefficients:
     """Differentiate the series."""
     return tuple(k * part for k, part in enumerate(c))[1:]
 
@@ -106,7 +120,7 @@ def binary_logarithm(x: Reals) -> Reals:
     )
 
 
-def binary_power(y: Reals, dtype: Any) -> Reals:
+def binary_power(y: Reals, dtype: DTypeLike) -> Reals:
     """2^y within 6 %, from a float32."""
     if dtype == jnp.float64:
         bits = ((jnp.clip(y, -1000, 1000) + 1023) * 2.0**20).astype(jnp.int32)
@@ -115,20 +129,21 @@ def binary_power(y: Reals, dtype: Any) -> Reals:
     return jax.lax.bitcast_convert_type(bits, dtype)
 
 
-def accurate_step(c: tuple[Any, ...], tolerance: Any) -> Reals:
+def choose_step(c: tuple[Reals, ...], tolerance: Number) -> Reals:
     """Choose the longest step in which the last two terms are small beside the first ones.
 
-    Jorba and Zou's rule, but relative to the motion in the step: right after uplift its third
-    power is the whole motion.
+    The rule of Jorba and Zou (2005, doi:10.1080/10586458.2005.10128904), but relative to the
+    motion in the step: right after uplift its third power is the whole motion. Logarithms to a
+    few per cent, from the bits of the numbers, do for a length of step.
     """
     order = len(c) - 1
     log = [binary_logarithm(part) for part in jax.lax.stop_gradient(c)]
     allowed = jnp.log2(tolerance).astype(jnp.float32)
 
-    def length(last: int) -> Any:
+    def find_length(last: int) -> Reals:
         terms = (
             (log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1))
         )
         return jax.tree.reduce(jnp.maximum, list(terms))
 
-    return binary_power(jnp.minimum(length(order), length(order - 1)), c[0].dtype)
+    return binary_power(jnp.minimum(find_length(order), find_length(order - 1)), c[0].dtype)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Motion, Suite
-from ...host import Printed, listed
+from ...host import Printed, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
 from .batch import Batch
@@ -14,9 +14,8 @@ from .respond_many import BatchResponse, check_batch, follow_batch
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
-_SAFETY = (
-    1.25  # an answer is off by what a better one differs by, and by the error of that one
-)
+# An answer is off by its difference to a better one, and by the error of the better one.
+_SAFETY = 1.25
 _LEAST = 2  # errors over `rtol`, at least: at the tightest one rounding is as large
 _ROUNDING = 64  # what rounding of the input amounts to, in eps
 
@@ -48,7 +47,9 @@ class EstimatedResponse(Printed, eqx.Module):
     within_tolerance: Booleans
 
     def __str__(self) -> str:
-        return f"{self.response}\n{listed(self, rtol='', error='', within_tolerance='')}"
+        return (
+            f"{self.response}\n{format_fields(self, rtol='', error='', within_tolerance='')}"
+        )
 
 
 def respond_within(
@@ -95,46 +96,53 @@ def respond_within(
 
 
 def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> EstimatedResponse:
-    """`respond_within` of what has been checked and is concrete."""
+    """Follow a concrete batch, as `respond_within` does once it has checked."""
     precision = np.finfo(batch.dtype)
     levels = TOLERANCES[precision.bits]
     first = min(sum(level > tolerance for level in levels), len(levels) - 2)
+    # Of two answers one is under an input that is off by rounding: what rounding does through
+    # all impacts, which no tolerance mends, then counts as well.
     slip = 1 + _ROUNDING * float(precision.eps)
     shape = batch.shape
 
-    def followed(some: Batch, rtol: float) -> BatchResponse:
+    def follow(some: Batch, rtol: float) -> BatchResponse:
         response = follow_batch(some, model, rtol)
         return jax.tree.map(lambda leaf: leaf.reshape(-1), response)
 
-    looser = followed(batch.scaled(slip), levels[first])
-    best = followed(batch, levels[first + 1])
+    looser = follow(batch.scaled(slip), levels[first])
+    best = follow(batch, levels[first + 1])
 
     def bound(before: BatchResponse, after: BatchResponse, rtol: float) -> np.ndarray:
         # Both may be better than they were asked to be, and equally so.
-        return np.maximum(_SAFETY * _difference(before, after), max(_LEAST * rtol, slip - 1))
+        return np.maximum(_SAFETY * _compare(before, after), max(_LEAST * rtol, slip - 1))
 
     error = bound(looser, best, levels[first + 1])
-    rtol, cheapest = (np.full(error.shape, level) for level in (levels[first + 1], levels[-1]))
+    rtol = np.full(error.shape, levels[first + 1])
+    cheapest = np.full(error.shape, levels[-1])
     cheapest[error <= tolerance] = levels[first]
-    (open_,) = np.nonzero(error > tolerance)
-    if open_.size and first + 2 < len(levels):
-        part = batch.part(open_)
-        before = followed(part.scaled(slip), levels[first + 1])
-        after = followed(part, levels[-1])
-        error[open_] = bound(before, after, levels[-1])
-        rtol[open_] = levels[-1]
-        cheapest[open_[error[open_] <= tolerance]] = levels[first + 1]
+
+    # Where these two do not agree well enough, once more at the tightest one.
+    (places,) = np.nonzero(error > tolerance)
+    if places.size and first + 2 < len(levels):
+        part = batch.select(places)
+        before = follow(part.scaled(slip), levels[first + 1])
+        after = follow(part, levels[-1])
+        error[places] = bound(before, after, levels[-1])
+        rtol[places] = levels[-1]
+        cheapest[places[error[places] <= tolerance]] = levels[first + 1]
         for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
-            leaf[open_] = new
+            leaf[places] = new
     result = (best, rtol, error, cheapest, (error <= tolerance) & best.complete)
     shaped = jax.tree.map(lambda leaf: leaf.reshape(shape), result)
     return EstimatedResponse(*jax.device_put(shaped))
 
 
-def _difference(before: BatchResponse, after: BatchResponse) -> np.ndarray:
-    """Relative difference of two responses, as in `EstimatedResponse.error`."""
+def _compare(before: BatchResponse, after: BatchResponse) -> np.ndarray:
+    """Compute the relative difference of two responses, as in `EstimatedResponse.error`."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        off = np.abs(before.peak_rotation / after.peak_rotation - 1)
-    off = np.where((before.peak_rotation == after.peak_rotation) | after.overturned, 0, off)
+        difference = np.abs(before.peak_rotation / after.peak_rotation - 1)
+    # Of blocks that overturn, the peak says nothing; 0 / 0 is a block that was never lifted.
+    same_peak = before.peak_rotation == after.peak_rotation
+    difference = np.where(same_peak | after.overturned, 0, difference)
     same = (before.overturned == after.overturned) & before.complete & after.complete
-    return np.where(same, off, np.inf)
+    return np.where(same, difference, np.inf)

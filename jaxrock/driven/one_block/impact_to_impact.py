@@ -1,22 +1,22 @@
 """Driven motion from event to event: uplift, impact, peak, and the edges of the input.
 
-Each step of the loop waits for the input to lift a block at rest, or follows a block in motion
-through one segment (`fly`). Then it logs the event.
+Each turn of the loop in `follow_scene` waits for the input to lift a block at rest, or moves a
+block through one segment (`move_to_event`). Then it logs the event.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ...numerics import smaller, through_jacobian
+from ...numerics import differentiate_by_jacobian, pick_smaller
 from ...resonance import RockingModel
-from ...validation import Booleans, Reals, guarding, replace_invalid
+from ...validation import Booleans, Reals, guard_once, replace_invalid
 from ..equation import Equation
-from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, smaller_margin
+from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
 from ..scene import Driven
-from .contact_forces import Forces
+from .contact_forces import ForceExtremes
 from .motion_to_event import (
     FALLING,
     REST,
@@ -24,48 +24,68 @@ from .motion_to_event import (
     TOPPLED,
     Integration,
     State,
-    fly,
-    forces_until,
+    add_forces_until,
+    move_to_event,
 )
 from .response import Events, Response, Status
-from .solver_steps import Stepper, close_to
-from .uplift import Uplifts
+from .solver_steps import Stepper, estimate_time_rounding
+from .uplift import UpliftTable
 
+# After so many events the response counts as stopped.
 _MAX_EVENTS = 2**22
-_EVENTS_PER_IMPACT = 4  # for which the list of events has room
+# Events for which the list has room, for each impact: more than the peak and the impact of a
+# bounce, since uplift, the critical angle and edges of the input are events too.
+_EVENTS_PER_IMPACT = 4
+
+_Lists = tuple[Reals, Reals]  # rows of events, and rows of impacts
+_Carry = tuple[State, _Lists]
 
 
-_Carry = tuple[State, tuple[Reals, Reals]]  # with the lists of events and impacts
-
-
-class Followed(NamedTuple):
-    """A response, its peak rotation, and the time and velocity of the last impact."""
+class FollowedMotion(NamedTuple):
+    """A response, with what the half-cycle map asks of it."""
 
     response: Response
-    peak: Reals
-    struck: Reals
+    peak: Reals  # largest rotation
+    last_impact: Reals  # its time, and the signed velocity just before it
 
 
-def run(
+def follow_scene(
     driven: Driven,
     *,
-    rtol: Any,
-    atol: Any,
+    rtol: Reals | float,
+    atol: Reals | float,
     model: RockingModel,
     max_impacts: int = 0,
     once: bool = False,
     forced: bool = True,
     method: str = "Tsit5",
-) -> Followed:
+) -> FollowedMotion:
     """Follow a block to the end of the duration, or with `once` to its first impact.
 
     Without `forced`, friction demand and normal force are left out.
     """
-    with guarding():
+    # State of the loop | What is known                      | What happens next
+    # ------------------|------------------------------------|---------------------------------
+    # no event yet      | the arguments                      | `_start`: the initial state, on
+    #                   |                                    |   a side, is the first event
+    # REST              | the block stands on both edges     | `_wait`: until the input lifts
+    #                   |                                    |   it (RISING), or to an edge of
+    #                   |                                    |   the input (REST again)
+    # RISING            | it moves away from the ground, or  | `move_to_event`: to a peak
+    #                   |   has just been lifted             |   (FALLING), pi / 2 (TOPPLED),
+    #                   |                                    |   the critical angle or an edge
+    # FALLING           | it moves back to the ground        | `move_to_event`: to an impact
+    #                   |                                    |   (RISING on the other side, or
+    #                   |                                    |   REST), a low point (RISING)
+    #                   |                                    |   or an edge of the input
+    # TOPPLED           | it lies on its side, for good      | the loop ends
+    #
+    # It also ends at the end of the duration, with `once` after an impact, and in failure.
+    with guard_once():
         driven, valid = replace_invalid(driven)
         equation = Equation.of(driven.block, model)
         valid = jnp.all(valid)
-    uplifts = Uplifts.of(equation, driven.motion)
+    uplifts = UpliftTable.of(equation, driven.motion)
     dtype = driven.duration.dtype
     integration = Integration(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
 
@@ -75,52 +95,73 @@ def run(
         wanted = wanted & (state.time < driven.duration) & (state.phase != TOPPLED)
         return ((state.events == 0) | wanted) & ~state.failed & (state.events < _MAX_EVENTS)
 
-    def step(carry: _Carry) -> _Carry:
+    def take_turn(carry: _Carry) -> _Carry:
         before, lists = carry
-        state = _step(integration, before)
-        # Logged outside of the branches of `_step`, which would copy the lists.
+        state = _step_to_event(integration, before)
+        # Logged outside of the branches of `_step_to_event`, which would copy the lists.
         if max_impacts:
-            place = jnp.where(state.impacts > before.impacts, before.impacts, max_impacts)
-            event = jnp.stack([state.time, state.side, state.rotation, state.velocity])
-            update = jax.lax.dynamic_update_slice
-            events = update(lists[0], event[None], (before.events, 0))
-            lists = events, update(lists[1], state.last_impact[None], (place, 0))
+            lists = _log_event(before, state, lists, max_impacts)
         return state, lists
 
-    zero = jnp.zeros((), dtype)
-    none = jnp.zeros((), int)
-    fields: dict[str, Any] = dict.fromkeys(State._fields, zero)
-    fields |= dict.fromkeys(("phase", "events", "impacts"), none)
-    infinite = jnp.full_like(zero, jnp.inf)
-    forces = Forces(zero, infinite, infinite) if forced else None
-    fields |= {"last_impact": jnp.zeros(2, dtype), "forces": forces, "failed": ~valid}
-    fields["balanced"] = jnp.array(False)
+    first = _make_first_state(dtype, valid, forced)
     # The last row of each list is for what has no place.
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
-    begin = State(**fields), (unknown, unknown[: max_impacts + 1, :2])
-    state, lists = jax.lax.while_loop(goes_on, step, begin)
+    begin = first, (unknown, unknown[: max_impacts + 1, :2])
+    state, lists = jax.lax.while_loop(goes_on, take_turn, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
-    response = _response(integration, state, lists, valid, full)
-    return Followed(response, response.peak_rotation, state.last_impact)
+    response = _make_response(integration, state, lists, valid, full)
+    return FollowedMotion(response, response.peak_rotation, state.last_impact)
 
 
 # Compiled once for all tolerances, with derivatives in both modes.
-follow = eqx.filter_jit(through_jacobian(run))
+follow_scene_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_scene))
 
 
-def _response(
-    integration: Integration,
-    state: State,
-    lists: tuple[Reals, Reals],
-    valid: Booleans,
-    full: Booleans,
+def _make_first_state(dtype: jnp.dtype, valid: Booleans, forced: bool) -> State:
+    """Make the state before the first event, which `_start` fills in."""
+    zero = jnp.zeros((), dtype)
+    none = jnp.zeros((), int)
+    infinite = jnp.full_like(zero, jnp.inf)
+    return State(
+        time=zero,
+        side=zero,
+        rotation=zero,
+        velocity=zero,
+        phase=none,
+        events=none,
+        impacts=none,
+        forces=ForceExtremes(zero, infinite, infinite) if forced else None,
+        last_impact=jnp.zeros(2, dtype),
+        peak=zero,
+        peak_time=zero,
+        crossing=zero,
+        margin=zero,
+        # Where an argument is not allowed, the first event is also the last one.
+        failed=~valid,
+        balanced=jnp.array(False),
+    )
+
+
+def _log_event(before: State, state: State, lists: _Lists, max_impacts: int) -> _Lists:
+    """Write an event to the list of events and, if it is an impact, to the list of impacts."""
+    place = jnp.where(state.impacts > before.impacts, before.impacts, max_impacts)
+    event = jnp.stack([state.time, state.side, state.rotation, state.velocity])
+    # A place beyond the end of a list is moved to its last row, which is cut off later.
+    update = jax.lax.dynamic_update_slice
+    events = update(lists[0], event[None], (before.events, 0))
+    return events, update(lists[1], state.last_impact[None], (place, 0))
+
+
+def _make_response(
+    integration: Integration, state: State, lists: _Lists, valid: Booleans, full: Booleans
 ) -> Response:
-    """Make the response whose last event is given; NaN where it is not known."""
+    """Make the response that ends in a state; NaN where it failed."""
     broken = (state.failed & valid) | (state.events >= _MAX_EVENTS)
     status = jnp.where(state.balanced, Status.BALANCED, Status.COMPLETE)
     status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, status))
     good = valid & ~broken
+    # Without the rows for what had no place.
     events, impacts = (rows[:-1] for rows in lists)
     overturned = good & ((state.phase == TOPPLED) | (state.margin < 0))
     demand, normal, loss = state.forces or (jnp.nan, jnp.nan, jnp.nan)
@@ -149,15 +190,16 @@ def _response(
     )
 
 
-def _step(integration: Integration, before: State) -> State:
-    """From an event to the next."""
+def _step_to_event(integration: Integration, before: State) -> State:
+    """Take the block from an event to the next one, and read the overturning criterion."""
     driven = integration.driven
     motion = integration.driven.motion
     begins = before.events == 0
     acts = motion.acts(before.time)
-    # The next edge of the input, or the end; of those that coincide, the end.
+    # A segment ends at the next edge of the input, where the input jumps, or at the end of the
+    # duration; where an edge coincides with the end up to rounding, at the end.
     stop = driven.duration
-    latest = driven.duration - close_to(motion, driven.duration)
+    latest = driven.duration - estimate_time_rounding(motion, driven.duration)
     for edge in (motion.end, motion.start):
         stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
     state = jax.lax.switch(
@@ -165,24 +207,25 @@ def _step(integration: Integration, before: State) -> State:
         [
             lambda state: _start(integration, state),
             lambda state: _wait(integration, state, stop),
-            lambda state: fly(integration, state, stop),
+            lambda state: move_to_event(integration, state, stop),
         ],
         before,
     )
-    state = _with_corner(integration, state, acts & ~begins)
-    # The overturning criterion is read where the input ends.
-    input_end = smaller(motion.end, driven.duration)
+    state = _add_saltation(integration, state, acts & ~begins)
+    # The overturning criterion is read once, where the input ends: from then on energy says
+    # whether the block overturns. A block that topples before has its margin read there.
+    input_end = pick_smaller(motion.end, driven.duration)
     reached = (state.time >= input_end) | (state.phase == TOPPLED)
     reads = begins | ((before.time < input_end) & reached)
     margins = free_motion_margins(
         integration.equation, driven.restitution, state.rotation, state.velocity
     )
-    margin = jnp.where(reads, smaller_margin(*margins), state.margin)
+    margin = jnp.where(reads, pick_smaller_margin(*margins), state.margin)
     return state._replace(margin=margin, events=before.events + 1)
 
 
 def _start(integration: Integration, state: State) -> State:
-    """Return the initial state, on the side to which the block is rotated or moves."""
+    """Put the block into its initial state, on the side to which it is rotated or moves."""
     driven = integration.driven
     towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
     side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
@@ -202,38 +245,58 @@ def _start(integration: Integration, state: State) -> State:
 
 
 def _wait(integration: Integration, state: State, stop: Reals) -> State:
-    """At rest until the input lifts the block, or until the next edge of the input."""
-    lifted, time, side = integration.uplifts.following(state.time, stop)
+    """Let a block at rest wait until the input lifts it, or until `stop`."""
+    lifted, time, side = integration.uplifts.find_next(state.time, stop)
     acts = integration.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
     return state._replace(
-        forces=forces_until(integration, state, until, acts),
+        forces=add_forces_until(integration, state, until, acts),
         time=until,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),
     )
 
 
-def _with_corner(integration: Integration, state: State, acted: Booleans) -> State:
-    """Return the state at the corner of the input with which it coincides, where there is one.
+def _add_saltation(integration: Integration, state: State, acted: Booleans) -> State:
+    """Add the saltation term to an event that coincides with a corner of the input.
 
-    This changes derivatives only. Up to the corner the block moves for a time that is 0 but
-    has a derivative, under the input as it is before the corner.
+    Only derivatives change, no value. A corner of the input is its start, its end, a kink, or
+    the end of the duration; there the input switches at a time that depends on parameters.
+    Take an impact that falls on the end of a pulse, up to rounding. Its time has the
+    derivative of an impact, yet the next segment, without the pulse, begins when the pulse
+    ends. Between the two the block moves for a time that is 0 but has a derivative, at the
+    rate dy/dt that it has under the input before the corner:
+
+        y <- y + dy/dt (t_corner - t_event)
+
+    The next segment adds the rate after the corner with its own time. The difference of both
+    rates, times the derivative of the time of the switch, is the jump of the derivative known
+    as saltation (Leine & Nijmeijer 2004, doi:10.1007/978-3-540-44398-8).
+
+    Parameters
+    ----------
+    integration : Integration
+    state : State
+        At the event.
+    acted : Array of bool
+        Whether the input acted in the segment before the event.
     """
     motion = integration.driven.motion
     duration = integration.driven.duration
     time = state.time
-    near = close_to(motion, time)
+    near = estimate_time_rounding(motion, time)
     kink = motion.next_kink(time - near)
     corner = jnp.where(kink <= time + near, kink, time)
     corner = jnp.where(~acted & (time == motion.start), motion.start, corner)
     corner = jnp.where(acted & (time == motion.end), motion.end, corner)
+    # Of corners that coincide the last one in this list counts: the end of the duration.
     corner = jnp.where(time >= duration, duration, corner)
     move = corner - time
+    # The value of `time` stays to the last bit, and so does the value of the state.
     move = move - jax.lax.stop_gradient(move)
     stays = (state.phase == REST) | (state.phase == TOPPLED)
-    segment = integration.segment(time, state.side, acted)
+    segment = integration.begin_segment(time, state.side, acted)
     rate = segment.field(jnp.zeros_like(move), state.y)
     rotation, velocity = state.y + jnp.where(stays, 0, move) * rate
     return state._replace(time=time + move, rotation=rotation, velocity=velocity)

@@ -1,15 +1,15 @@
 """A block in motion from one event to the next, and what the event does to it.
 
-The loop takes steps of a segment. A step in which the segment ends is located on the
-interpolant of the solver and then repeated with the length that ends there, improved by
-Halley's method: each repetition but the last improves the time, the first one its value, the
-second its two derivatives as well.
+Between two events lies a *segment*: the block stays on one side, and its rotation only grows
+or only shrinks. `move_to_event` decides in which direction it goes, lets
+`segment_integration` find the event in four stages (step, bracket, refine, differentiate), and
+applies the event: a peak, an impact, the critical angle, a fall onto the side, or the end of
+the time.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -18,37 +18,42 @@ from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from ..scene import Driven
-from .contact_forces import Forces, with_step
-from .solver_steps import Segment, Step, Stepper, close_to, first_step, limited
-from .uplift import Uplifts
+from .contact_forces import ForceExtremes
+from .segment_integration import (
+    CONTACT,
+    CRITICAL,
+    PEAK,
+    STOP,
+    EventFunctions,
+    SegmentState,
+    integrate_segment,
+)
+from .solver_steps import Segment, Stepper, estimate_time_rounding
+from .uplift import UpliftTable
 
+# Phases of the motion. The table in `follow_scene` says what each of them does next.
 REST, RISING, FALLING, TOPPLED = range(4)
-# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
-# passes the critical angle; the time is over.
-PEAK, CONTACT, CRITICAL, STOP = range(4)
 
-_MAX_STEPS = 2**20  # of a segment
-_REPETITIONS = 3  # of the step in which it ends
-_LOCATED = 1e-6  # relative accuracy of its end on the interpolant
-_SETTLED = 1e-3  # part of `rtol` by which all further bounces may change the motion
+# Part of `rtol` by which all further bounces may change the motion for the block to rest.
+_REST_SHARE = 1e-3
 
 
 class State(NamedTuple):
-    """The motion up to an event."""
+    """The motion up to an event, all of it on the side on which the block stands."""
 
     time: Reals
-    side: Reals
-    rotation: Reals
-    velocity: Reals
-    phase: Integers
-    events: Integers
-    impacts: Integers
-    last_impact: Reals  # its time, and the velocity just before it
-    peak: Reals
+    side: Reals  # +1 or -1
+    rotation: Reals  # from the side on which it stands, 0 on the ground
+    velocity: Reals  # positive away from the ground
+    phase: Integers  # REST, RISING, FALLING or TOPPLED
+    events: Integers  # their number so far; the first one is the initial state
+    impacts: Integers  # their number so far
+    last_impact: Reals  # its time, and the signed velocity just before it
+    peak: Reals  # largest rotation so far, to either side
     peak_time: Reals
-    crossing: Reals
-    margin: Reals
-    forces: Forces | None
+    crossing: Reals  # time at which the block last passed the critical angle
+    margin: Reals  # to overturning, of the last event at which it was read
+    forces: ForceExtremes | None  # None where nobody asks for them
     balanced: Booleans  # whether it has stood in balance for a time
     failed: Booleans
 
@@ -60,220 +65,73 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Integration:
-    """What all steps of the loop have in common."""
+    """The scene and the method, which do not change from event to event."""
 
     driven: Driven
     equation: Equation
     stepper: Stepper
-    rtol: Any
-    uplifts: Uplifts
+    rtol: Reals | float
+    uplifts: UpliftTable
 
-    def segment(self, time: Reals, side: Reals, acts: Booleans) -> Segment:
-        """Begin a segment at a time."""
+    def begin_segment(self, time: Reals, side: Reals, acts: Booleans) -> Segment:
+        """Begin a segment at a time, on a side, while the input `acts` or not."""
         return Segment(self.equation, self.driven.motion, time, side, acts)
 
 
-class EventFunctions(eqx.Module):
-    """Event functions g(y), each positive before its event: the ends of a segment."""
-
-    equation: Equation
-    rising: Booleans
-    crossed: Booleans
-    hold: Reals  # time before which it does not end
-
-    def left(self, y: Reals) -> Reals:
-        """Compute event functions, positive until it ends with `PEAK`, `CONTACT`, `CRITICAL`."""
-        unit = 1 / self.equation.critical_angle
-        none = jnp.zeros_like(self.hold)
-        contact = jnp.where(self.rising, TOPPLED_ROTATION * unit, 0)
-        critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
-        return jnp.stack([none, contact, critical]) + self.change(y)
-
-    @jax.jit
-    def change(self, rate: Reals) -> Reals:
-        """Compute the rate of the event functions, linear in the rate of the state."""
-        unit = 1 / self.equation.critical_angle
-        up = jnp.where(self.rising, unit, -unit)
-        critical = jnp.where(self.rising & ~self.crossed, -unit, 0)
-        peak = up / jnp.sqrt(self.equation.p_squared)
-        return jnp.stack([peak * rate[1], -up * rate[0], critical * rate[0]])
-
-
-class SegmentState(NamedTuple):
-    """From step to step of a segment."""
-
-    elapsed: Reals  # since it began
-    y: Reals
-    until: Reals  # end of the next step
-    wanted: Reals  # length of a step, before it was limited
-    repetitions: Integers  # of the last step; 0 before it is known
-    event: Integers  # that ends the segment
-    done: Booleans
-    forces: Forces | None
-    steps: Integers
-    solver_state: Any
-
-
-def flown(
-    stepper: Stepper,
-    segment: Segment,
-    length: Reals,
-    y: Reals,
-    *,
-    moves: Booleans,
-    lifted: Booleans,
-    ends: EventFunctions | None = None,
-    forces: Forces | None = None,
-) -> SegmentState:
-    """From the state at its beginning to the end of a segment, or for its whole length."""
-    zero = jnp.zeros_like(length)
-    none = jnp.zeros((), int)
-    until = first_step(segment, length, y, lifted)
-    solver_state = stepper.begin(segment, y)
-    begin = SegmentState(
-        zero, y, until, zero, none, none + STOP, ~moves, forces, none, solver_state
-    )
-    return jax.lax.while_loop(
-        lambda flight: ~flight.done & (flight.steps < _MAX_STEPS),
-        lambda flight: _advance(stepper, segment, length, ends, flight),
-        begin,
-    )
-
-
-def _advance(
-    stepper: Stepper,
-    segment: Segment,
-    length: Reals,
-    ends: EventFunctions | None,
-    flight: SegmentState,
-) -> SegmentState:
-    """One step, or one more repetition of the last."""
-    step = stepper.step(segment, flight.elapsed, flight.until, flight.y, flight.solver_state)
-    repeats = flight.repetitions > 0
-    event = flight.event
-    goes_on = step.accepted & ~repeats
-    found = jnp.array(False)
-    if ends is not None:
-        left = jax.lax.stop_gradient(ends).left(jax.lax.stop_gradient(step.y))
-        found = goes_on & (flight.until > ends.hold) & (left.min() <= 0)
-        goes_on = goes_on & ~found
-        event = jnp.where(found | (flight.repetitions == 1), jnp.argmin(left), event)
-    repetitions = jnp.where(repeats | found, flight.repetitions + 1, 0)
-    done = (goes_on & (flight.until >= length)) | (repetitions > _REPETITIONS)
-    counts = goes_on | done
-
-    elapsed = jnp.where(counts, flight.until, flight.elapsed)
-    y = jnp.where(counts, step.y, flight.y)
-    wanted = jnp.where(goes_on, jnp.maximum(step.next_length, flight.wanted), step.next_length)
-    forces = flight.forces
-    fixed = jax.lax.stop_gradient(segment)
-    if forces is None:
-        acceleration = fixed.field(*jax.lax.stop_gradient((elapsed, y)))[1]
-    else:
-        times = jnp.stack([flight.elapsed, flight.until])
-        states = jnp.stack([flight.y, step.y], axis=1)
-        accelerations = fixed.field(*jax.lax.stop_gradient((times, states)))[1]
-        acceleration = jnp.where(goes_on, accelerations[1], accelerations[0])
-        forces = with_step(forces, segment, times, states, accelerations, counts)
-    until = limited(segment, length, elapsed, elapsed + wanted, y, acceleration)
-    if ends is not None:
-        following = until
-        until = jax.lax.switch(
-            jnp.where(found, 2, jnp.where(repeats, 1, 0)),
-            [
-                lambda: following,
-                lambda: _improved(segment, ends, flight.until, step.y, event),
-                lambda: _located(stepper, ends, flight, step),
-            ],
-        )
-    stuck = ~done & ~repeats & ~found & ~(until > elapsed)
-    y = jnp.where(stuck, jnp.nan, y)
-    wanted = jnp.where(goes_on, wanted, 0)
-    done = done | stuck
-    steps = flight.steps + 1
-    states = step.solver_state, flight.solver_state
-    solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *states)
-    return SegmentState(
-        elapsed, y, until, wanted, repetitions, event, done, forces, steps, solver_state
-    )
-
-
-def _located(
-    stepper: Stepper, ends: EventFunctions, flight: SegmentState, step: Step
-) -> Reals:
-    """Locate where the segment ends in a step, nearly, by bisection on the interpolant."""
-    ends, flight, step = jax.lax.stop_gradient((ends, flight, step))
-    limits = jnp.finfo(flight.elapsed.dtype)
-    smallest = float(limits.tiny) / float(limits.eps)  # below it a bracket underflows
-
-    def wide(bracket: tuple[Reals, Reals]) -> Booleans:
-        return bracket[1] - bracket[0] > _LOCATED * jnp.maximum(bracket[1], smallest)
-
-    def halve(bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
-        middle = 0.5 * (bracket[0] + bracket[1])
-        y = stepper.interpolated(flight.elapsed, flight.until, step, middle)
-        ended = (ends.left(y).min() <= 0) & (middle > ends.hold)
-        return jnp.where(ended, bracket[0], middle), jnp.where(ended, middle, bracket[1])
-
-    return jax.lax.while_loop(wide, halve, (flight.elapsed, flight.until))[1]
-
-
-def _improved(
-    segment: Segment, ends: EventFunctions, time: Reals, y: Reals, event: Integers
-) -> Reals:
-    """Refine the end of a segment by Halley's method, from a time and the state there."""
-    rate = segment.field(time, y)
-    _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
-    parts = ends.left(y), ends.change(rate), ends.change(change)
-    value, slope, curvature = (part[event] for part in parts)
-    steep = jnp.where(slope < 0, slope, -1)
-    newton = value / steep
-    # The series of Halley's step, to the second power of Newton's.
-    move = newton + 0.5 * newton * newton * curvature / steep
-    # No further than the search was good for. Where it would go further, as where a segment
-    # ends as it begins, it still gives the time its derivative.
-    near = jnp.abs(move) <= 1e3 * _LOCATED * time
-    move = jnp.where(near, move, move - jax.lax.stop_gradient(move))
-    return jnp.where(slope < 0, time - move, time)
-
-
-def forces_until(
+def add_forces_until(
     integration: Integration, state: State, until: Reals, acts: Booleans
-) -> Forces | None:
-    """Add the forces under a block that moves with the ground until some time."""
+) -> ForceExtremes | None:
+    """Add the forces under a block that does not rock, from its last event to some time."""
     if state.forces is None:
         return None
-    demand, normal = integration.uplifts.forces(state.time, until, acts)
-    loss = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
-    return state.forces.and_also(demand, normal, loss)
+    demand, normal = integration.uplifts.find_force_extremes(state.time, until, acts)
+    # Where nothing presses any longer, the input also lifts the block, which ends the wait.
+    loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
+    return state.forces.combine(demand, normal, loss_time)
 
 
-def _balance(
+def _wait_in_balance(
     integration: Integration, state: State, segment: Segment, stop: Reals
-) -> tuple[Booleans, Booleans, Reals, Forces | None]:
-    """Let a block in balance wait until the input changes.
+) -> tuple[Booleans, Booleans, Reals, ForceExtremes | None]:
+    """Let a block in balance wait for the next knot of the input, or fall before it.
 
-    Between two knots the input changes if it differs at the second one. Returns whether the
-    block waits, whether it otherwise falls back to the ground, the end of the segment, and the
-    forces.
+    In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
+    it stays as it is if it is the same at the next knot: the block waits until then. Otherwise
+    it begins to fall now, in the direction in which the input at the next knot pushes it.
+
+    Returns
+    -------
+    waits : Array of bool
+    falls_back : Array of bool
+        Whether a block that does not wait falls back to the ground, and not outward.
+    end : Array
+        End of the segment.
+    forces : ForceExtremes or None
+        Extremes up to the end of a wait.
     """
     until = jnp.where(segment.acts, integration.uplifts.next_knot(state.time, stop), stop)
     fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))
     later = fixed.field(after, y)[1]
+    # Still ground does not change at all.
     waits = (later == 0) | ~segment.acts
-    meanwhile = forces_until(integration, state, until, segment.acts)
+    meanwhile = add_forces_until(integration, state, until, segment.acts)
     forces = jax.tree.map(lambda a, b: jnp.where(waits, a, b), meanwhile, state.forces)
     return waits, later < 0, jnp.where(waits, until, stop), forces
 
 
-def fly(integration: Integration, state: State, stop: Reals) -> State:
-    """Through a segment and the event at its end, unless the block has come to rest."""
+def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
+    """Move a block through a segment, and apply the event at its end.
+
+    A block that turns out to be at rest stays as it is, with the phase `REST`.
+    """
     motion = integration.driven.motion
     critical_angle = integration.equation.critical_angle
-    segment = integration.segment(state.time, state.side, motion.acts(state.time))
+    segment = integration.begin_segment(state.time, state.side, motion.acts(state.time))
     fixed, y = jax.lax.stop_gradient((segment, state.y))
     acceleration = fixed.field(jnp.zeros_like(stop), y)[1]
-    # A block that has stopped at an edge of the input may turn.
+
+    # The input may have jumped at this event. A block without velocity goes where it is
+    # accelerated now, whatever the event before made of it.
     still = state.velocity == 0
     lifted = (state.rotation == 0) & (state.velocity == 0)
     on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
@@ -281,86 +139,120 @@ def fly(integration: Integration, state: State, stop: Reals) -> State:
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
     balanced = still & (state.rotation > 0) & (acceleration == 0)
-    # A branch, since it looks at all of the input, and hardly ever.
+    # A branch, since it looks at all knots of the input, which hardly any block needs.
     waits, falls, stop, forces = jax.lax.cond(
         balanced,
-        lambda: _balance(integration, state, segment, stop),
+        lambda: _wait_in_balance(integration, state, segment, stop),
         lambda: (balanced, balanced, stop, state.forces),
     )
     phase = jnp.where(balanced, jnp.where(falls, FALLING, RISING), phase)
     state = state._replace(balanced=state.balanced | waits)
-    # One that has just been lifted has no acceleration but by rounding, which must not put it
-    # down again; nor is a time that the clock cannot resolve one in which it moves. One that
-    # leaves its balance begins as slowly.
+
+    # A block that has just been lifted has an acceleration of 0, up to rounding, which must
+    # not put it down again at once. One that leaves its balance begins as slowly. Nor is a
+    # time that the clock cannot resolve one in which a block moves.
     slow = lifted | balanced
-    hold = jnp.where(slow, integration.uplifts.lasting + close_to(motion, state.time), 0)
-    end = flown(
+    earliest = jnp.where(
+        slow,
+        integration.uplifts.grace_time + estimate_time_rounding(motion, state.time),
+        0,
+    )
+    end = integrate_segment(
         integration.stepper,
         segment,
         stop - state.time,
         state.y,
         moves=(phase != REST) & ~waits,
         lifted=lifted,
-        ends=EventFunctions(
-            integration.equation, phase == RISING, state.rotation >= critical_angle, hold
+        event_functions=EventFunctions(
+            equation=integration.equation,
+            rising=phase == RISING,
+            crossed=state.rotation >= critical_angle,
+            earliest=earliest,
         ),
         forces=forces,
     )
     state = state._replace(phase=phase)
     return jax.lax.cond(
-        phase == REST, lambda: state, lambda: _land(integration, stop, state, end)
+        phase == REST, lambda: state, lambda: _apply_event(integration, stop, state, end)
     )
 
 
-def _land(integration: Integration, stop: Reals, state: State, flight: SegmentState) -> State:
-    """From the end of a segment to what follows it: a peak, an impact, rest."""
+def _apply_event(
+    integration: Integration, stop: Reals, before: State, end: SegmentState
+) -> State:
+    """Apply the event at the end of a segment to the state before it.
+
+    =========  ==========  ===================================  ==========================
+    event      phase       state                                next phase
+    =========  ==========  ===================================  ==========================
+    PEAK       RISING      velocity 0                           FALLING
+    PEAK       FALLING     velocity 0: it turns upward again    RISING
+    CONTACT    FALLING     impact: other side, C times as fast  RISING, or REST if all
+                                                                further bounces are small
+    CONTACT    RISING      rotation pi / 2                      TOPPLED
+    CRITICAL   RISING      rotation alpha_c                     RISING
+    STOP       either      as integrated                        as before
+    =========  ==========  ===================================  ==========================
+
+    The event says what one number is: it replaces the integrated one, which is right to
+    rounding.
+    """
     equation = integration.equation
     restitution = integration.driven.restitution
-    rising = state.phase == RISING
-    time = jnp.where(flight.event == STOP, stop, state.time + flight.elapsed)
-    rotation, velocity = flight.y
-    turns = flight.event == PEAK
-    crosses = rising & (flight.event == CRITICAL)
-    topples = rising & (flight.event == CONTACT)
-    lands = ~rising & (flight.event == CONTACT)
+    rising = before.phase == RISING
+    time = jnp.where(end.event == STOP, stop, before.time + end.elapsed)
+    rotation, velocity = end.y
+    turns = end.event == PEAK
+    crosses = rising & (end.event == CRITICAL)
+    topples = rising & (end.event == CONTACT)
+    lands = ~rising & (end.event == CONTACT)
     velocity = jnp.where(turns, 0, velocity)
     rotation = jnp.where(turns, jnp.maximum(rotation, 0), rotation)
     rotation = jnp.where(crosses, equation.critical_angle, rotation)
     rotation = jnp.where(topples, TOPPLED_ROTATION, rotation)
-    higher = rotation > state.peak
-    phase = jnp.where(turns, jnp.where(rising, FALLING, RISING), state.phase)
+    higher = rotation > before.peak
+    phase = jnp.where(turns, jnp.where(rising, FALLING, RISING), before.phase)
     phase = jnp.where(topples, TOPPLED, phase)
 
-    # Impact: the block goes on to the other side with what restitution leaves.
+    # Impact: the block goes on to the other side with what restitution leaves. How the input
+    # decelerates it there decides whether it bounces on.
     arriving = -velocity
     leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
-    other_side = integration.segment(time, -state.side, integration.driven.motion.acts(time))
+    other_side = integration.begin_segment(
+        time, -before.side, integration.driven.motion.acts(time)
+    )
     fixed = jax.lax.stop_gradient((other_side, jnp.stack([zero, leaving])))
     deceleration = -fixed[0].field(zero, fixed[1])[1]
-    # Bounces under a constant deceleration end in finite time. Once that is short beside the
-    # tolerance, and the velocity is small beside what the block has had, or the clock cannot
-    # resolve that time, it is at rest. Where the input lifts the block again meanwhile, all
-    # that is dropped is this velocity. The times are multiplied by the deceleration.
+    # From the velocity v, bounces under a constant deceleration d take 2 v / d, 2 C v / d, ...
+    # and end after 2 v / ((1 - C) d), although they are infinitely many (Zeno). The block is
+    # at rest where that time is
+    #   short, beside 1 / p and a small part of the tolerance, and either
+    #   slow: v is within the tolerance, relative to sqrt(2 d peak), with which the block would
+    #     rise to the largest rotation that it has had, or
+    #   unresolved: that time is so short that the clock does not see it.
+    # All that is dropped then is this velocity, even where the input lifts the block again
+    # meanwhile. Both sides are multiplied by (1 - C) d, which may be 0.
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
-    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _SETTLED * integration.rtol * lost
-    slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * state.peak
-    unresolved = 2 * leaving <= close_to(integration.driven.motion, time) * lost
+    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * integration.rtol * lost
+    slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * before.peak
+    unresolved = 2 * leaving <= estimate_time_rounding(integration.driven.motion, time) * lost
     rests = lands & pressed & short & (slow | unresolved)
-    return state._replace(
+    return before._replace(
         time=time,
-        side=jnp.where(lands, -state.side, state.side),
+        side=jnp.where(lands, -before.side, before.side),
         rotation=jnp.where(lands, 0, rotation),
         velocity=jnp.where(rests, 0, jnp.where(lands, leaving, velocity)),
         phase=jnp.where(lands, jnp.where(rests, REST, RISING), phase),
-        impacts=jnp.where(lands, state.impacts + 1, state.impacts),
+        impacts=jnp.where(lands, before.impacts + 1, before.impacts),
         last_impact=jnp.where(
-            lands, jnp.stack([time, -state.side * arriving]), state.last_impact
+            lands, jnp.stack([time, -before.side * arriving]), before.last_impact
         ),
-        peak=jnp.where(higher, rotation, state.peak),
-        peak_time=jnp.where(higher, time, state.peak_time),
-        crossing=jnp.where(crosses, time, state.crossing),
-        forces=flight.forces,
-        failed=~(flight.done & jnp.isfinite(time + rotation + velocity)),
+        peak=jnp.where(higher, rotation, before.peak),
+        peak_time=jnp.where(higher, time, before.peak_time),
+        crossing=jnp.where(crosses, time, before.crossing),
+        forces=end.forces,
+        failed=~(end.done & jnp.isfinite(time + rotation + velocity)),
     )

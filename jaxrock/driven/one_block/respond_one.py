@@ -1,7 +1,6 @@
-"""One block by an adaptive integrator: `respond`."""
+"""One block by an adaptive integrator: `respond`, its checks and its defaults."""
 
 import contextlib
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,19 +13,21 @@ from ...ground_motion import Motion, Record, Still
 from ...resonance import ModelLike, Nonlinear, as_model
 from ...validation import (
     Number,
+    Reals,
     as_array,
     as_real,
     check_kind,
     describe,
     is_traced,
-    of_one_precision,
+    unify_precision,
 )
 from ..scene import Driven
-from .impact_to_impact import follow
+from .impact_to_impact import follow_scene_jitted
 from .response import Response, Status
 
 _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
-_MAX_IMPACTS = 2048  # in a list outside of transformations, until it is full
+# Impacts that are listed outside of transformations; a motion with more is followed again.
+_MAX_IMPACTS = 2048
 
 
 def respond(
@@ -65,8 +66,8 @@ def respond(
         Of diffrax: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end at every sample,
         "Dopri8" with a loose `rtol` is more exact.
     model : Nonlinear or Linearized, or their names
-        Equation of motion. Linearized it is that of the literature, whose limit for short
-        pulses differs from Eq. 2 by cos(alpha_c).
+        Equation of motion. The linearized one is the equation of the literature, whose limit
+        for short pulses differs from Eq. 2 by cos(alpha_c).
     max_impacts : int
         Under `jit`, `vmap` and derivatives, room for impacts in the lists of the response,
         which `history` needs; 0 for no lists. Outside of them all impacts are listed.
@@ -78,23 +79,31 @@ def respond(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed or not scalar, or if the precision
-        cannot deliver the tolerance. Traced values outside give NaN and `Status.INVALID`.
+        If a concrete argument is out of its range or not scalar, or if the precision cannot
+        deliver the tolerance. Traced values out of range give NaN and `Status.INVALID`.
 
     Notes
     -----
-    Derivatives, in both modes, cost one forward derivative per perturbed number, and second
-    ones as much for each of these; the first call of a second derivative takes two to three
-    times that of a first. Where two of the start of the input, its end, a sample, an impact
-    and the duration coincide, results may have another slope on either side. The slope is then
-    that for a duration not longer, and an end of the input not earlier, than the other; for a
-    start not before 0; and for an impact at one of these that of one of the two orders, the
-    same one for all results. Extremes have the derivative at the moment in which they are
-    taken, the first of equal ones.
+    Derivatives exist in both modes. A first one costs one forward derivative per perturbed
+    number, a second one as much again for each of these. The first call of a second derivative
+    takes two to three times as long as the first call of a first one.
 
-    NaN stands for none, and diffrax keeps what it traced: outside of transformations a call
-    switches `jax.debug_nans` and `jax.checking_leaks` off; inside of `jit` they have to be
-    off.
+    Two event times may coincide: the start of the input, its end, a sample of a record, an
+    impact, and the duration. As one moves across the other, results may have a kink: another
+    slope on either side. The derivative is then one-sided:
+
+    1. The duration and another time: the slope for a shorter duration. Under a pulse that
+       ends at 0.8 s and with ``duration=0.8``, the pulse acts until the end.
+    2. The end of the input and another time: the slope for a later end of the input.
+    3. The start of the input and time 0: the slope for a later start.
+    4. An impact and one of these times: the slope for one of the two orders, and the same
+       order for all results.
+    5. A peak rotation or an extreme force that is reached twice: the slope of the first one.
+       Each extreme has the slope of the moment at which it is reached.
+
+    NaN stands for a value that does not exist, and diffrax keeps traced values. So a call
+    outside of transformations switches `jax.debug_nans` and `jax.checking_leaks` off while it
+    computes; around `jit` they have to be off.
 
     Examples
     --------
@@ -113,15 +122,50 @@ def respond(
     arguments = {"restitution": restitution, "duration": duration}
     arguments |= {"rotation": rotation, "velocity": velocity}
     numbers = {name: as_real(name, value) for name, value in arguments.items()}
-    driven = of_one_precision(Driven(block=block, motion=motion, **numbers))
+    driven = unify_precision(Driven(block=block, motion=motion, **numbers))
+    _check_scalar(block, motion, numbers)
+    dtype = driven.restitution.dtype
+    rtol, atol = _choose_tolerances(rtol, atol, dtype)
+    if solver not in _SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
+    if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
+        got = describe(max_impacts)
+        raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
+    # Tolerances as arrays are arguments of the program: another one compiles nothing.
+    settings: dict[str, object] = {
+        "rtol": np.asarray(rtol, dtype),
+        "atol": np.asarray(atol, dtype),
+        "model": as_model(model),
+        "method": solver,
+    }
+    with contextlib.ExitStack() as stack:
+        # Only where they are on: a setting of its own would compile anew.
+        if jax.config.jax_debug_nans:
+            stack.enter_context(jax.debug_nans(False))
+        if jax.config.jax_check_tracer_leaks:
+            stack.enter_context(jax.check_tracer_leaks(False))
+        if is_traced(driven):
+            return follow_scene_jitted(driven, max_impacts=max_impacts, **settings).response
+        return _respond_with_full_lists(driven, settings)
+
+
+def _check_scalar(block: Block, motion: Motion, numbers: dict[str, Reals]) -> None:
+    """Check that all is scalar but the samples of a record."""
     samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
     for name, tree in {"block": block, "motion": motion, **numbers}.items():
         for leaf in jax.tree.leaves(tree):
             if jnp.ndim(leaf) != any(leaf is rows for rows in samples):
                 raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")
+
+
+def _choose_tolerances(
+    rtol: float | None, atol: float | None, dtype: np.dtype
+) -> tuple[float, float]:
+    """Check the tolerances, and choose the ones that are not given."""
     for name, value in (("rtol", rtol), ("atol", atol)):
         as_real(name, 0 if value is None else value)  # refuses strings
-    dtype = driven.restitution.dtype
+    # No step can be sure of less than some units in the last place: the control would make
+    # steps shorter and shorter.
     least = 20 * float(jnp.finfo(dtype).eps)
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
     atol = 1e-9 * rtol if atol is None else float(atol)
@@ -132,41 +176,28 @@ def respond(
         )
     if not 0 <= atol < 1:
         raise ValueError(f"atol must be at least 0 and less than 1, got {atol:g}")
-    if solver not in _SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
-    if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
-        got = describe(max_impacts)
-        raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
-    settings = {"rtol": np.asarray(rtol, dtype), "atol": np.asarray(atol, dtype)}
-    settings |= {"model": as_model(model), "method": solver}
-    with contextlib.ExitStack() as stack:
-        # Only where they are on: a setting of its own would compile anew.
-        if jax.config.jax_debug_nans:
-            stack.enter_context(jax.debug_nans(False))
-        if jax.config.jax_check_tracer_leaks:
-            stack.enter_context(jax.check_tracer_leaks(False))
-        if is_traced(driven):
-            return follow(driven, max_impacts=max_impacts, **settings).response
-        return _with_all_impacts(driven, settings)
+    return rtol, atol
 
 
-def _with_all_impacts(driven: Driven, settings: dict[str, Any]) -> Response:
-    """Return the response with lists of just the right length; of concrete numbers."""
+def _respond_with_full_lists(driven: Driven, settings: dict[str, object]) -> Response:
+    """Respond to concrete numbers, with lists of just the right length."""
+    # Motions of many shapes share one program; the response keeps the motion as it is.
     bucketed = driven.bucketed()
     max_impacts = _MAX_IMPACTS
-    response = follow(bucketed, max_impacts=max_impacts, **settings).response
+    response = follow_scene_jitted(bucketed, max_impacts=max_impacts, **settings).response
     # Hardly ever: each length of the lists is a program of its own.
     while int(response.status) == Status.LIST_FULL:
         max_impacts *= 32
-        response = follow(bucketed, max_impacts=max_impacts, **settings).response
+        response = follow_scene_jitted(bucketed, max_impacts=max_impacts, **settings).response
     events = int(np.isfinite(response.events.time).sum())
 
-    def lists(r: Response) -> tuple:
+    def get_lists(r: Response) -> tuple:
         return r.impact_times, r.impact_velocities, *jax.tree.leaves(r.events)
 
     sizes = [int(response.impacts)] * 2 + [events] * 4
     # In NumPy, which compiles nothing.
     cut = [
-        as_array(np.asarray(rows)[:n]) for rows, n in zip(lists(response), sizes, strict=True)
+        as_array(np.asarray(rows)[:n])
+        for rows, n in zip(get_lists(response), sizes, strict=True)
     ]
-    return eqx.tree_at(lambda r: (*lists(r), r.scene), response, (*cut, driven))
+    return eqx.tree_at(lambda r: (*get_lists(r), r.scene), response, (*cut, driven))

@@ -1,4 +1,8 @@
-"""What one block did under a ground motion, and its history."""
+"""The response of one block to a ground motion, and its history.
+
+A response keeps the state after every event. The history at some time is integrated from the
+last event before it, without a search for events.
+"""
 
 import enum
 
@@ -8,59 +12,60 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from ...host import Printed, listed
+from ...host import Printed, format_fields
 from ...resonance import RockingModel
 from ...validation import Booleans, Integers, Numbers, Reals, as_array, as_real, is_traced
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from ..scene import Driven
-from .motion_to_event import flown
+from .segment_integration import integrate_segment
 from .solver_steps import Segment, Stepper
 
-_TIMES = 512  # of a history at once
-_EVENTS = 8192  # at least, for a history
+# Times of a history in one call of the compiled program.
+_TIMES = 512
+# Room for events in that program, at least, so that most responses share one.
+_EVENTS = 8192
 
 
 class Status(enum.IntEnum):
-    """How a computation ended."""
+    """The end of a computation."""
 
     COMPLETE = 0  # nothing ran out
     LIST_FULL = 1  # all is right, but not all impacts are listed
     STOPPED = 2  # the integrator ran out of steps, or could not go on
-    INVALID = 3  # an argument was outside of what is allowed
-    BALANCED = (
-        4  # all is right, but for a time the block was in unstable balance, as none stays
-    )
+    INVALID = 3  # an argument was out of its range
+    # All is right, but for a time the block was in unstable balance, in which none stays.
+    BALANCED = 4
 
 
 class Events(eqx.Module):
     """The state after every event, in the order of time; NaN where there is none."""
 
     time: Reals
-    side: Reals
-    rotation: Reals
-    velocity: Reals
+    side: Reals  # +1 or -1
+    rotation: Reals  # from that side, 0 on the ground
+    velocity: Reals  # positive away from the ground
 
 
 class Response(Printed, eqx.Module):
-    """What a block did under a ground motion; see `respond`.
+    """The response of one block to a ground motion; see `respond`.
 
     Attributes
     ----------
     final_rotation, final_velocity : Array
         alpha [rad] and its rate [rad/s] at the end of the duration.
     peak_rotation, peak_time : Array
-        Largest abs(alpha) [rad], at most pi / 2, and when [s].
+        Largest abs(alpha) [rad], at most pi / 2, and the time of it [s].
     overturned : Array of bool
         Whether the block falls: by reaching pi / 2, or by energy once the input has ended (or
         the duration, if that is shorter, as if the input ended there).
     overturning_time, margin : Array
-        When it passed the critical angle for the last time [s], NaN if it stands or that comes
+        Last time at which it passed the critical angle [s], NaN if it stands or passes it
         after the duration; and `free_motion_margin` at the end of the input [-].
     impacts : Array of int
-        How many.
+        Number of impacts.
     impact_times, impact_velocities : Array, shape (impacts,)
-        When [s], and the angular velocity just before [rad/s], signed as alpha is. Under a
+        Times [s], and the angular velocities just before [rad/s], signed as alpha is. Under a
         transformation the shape is (`max_impacts`,), filled up with NaN.
     at_rest : Array of bool
         Whether the block rests on the ground at the end of the duration.
@@ -71,12 +76,12 @@ class Response(Printed, eqx.Module):
         less, the block leaves the ground: the friction demand is inf, and the model no
         longer applies. 0 and inf for a block that lies on its side from the beginning.
     contact_loss_time : Array
-        When the block leaves the ground [s], to 1e-4 of an integration step, without
+        Time at which the block leaves the ground [s], to 1e-4 of an integration step, without
         derivative; NaN if it does not.
     status : Array of int
         A `Status`; where it is STOPPED or INVALID, the results are NaN.
     events, scene, model
-        From which `history` integrates.
+        The state after every event, and the arguments: `history` integrates from these.
     """
 
     final_rotation: Reals
@@ -128,10 +133,11 @@ class Response(Printed, eqx.Module):
         leaves = jax.tree.leaves((driven, events, times))
         if is_traced(leaves):
             flat = times.astype(events.time.dtype).reshape(-1)
-            parts = _history_program(driven, events, self.model, flat)
+            parts = _compute_history(driven, events, self.model, flat)
             return parts[0].reshape(shape), parts[1].reshape(shape)
-        # Few different shapes, so that few programs are compiled; in NumPy, which compiles
-        # nothing.
+
+        # Concrete times come in pieces of one length, and concrete events in lists of few
+        # lengths, so that few programs are compiled; in NumPy, which compiles nothing.
         pieces = max(1, -(-times.size // _TIMES))
         flat = np.resize(np.asarray(times, events.time.dtype), (pieces, _TIMES))
         room = max(_EVENTS, 1 << (events.time.size - 1).bit_length()) - events.time.size
@@ -141,7 +147,7 @@ class Response(Printed, eqx.Module):
         events = Events(*map(as_array, rows))
         driven = driven.bucketed()
         found = [
-            _history_program(driven, events, self.model, as_array(piece)) for piece in flat
+            _compute_history(driven, events, self.model, as_array(piece)) for piece in flat
         ]
         joined = np.concatenate(found, axis=-1)[:, : times.size]
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
@@ -150,7 +156,7 @@ class Response(Printed, eqx.Module):
         if jnp.ndim(self.status) or is_traced(self.status):
             units = {"peak_rotation": "rad", "peak_time": "s", "impacts": ""}
             units |= {"friction_demand": "", "normal_force": "of the weight"}
-            return listed(self, status="", overturned="", margin="", **units)
+            return format_fields(self, status="", overturned="", margin="", **units)
         status = Status(int(self.status))
         if status in (Status.STOPPED, Status.INVALID):
             return f"no response: {status.name.lower()}"
@@ -183,15 +189,20 @@ class Response(Printed, eqx.Module):
 
 
 @eqx.filter_jit
-def _history_program(
+def _compute_history(
     driven: Driven, events: Events, model: RockingModel, times: Reals
 ) -> tuple[Reals, Reals]:
-    """Rotation alpha and its rate at some times; NaN before time 0 and after the duration."""
+    """Compute the rotation alpha and its rate at some times, each from the event before it.
+
+    Both are NaN before time 0 and after the duration.
+    """
     equation = Equation.of(driven.block, model)
+    # A response does not keep its tolerance. This one is tighter than the default in float64,
+    # and what the precision can deliver in float32.
     stepper = Stepper("Tsit5", max(1e-9, 100 * float(jnp.finfo(times.dtype).eps)), 0.0)
     event_times = jnp.where(jnp.isnan(events.time), jnp.inf, events.time)
 
-    def at(time: Reals) -> tuple[Reals, Reals]:
+    def integrate_to(time: Reals) -> tuple[Reals, Reals]:
         inside = (time >= 0) & (time <= driven.duration)
         time = jnp.where(inside, time, 0)
         index = jnp.maximum(jnp.searchsorted(event_times, time, side="right") - 1, 0)
@@ -201,18 +212,18 @@ def _history_program(
         # finds it above.
         following = events.rotation[jnp.minimum(index + 1, event_times.size - 1)]
         moves = ~lifted | (following > 0)
-        # One in balance is at the next event where it was.
+        # A block in balance is still there at the next event.
         moves = moves & ((event.velocity != 0) | (following != event.rotation))
         moves = moves & (event.rotation < TOPPLED_ROTATION) & (time > event.time)
         acts = driven.motion.acts(event.time)
         segment = Segment(equation, driven.motion, event.time, event.side, acts)
         length = jnp.where(moves, time - event.time, 0)
         y = jnp.stack([event.rotation, event.velocity])
-        end = flown(stepper, segment, length, y, moves=moves, lifted=lifted)
+        end = integrate_segment(stepper, segment, length, y, moves=moves, lifted=lifted)
         known = inside & (end.elapsed >= length)
         rotation, velocity = (
             jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y
         )
         return rotation, velocity
 
-    return jax.vmap(at)(times)
+    return jax.vmap(integrate_to)(times)

@@ -1,14 +1,23 @@
-"""The motion between two events, and steps through it.
+"""The equation of motion in a segment, and single steps of diffrax through it.
 
 In a *segment* the block stays on one side and its rotation is monotone. Time is counted from
 the beginning of the segment, so that the smallest bounce keeps all its digits.
+
+Diffrax is called step by step, since two of its parts do not fit here:
+
+- Its choice of the first step (``dt0=None``) takes the motion at the beginning as typical.
+  From the ground on it stepped over the whole arc of 704 in 2,000 random blocks. So the first
+  step comes from the physics (`choose_first_step`).
+- Its search for events ends on the interpolant, whose error exceeds the error of a step. So
+  `segment_integration` repeats the step to the event.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from ...ground_motion import Motion
 from ...validation import Booleans, Reals
@@ -20,22 +29,24 @@ class Segment(eqx.Module):
 
     equation: Equation
     motion: Motion
-    origin: Reals
-    side: Reals
-    acts: Booleans  # whether the input does
+    origin: Reals  # time at which the segment begins
+    side: Reals  # +1 or -1
+    acts: Booleans  # whether the input acts, which is the same throughout the segment
 
     # Jitted, so that each is traced and enters the program once for each shape of its
     # arguments, however often it is called.
     @jax.jit
     def ground(self, time: Reals) -> tuple[Reals, Reals]:
-        """Acceleration over g, towards the side of the block and upward."""
+        """Acceleration of the ground over g, towards the side of the block and upward."""
+        # `value` goes on smoothly beyond both ends of the motion. `acts` cuts it off, so that
+        # no step contains the jump.
         horizontal, vertical = self.motion.value(self.origin + time)
         over_g = jnp.where(self.acts, 1 / self.equation.gravity, 0)
         return self.side * horizontal * over_g, vertical * over_g
 
     @jax.jit
     def field(self, time: Reals, y: Reals) -> Reals:
-        """Rates of rotation and velocity."""
+        """Rates of rotation and velocity: the right-hand side of y' = f(t, y)."""
         return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
 
 
@@ -45,14 +56,14 @@ class Step(NamedTuple):
     y: Reals  # the state at its end
     accepted: Booleans
     next_length: Reals  # of the next step, or of this one when it is repeated
-    interpolant: Any  # what the solver knows of the states between
-    solver_state: Any
+    interpolant: PyTree  # from which the solver interpolates the states between
+    solver_state: PyTree
 
 
 class Stepper:
     """Diffrax's solver and step-size control, one step at a time."""
 
-    def __init__(self, method: str, rtol: Any, atol: Any):
+    def __init__(self, method: str, rtol: Reals | float, atol: Reals | float):
         import diffrax  # which loads slowly
 
         # Of the ways to run over the stages, only "lax" has forward derivatives.
@@ -61,20 +72,21 @@ class Stepper:
         self.controller = diffrax.PIDController(rtol=rtol, atol=atol)
         self.order = self.solver.error_order(self.term)
 
-    def begin(self, segment: Segment, y: Reals) -> Any:
-        """State of the solver before the first step of a segment."""
+    def begin(self, segment: Segment, y: Reals) -> PyTree:
+        """Make the state of the solver before the first step of a segment."""
         zero = jnp.zeros_like(y[0])
         return self.solver.init(self.term, zero, zero + 1, y, segment)
 
     def step(
-        self, segment: Segment, begin: Reals, end: Reals, y: Reals, solver_state: Any
+        self, segment: Segment, begin: Reals, end: Reals, y: Reals, solver_state: PyTree
     ) -> Step:
         """Try a step from one time to another."""
         last, error, interpolant, solver_state, _ = self.solver.step(
             self.term, begin, end, y, segment, solver_state, made_jump=False
         )
         one = jnp.ones_like(begin)
-        # The length of a step has no derivative.
+        # The length of a step has no derivative: results do not depend on it, up to the
+        # tolerance, but its derivative would enter them and be noise.
         tried = jax.lax.stop_gradient((begin, end, y, last, None, error))
         accepted, start, stop, *_ = self.controller.adapt_step_size(
             *tried, self.order, (one, one, jnp.array(False))
@@ -82,50 +94,66 @@ class Stepper:
         length = jnp.asarray(stop - start)
         return Step(last, jnp.asarray(accepted), length, interpolant, solver_state)
 
-    def interpolated(self, begin: Reals, end: Reals, step: Step, time: Reals) -> Reals:
+    def interpolate(self, begin: Reals, end: Reals, step: Step, time: Reals) -> Reals:
         """Interpolate the state at a time within a step."""
         return self.solver.interpolation_cls(t0=begin, t1=end, **step.interpolant).evaluate(
             time
         )
 
 
-def close_to(motion: Motion, time: Reals) -> Reals:
-    """Distance within which a time coincides with a corner of the motion, both being rounded."""
+def estimate_time_rounding(motion: Motion, time: Reals) -> Reals:
+    """Estimate the rounding error of a time; closer than that it coincides with a corner.
+
+    Both have been computed from the start and the length of the motion, in a few operations.
+    """
     return 16 * float(jnp.finfo(time.dtype).eps) * (time + motion.end)
 
 
 @jax.jit
-def limited(
+def limit_step(
     segment: Segment, length: Reals, begin: Reals, end: Reals, y: Reals, acceleration: Reals
 ) -> Reals:
-    """Limit the end of a step: by the next kink, the last time, and at most one peak."""
+    """Limit the end of a step by the next kink, the end of the segment, and one peak."""
     begin, end, y, acceleration = jax.lax.stop_gradient((begin, end, y, acceleration))
+
+    # Under a constant acceleration a block stops after abs(velocity / acceleration), and is
+    # back after twice that. A longer step could hide a peak and what comes after it: at both
+    # of its ends the event functions would be positive.
     slowing = y[1] * acceleration < 0
     braking = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
     end = jnp.where(slowing, jnp.minimum(end, begin + braking), end)
+
+    # A kink that coincides with the end of the segment, up to rounding, counts as its end:
+    # otherwise a step of the length of a rounding error would follow.
     kink = segment.motion.next_kink(segment.origin + begin) - segment.origin
-    last = length - close_to(segment.motion, segment.origin + length)
+    last = length - estimate_time_rounding(segment.motion, segment.origin + length)
     stop = jnp.where((kink > begin) & (kink < last), kink, length)
     # A step that ends at a kink moves with it: else its derivative would count the slopes of
     # the input on both sides of the kink.
     return jnp.where(stop <= end, stop, end)
 
 
-def first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:
+def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:
     """Choose the end of the first step: a quarter of the arc, or of one sign of acceleration.
 
     The acceleration of a block that has just been lifted has no sign, up to rounding.
     """
     zero = jnp.zeros_like(length)
     fixed, longest, y = jax.lax.stop_gradient((segment, length, y))
+
+    # At most a twentieth of the block's own time, and no further than the input is smooth.
     step = jnp.minimum(longest, 0.05 / jnp.sqrt(fixed.equation.p_squared))
     kink = fixed.motion.next_kink(fixed.origin) - fixed.origin
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
+
+    # If the acceleration changes its sign meanwhile, linearly, half the time until then.
     first, last = fixed.field(jnp.stack([zero, step]), jnp.stack([y, y], axis=1))[1]
     changes_sign = (first * last < 0) & ~lifted
     share = first / jnp.where(changes_sign, first - last, 1)
     step = jnp.where(changes_sign, 0.5 * share * step, step)
+
+    # A bounce from the ground takes 2 velocity / acceleration: a quarter of that.
     largest = jnp.maximum(jnp.abs(first), jnp.abs(last))
     quarter = 0.5 * jnp.abs(y[1]) / jnp.where(largest > 0, largest, 1)
     step = jnp.where((largest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
-    return limited(segment, length, zero, step, y, first)
+    return limit_step(segment, length, zero, step, y, first)

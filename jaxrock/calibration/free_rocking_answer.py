@@ -1,0 +1,136 @@
+"""The answer of a test of free rocking: numbers, their errors, and remarks on them."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..block import Block
+from ..host import Printed, format_fields
+from ..validation import Booleans, Integers, Reals
+from .free_rocking_motion import NUMBERS
+
+# p-values below which there is a remark.
+_SIGNIFICANT = 0.05
+OTHER_BLOCK = 0.01
+_NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any change so
+
+
+class FreeRockingFit(Printed, eqx.Module):
+    """Numbers of a block by a test of free rocking; see `fit_free_rocking`.
+
+    Attributes
+    ----------
+    restitution, frequency_parameter, critical_angle : Array
+        C [-], p [1/s] and alpha_c [rad], each given or fitted; NaN where unknown.
+    launch_ratio, first_impact : Array
+        Velocity after the first impact over the critical one [-], and the time of that
+        impact [s].
+    standard_errors : dict of Array
+        By the names above; 0 of what was given.
+    covariance : Array, shape (5, 5)
+        Of `names`, in that order.
+    time_residuals, rotation_residuals : Array
+        Computed less measured [s], [rad]; NaN where a measurement was left out.
+    time_noise, rotation_noise : Array
+        Standard deviations of a measured time [s] and peak [rad], given or estimated.
+    impact_times : Array, shape (n,)
+        As they were given [s]; none if only peaks were.
+    impact_numbers : Array of int, shape (n,)
+        Which impact each time belongs to, from 0 on.
+    used : Array of bool, shape (n,)
+        Whether the time counts.
+    velocity_ratios, restitutions, restitution_errors : Array, shape (n - 2,)
+        Velocity before each impact but the first and the last, over the critical one, C of
+        that impact alone, and its standard error; NaN beside missing impacts.
+    restitution_change, restitution_change_error, restitution_change_p_value : Array
+        C of the largest impact less that of the smallest, if it is linear in the velocity; how
+        often a constant C would seem to change as much.
+    frequency_p_value : Array
+        How often durations of the given block would fit another p as much better; NaN where
+        p is fitted.
+    degrees_of_freedom : Array
+        Measurements less fitted numbers.
+    converged : Array of bool
+        Whether the search has; it has in every fit that is returned.
+    block : Block or None
+        The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
+    repairs : tuple of str
+        Which impacts are missing, which times were left out.
+    notes : tuple of str
+        What the measurements leave in doubt.
+    """
+
+    restitution: Reals
+    frequency_parameter: Reals
+    critical_angle: Reals
+    launch_ratio: Reals
+    first_impact: Reals
+    standard_errors: dict[str, Reals]
+    covariance: Float[Array, "*batch 5 5"]
+    time_residuals: Reals
+    rotation_residuals: Reals
+    time_noise: Reals
+    rotation_noise: Reals
+    impact_times: Reals
+    impact_numbers: Integers
+    used: Booleans
+    velocity_ratios: Reals
+    restitutions: Reals
+    restitution_errors: Reals
+    restitution_change: Reals
+    restitution_change_error: Reals
+    restitution_change_p_value: Reals
+    frequency_p_value: Reals
+    degrees_of_freedom: Reals
+    converged: Booleans
+    block: Block | None
+    repairs: tuple[str, ...] = eqx.field(static=True)
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of rows and columns of `covariance`."""
+        return NUMBERS
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences to know before the numbers are used."""
+        # What was done to the measurements comes first: all other numbers follow from it.
+        said = [*self.repairs, *self.notes]
+        change = abs(float(self.restitution_change)) > _NEGLIGIBLE
+        if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
+            said.append(
+                f"one constant C does not explain the data: from the largest to the smallest"
+                f" impact it changes by {-float(self.restitution_change):.3g} +-"
+                f" {float(self.restitution_change_error):.2g}"
+                f" (p-value {float(self.restitution_change_p_value):.2g})"
+            )
+        if float(self.frequency_p_value) < OTHER_BLOCK:
+            said.append(
+                f"the durations are not those of this block, or C is not constant: another p"
+                f" explains them better (p-value {float(self.frequency_p_value):.2g});"
+                " frequency_known=False fits it"
+            )
+        if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
+            said.append("p cannot be told from these measurements: the block has to be given")
+        return tuple(said)
+
+    def __str__(self) -> str:
+        units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))
+        if jnp.ndim(self.restitution):
+            return format_fields(self, **units, converged="")
+        order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
+        lines = []
+        for name in order:
+            value = float(getattr(self, name))
+            error = float(self.standard_errors[name])
+            if not np.isnan(value):
+                known = f"+- {error:.2g}" if error else "given"
+                lines.append(
+                    f"{name.replace('_', ' '):20}{value:.6g} {units[name]} {known}".rstrip()
+                )
+        for name, unit in (("time_noise", "s"), ("rotation_noise", "rad")):
+            if np.isfinite(float(getattr(self, name))):
+                lines.append(format_fields(self, **{name: unit}))
+        return "\n".join([*lines, *self.remarks])

@@ -1,0 +1,258 @@
+"""Ground motions as the batch takes them: inputs that blocks share, and the numbers of each.
+
+Records of all lengths lie one after the other in flat arrays, which have room for more, so
+that one program follows blocks under most suites.
+"""
+
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...ground_motion import Harmonic, Motion, Pulse, Record, Sine, Suite
+from ...validation import Number, choose_namespace, is_traced
+from .ground_input import GroundInput, HostNumbers, HostReals
+from .pulse_inputs import PulseInput, make_pulse_input
+from .record_input import GRADES, STRIDE, RecordInput
+
+# Samples that there is room for, in steps of a factor of 4: the fewer lengths, the fewer
+# programs, and a sample that is not used costs a few bytes.
+_LEAST_ROOM = 2**14
+_MOST_ROOM = 2**20
+_RECORDS = 64  # that there is room for, at least
+
+
+class MotionNumbers(NamedTuple):
+    """The numbers of the motion of each block; shapes broadcast with those of the blocks."""
+
+    factor: HostNumbers  # on the input: amplitude or scale
+    length: HostNumbers  # of an interval [s]
+    start: HostNumbers  # of the motion [s]
+    end: HostNumbers
+    motion: HostNumbers  # index among the records of all parts
+
+
+class GroundMotions(eqx.Module):
+    """Ground motions of the blocks of a batch.
+
+    Attributes
+    ----------
+    parts : tuple of GroundInput
+        Inputs for a factor of 1. There is one, unless records are so many that they are
+        followed in groups, for the sake of memory.
+    factor, length, start, end, motion : Array
+        See `MotionNumbers`.
+    begins : tuple of int
+        The first record of each part.
+    """
+
+    parts: tuple[GroundInput, ...]
+    factor: HostNumbers
+    length: HostNumbers
+    start: HostNumbers
+    end: HostNumbers
+    motion: HostNumbers
+    begins: tuple[int, ...] = eqx.field(static=True, default=(0,))
+
+    @property
+    def numbers(self) -> MotionNumbers:
+        """The numbers that differ from block to block."""
+        return MotionNumbers(self.factor, self.length, self.start, self.end, self.motion)
+
+    def replace_numbers(self, numbers: MotionNumbers) -> "GroundMotions":
+        """Return the same inputs for other blocks."""
+        return GroundMotions(self.parts, *numbers, begins=self.begins)
+
+    def scaled(self, factor: Number) -> "GroundMotions":
+        """Return stronger or weaker motions."""
+        return eqx.tree_at(lambda ground: ground.factor, self, self.factor * factor)
+
+
+def convert_motion(
+    motion: Motion | Suite, axes: int = 0, grouped: bool = False
+) -> GroundMotions:
+    """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
+
+    The records of a suite make the leading axis of the numbers, followed by `axes` others.
+    Outside of a transformation they may be `grouped`.
+    """
+    if isinstance(motion, Pulse):
+        length = motion.duration * motion.extremes[-1]
+        ground = make_pulse_input(type(motion), motion.amplitude.dtype)
+        return _convert_pulses(ground, motion, length, motion.start + length)
+    if isinstance(motion, Harmonic):
+        length = 2 * math.pi / motion.frequency
+        end = motion.start + motion._period_count * length
+        ground = make_pulse_input(Sine, motion.amplitude.dtype, motion._period_count)
+        return _convert_pulses(ground, motion, length, end)
+    if isinstance(motion, Suite):
+        return _convert_suite(motion, axes, grouped)
+    assert isinstance(motion, Record)
+    return _convert_record(motion, grouped)
+
+
+def _convert_pulses(
+    ground: PulseInput, motion: Pulse | Harmonic, length: HostNumbers, end: HostNumbers
+) -> GroundMotions:
+    only = np.zeros((), ground.extent.dtype)
+    return GroundMotions((ground,), motion.amplitude, length, motion.start, end, only)
+
+
+def _convert_record(record: Record, grouped: bool) -> GroundMotions:
+    """Convert a record, or an array of records of one length."""
+    samples = [record.acceleration]
+    if record.vertical is not None:
+        samples.append(record.vertical)
+    namespace = choose_namespace(samples)
+    samples = namespace.broadcast_arrays(*samples)
+    shape = samples[0].shape[:-1]
+    number = math.prod(shape)
+    end = record.start + record._last_index * record.time_step
+    if not shape and namespace is np:
+        # A padded record ends before its last sample.
+        samples = [part[: int(record._last_index) + 1] for part in samples]
+    counts = [samples[0].shape[-1]] * number
+    parts, begins = _lay_out([part.reshape(-1) for part in samples], counts, grouped)
+    motions = np.arange(number, dtype=samples[0].dtype).reshape(shape)
+    return GroundMotions(
+        parts, record.scale, record.time_step, record.start, end, motions, begins
+    )
+
+
+def _convert_suite(suite: Suite, axes: int, grouped: bool) -> GroundMotions:
+    """Convert a suite, whose numbers get a leading axis of records."""
+    has_vertical = any(record.vertical is not None for record in suite)
+    names = ["acceleration", "vertical"] if has_vertical else ["acceleration"]
+
+    def join_samples(name: str) -> HostReals:
+        each = [getattr(record, name) for record in suite]
+        namespace = choose_namespace(each)
+        zeros = [namespace.zeros_like(record.acceleration) for record in suite]
+        pairs = zip(each, zeros, strict=True)
+        return namespace.concatenate([zero if part is None else part for part, zero in pairs])
+
+    def make_column(values: Sequence[HostNumbers]) -> HostNumbers:
+        own = values[0].shape
+        namespace = choose_namespace(values)
+        shape = (len(suite), *[1] * (axes - len(own)), *own)
+        return namespace.stack([namespace.asarray(value) for value in values]).reshape(shape)
+
+    counts = [record.samples for record in suite]
+    parts, begins = _lay_out([join_samples(name) for name in names], counts, grouped)
+    ends = [record.start + record._last_index * record.time_step for record in suite]
+    dtype = suite.records[0].acceleration.dtype
+    return GroundMotions(
+        parts,
+        make_column([record.scale for record in suite]),
+        make_column([record.time_step for record in suite]),
+        make_column([record.start for record in suite]),
+        make_column(ends),
+        make_column([np.asarray(k, dtype) for k in range(len(suite))]),
+        begins,
+    )
+
+
+def _lay_out(
+    samples: Sequence[HostReals], counts: Sequence[int], grouped: bool
+) -> tuple[tuple[RecordInput, ...], tuple[int, ...]]:
+    """Lay records out in groups, as memory allows; return the first record of each as well.
+
+    `samples` has an array for each component, all records one after the other; `counts` says
+    how many each record has.
+    """
+    edges = np.concatenate([[0], np.cumsum(counts)])
+    begins = [0]
+    traced = is_traced(samples)
+    for k in range(1, len(counts)):
+        if grouped and edges[k + 1] - edges[begins[-1]] > _MOST_ROOM:
+            begins.append(k)
+    limits = list(itertools.pairwise([*begins, len(counts)]))
+    most = int(max(edges[end] - edges[begin] for begin, end in limits))
+    # Traced samples have a program of their own anyway.
+    room = most if traced else _choose_room(most)
+    # Places in the table of strides are 32-bit integers.
+    if room * GRADES >= 2**31:
+        raise ValueError(
+            f"motion has {most} samples, more than {2**31 // GRADES} in one batch"
+        )
+    number = max(end - begin for begin, end in limits)
+    places = _RECORDS
+    while places < number:
+        places *= 4
+    parts = []
+    for begin, end in limits:
+        part = [component[edges[begin] : edges[end]] for component in samples]
+        if not traced:
+            part = [np.pad(np.asarray(each), (0, room - each.size)) for each in part]
+        # Where there is no record, one without an interval at the very end.
+        first = np.full(places, room - 1, np.int32)
+        first[: end - begin] = edges[begin:end] - edges[begin]
+        intervals = np.zeros(places, np.int32)
+        intervals[: end - begin] = np.asarray(counts[begin:end]) - 1
+        parts.append(_make_record_input(part, first, intervals))
+    return tuple(parts), tuple(begins)
+
+
+def _choose_room(samples: int) -> int:
+    """Return the padded length for a number of samples, one of few."""
+    room = _LEAST_ROOM
+    while room < min(samples, _MOST_ROOM):
+        room *= 4
+    return max(room, -(-samples // _MOST_ROOM) * _MOST_ROOM) if samples > _MOST_ROOM else room
+
+
+def _make_record_input(
+    samples: Sequence[HostReals], first: np.ndarray, intervals: np.ndarray
+) -> RecordInput:
+    """Make the input of components of one length, in which records begin at `first`."""
+    namespace = choose_namespace(samples)
+    room = samples[0].shape[0]
+    places = np.arange(room - 1, dtype=np.int32)
+    # From the last sample of a record to the next record there is no interval.
+    record = np.searchsorted(first, places, side="right") - 1
+    exists = places < (first + intervals)[record]
+
+    # A record is finite if it has as many wrong samples as there were before its first one.
+    finite = namespace.isfinite(sum(samples))
+    wrong = namespace.cumsum(~finite, dtype=np.int32)
+    before = namespace.concatenate([namespace.zeros(1, np.int32), wrong])[first]
+
+    # The strength of an interval is the largest magnitude at its ends. Its grade says how much
+    # weaker than the strongest one it is; the last grade is 0, which every interval exceeds.
+    ends = [namespace.maximum(abs(part[1:]), abs(part[:-1])) for part in samples]
+    strength = functools.reduce(namespace.maximum, ends)
+    strength = namespace.where(finite[1:] & finite[:-1] & exists, strength, 0)
+    strongest = strength.max()
+    grades = np.append(2 ** (-0.5 * np.arange(GRADES - 1)), 0).astype(strength.dtype)
+
+    # For each stride and grade the next stride that exceeds it. With the grades last, the
+    # minimum over all that follows runs on SIMD lanes.
+    strides = -(-room // STRIDE)
+    in_strides = namespace.pad(strength, (0, strides * STRIDE - strength.size))
+    in_strides = in_strides.reshape(strides, STRIDE).max(axis=1)
+    strong = in_strides[:, None] > (strongest * grades)[None]
+    beyond = namespace.where(
+        strong, np.arange(strides, dtype=np.int32)[:, None], np.int32(strides)
+    )
+    if namespace is np:
+        following = np.minimum.accumulate(beyond[::-1])[::-1]
+    else:
+        following = jax.lax.cummin(beyond, reverse=True)
+
+    components = [(part[:-1], namespace.diff(part)) for part in samples]
+    ground = RecordInput(
+        horizontal=components[0],
+        vertical=components[1] if components[1:] else (),
+        strongest=namespace.asarray(strongest),
+        finite=wrong[first + intervals] == before,
+        following=following.reshape(-1),
+        first_intervals=first,
+        intervals=intervals,
+    )
+    return jax.tree.map(jnp.asarray, ground) if namespace is jnp else jax.device_put(ground)

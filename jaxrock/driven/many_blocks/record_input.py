@@ -1,0 +1,134 @@
+"""Records for the batch: a line between samples, and the next interval that is strong enough."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ...validation import Booleans, Integers, Reals
+from .ground_input import (
+    Excitation,
+    GroundInput,
+    HostBooleans,
+    HostIntegers,
+    HostReals,
+    rounding_margin,
+)
+from .taylor import Coefficients, evaluate
+
+GRADES = 16  # of strength, each sqrt(2) below the one before
+STRIDE = 8  # intervals that are passed over together
+
+
+class RecordInput(GroundInput):
+    """The intervals of one or more records, one after the other in flat arrays.
+
+    A table says for each stride of intervals and each grade of strength which stride is the
+    next one that is stronger: a block at rest goes there at once.
+    """
+
+    # An array for each power of the time in intervals, 0 and 1.
+    horizontal: tuple[HostReals, ...]
+    vertical: tuple[HostReals, ...]  # none where there is no such component
+    strongest: HostReals  # the largest magnitude of all samples
+    finite: HostBooleans  # of each motion
+    following: HostIntegers  # next stronger stride, flattened from (strides, grades)
+    first_intervals: HostIntegers  # place of the first interval of each motion
+    intervals: HostIntegers  # of each motion
+
+    # Samples keep steps short, so that high orders would be wasted.
+    orders: ClassVar[dict[int, int]] = {8: 10, 4: 8}
+    steps_between_refills: ClassVar[int] = 64
+
+    @property
+    def has_vertical(self) -> bool:
+        """True if there is a vertical component."""
+        return bool(self.vertical)
+
+    def fewest_for_two_threads(self) -> int:
+        """Return how many blocks one thread follows as fast as two threads do."""
+        return 16
+
+    def find_rate(self, length: Reals) -> Reals:
+        """Compute the rate of the samples."""
+        return 1 / length
+
+    def expand(
+        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+    ) -> tuple[Coefficients, Coefficients]:
+        """Read the line through both samples, and move its origin to `along`."""
+        del order
+        index = excitation.first_interval + interval
+        share = along * excitation.rate
+
+        def read(powers: tuple[HostReals, ...]) -> Coefficients:
+            c = tuple(
+                jnp.asarray(power).at[index].get(mode="clip") * excitation.strength
+                for power in powers
+            )
+            return (evaluate(c, share), c[1] * excitation.rate) if c else ()
+
+        return read(self.horizontal), read(self.vertical)
+
+    def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
+        """Return none: the table says where to look."""
+        del rate, needed
+        return ()
+
+    def find_uplift(
+        self,
+        excitation: Excitation,
+        tangent: Reals,
+        along: Reals,
+        horizontal: Coefficients,
+        vertical: Coefficients,
+        left: Reals,
+    ) -> tuple[Booleans, Reals, Reals]:
+        """Find where the line crosses the push that lifts the block."""
+        del excitation, along
+        # The push needed is linear in time as well, if the ground moves vertically.
+        needed = (tangent * (1 + rounding_margin(left.dtype)), jnp.zeros_like(left))
+        if vertical:
+            needed = (needed[0] + tangent * vertical[0], needed[1] + tangent * vertical[1])
+        last = evaluate(horizontal, left)
+        needed_last = evaluate(needed, left)
+        at_once = jnp.abs(horizontal[0]) > needed[0]
+        lifted = at_once | (jnp.abs(last) > needed_last)
+        side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
+        if vertical:
+            # Where the ground falls away faster than g, the push needed is negative, and both
+            # sides are lifted within the interval: the first one counts.
+            begin_right = horizontal[0] - needed[0]
+            begin_left = -horizontal[0] - needed[0]
+            end_right = last - needed_last
+            end_left = -last - needed_last
+            right_first = begin_right * (end_left - begin_left) >= begin_left * (
+                end_right - begin_right
+            )
+            both = (end_right > 0) & (end_left > 0) & ~at_once
+            side = jnp.where(both, jnp.where(right_first, 1.0, -1.0), side)
+        excess = side * horizontal[0] - needed[0]
+        growth = side * horizontal[1] - needed[1]
+        wait = -excess / jnp.where(growth > 0, growth, 1)
+        return lifted, jnp.where(at_once, 0, wait), side
+
+    def find_intervals(self, motion: Integers) -> tuple[Integers, Integers]:
+        """Return the place of the first interval of a motion, and its number of intervals."""
+        return jnp.asarray(self.first_intervals)[motion], jnp.asarray(self.intervals)[motion]
+
+    def is_finite(self, motion: Integers) -> Booleans:
+        """Tell whether all samples of a motion are finite."""
+        return jnp.asarray(self.finite)[motion]
+
+    def choose_grade(self, needed: Reals) -> Integers:
+        """Choose the highest grade that passes over no interval as strong as a block needs."""
+        steps = jnp.ceil(2 * jnp.log2(jnp.asarray(self.strongest) / needed))
+        return jnp.clip(steps, 0, GRADES - 1).astype(jnp.int32)
+
+    def find_next_interval(self, interval: Integers, excitation: Excitation) -> Integers:
+        """Find the first interval from `interval` on that may lift a block, or the end."""
+        place = excitation.first_interval + interval
+        index = (place // STRIDE) * GRADES + excitation.grade
+        following = jnp.asarray(self.following).at[index].get(mode="clip") * STRIDE
+        # Only from the begin of a stride on: within one, intervals are taken one by one.
+        place = jnp.where(place % STRIDE == 0, following, place)
+        return jnp.minimum(place - excitation.first_interval, excitation.intervals)

@@ -1,0 +1,211 @@
+"""Brackets of all sign changes of a margin along a range.
+
+The margin is sampled, and intervals in which a sign change might hide are halved. The cases of
+an array are searched together. Outside of a transformation NumPy does the bookkeeping, and the
+margin is computed only where it is needed.
+"""
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..validation import AnyArray
+
+_CALL_SIZE = 2**18  # values at which the margins are computed in one call, at most
+
+# From indices of cases and values: the margins there, and the modes of the motion, which are
+# numbers that change where the margin may have a kink or a jump.
+MarginAndMode = Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]
+
+
+class Brackets(NamedTuple):
+    """Pairs of neighbouring values between which the margin changes its sign.
+
+    Of `ends` and `margins` the first two belong to the pair. The third is a neighbour outside
+    of it, or one of the two once more where there is none.
+    """
+
+    case: AnyArray  # index of the case that a pair belongs to
+    column: AnyArray  # index among the pairs of that case
+    valid: AnyArray  # False if a pair only fills the list, which has a fixed length if traced
+    ends: tuple[AnyArray, ...]
+    margins: tuple[AnyArray, ...]
+    sign_changes: AnyArray  # number of sign changes of each case
+    negative_first: AnyArray  # whether the margin of each case is negative at its first value
+    complete: AnyArray  # False for a case with a margin that is NaN, in which none is listed
+
+
+class _Samples(NamedTuple):
+    """Samples of the margins, sorted by case and value."""
+
+    case: np.ndarray
+    place: np.ndarray  # index in the finest division
+    value: np.ndarray
+    margin: np.ndarray
+    mode: np.ndarray
+
+
+def find_brackets(margin_and_mode: MarginAndMode, values: np.ndarray, levels: int) -> Brackets:
+    """Find all sign changes along increasing values of shape (cases, values).
+
+    An interval is halved up to `levels` times where a sign change might hide in it.
+    """
+    cases, places = values.shape
+
+    def sample(case: np.ndarray, place: np.ndarray, value: np.ndarray) -> _Samples:
+        # At least one call, even for no values: nothing at all cannot be joined.
+        starts = range(0, max(len(value), 1), _CALL_SIZE)
+        parts = [
+            margin_and_mode(*(x[k : k + _CALL_SIZE] for x in (case, value))) for k in starts
+        ]
+        return _Samples(case, place, value, *map(np.concatenate, zip(*parts, strict=True)))
+
+    place = np.tile(np.arange(places) << levels, cases)
+    samples = sample(np.repeat(np.arange(cases), places), place, values.reshape(-1))
+    for level in reversed(range(levels)):
+        # Only intervals that the level before has made: one that looked harmless stays whole.
+        left = _find_suspicious(samples, 2 << level)
+        place = samples.place[left] + (1 << level)
+        value = 0.5 * (samples.value[left] + samples.value[left + 1])
+        columns = zip(samples, sample(samples.case[left], place, value), strict=True)
+        samples = _Samples(*(np.insert(old, left + 1, new) for old, new in columns))
+
+    case = samples.case
+    margin = samples.margin
+    # A case with a gap lists nothing: a sign change in the gap would go unseen.
+    complete = np.bincount(case, np.isnan(margin), cases) == 0
+    change = (case[1:] == case[:-1]) & ((margin[1:] < 0) != (margin[:-1] < 0))
+    left = np.flatnonzero(change & complete[case[:-1]])
+    count = np.bincount(case[left], minlength=cases)
+    # A sample has a neighbour where the list goes on with the same case.
+    ends = _add_neighbour(
+        left, lambda at: np.append(case, -1)[at.clip(-1, case.size)] == case[left], np
+    )
+    return Brackets(
+        case=case[left],
+        column=np.arange(left.size) - (np.cumsum(count) - count)[case[left]],
+        valid=np.ones(left.size, bool),
+        ends=tuple(samples.value[at] for at in ends),
+        margins=tuple(margin[at] for at in ends),
+        sign_changes=count,
+        negative_first=margin[samples.place == 0] < 0,
+        complete=complete,
+    )
+
+
+def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
+    """Find the intervals, `width` places wide, in which a sign change might hide.
+
+    Returns the indices of their left samples.
+    """
+    # Intervals in which the mode changes, with those on either side; and those in which the
+    # margin would reach 0 from an end at twice the slope of the interval or, if that heads for
+    # 0, of the interval next to it. A line through 0 that is straight with its neighbours has
+    # no other zero.
+    #
+    #    o         o        o              o---o---o---o          o
+    #     \       /          \                                     \
+    #      o     o            o                                     o
+    #       `   '              \                               - - - \ - - - 0
+    #   - - -` '- - 0     - - - o - - 0     - - - - - - - 0            o
+    #                                                                   \
+    #   neighbours head   steep, with one    level and far      straight through 0:
+    #   for 0: look       end near 0: look   from 0: do not     do not
+    case, place, value, margin, mode = samples
+    same_case = case[1:] == case[:-1]
+
+    # Where an interval lies between two cases its slope is 0, which reaches nothing.
+    rise = np.where(same_case, np.diff(margin), 0.0)
+    slope = rise / np.where(same_case, np.diff(value), 1)
+    before = np.roll(slope, 1)
+    after = np.roll(slope, -1)
+    before[:1] = after[-1:] = 0
+    own = abs(slope)
+
+    # Straight: the slopes on either side are between half and twice this one.
+    low = np.minimum(before * slope, after * slope)
+    high = np.maximum(abs(before), abs(after))
+    straight = (low > slope**2 / 2) & (high < 2 * own)
+    straight[1:] &= same_case[:-1]
+    straight[:-1] &= same_case[1:]
+
+    # The steepest slope that may lead from each end to 0. The slope of a neighbour counts only
+    # where it heads for 0, seen from this end.
+    first = margin[:-1]
+    second = margin[1:]
+    own = np.where(straight, 0, own)
+    from_first = np.maximum(own, np.where(before * first < 0, abs(before), 0))
+    from_second = np.maximum(own, np.where(after * second > 0, abs(after), 0))
+    reach = 2 * np.diff(value)
+    reached = (from_first * reach > abs(first)) | (from_second * reach > abs(second))
+
+    crosses = (first < 0) != (second < 0)
+    new_mode = same_case & (mode[1:] != mode[:-1])
+    suspicious = new_mode | (reached & ~(straight & crosses))
+    suspicious[1:] |= new_mode[:-1]
+    suspicious[:-1] |= new_mode[1:]
+    return np.flatnonzero(suspicious & same_case & (np.diff(place) == width))
+
+
+def _add_neighbour(
+    left: AnyArray, exists: Callable[[AnyArray], AnyArray], library: ModuleType
+) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """List the places of both ends of intervals, and of a neighbour beyond the first of them.
+
+    The ends are swapped where the neighbour lies behind the right one, so that the three are
+    in a row, as Chandrupatla's method leaves them. Where there is none it is the left end.
+    """
+    before = (left > 0) & exists(left - 1)
+    behind = exists(left + 2)
+    beyond = library.where(behind, left + 2, left)
+    first = library.where(before, left, left + 1)
+    second = library.where(before, left + 1, left)
+    return first, second, library.where(before, left - 1, beyond)
+
+
+def find_brackets_traced(
+    margin_and_mode: MarginAndMode, values: jax.Array, levels: int, max_boundaries: int
+) -> Brackets:
+    """Find the first sign changes of each case in a transformation.
+
+    Shapes must not depend on margins: every interval is halved `levels` times, and each case
+    has `max_boundaries` pairs, some of which only fill the list.
+    """
+    # From the left end, so that the given values themselves keep all bits.
+    share = jnp.arange(1 << levels, dtype=values.dtype) / (1 << levels)
+    inner = (
+        values[:, :-1, None] + (values[:, 1:, None] - values[:, :-1, None]) * share[None, None]
+    )
+    value = jnp.concatenate([inner.reshape(len(values), -1), values[:, -1:]], axis=1)
+    cases, places = value.shape
+    index = jnp.broadcast_to(jnp.arange(cases)[:, None], value.shape)
+    margin = margin_and_mode(index.reshape(-1), value.reshape(-1))[0].reshape(value.shape)
+    complete = ~jnp.isnan(margin).any(axis=1)
+    negative = margin < 0
+    change = (negative[:, 1:] != negative[:, :-1]) & complete[:, None]
+    # The places of the changes first, then a number that stands for none.
+    none = places - 1
+    numbers = jnp.where(change, jnp.arange(none)[None, :], none)
+    numbers = jnp.pad(numbers, ((0, 0), (0, max_boundaries)), constant_values=none)
+    left = jnp.sort(numbers, axis=1)[:, :max_boundaries].reshape(-1)
+    valid = left < none
+
+    case = jnp.repeat(jnp.arange(cases), max_boundaries)
+    left = jnp.where(valid, left, 0)
+    ends = _add_neighbour(left, lambda at: at < places, jnp)
+    # A bracket of no width where there is none.
+    ends = [jnp.where(valid, at, left) for at in ends]
+    return Brackets(
+        case=case,
+        column=jnp.tile(jnp.arange(max_boundaries), cases),
+        valid=valid,
+        ends=tuple(value[case, at] for at in ends),
+        margins=tuple(margin[case, at] for at in ends),
+        sign_changes=change.sum(axis=1),
+        negative_first=negative[:, 0],
+        complete=complete,
+    )
