@@ -120,6 +120,18 @@ def test_blocks_that_are_barely_lifted(shape, rtol):
     assert (error <= 10 * rtol + 3e-14 / excess)[stands].all()
 
 
+def test_an_impact_behind_the_input_counts_once():
+    """A block that overturns on the other side, however long it is followed: `mode` is the same."""
+    block, pulse = jr.Block(0.1, 5.0), jr.Sine(6.22, 0.6)
+    fallen = jr.respond(block, 0.99, pulse, 6.0)
+    assert fallen.final_rotation == -np.pi / 2
+    assert fallen.impact_times[-1] > pulse.end
+    durations = np.linspace(pulse.end, 4.0, 40)
+    found = jr.respond_batch(block, 0.99, pulse, durations)
+    np.testing.assert_array_equal(np.unique(found.impacts), fallen.impacts - np.array([1, 0]))
+    np.testing.assert_array_equal(found.mode, fallen.impacts)
+
+
 @pytest.mark.float64
 @pytest.mark.parametrize("shape", first_by_default(["HalfSine", "Cosine", "Ricker"]))
 def test_what_is_certified_is_so(shape):

@@ -214,7 +214,7 @@ def test_groups_of_records_change_no_bit(monkeypatch):
         return parts, begins
 
     monkeypatch.setattr(ground_motions, "_lay_out", lay_out)
-    monkeypatch.setattr(ground_motions, "_MOST_ROOM", 1)
+    monkeypatch.setattr(ground_motions, "_GROUP_ROOM", 1)
     for ours, theirs in (
         (jr.respond_batch(BLOCKS, 0.8, strong), whole),
         (jr.overturning_boundaries(BLOCKS, 0.8, strong, "factor", factors), found),

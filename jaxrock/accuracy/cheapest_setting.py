@@ -118,8 +118,8 @@ def choose(
         Elementwise: every element gets a setting of its own.
     tolerance : float
         Relative; on the rotation ratio, the period and the critical intensity of a `Scene`,
-        on the peak rotation of a `DrivenScene`. A setting by which a block stands that
-        overturns keeps none.
+        on the peak rotation of a `DrivenScene`. A setting that lets a block stand although it
+        overturns keeps no tolerance.
     shape : type, optional
         `Rectangular` or `HalfSine`, the pulses of a `Scene`; instantaneous unless given.
     duration : array_like, optional

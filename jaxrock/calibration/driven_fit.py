@@ -61,10 +61,10 @@ class DrivenFit(Printed, eqx.Module):
         way: impacts come in another order, or so much follows from a small change that
         derivatives mean nothing.
     same_order : Array of bool
-        Whether the block computed is never seen on the other side than the measured one, up to
-        the end.
+        True if the computed and the measured block are never seen on opposite sides, up to the
+        end.
     converged : Array of bool
-        Whether the search has, for the part that counts.
+        True if the search has converged, for the part that counts.
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
@@ -133,8 +133,8 @@ def fit_driven_rocking(
     block, motion : Block, Motion
         The block, and what the table did.
     restitution : float, optional
-        C to begin with, or C where it is not fitted; by default the best of several, from 0.5
-        to 0.98, in the first part of the motion.
+        C to begin with, or C where it is not fitted. By default the best of several, from 0.5
+        to 0.98, in the first part of the motion; Housner's where C is not fitted.
     parameters : sequence of str
         What is fitted: "restitution", "slenderness", "half_width", "inertia_ratio".
     initial_rotation, initial_velocity : float
@@ -158,9 +158,9 @@ def fit_driven_rocking(
 
     Notes
     -----
-    Standard errors are those about the motion found. The longer a test, the smaller they are
-    and the more motions there are beside it: a C that is off by many of the last standard
-    errors, but not of those that the first impacts give, may explain the test as well.
+    Standard errors describe the neighbourhood of the motion found. The longer a test, the
+    smaller they are, and the more other motions nearly fit it: a C that is many of the final
+    standard errors away, but within those of the first impacts, may explain it as well.
 
     Examples
     --------

@@ -32,7 +32,7 @@ def check_measurements(
         raise ValueError(
             f"peak_rotations must be one less than impact_times, {times.size - 1}, got {peaks.size}"
         )
-    # Peaks without times hang on one time that does not count, so that arrays are never empty.
+    # Peaks without times get one dummy time of weight 0, so that arrays are never empty.
     t = _as_float(times, 1)
     a = _as_float(peaks, 0)
     _check_times(t)
@@ -127,7 +127,7 @@ def gather_known(
 def choose_noises(
     measured: Measured, times: Number | None, rotations: Number | None
 ) -> Noises:
-    """Return the noises given, or to begin with a hundredth of the measurements.
+    """Return the noises given; to begin with 1 % of the mean half-cycle and the largest peak.
 
     Of one kind of measurement alone, the noise only scales the residuals; of both, it is the
     weight between them, which is found by `reestimate`.

@@ -2,7 +2,7 @@
 
 The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, the velocity
 after that impact over the critical one, as log(artanh(x)); logarithms of C, p and alpha_c; and
-the change of C from the largest impact to the smallest.
+C of the largest impact less C of the smallest.
 
 Logarithms have no bounds, so that no step of the search leads where there is no motion.
 The linearized half-cycle lasts 2 artanh(x) / p (Housner 1963, 10.1785/BSSA0530020403): its
@@ -200,9 +200,9 @@ def compute_residuals(
     of_times[..., TIME] = 1
     of_times[..., FREQUENCY] = -durations
     of_peaks[..., ANGLE] = rotations
-    # Slopes of the logarithm of each ratio. With x = tanh(u) and u = exp(number) that along
-    # the first number is u / (sinh u cosh u) = u (1 - x^2) / x, for all ratios alike; along C
-    # each impact adds the slope of the logarithm of its share.
+    # Slopes of the logarithm of each ratio. Along the launch number, with x = tanh(u) and
+    # u = exp(number), it is u / (sinh u cosh u) = u (1 - x^2) / x, for all ratios alike; along
+    # C each impact adds the slope of the logarithm of its share.
     growth = np.exp(numbers[:, LAUNCH, None])
     launch = np.tanh(growth)
     of_launch = np.broadcast_to(growth * (1 - launch**2) / launch, ratios.shape)

@@ -75,7 +75,8 @@ def number_impacts(
         freedom = used - unknowns - more
         if freedom < 1:
             return 0.0  # the logarithm of 1: measurements as few as numbers explain nothing
-        # Only repairs are chosen among many; which number is free is not for the data to say.
+        # Repairs are chosen among many, and the chance allows for that. A further number is
+        # one of two: that choice is neglected.
         choices = count_choices(times) ** repairs
         return compute_log_chance(
             before, squares, freedom, repairs + more, choices, noises.known[0]

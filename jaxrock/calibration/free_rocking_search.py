@@ -35,14 +35,14 @@ class Fitted(NamedTuple):
     """The best numbers, and there the residuals over their noises and their Jacobian.
 
     C may be linear in the amplitudes of impacts: velocities before them, less their mean and
-    over their range, so that the slope is the change of C from the largest impact to the
-    smallest, and nearly independent of C itself.
+    over their range, so that the slope is C of the largest impact less C of the smallest, and
+    nearly independent of C itself.
     """
 
     numbers: Float[np.ndarray, "6"]
     residuals: Float[np.ndarray, " measurements"]
     jacobian: Float[np.ndarray, "measurements 6"]
-    amplitudes: Float[np.ndarray, " impacts"]
+    relative_velocities: Float[np.ndarray, " impacts"]
 
     @property
     def squares(self) -> float:
@@ -92,9 +92,9 @@ def estimate_rounding(dtype: DTypeLike) -> float:
 def is_minimum(fit: Fitted, measured: Measured, known: Known, noises: Noises) -> bool:
     """Tell whether a further Gauss-Newton step is far below the standard errors, or rounding.
 
-    The part of the residuals within the directions that the numbers can make is the step in
-    units of the standard errors, once it is over the standard deviation of a residual. A
-    search that stops because its steps have become short has not arrived by that.
+    The projection of the residuals onto the columns of the Jacobian, over the standard
+    deviation of a residual, is the length of that step in standard errors. A search may also
+    stop because its steps have become short: that alone does not make a minimum.
     """
     if not (np.isfinite(fit.residuals).all() and np.isfinite(fit.jacobian).all()):
         return False

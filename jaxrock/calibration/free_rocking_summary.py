@@ -93,7 +93,7 @@ def summarize(
 
     change = error = of_change = of_frequency = np.nan
     # A further number needs a further measurement, and a change impacts that differ.
-    if freedom > 1 and changing.amplitudes.any():
+    if freedom > 1 and changing.relative_velocities.any():
         change = float(changing.numbers[CHANGE])
         square = 1.0 if noise_known else _compute_mean_square(changing, freedom - 1)
         of_all = _compute_covariance(changing, known.set_free(CHANGE).free)
@@ -139,7 +139,7 @@ def _compute_p_value(
     from scipy.special import betainc, erfc  # which load slowly
 
     # Not below 0: the freer search may end a rounding above the other one. The smallest float
-    # keeps exact fits from 0 / 0; they gain nothing.
+    # keeps 0 / 0, of two exact fits, from being NaN.
     gain = max(constant.squares - freer.squares, 0.0)
     if noise_known:
         return float(erfc((gain / 2) ** 0.5))

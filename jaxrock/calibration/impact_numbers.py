@@ -62,10 +62,9 @@ def repair_numbering(
     The search has two stages.
 
     1. Forwards: to the numbering so far add the one repair that lowers the sum of squares
-       most,
-       up to `MAX_REPAIRS` of them, whether or not it is significant.
-    2. Backwards: keep the longest sequence that explains more than each shorter one, none
-       included, at a level of `_LEVEL`.
+       most, up to `MAX_REPAIRS` of them, whether or not it is significant.
+    2. Backwards: keep the longest sequence that explains more than each shorter one, and more
+       than no repair at all, at a level of `_LEVEL`.
 
     It goes to the end before it judges, because two impacts that are missing one after the
     other may explain the times only together.

@@ -65,9 +65,9 @@ def minimize(
     #
     #   state      | known                                | next
     #   searching  | numbers, residuals there, a damping  | try a damped step
-    #   better     | the sum of squares fell              | take it, with less damping
-    #   worse      | it did not, or is not a number       | stay; four times the damping
-    #   arrived    | an undamped step would gain nothing  | leave `places`
+    #   better     | the sum of squares fell              | take it; less damping if as
+    # expected   worse      | it did not, or is not a number       | stay; four times the
+    # damping   arrived    | an undamped step would gain nothing  | leave `places`
     #   lost       | residuals infinite, damping too high | leave `places`
     numbers = start.copy()
     places = np.arange(len(start))

@@ -152,7 +152,7 @@ def _compute_rotations(
             max_impacts=room,
         )
         complete = response.status == Status.COMPLETE
-        # At time 0 nothing has to be integrated, where the motion has no end.
+        # A motion that could not be followed is asked for at time 0, where it is known.
         asked = jnp.where(complete, times, 0)
 
         # The number of pieces is an argument: room for times that is not used costs nothing.
@@ -162,8 +162,8 @@ def _compute_rotations(
                 found, response.history(some)[0], (k * _PIECE,)
             )
 
-        compute = jax.lax.fori_loop(0, pieces, fill_piece, jnp.zeros_like(times))
-        return jnp.where(complete, compute, jnp.nan), response.impacts
+        rotations = jax.lax.fori_loop(0, pieces, fill_piece, jnp.zeros_like(times))
+        return jnp.where(complete, rotations, jnp.nan), response.impacts
 
     return jax.jvp(compute, (known,), (along,), has_aux=True)
 
@@ -229,8 +229,8 @@ def _fit_part(test: ShakingTest, start: Values, end: float, noise: float | None)
         # Errors of exact rotations are no more than rounding, and so are their steps and
         # bends.
         exact = (errors <= 64 * np.finfo(test.dtype).eps) | (mean_square**0.5 <= rounding)
-        # The scatter of the measurements themselves decides: the noise estimated from
-        # residuals is as large as these, also for another motion.
+        # Residuals are compared with the scatter of the measurements themselves: a noise
+        # estimated from the residuals would fit any motion.
         seen = _estimate_noise(measured) if noise is None else noise
         converged = bool(np.all(exact | (np.abs(step) <= _STEP_LEFT * errors)))
         converged = converged and mean_square**0.5 <= _OFF * seen
@@ -309,10 +309,10 @@ def detect_sides(test: ShakingTest, rotation: np.ndarray) -> np.ndarray:
 
 
 def estimate_rough_noise(rotation: np.ndarray) -> float:
-    """Estimate a noise beyond which a rotation tells the side.
+    """Estimate the noise; rotations of more than `_SEEN` times as much tell the side.
 
     It is at least a hundredth of the largest rotation. Exact rotations would otherwise show
-    sides down to the smallest ones, that no computed motion has to share.
+    sides so small that no computed motion needs to share them.
     """
     return max(_estimate_noise(rotation), 0.01 * float(np.max(np.abs(rotation))))
 

@@ -30,7 +30,7 @@ _UNITS_OF_NUMBERS = {**UNITS, "intensity": "m/s", "pulse_duration": "s"}
 
 
 class Sensitivity(MotionOptions, BlockOptions, Writing):
-    """What an answer depends on: slopes, elasticities, a tornado, the effect of scatter.
+    """Dependence of an answer: slopes, elasticities, a tornado, the effect of scatter.
 
     Of the resonance under instantaneous pulses, or with a pulse or a record of the peak
     rotation over the critical angle or the margin at the end of the input. Writes
@@ -43,7 +43,7 @@ class Sensitivity(MotionOptions, BlockOptions, Writing):
     command = "sensitivity"
 
     answer: AnswerName | None = None
-    """What to examine; by default the critical intensity, under a pulse or record the ratio."""
+    """Answer to examine; by default the critical intensity, under a pulse or record the ratio."""
     intensity: float = 0.15
     """Change of ground velocity in each instantaneous pulse [m/s]."""
     model: ModelName | None = None

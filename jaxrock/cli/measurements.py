@@ -41,7 +41,7 @@ class Fit(Writing):
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
     frequency_unknown: bool = False
-    """Fit p although the block is given, of which the shape stays."""
+    """Fit p although the block is given; its shape is kept."""
     model: ModelName = "linearized"
     """Equation of motion; nonlinear for a block that is given."""
     time_noise: float | None = None
@@ -58,7 +58,7 @@ class Fit(Writing):
             if getattr(self, name) is not None:
                 check(name, getattr(self, name), POSITIVE)
         times, peaks = read_impact_times(self.file)
-        # Whether there are peaks says the file, so that it has to be read first.
+        # Only the file says whether there are peaks, so it has to be read first.
         if peaks is None:
             self.refuse("rotation_noise", only_with="peak rotations in the file")
         folder = yield "fit.csv", "fit.png"

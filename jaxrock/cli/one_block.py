@@ -149,7 +149,7 @@ _UNITS = {
 
 
 class Critical(MotionOptions, BlockOptions, Writing):
-    """What just overturns a block: pulses timed to its impacts, one longer pulse, or a record.
+    """Limits at which a block overturns: under timed pulses, one longer pulse, or a record.
 
     Without a pulse or a record: critical intensities in closed form, by both equations, and
     the width, slenderness and restitution with which the given intensity just overturns.
@@ -168,7 +168,7 @@ class Critical(MotionOptions, BlockOptions, Writing):
     out: Annotated[Path | None, OF_OUTPUT] = None
     """Folder for critical.csv; none is written if not given."""
     along: Quantity | None = None
-    """What to seek, instead of giving it: by default a pulse's amplitude, a record's factor."""
+    """Quantity to seek instead of giving it; by default a pulse's amplitude, a record's factor."""
     values: Grid | None = None
     """Values to examine; by default amplitudes of 1 to 10 times uplift, or factors 0.05:5:397."""
     model: ModelName | None = None
@@ -233,8 +233,8 @@ class Critical(MotionOptions, BlockOptions, Writing):
             found = critical_amplitude(block, c, type(pulse), pulse.duration, model=model)
         else:
             found = overturning_boundaries(block, c, motion, along, values, model=model)
-        # A boundary may be hidden among values that were given up: no table is better than a
-        # part.
+        # A boundary may be hidden among values that were given up. A table with gaps would
+        # mislead, so none is written.
         if not bool(found.complete):
             raise ValueError(
                 "motion could not be followed to its end for every one of the values"

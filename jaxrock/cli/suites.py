@@ -164,7 +164,7 @@ class Fragility(BlockOptions, Storing):
         uplift = float(block.gravity / block.slenderness)
         if self.measure.startswith("pga"):
             return (1.0 if self.measure == "pga_ratio" else uplift) * np.geomspace(0.5, 8, 25)
-        # A velocity goes with p: a large block needs a faster ground to be overturned.
+        # Velocities scale with 1 / p: it takes a faster ground to overturn a larger block.
         unit = uplift / float(block.frequency_parameter)
         return (1.0 if self.measure == "pgv_ratio" else unit) * np.geomspace(0.1, 3, 25)
 

@@ -1,7 +1,7 @@
 """Driven motion: the equation, the overturning criterion, one block and many blocks.
 
-`one_block` goes through every event of one motion with diffrax, `many_blocks` moves thousands of
-blocks side by side along Taylor series; both follow `equation` and decide by
+`one_block` goes through every event of one motion with diffrax, `many_blocks` moves thousands
+of blocks side by side along Taylor series; both follow `equation` and decide by
 `overturning_criterion`. Names beside those in ``__all__`` are for the other packages.
 """
 
@@ -19,7 +19,7 @@ from .many_blocks import follow_launched as follow_launched
 from .many_blocks import follow_within as follow_within
 from .one_block import FollowedMotion as FollowedMotion
 from .one_block import Response, Status, respond
-from .one_block import follow_scene as follow_scene
+from .one_block import follow_driven as follow_driven
 from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
 from .overturning_criterion import free_motion_margin
 from .scene import Driven as Driven

@@ -7,7 +7,7 @@ acceleration of the ground over g, ``lift`` the vertical acceleration over g:
     rotation'' = -p^2 [(1 + lift) sin(alpha_c - rotation) - push cos(alpha_c - rotation)]
 
 In the linearized equation of the literature sin(x) = x and cos(x) = 1. Its limit for short
-pulses is not Eq. 2: there the pulse is multiplied by the cosine of alpha_c.
+pulses is not Eq. 2: in Eq. 2 the pulse is multiplied by cos(alpha_c), here by 1.
 """
 
 import equinox as eqx
@@ -85,9 +85,10 @@ class Equation(eqx.Module):
         return p * remaining if self.linearized else 2 * p * jnp.sin(remaining / 2)
 
     def landing_velocity(self, rotation: Reals, velocity: Reals) -> Reals:
-        """Magnitude of the velocity with which free motion reaches the ground [rad/s].
+        """Magnitude of the velocity that a block would have on the ground, by energy [rad/s].
 
-        It is 0 where the energy does not suffice to reach it.
+        It is 0 where the energy does not suffice. A block that overturns has one as well,
+        though it never lands.
         """
         # The fall as a product: a difference would keep its rounding error as the fall
         # vanishes.

@@ -9,11 +9,11 @@ those in ``__all__`` are for the other packages.
 from typing import TYPE_CHECKING
 
 from ..host import import_optional
+from .axes import DataType as DataType
+from .axes import GridVariable as GridVariable
 from .axes import Values as Values
 from .axes import as_axis as as_axis
-from .grid import DataType as DataType
 from .grid import Grid as Grid
-from .grid import GridVariable as GridVariable
 from .grid import apply_in_tiles as apply_in_tiles
 from .grid import apply_padded as apply_padded
 from .grid import as_object_array as as_object_array
@@ -45,3 +45,7 @@ def __getattr__(name: str) -> object:
     if name not in _BY_DASK:
         raise AttributeError(f"module {__name__} has no attribute {name!r}")
     return getattr(import_optional(f"{__name__}.{_BY_DASK[name]}", "cluster"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_BY_DASK})

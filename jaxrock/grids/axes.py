@@ -1,6 +1,7 @@
-"""The axes of grids: their names, their units, and the values that they may have."""
+"""The axes and variables of grids: names, units, types, and the values that axes may have."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from typing_extensions import TypeAliasType
@@ -17,6 +18,17 @@ from ..validation import (
 )
 
 Values = TypeAliasType("Values", Number | Sequence[float | int])
+
+DataType = type | np.dtype | str  # of NumPy arrays
+
+
+class GridVariable(NamedTuple):
+    """A variable over a grid: its dimensions, the type of its numbers, its attributes."""
+
+    dims: Sequence[str]
+    dtype: DataType
+    attributes: Mapping[str, object]
+
 
 _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
     "slenderness": ("slenderness, height over width", "1", POSITIVE),
@@ -36,9 +48,8 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 
 def as_axis(name: str, value: Values) -> np.ndarray:
     """Check the values along an axis: one or more, different, and all in its domain."""
-    # Raises for anything but numbers, in the words of all functions. In the precision of JAX:
-    # the axis keeps its own, since the coordinates of a dataset are compared with what was
-    # asked for.
+    # This only raises for anything but numbers. Its array has the precision of JAX; the axis
+    # stays in float64, since coordinates are compared with the values that were asked for.
     as_real(name, value)
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import jax
 import numpy as np
@@ -22,7 +22,7 @@ from ..host import (
     show_progress,
     write_whole,
 )
-from .axes import describe_axis
+from .axes import GridVariable, describe_axis
 
 if TYPE_CHECKING:
     import netCDF4
@@ -31,21 +31,12 @@ if TYPE_CHECKING:
     from .lazy import Chunks
 
 Chunk = tuple[slice, ...]
-DataType = type | np.dtype | str  # of NumPy arrays
 _Tree = TypeVar("_Tree")
-
-
-class GridVariable(NamedTuple):
-    """A variable over a grid: its dimensions, the type of its numbers, its attributes."""
-
-    dims: Sequence[str]
-    dtype: DataType
-    attributes: Mapping[str, object]
 
 
 # A grid is computed in three ways that must agree: at once in memory, chunk by chunk into a
 # file, and lazily, where Dask sends each chunk to a thread, a process or another machine. All
-# three call `compute`, on which two demands follow:
+# three call `compute`, which must therefore meet two demands:
 #
 # - It can be pickled: a function at the top of a module, or a `functools.partial` of one,
 #   never a local function. Dask sends it to its workers, and makes the names of tasks from

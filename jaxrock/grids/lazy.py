@@ -14,7 +14,7 @@ from jaxtyping import Array, PyTree
 from typing_extensions import TypeAliasType
 
 from ..host import apply_settings, hide_progress, read_jax_settings
-from .grid import DataType, GridVariable
+from .axes import DataType, GridVariable
 
 Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | str)
 Compute = Callable[..., Mapping[str, np.ndarray]]

@@ -10,8 +10,8 @@
 #          |                                             | metadata appear at once
 # begun    | the attributes `identity`, `computed_with`  | compute all chunks
 #          | and `unfinished`; no chunk                  |
-# partly   | some chunks, each whole; beside them        | compute the others; a chunk that
-# written  | *.partial, where a writer was killed        | one of its variables lacks is none
+# partly   | some chunks, each whole; beside them        | compute the others; a chunk counts
+# written  | *.partial, where a writer was killed        | only if all its variables have it
 # damaged  | a chunk that does not decode to its size:   | compute it again, in its place
 #          | cut, or with a wrong checksum               |
 # finished | all chunks; no `unfinished`, no *.partial;  | nothing, if all chunks decode;

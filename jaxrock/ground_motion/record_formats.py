@@ -27,8 +27,8 @@ from .record_units import (
 
 # Relative difference of time steps that count as the same: files print them with few digits.
 _UNIFORM = 1e-3
-# What statements are about, in words for an error, and the relative difference of such as
-# agree.
+# What a statement must be, in words for an error, and the relative difference up to which two
+# statements agree.
 _UNIT = UNITS, 1e-9
 _STEP = "a time step in s, ms or the like, or in samples per second", _UNIFORM
 # At most; usually there are four.
@@ -133,7 +133,8 @@ def _split_word(text: RecordText, word: str, line: int) -> list[float]:
     """Read the numbers in a word: one, or several of fixed columns without a space."""
     if not _FIELDS.fullmatch(word):
         return [text.parse_number(word, line)]
-    # .1-02.3-02 may be .1e-02 and .3e-02 or .1 and -02.3e-02, unless a number begins with 0.
+    # .1-02.3-02 may be .1e-02 and .3e-02, or .1 and -02.3e-02. A word is refused if a number
+    # in it would begin with 0, or if it also has an exponent without a letter.
     perhaps = re.findall(r"(?<=[\d.])[-+]\d{2,3}\.", word)
     bare_exponent = re.search(r"[\d.][-+]\d{2,3}(?![\d.])", word)
     unclear = any(each[1] == "0" for each in perhaps) or bool(perhaps and bare_exponent)

@@ -31,7 +31,7 @@ class RecordText:
             raise self.make_error(
                 f"the file cannot be read: {error.strerror or error}"
             ) from error
-        # Programs of Windows begin with a byte order mark, files from DOS end with a Ctrl-Z.
+        # Programs on Windows may put a byte order mark first; DOS files end with a Ctrl-Z.
         content = content.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a\r\n\t ")
         self.refuse(not content, "the file is empty")
         binary = len(content.translate(None, _BINARY)) < len(content)

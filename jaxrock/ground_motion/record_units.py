@@ -123,8 +123,8 @@ def find_speeds_in_name(name: str) -> list[Stated]:
 def find_units_in_text(line: str) -> list[Stated]:
     """Return the units of acceleration that a line of text states, from left to right."""
     line = _normalize(line)
-    # By where they begin, so that a unit that several patterns find counts once. Of two that
-    # find it, the first pattern in the list, which comes last, has the last word.
+    # By where they begin, so that a unit that several patterns find counts once. Patterns run
+    # in reverse order, so that an earlier one in the list overrides a later one.
     stated = {
         match.start("unit"): _interpret_unit(match, "unit")
         for pattern in reversed(_IN_TEXT)

@@ -27,7 +27,7 @@ def read_regular(path: Path) -> bytes:
 def sync(path: Path) -> None:
     """Bring a file, or all files of a folder, onto the disk itself.
 
-    Before its name is there: else a power failure could leave the name of an empty file.
+    Without this a power failure could keep the name of a file and lose its content.
     """
     files = [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
     for file in files:
@@ -80,7 +80,7 @@ def write_whole(
     check_free(argument, folder, names, overwrite)
 
     # `begun` lists, from the inside out, all that is to go if the body raises or the process
-    # is told to end: the scratch folder, files that were moved, and folders that were made.
+    # is told to end: the scratch folder, folders that were made, and files moved into these.
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     begun = list(made)
     _unfinished[id(begun)] = begun

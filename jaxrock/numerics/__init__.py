@@ -1,4 +1,4 @@
-"""Nothing about rocking: elementary functions, elliptic integrals, roots."""
+"""Numerics that the other packages share: elementary functions, elliptic integrals, roots."""
 
 from .brackets import find_brackets as find_brackets
 from .brackets import find_brackets_traced as find_brackets_traced

@@ -103,9 +103,9 @@ def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
     Returns the indices of their left samples.
     """
     # Intervals in which the mode changes, with those on either side; and those in which the
-    # margin would reach 0 from an end at twice the slope of the interval or, if that heads for
-    # 0, of the interval next to it. A line through 0 that is straight with its neighbours has
-    # no other zero.
+    # margin would reach 0 from an end at twice the steepest slope that counts: the interval's
+    # own, unless it is straight with its neighbours, and a neighbour's that heads for 0. A
+    # line through 0 that is straight with its neighbours has no other zero.
     #
     #    o         o        o              o---o---o---o          o
     #     \       /          \                                     \

@@ -1,7 +1,7 @@
-"""Elementary functions whose automatic derivative would lose its digits or become NaN.
+"""Elementary functions whose automatic derivative would lose digits, be NaN, or a mean of two.
 
-Each is a plain expression, elementwise, with a derivative that is accurate over the whole
-domain and can be differentiated again.
+Each is a plain expression; its derivative is accurate over the whole domain and can be
+differentiated again.
 """
 
 import functools
@@ -50,8 +50,7 @@ def one_minus_square(x: Reals) -> Reals:
 one_minus_square.defjvps(lambda dx, _, x: -2 * x * dx)
 
 
-# Coefficients of (arctan(u) / u - 1) / u^2 as a polynomial in u^2, within 2e-17 of u^-2 for u
-# from 0 to 1/2.
+# Coefficients of a polynomial P: arctan(u) / u = 1 + u^2 P(u^2) to 2e-17, for u from 0 to 1/2.
 _ARCTANGENT = (-0.33333333333333326, 0.199999999999916, -0.14285714284106285,
                0.11111110990139533, -0.09090904370311348, 0.07692198451257941,
                -0.06665052856794013, 0.058664967492257074, -0.05157516225552972,
@@ -228,7 +227,7 @@ _decaying_share_of_one.defjvps(_decaying_share_of_one_jvp, None)
 def _logarithmic_slope(decay: Array, count: Array) -> Array:
     """Compute ``1 / expm1(d) - n / expm1(n d)``, (n - 1) / 2 at d = 0.
 
-    Of the logarithm of a share with respect to the decay d.
+    It is the slope of the logarithm of a share with respect to the decay d.
     """
     # Near 0 both terms are large and nearly equal; without their poles, 1 / d, they are not.
     near = decay < 1

@@ -49,7 +49,7 @@ class Scan(NamedTuple):
 
     @classmethod
     def start(cls, trial: Reals) -> "Scan":
-        """Start a scan whose first sample is at `trial`; at 0 the function is above 0."""
+        """Start a scan at `trial`; no root is sought above it, for which a placeholder stands."""
         zero = jnp.zeros_like(trial)
         count = jnp.zeros((), int)
         above = Sample(zero, zero, zero, count + ABOVE)

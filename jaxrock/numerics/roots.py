@@ -15,8 +15,8 @@ import numpy as np
 from ..validation import AnyArray
 from .brackets import Brackets
 
-# As many values as take the time of one: 64 SIMD lanes on each of two cores. A fixed number,
-# so that every machine finds the same sign changes to the last bit.
+# So many values take about as long as one: 64 lanes of a batch on each of two cores. A fixed
+# number, so that every machine finds the same sign changes to the last bit.
 _LANES = 128
 _MOST_LEVELS = 5  # of bisections at once
 _ITERATIONS = 200  # bisection alone needs fewer from any bracket of two floating-point numbers
@@ -189,7 +189,7 @@ def _step_ahead(margin: Margin, iterate: _Iterate, case: AnyArray, levels: int) 
 
 
 def _multisect(margin: Margin, iterate: _Iterate, case: AnyArray, parts: int) -> _Iterate:
-    """Choose the best of `parts` intervals between the first two values.
+    """Divide a bracket at `parts` values, and keep the first part with a sign change.
 
     Half of the values are equidistant, the others approach the secant's root from both sides.
     """

@@ -44,7 +44,8 @@ class Boundaries(Printed, eqx.Module):
     Attributes
     ----------
     value : Array, shape (..., boundaries)
-        Of the quantity, on the side on which the block stands. Has derivatives in both modes.
+        Value of the quantity at the boundary, to rounding; the block does not overturn there.
+        Has derivatives in both modes.
     overturns_beyond : Array of bool, shape (..., boundaries)
         Whether the block overturns beyond the boundary; if not, it does before it.
     impacts : Array of int, shape (..., boundaries)
@@ -119,8 +120,8 @@ def overturning_boundaries(
     along : str
         ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of the one, ``"frequency"``
         of the other, ``"factor"`` on any motion, ``"half_width"``, ``"slenderness"``,
-        ``"inertia_ratio"`` or ``"restitution"``. What the scene has for it does not matter
-        (but for the factor, which multiplies it).
+        ``"inertia_ratio"`` or ``"restitution"``. The values replace what the scene has for it;
+        only a factor multiplies it.
     values : array_like, shape (..., n)
         Increasing values [unit of the quantity], at least two. All else broadcasts against
         their leading axes.
@@ -142,9 +143,9 @@ def overturning_boundaries(
     -----
     The derivatives are those of the implicit function theorem: at a boundary the margin
     stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record or a
-    `Harmonic` they are taken while the block still balances; where chaos hides that in
-    rounding they are NaN, and under `jit`, where the margin at the end has to do, at most
-    boundaries of long ones.
+    `Harmonic` they are taken while the block still balances. Where rounding hides this they
+    are NaN. Under `jit` only the margin at the end is used: there the derivatives of most
+    boundaries under long motions are NaN.
 
     Examples
     --------

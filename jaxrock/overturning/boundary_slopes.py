@@ -255,12 +255,12 @@ def _differentiate_in_pieces(
 
 
 # How far motions from both sides of a boundary have come apart when its derivatives are taken,
-# in radians and as powers of eps. They start with all digits in common, and have 40 and then
-# 20 % of them in common at these times: changes have grown by eps**-0.6 and eps**-0.8, beside
-# which the terms that do not grow are lost, but the distance is still small beside a radian,
-# so that the equation of motion is linear in it. Later times are better, as changes have grown
-# more and less of the ground motion is left out, until the fall itself begins: so there are
-# two.
+# in radians and as powers of eps. The motions start about eps apart. The first time is where
+# they are eps**0.4 apart, the second where they are eps**0.2 apart. Changes have then grown by
+# eps**-0.6 and eps**-0.8, beside which the terms that do not grow are lost, but the distance
+# is still small beside a radian, so that the equation of motion is linear in it. The later
+# time is better, as changes have grown more and less of the ground motion is left out, until
+# the fall itself begins: so there are two, which are compared.
 _APART = (0.4, 0.2)
 # Relative difference of derivatives at both times that still count as the same. In double
 # precision it is about eps**0.2, the distance at the second time.

@@ -80,7 +80,8 @@ class _Quantity(NamedTuple):
     motions : class, or union of classes
         The motions that have it.
     select : function
-        Selects it in a subject. Of any type, since `equinox.tree_at` calls it with placeholders.
+        Selects it in a subject. Of any type, since `equinox.tree_at` calls it with
+        placeholders.
     """
 
     domain: Domain

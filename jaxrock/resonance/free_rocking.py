@@ -1,8 +1,8 @@
 """Free rocking between two impacts, in closed form: two models.
 
-`Linearized` is exact for slender blocks (Eq. 4), `Nonlinear` for any block (Eq. 1 without
-input). The equation of motion, its linearized solution and the duration of a half-cycle are
-those of Housner (1963, https://doi.org/10.1785/BSSA0530020403). Free rocking conserves
+`Linearized` is exact in the limit of slender blocks (Eq. 4), `Nonlinear` for any block (Eq. 1
+without input). The equation of motion, its linearized solution and the duration of a
+half-cycle are Housner's (1963, https://doi.org/10.1785/BSSA0530020403). Free rocking conserves
 energy: a block lands as fast as it took off, and everything depends on
 ``x = velocity / critical_velocity``. The block stands while x < 1.
 
@@ -97,11 +97,12 @@ class Nonlinear(RockingModel):
         return 2 * block.frequency_parameter * _half_angle_sine_cosine(block)[0]
 
     def _peak_rotation(self, block: Block, x: Reals, intensity: Reals) -> Reals:
-        # sin(peak / 2) = tau x^2 / (w + k), and tau x^2 = weight^2 cos(alpha_c)^2 / 2
+        # sin(peak / 2) = tau x^2 / (w + k), and tau x^2 = pulse^2 cos(alpha_c)^2 / 2 with the
+        # dimensionless pulse
         cosine_squared = 1 / (1 + block.slenderness**-2)
-        tallness = 2 * (_stiffness_terms(block, x)[1] + _missing_energy_root(x))
+        divisor = 2 * (_stiffness_terms(block, x)[1] + _missing_energy_root(x))
         return 2 * arcsin(
-            _dimensionless_pulse(intensity, block) ** 2 * cosine_squared / tallness
+            _dimensionless_pulse(intensity, block) ** 2 * cosine_squared / divisor
         )
 
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
@@ -205,7 +206,10 @@ def _missing_energy_root(x: Reals) -> Reals:
 
 
 def _dimensionless_pulse(intensity: Reals, block: Block) -> Reals:
-    """Express a pulse as a pure number; its square is twice the peak of a weak one."""
+    """Express a pulse as a pure number.
+
+    Its square is twice the peak after a weak pulse, in the limit of slender blocks.
+    """
     return intensity / jnp.sqrt(block.gravity * block.half_width * block.inertia_ratio)
 
 

@@ -151,7 +151,7 @@ def critical_slenderness(
     weight = jnp.where(representable, weight, 1)
 
     def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
-        """Compute the logarithm of what a block withstands over what the pulse is."""
+        """Compute log(pulse that just overturns a block of this slenderness / given pulse)."""
         estimate, weight = parameters
         slenderness = estimate * jnp.exp(log_factor)
         unit = jnp.ones_like(estimate)
@@ -220,7 +220,7 @@ def critical_restitution(
     gap = jnp.where(share <= 1, (single - intensity) / single, 0)
 
     def relative_excess(factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
-        """Compute the gap that C = factor gap leaves, over the gap there is, less 1."""
+        """Compute the gap for C = factor * gap, over the given gap, less 1."""
         count, gap = parameters
         c = factor * gap
         return factor * share_of_one(c, count) / share_of_one(c, count - 1) - 1

@@ -40,7 +40,7 @@ from .free_rocking import Linearized, ModelLike, as_model
 from .rocker import Flight, Rocker
 
 # In double precision a block comes to rest (see `_rock_freely`) after about 72 / -ln(C)
-# impacts: after more than these only if C is above 0.9992.
+# impacts, which is more than this limit only if C is above 0.9992.
 _MAX_IMPACTS = 10**5
 _TIMES = 512  # of a history at once
 
@@ -288,7 +288,7 @@ def _sample_motion(rocker: Rocker, motion: FreeMotion, interval: Reals) -> tuple
     duration = jnp.where(now.overturned, jnp.inf, now.duration)
     rotation, velocity, falls = rocker.motion(now.x, now.since, duration)
     # The pendulum of the full equation would go round, and come back. By symmetry about the
-    # critical angle, the block takes twice the time to it to twice the angle.
+    # critical angle, the block reaches twice that angle in twice the time.
     lies = (now.since > 2 * rocker.time_to_critical_angle(now.x)) | (rotation > 0.5 * jnp.pi)
     unknown = (now.overturned & lies) | (now.impacts >= _MAX_IMPACTS) | jnp.isnan(rotation)
     side = jnp.where(unknown, jnp.nan, now.side)

@@ -15,12 +15,13 @@ from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwis
 class RockingModel(eqx.Module):
     """A model of free rocking: `Linearized`, `Nonlinear`, or a third one of the same kind.
 
-    The public methods check their arguments and give NaN where a launch overturns the block.
-    They are the same for all models. A model provides a `name` and seven functions, which
-    broadcast, check nothing, and are called by the other closed forms and by `accuracy`. They
-    take ``x``, the launch velocity over the critical one [-]; ``intensity``, I of the pulse
-    that gives this velocity to the block at rest [m/s]; ``time`` since the launch [s]. Their
-    derivatives, as JAX takes them, have to be finite in the whole domain.
+    The public methods check their arguments. Peaks and durations are NaN where a launch
+    overturns the block; `motion` follows it. The methods are the same for all models. A model
+    provides a `name` and seven functions, which broadcast, check nothing, and are called by
+    the other closed forms and by `accuracy`. They take ``x``, the launch velocity over the
+    critical one [-]; ``intensity``, I of the pulse that gives this velocity to the block at
+    rest [m/s]; ``time`` since the launch [s]. Their derivatives, as JAX takes them, have to be
+    finite in the whole domain.
 
     ==================================================  ====================  ================
     function                                            value                 domain

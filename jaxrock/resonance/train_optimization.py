@@ -44,7 +44,7 @@ class TrainProblem(NamedTuple):
     goal
         See `worst_train`.
     largest
-        Bound on the pulses over `Rocker.unit` [-]; 1 if it is sought and not given.
+        Bound on the pulses over `Rocker.unit` [-]; 1 unless given.
     fewest_impacts
         Fewest impacts between two pulses.
     spacing, latest
@@ -164,8 +164,8 @@ class _Measurement(NamedTuple):
     room, room_slopes
         Room within each constraint, negative if it is violated, and its derivatives.
     objective
-        Size of the pulses if raised until they just overturn the block, nearly; or how far
-        they lead.
+        Size of the pulses if raised until they just overturn the block, nearly; or the
+        velocity in the end over the critical one.
     """
 
     loss: float
@@ -198,7 +198,7 @@ def _measure_candidate(candidate: Candidate, problem: TrainProblem) -> _Measurem
     # all constraints.
     room = -problem.rate * values[1:]
     room_slopes = -problem.rate * slopes[1:]
-    # What a constraint that is not there leaves must not be infinite.
+    # Without a latest time the room must still be finite.
     room[-1] += min(problem.rate * problem.latest, 1e6)
 
     if not problem.seeks_pulses:
@@ -206,8 +206,8 @@ def _measure_candidate(candidate: Candidate, problem: TrainProblem) -> _Measurem
     room = np.append(room, log_x)
     room_slopes = np.vstack([room_slopes, log_x_slope])
 
-    # The objective is the loss once the pulses just overturn: the velocity in the end is
-    # nearly in proportion to them.
+    # The objective is the size of the pulses once they just overturn: the velocity in the end
+    # is nearly in proportion to them.
     slope = np.zeros_like(candidate.numbers)
     if problem.goal == "smallest largest":
         loss = candidate.numbers[-1]
@@ -266,7 +266,7 @@ def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
         numbers=numbers,
         loss=float(end.loss),
         violation=float(-end.room.min()),
-        ended=found.status in (0, 8),  # converged, or no step that rounding lets lead lower
+        ended=found.status in (0, 8),  # converged, or rounding hides any descent
         path=tuple(path),
     )
 
@@ -344,7 +344,7 @@ def _space_apart(candidate: Candidate, problem: TrainProblem) -> Candidate:
 def _generate_moves(
     candidate: Candidate, problem: TrainProblem, k: int
 ) -> Iterator[Candidate]:
-    """Yield trains with pulse k where no descent leads, since there are valleys between.
+    """Yield trains with pulse k where no descent leads, since worse trains lie between.
 
     A pulse does most early in a half-cycle outward, or late inward.
     """
@@ -362,7 +362,7 @@ def _generate_moves(
 
     # Two pulses at once.
     if problem.constrained and k < candidate.impacts.size - 1:
-        # What comes earlier after one pulse, comes later after the next, and so on.
+        # Each a half-cycle earlier or later: limits on the times tie the two together.
         for by in (-1, 1):
             one_moved = _place_pulse(
                 candidate, k, _clip_impacts(impacts[k] + by, problem), _EARLY

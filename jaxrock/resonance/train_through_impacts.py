@@ -28,7 +28,7 @@ class Train(NamedTuple):
     phase
         0 where a pulse comes as early in its half-cycle as it may, 1 at the impact. In
         between, the cosine of the phase of the flight falls like the cosine of pi times this
-        number: the energy after the pulse is linear in that cosine.
+        number: linearized, the energy after the pulse is linear in that cosine.
     impulse
         Intensity over `Rocker.unit`, outward positive [-].
     impacts

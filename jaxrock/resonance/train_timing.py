@@ -191,7 +191,6 @@ def _find_weakest_train(
         grid = np.meshgrid(spacing, row)
         trains = (jnp.asarray(part.reshape(-1), rocker.restitution.dtype) for part in grid)
         overturn = np.asarray(_tell_overturning(rocker, count, *trains)).reshape(grid[0].shape)
-        # Both neighbours too: see above.
         overturn = overturn[:, :-2] & overturn[:, 1:-1] & overturn[:, 2:]
         if overturn.any():
             k = int(overturn.any(axis=1).argmax())

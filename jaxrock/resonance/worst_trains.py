@@ -263,7 +263,7 @@ def _make_result(
     intensities = outcome.sides[:count] * impulses * unit
     impacts = best.impacts[1:count]
     overturns = problem.seeks_pulses or bool(outcome.x >= 1)
-    # The peak of a launch is the flight at velocity 0 that has lost all of it.
+    # At the peak the velocity is 0: all of the launch velocity is lost.
     top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
     times, verified = _verify(best, problem, intensities, peak)
@@ -299,9 +299,10 @@ def _verify(
     way. The times are taken from the raised train, with a margin: a little later where a pulse
     comes right after an impact, a little earlier where it comes right before.
     """
-    # Half of the digits: followed by time, the same train is computed in another way.
+    # Half of the digits, but no less than 1e-6: followed over time, the same train is computed
+    # in another way.
     trial = max(1e-6, problem.eps**0.5)
-    early = best.phases[: best.used] > 0.5
+    before_impact = best.phases[: best.used] > 0.5
 
     def compute_times(raised: float) -> np.ndarray:
         """Compute when the pulses of the train come if it is raised by exp(`raised`)."""
@@ -310,7 +311,7 @@ def _verify(
     def follow_raised(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
         """Follow the train raised by a share, its pulses off the impacts by a margin."""
         # The margin, too, is one of strength: a stronger train has its impacts later.
-        times = np.where(early, compute_times(by - margin), compute_times(by + margin))
+        times = np.where(before_impact, compute_times(by - margin), compute_times(by + margin))
         times = np.maximum.accumulate(times)
         raised = jnp.asarray(intensities * (1 + by), times.dtype)
         return times, follow_timed_train(problem.rocker, jnp.asarray(times), raised)

@@ -140,10 +140,12 @@ def overturning_rate(
     The unseen part is estimated as Good and Turing estimate unseen species (I. J. Good,
     Biometrika 40 (1953) 237-264, doi:10.1093/biomet/40.3-4.237; I. J. Good and
     G. H. Toulmin, Biometrika 43 (1956) 45-63, doi:10.1093/biomet/43.1-2.45). The wider a
-    window is, the more likely a level hits it. So the windows that one level alone has hit are
-    together as wide as the windows that none has hit, up to scatter. For this scatter twice
-    its standard deviation is added; and three windows of the usual width, since there may be
-    as many where none was hit. The standard error takes the records for independent samples.
+    window is, the more likely a level hits it. Each level that is alone in its window stands
+    for half of the fall of the hazard between its neighbours; the sum of these estimates how
+    wide the windows are that no level hits. For its scatter twice its standard deviation is
+    added, and three windows of typical width: even if no level was
+    alone in a window, up to three may still exist (the rule of three). The standard error
+    takes the records for independent samples.
 
     Examples
     --------

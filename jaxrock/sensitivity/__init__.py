@@ -1,4 +1,4 @@
-"""What an answer depends on: derivatives, ranges, scatter and the probability of failure."""
+"""The dependence of an answer: derivatives, ranges, scatter and probability of failure."""
 
 from .array_slopes import value_and_slopes
 from .measures import (

@@ -1,4 +1,4 @@
-"""Which parameters matter: derivatives and ranges around one point, and over whole ranges."""
+"""The parameters that matter: derivatives and ranges around a point, and over ranges."""
 
 from dataclasses import dataclass
 from typing import Any

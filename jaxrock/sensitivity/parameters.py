@@ -120,8 +120,8 @@ def sample_scatter(
 
 def quantiles(z: Array, median: Array, width: Array, bounded: Array) -> Array:
     """Compute parameters at standard normal numbers, distributed as `find_widths` says."""
-    # Each branch is computed for all parameters, and a derivative with respect to the one that
-    # is not taken must not be NaN: hence the 1 in place of a median that has no odds.
+    # Each branch is computed for all parameters, and the derivative of a branch that is not
+    # taken must not be NaN: hence the 1 in place of a median that has no odds.
     odds = jnp.where(bounded, median / jnp.where(bounded, 1 - median, 1), 1.0)
     logit_normal = jax.nn.sigmoid(jnp.log(odds) + width * z)
     lognormal = median * jnp.exp(width * z)

@@ -180,8 +180,9 @@ class ReliabilityResult:
     most_likely : dict
         The parameters there, by name.
     misjudged : float
-        Share of samples that the paraboloid puts on the wrong side of the limit state: but for
-        the noise of sampling, no less than the error of `probability`.
+        Share of samples that the paraboloid puts on the wrong side of the limit state. But for
+        the noise of sampling, it bounds the error of the paraboloid's probability, which
+        `probability` approximates.
     valid : bool
         Whether the search has converged, and the samples do not contradict.
     """

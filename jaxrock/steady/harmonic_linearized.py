@@ -38,7 +38,7 @@ class HarmonicScene(eqx.Module):
 
     @property
     def half_period(self) -> Reals:
-        """T = pi / w."""
+        """Half a period of the floor, T, in units of 1 / p."""
         return math.pi / self.frequency
 
     def acceleration(self, rotation: Reals, push: Reals) -> Reals:
@@ -77,7 +77,7 @@ class LinearizedPath(HalfPeriodPath):
     def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
         """Rotation, velocity and acceleration at a share of the half period."""
         # Exponentials of negative numbers, less 1: no overflow for a slow floor, and no
-        # cancellation at both ends, where the rotation is 0.
+        # cancellation in `free` at both ends, where it is 0.
         length = self.half_period
         frequency = math.pi / self.half_period
         gone = jnp.expm1(-share * length)
@@ -131,7 +131,7 @@ def least_amplitude(restitution: Reals, frequency: Reals) -> Reals:
 
 
 def _compute_coefficients(c: Reals, w: Reals) -> tuple[Reals, Reals, Reals]:
-    """Compute the coefficients t, 1 - C, and (1 + C)^2 + (w t (1 - C))^2."""
+    """Compute the coefficients of the quadratic equation for m; see the top of this file."""
     t = jnp.tanh(0.5 * math.pi / w)
     loss = 1 - c
     return t, loss, (1 + c) ** 2 + (w * t * loss) ** 2

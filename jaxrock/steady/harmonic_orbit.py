@@ -46,7 +46,7 @@ class HarmonicOrbit(Printed, eqx.Module):
     launch_velocity : Array
         Angular velocity just after an impact [rad/s].
     phase : Array
-        Phase of the floor's sine [rad], between -pi and pi, at an impact after which the block
+        Phase of the floor's sine [rad], between 0 and pi, at an impact after which the block
         stands on the side to which rotation is positive.
     peak_rotation, rotation_ratio : Array
         Largest rotation [rad], and over the critical angle.
@@ -155,7 +155,7 @@ class _Quantities(NamedTuple):
     ratio: Reals  # of the peak rotation to the critical angle
     trace: Reals
     determinant: Reals
-    uplift: Reals  # acceleration that lifts the block from rest, beyond the amplitude
+    uplift_excess: Reals  # acceleration that lifts the block from rest, beyond the amplitude
 
 
 @elementwise(
@@ -197,7 +197,7 @@ def _compute_quantities(
     values = launch, phase, peak * angle, peak, trace, restitution**2
     # Last of all, so that no NaN is a factor of a derivative.
     known = [jnp.where(exists, value, jnp.nan) for value in values]
-    return _Quantities(*known, uplift=uplift_acceleration(block, model) - amplitude)
+    return _Quantities(*known, uplift_excess=uplift_acceleration(block, model) - amplitude)
 
 
 def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]:
@@ -254,7 +254,7 @@ def _make_orbit(
     ratio: Reals,
     trace: Reals,
     determinant: Reals,
-    uplift: Reals,
+    uplift_excess: Reals,
 ) -> HarmonicOrbit:
     """Make the orbit; it exists where the launch velocity is not NaN."""
     exists = ~jnp.isnan(launch)
@@ -272,7 +272,7 @@ def _make_orbit(
         exists=exists,
         stable=exists & (jnp.abs(known) < 1 + share) & (share < 1),
         symmetry_broken=exists & (known < -1 - share),
-        below_uplift=exists & (uplift > 0),
+        below_uplift=exists & (uplift_excess > 0),
     )
 
 

@@ -59,7 +59,7 @@ class PulsedPhase(Printed, eqx.Module):
     peak_rotation, rotation_ratio : Array
         alpha*_max [rad], and over the critical angle.
     stands : Array of bool
-        Whether there is a stabilized phase, be it that the block settles.
+        Whether there is a stabilized phase; rest counts as one if the block settles.
     from_rest : Array of bool
         Whether the pulses lead to it from rest. If not, the motion from rest dies out or never
         begins: only a block in motion is kept in motion.

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..driven import Driven, FollowedMotion, Status, follow_scene
+from ..driven import Driven, FollowedMotion, Status, follow_driven
 from ..ground_motion import Pulse
 from ..impact import velocity_after_impact
 from ..numerics import differentiate_by_jacobian
@@ -32,7 +32,7 @@ from ..validation import (
 
 # Time to wait for an impact after the pulse, times p. A block that has not landed until then
 # lies on its side, or all but balances.
-LONGEST = 200.0
+LONGEST_WAIT = 200.0
 # How a half-cycle ends: with an impact, at rest, on the side (or still in motion), in failure.
 LANDS, RESTS, OVERTURNS, FAILS = range(4)
 
@@ -121,8 +121,13 @@ def follow_half_cycle(
     )
     # The absolute tolerance lets small bounces be followed as exactly as large ones.
     rtol = limit_tolerance(velocity, rtol)
-    return follow_scene(
-        driven, rtol=rtol, atol=1e-9 * rtol, model=model, once=True, forced=False
+    return follow_driven(
+        driven,
+        rtol=rtol,
+        atol=1e-9 * rtol,
+        model=model,
+        until_first_impact=True,
+        with_forces=False,
     )
 
 
@@ -135,7 +140,7 @@ def compute_landing(
     scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, Landing]:
     """Compute the next landing velocity, and what else the half-cycle ended with."""
-    return read_landing(follow_half_cycle(scene, velocity, LONGEST, model, rtol))
+    return read_landing(follow_half_cycle(scene, velocity, LONGEST_WAIT, model, rtol))
 
 
 def read_landing(followed: FollowedMotion) -> tuple[Reals, Landing]:

@@ -24,7 +24,7 @@ from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Integers, Number, Reals, is_traced
 from .repeated_pulses import PulsedPhase, compute_phase
 from .repeated_pulses_map import (
-    LONGEST,
+    LONGEST_WAIT,
     RESTS,
     PulsedScene,
     check_pulsed_arguments,
@@ -111,11 +111,13 @@ def critical_pulsed_amplitude(
     -------
     PulsedThreshold
         For a finite number the lowest amplitude that overturns, up from uplift in steps of a
-        fifth. Without end NaN where the fixed point is unstable there. Under long pulses its
-        rate exceeds 1, and it disappears before, by meeting another one; with a rate below -1,
-        half-cycles alternate before. NaN also where no amplitude brings the block to the
-        threshold: one that loses most of its velocity at impacts is caught by a long pulse, or
-        overturns at once.
+        fifth. Without end the lowest one at which a fixed point reaches the threshold; NaN
+        where the `rate` of the map is not between -1 and 1 there. Above 1, as under long
+        pulses, the stable fixed point has met an unstable one at a lower amplitude, and both
+        are gone; below
+        -1 half-cycles alternate already at a lower amplitude. NaN also where no amplitude
+        brings the block to the threshold: one that loses most of its velocity at impacts is
+        caught by a long pulse, or overturns at once.
 
     Raises
     ------
@@ -190,8 +192,8 @@ def _compute_margin(
         side = jnp.where(response.final_rotation < 0, -1, 1)
         outward = side * response.final_velocity
         returning = equation.returning_velocity(side * response.final_rotation)
-        left = (returning - outward) / equation.critical_velocity
-        return left, _Outcome(outward, response.impacts > 0, early)
+        margin = (returning - outward) / equation.critical_velocity
+        return margin, _Outcome(outward, response.impacts > 0, early)
 
     start = equation.critical_velocity if count is None else jnp.zeros_like(logarithm)
     return jax.jvp(margin_when_pulse_ends, (logarithm, start), direction, has_aux=True)
@@ -211,7 +213,7 @@ def _follow_last_pulse(
         last = left == 0
         # The last pulse until it ends, the others until the block lands.
         followed = follow_half_cycle(
-            scene, velocity, jnp.where(last, 0.0, LONGEST), model, rtol
+            scene, velocity, jnp.where(last, 0.0, LONGEST_WAIT), model, rtol
         )
         landing, (outcome, *_) = read_landing(followed)
         over = ~last & (outcome > RESTS)

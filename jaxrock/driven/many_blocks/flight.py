@@ -6,6 +6,11 @@ bounded: where the bounds leave open whether there is an impact, whether it is t
 how high the block rises, the step is not taken, and the next one is shorter. A block that
 bounces while the input is about to lift it again has impacts that fill an arbitrarily small
 part of a step.
+
+An impact may fall on the end of the step, which is where the input has a corner: it counts if
+its time is not later. Then the next step has length 0 and leads into the next interval. If
+rounding puts it just behind the end, the block is held above the ground by the smallest number
+there is, and lands at the beginning of the next interval.
 """
 
 import math
@@ -20,12 +25,13 @@ from .ground_input import PerBlock, TruthPerBlock
 from .taylor import Coefficients, differentiate, evaluate, materialize
 
 # Longest step times the fastest rate: on longer ones the cubic is rarely close enough.
-LONGEST = 0.9
+LONGEST_STEP = 0.9
 # The error of cubic Hermite interpolation is at most this times the fourth power of the length
 # of the interval and the largest fourth derivative in it (Birkhoff and Priver 1967,
 # doi:10.1002/sapm1967461440).
 _FROM_CUBIC = 1 / 384
-# The error of its slope is at most sqrt(3) / 216 < 1 / 120 times the third power and the same.
+# The error of its slope is at most sqrt(3) / 216 < 1 / 120 times the third power of the length
+# and the same derivative.
 _FROM_ITS_SLOPE = 1 / 120
 
 
@@ -113,7 +119,7 @@ def _locate_landing(
     off = evaluate(path, before) / below
     # The square matters only in the second derivative of the time.
     time = materialize(before - off - 0.5 * off * off * bent / below)
-    # Half of the digits: as many as the last step, whose error is of third order, has mended.
+    # If a step of third order moves the time by less than sqrt(eps), only rounding is left.
     near = jnp.abs(time - before) <= float(jnp.finfo(time.dtype).eps) ** 0.5 * time
     return time, near & (steep < 0) & (time > 0) & (time <= latest)
 
@@ -121,8 +127,8 @@ def _locate_landing(
 def _fit_parabola(path: Coefficients, latest: Reals, depth: Reals) -> Coefficients:
     """Fit a parabola that is close to a path down to its depth at `latest`.
 
-    With the path's value and slope at the begin; it ends at the depth, or has the path's own
-    curvature if the bounce is so small that it falls below the ground long before.
+    With the path's value and slope at the beginning; it ends at the depth, or has the path's
+    own curvature if the bounce is so small that it falls below the ground long before.
     """
     width = jnp.where(latest > 0, latest, 1)
     chord = (depth - path[0] - path[1] * width) / (width * width)
@@ -256,7 +262,8 @@ class StepFlight(eqx.Module):
         reached = inside & _is_top(
             fixed_slope, jax.lax.stop_gradient(top), tolerance * highest_so_far
         )
-        # It is known if it was found, if there is none inside, or if it cannot exceed the peak.
+        # It is known if it was found, if there is none inside, or if it cannot exceed the
+        # peak.
         higher = cubic.bounds()[1] + fourth * cubic.step**4 * _FROM_CUBIC
         known = reached | _is_monotone(fixed, cubic, fourth) | (higher <= highest_so_far)
         uncertain = uncertain | (moves & ~known)
@@ -265,7 +272,8 @@ class StepFlight(eqx.Module):
         # is: no shorter one would tell more, and the lane would never end.
         long = step > 4 * float(jnp.finfo(step.dtype).eps)
         blocked = materialize(uncertain & long & jnp.isfinite(end))
-        # After a small bounce, which fills little of the step, its own length is the best guess.
+        # After a bounce that fills less than a quarter of the step: twice its own length,
+        # which is -c1 / c2, so that the next step reaches beyond its end.
         bounce = -2 * fixed[1] / jnp.where(fixed[2] < 0, fixed[2], -1)
         small = (fixed[0] == 0) & (fixed[2] < 0) & (bounce < 0.5 * latest)
         return cls(

@@ -46,7 +46,7 @@ class Excitation(eqx.Module):
     first_interval: CountPerBlock  # place of the first interval of the motion
     intervals: CountPerBlock  # of the motion
     grade: CountPerBlock  # of the intervals that might lift the block
-    # When a pulse might lift the block, from the begin of its interval on.
+    # When a pulse might lift the block, from the beginning of its interval on.
     uplift_times: tuple[PerBlock, ...]
 
 
@@ -87,14 +87,16 @@ class GroundInput(eqx.Module):
         """Expand both accelerations over g in powers of the time from `along` on.
 
         Horizontal and vertical; the latter is empty where there is none. `along` is the time
-        since the begin of the interval.
+        since the beginning of the interval.
         """
 
     @abc.abstractmethod
     def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
         """Find times at which an input of factor 1 rises to `needed`; inf for never.
 
-        Once for all steps, where that is possible for all intervals.
+        Once for all steps, where that is possible for all intervals. A pulse has three such
+        times, to alternate sides (see `PulseInput.first_sign`); another shape overrides
+        `find_uplift`.
         """
 
     @abc.abstractmethod
@@ -105,12 +107,12 @@ class GroundInput(eqx.Module):
         along: Reals,
         horizontal: Coefficients,
         vertical: Coefficients,
-        left: Reals,
+        time_left: Reals,
     ) -> tuple[Booleans, Reals, Reals]:
         """Find whether a block at rest is lifted in the interval, after how long, which side.
 
-        `tangent` is the push over g that lifts it, the series come from `expand`, `left` is
-        the rest of the interval.
+        `tangent` is the push over g that lifts it, the series come from `expand`, `time_left`
+        is the rest of the interval.
         """
 
     @abc.abstractmethod
@@ -123,7 +125,7 @@ class GroundInput(eqx.Module):
 
     @abc.abstractmethod
     def choose_grade(self, needed: Reals) -> Integers:
-        """Choose the highest grade that passes over no interval as strong as a block needs."""
+        """Choose the strongest grade that is not above what a block needs: it misses none."""
 
     @abc.abstractmethod
     def find_next_interval(self, interval: Integers, excitation: Excitation) -> Integers:

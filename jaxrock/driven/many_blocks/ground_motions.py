@@ -22,9 +22,10 @@ from .pulse_inputs import PulseInput, make_pulse_input
 from .record_input import GRADES, STRIDE, RecordInput
 
 # Samples that there is room for, in steps of a factor of 4: the fewer lengths, the fewer
-# programs, and a sample that is not used costs a few bytes.
+# programs, and a sample that is not used costs a few bytes. A group of records has so much
+# room at most, unless it is one long record.
 _LEAST_ROOM = 2**14
-_MOST_ROOM = 2**20
+_GROUP_ROOM = 2**20
 _RECORDS = 64  # that there is room for, at least
 
 
@@ -170,7 +171,7 @@ def _lay_out(
     begins = [0]
     traced = is_traced(samples)
     for k in range(1, len(counts)):
-        if grouped and edges[k + 1] - edges[begins[-1]] > _MOST_ROOM:
+        if grouped and edges[k + 1] - edges[begins[-1]] > _GROUP_ROOM:
             begins.append(k)
     limits = list(itertools.pairwise([*begins, len(counts)]))
     most = int(max(edges[end] - edges[begin] for begin, end in limits))
@@ -202,9 +203,11 @@ def _lay_out(
 def _choose_room(samples: int) -> int:
     """Return the padded length for a number of samples, one of few."""
     room = _LEAST_ROOM
-    while room < min(samples, _MOST_ROOM):
+    while room < min(samples, _GROUP_ROOM):
         room *= 4
-    return max(room, -(-samples // _MOST_ROOM) * _MOST_ROOM) if samples > _MOST_ROOM else room
+    return (
+        max(room, -(-samples // _GROUP_ROOM) * _GROUP_ROOM) if samples > _GROUP_ROOM else room
+    )
 
 
 def _make_record_input(
@@ -218,13 +221,15 @@ def _make_record_input(
     record = np.searchsorted(first, places, side="right") - 1
     exists = places < (first + intervals)[record]
 
-    # A record is finite if it has as many wrong samples as there were before its first one.
+    # A record is finite if the running number of wrong samples is the same at its last sample
+    # as before its first one.
     finite = namespace.isfinite(sum(samples))
     wrong = namespace.cumsum(~finite, dtype=np.int32)
     before = namespace.concatenate([namespace.zeros(1, np.int32), wrong])[first]
 
     # The strength of an interval is the largest magnitude at its ends. Its grade says how much
-    # weaker than the strongest one it is; the last grade is 0, which every interval exceeds.
+    # weaker than the strongest one it is. The threshold of the last grade is 0, which every
+    # interval exceeds in which the ground moves.
     ends = [namespace.maximum(abs(part[1:]), abs(part[:-1])) for part in samples]
     strength = functools.reduce(namespace.maximum, ends)
     strength = namespace.where(finite[1:] & finite[:-1] & exists, strength, 0)

@@ -19,7 +19,7 @@ from .ground_motions import convert_motion
 from .step import BatchArguments, Lanes, max_steps, prepare_blocks, take_step
 
 _LANES = 64
-# As `respond_batch` has them at its usual tolerance.
+# As `respond_batch` has them in float64 at its default tolerance.
 _ORDER = 14
 _TOLERANCE = 5e-11
 

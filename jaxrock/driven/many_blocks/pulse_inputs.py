@@ -51,10 +51,10 @@ class PulseInput(GroundInput):
         along: Reals,
         horizontal: Coefficients,
         vertical: Coefficients,
-        left: Reals,
+        time_left: Reals,
     ) -> tuple[Booleans, Reals, Reals]:
         """Find the first of `uplift_times` that is still to come."""
-        del vertical, left
+        del vertical, time_left
         at_once = jnp.abs(horizontal[0]) > tangent * (1 + rounding_margin(along.dtype))
         time = jnp.full_like(along, jnp.inf)
         side = jnp.ones_like(along)
@@ -102,7 +102,7 @@ class SineInput(PulseInput):
     def expand(
         self, excitation: Excitation, interval: Integers, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
-        """Expand the sine, whose derivatives are itself again."""
+        """Expand the sine: its second derivative is -rate^2 times itself."""
         del interval
         rate = excitation.rate
         sine, cosine = _compute_sine_cosine(self.compute_phase(rate, along))
@@ -178,7 +178,7 @@ def make_pulse_input(
 def _times_of_phases(
     phases: tuple[Reals, ...], rate: Reals, begin: Reals
 ) -> tuple[Reals, ...]:
-    """Convert phases to times from the begin of an interval; inf for phases before it."""
+    """Convert phases to times from the beginning of an interval; inf for phases before it."""
     moving = jnp.where(rate > 0, rate, 1)
     return tuple(
         jnp.where((rate > 0) & (phase > begin), (phase - begin) / moving, jnp.inf)

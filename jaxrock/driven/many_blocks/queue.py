@@ -24,6 +24,7 @@ class FinalStates(NamedTuple):
     velocity: Reals
     end_rotation: Reals  # at the end of the input
     end_velocity: Reals
+    end_impacts: Reals
     impacts: Reals
     followed: Reals  # 1 if to the end, otherwise 0
 
@@ -36,6 +37,7 @@ class FinalStates(NamedTuple):
             velocity=lanes.side * lanes.velocity,
             end_rotation=lanes.end_rotation,
             end_velocity=lanes.end_velocity,
+            end_impacts=lanes.end_impacts.astype(lanes.peak.dtype),
             impacts=lanes.impacts.astype(lanes.peak.dtype),
             followed=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
@@ -64,7 +66,7 @@ def work_off(
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
         idle = ~lanes.are_active(case)
-        # One scatter of rows, where an array each result would be seven.
+        # One scatter of rows: an array for each result would need eight.
         rows = jnp.stack(FinalStates.of(lanes, case), axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
 
@@ -111,7 +113,7 @@ def work_off(
 
 
 def _sum_up(x: Integers) -> Integers:
-    """Sum all elements up to each, by doubling: the sum of XLA for processors takes all pairs."""
+    """Sum all elements up to each, by doubling: XLA's own adds n^2 pairs on processors."""
     shift = 1
     while shift < x.size:
         x = x + jnp.pad(x[:-shift], (shift, 0))

@@ -81,16 +81,16 @@ class RecordInput(GroundInput):
         along: Reals,
         horizontal: Coefficients,
         vertical: Coefficients,
-        left: Reals,
+        time_left: Reals,
     ) -> tuple[Booleans, Reals, Reals]:
         """Find where the line crosses the push that lifts the block."""
         del excitation, along
         # The push needed is linear in time as well, if the ground moves vertically.
-        needed = (tangent * (1 + rounding_margin(left.dtype)), jnp.zeros_like(left))
+        needed = (tangent * (1 + rounding_margin(time_left.dtype)), jnp.zeros_like(time_left))
         if vertical:
             needed = (needed[0] + tangent * vertical[0], needed[1] + tangent * vertical[1])
-        last = evaluate(horizontal, left)
-        needed_last = evaluate(needed, left)
+        last = evaluate(horizontal, time_left)
+        needed_last = evaluate(needed, time_left)
         at_once = jnp.abs(horizontal[0]) > needed[0]
         lifted = at_once | (jnp.abs(last) > needed_last)
         side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
@@ -120,7 +120,7 @@ class RecordInput(GroundInput):
         return jnp.asarray(self.finite)[motion]
 
     def choose_grade(self, needed: Reals) -> Integers:
-        """Choose the highest grade that passes over no interval as strong as a block needs."""
+        """Choose the strongest grade that is not above what a block needs: it misses none."""
         steps = jnp.ceil(2 * jnp.log2(jnp.asarray(self.strongest) / needed))
         return jnp.clip(steps, 0, GRADES - 1).astype(jnp.int32)
 
@@ -129,6 +129,6 @@ class RecordInput(GroundInput):
         place = excitation.first_interval + interval
         index = (place // STRIDE) * GRADES + excitation.grade
         following = jnp.asarray(self.following).at[index].get(mode="clip") * STRIDE
-        # Only from the begin of a stride on: within one, intervals are taken one by one.
+        # Only from the beginning of a stride on: within one, intervals are taken one by one.
         place = jnp.where(place % STRIDE == 0, following, place)
         return jnp.minimum(place - excitation.first_interval, excitation.intervals)

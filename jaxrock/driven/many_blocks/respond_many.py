@@ -34,12 +34,13 @@ from .queue import work_off
 from .record_input import RecordInput
 from .step import BatchArguments, Case, Lanes, prepare_blocks, take_step
 
-# On a processor, lanes fill its vectors several times over, and their states its nearest cache.
+# On a processor, lanes fill its vectors several times over, and their states its nearest
+# cache.
 _LANES = 64
 # The queue has one size there, so that one program serves batches of all sizes.
 _ROOM = 2048
 # The part of the tolerance that a step may use up: errors of steps add up, and impacts amplify
-# them. Less from 1e-10 on, where rounding takes a part.
+# them. Less below 1e-10, where rounding uses up a part.
 _SHARE = 0.05
 _SHARE_OF_TIGHT = 0.02
 _TIGHT = 1e-10
@@ -123,8 +124,10 @@ def _follow_rows(
     toppled = ends.peak >= TOPPLED_ROTATION
     overturned = complete & (toppled | (margin < 0))
     impacts = ends.impacts.astype(int)
-    # A block that overturns on the other side does so after one more impact.
-    mode = impacts + jnp.where(toppled | (before_impact < 0), 0, 1)
+    # It overturns on the other side after one more impact, which may fall after the end of the
+    # input. So impacts are counted where the criterion is read.
+    at_once = (ends.end_rotation >= TOPPLED_ROTATION) | (before_impact < 0)
+    mode = ends.end_impacts.astype(int) + jnp.where(at_once, 0, 1)
 
     def where_complete(value: Reals) -> Reals:
         return jnp.where(complete, value, jnp.nan)
@@ -160,7 +163,7 @@ def respond_batch(
     model: ModelLike = Nonlinear(),
     rtol: float | None = None,
 ) -> BatchResponse:
-    """Response of many blocks, from rest, on the grid of the input.
+    """Response of many blocks, from rest, each in steps of its own.
 
     Everything broadcasts: blocks, restitutions, durations, the amplitude, duration and
     start of a pulse, the amplitude, frequency and start of a `Harmonic`, the scale, time step
@@ -298,9 +301,10 @@ def _share_out(
     workers = count_processors() if on_processor else len(devices)
     size = rows.shape[1]
 
-    # An accelerator takes all its blocks as lanes; its shapes are powers of two.
-    alone = ground.fewest_for_two_threads() if on_processor else 1
-    share = max(-(-size // workers), alone)
+    # An accelerator takes all its blocks as lanes, in a queue of a power of two; each number
+    # of lanes is a program.
+    fewest = ground.fewest_for_two_threads() if on_processor else 1
+    share = max(-(-size // workers), fewest)
     room = 1 << (share - 1).bit_length()
     lanes = share
     if on_processor:
@@ -317,7 +321,7 @@ def _share_out(
         order = np.argsort(-intervals, kind="stable")
 
     def follow_piece(k: int) -> BatchResponse:
-        # Every so-manieth block: neighbours in a grid take about as long.
+        # Every `pieces`-th block: neighbours in a grid take about as long.
         part = rows[:, order[k::pieces]]
         count = part.shape[1]
         queue = np.ones((len(rows), room), rows.dtype)

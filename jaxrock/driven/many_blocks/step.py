@@ -9,7 +9,7 @@ The state of a lane is `Lanes`; a step leads from one row of this table to anoth
                             input lifts it, if this        that is lifted
                             interval lifts it
                             else to the end of the         rests in the next interval that
-                            interval                       may lift it
+                            interval                       may lift it; is done if none may
     moves                   as long as the last terms of   moves
                             its polynomial allow, at most
                             to the end of the interval
@@ -44,7 +44,7 @@ from ...resonance import Linearized, RockingModel
 from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
-from .flight import LONGEST, StepFlight
+from .flight import LONGEST_STEP, StepFlight
 from .ground_input import (
     CountPerBlock,
     Excitation,
@@ -144,7 +144,7 @@ def prepare_blocks(
         uplift_times=uplift_times,
     )
 
-    # A sum is finite if all its terms are.
+    # A sum is finite only if all its terms are: one test serves all.
     total = p_squared + equation.tangent + strength + start
     finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
     positive = (p_squared > 0) & (length > 0) & (duration > 0)
@@ -160,7 +160,7 @@ def prepare_blocks(
         equation=eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), equation, (None, None)),
         ground_sine=ground_sine,
         ground_cosine=ground_cosine,
-        longest_free_step=LONGEST / (natural * unit),
+        longest_free_step=LONGEST_STEP / (natural * unit),
         restitution=restitution,
         start=start,
         duration=duration,
@@ -173,7 +173,7 @@ class Lanes(eqx.Module):
     """The states of the blocks that are followed side by side."""
 
     interval: CountPerBlock
-    elapsed: PerBlock  # time since the begin of the interval
+    elapsed: PerBlock  # time since the beginning of the interval
     side: PerBlock  # on which the block stands, 1 or -1
     rotation: PerBlock  # from that side
     velocity: PerBlock
@@ -184,6 +184,7 @@ class Lanes(eqx.Module):
     steps: CountPerBlock  # in motion
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
     end_velocity: PerBlock
+    end_impacts: CountPerBlock
 
     @classmethod
     def at_rest(cls, interval: Integers, dtype: DTypeLike) -> "Lanes":
@@ -203,6 +204,7 @@ class Lanes(eqx.Module):
             steps=count,
             end_rotation=zero,
             end_velocity=zero,
+            end_impacts=count,
         )
 
     def are_active(self, case: Case) -> Booleans:
@@ -236,7 +238,7 @@ def take_step(
     begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.excitation.length
     length = jnp.where(acts, case.excitation.length, jnp.inf)
     stop = jnp.minimum(length, case.duration - begin)
-    left = stop - lanes.elapsed
+    time_left = stop - lanes.elapsed
 
     # The input from here on. All that follows uses these many times. Without a barrier (here
     # and at each `materialize` in this file), XLA would fuse their computation into every use
@@ -245,19 +247,19 @@ def take_step(
     excitation = replace(case.excitation, strength=strength)
     horizontal, lift = ground.expand(excitation, lanes.interval, lanes.elapsed, order)
     push = tuple(lanes.side * part for part in horizontal)
-    horizontal, lift, push, left = materialize((horizontal, lift, push, left))
+    horizontal, lift, push, time_left = materialize((horizontal, lift, push, time_left))
 
     # At rest: uplift within the interval.
     lifted, wait, uplift_side = ground.find_uplift(
-        case.excitation, case.equation.tangent, lanes.elapsed, horizontal, lift, left
+        case.excitation, case.equation.tangent, lanes.elapsed, horizontal, lift, time_left
     )
-    lifted = ~lanes.moves & acts & lifted & (left > wait)
+    lifted = ~lanes.moves & acts & lifted & (time_left > wait)
     lifted, wait, uplift_side = materialize((lifted, wait, uplift_side))
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = jnp.where(acts, LONGEST, case.longest_free_step)
-    step = jnp.minimum(jnp.minimum(left, longest), lanes.step_limit)
+    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
+    step = jnp.minimum(jnp.minimum(time_left, longest), lanes.step_limit)
     step = materialize(
         jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, tolerance)), 0)
     )
@@ -268,7 +270,7 @@ def take_step(
 
     # Which row of the table each lane has come to.
     toppled = flight.highest >= TOPPLED_ROTATION
-    flies_to_end = ~(flight.lands | flight.blocked) & (flight.time >= left)
+    flies_to_end = ~(flight.lands | flight.blocked) & (flight.time >= time_left)
     arrives = jnp.where(lanes.moves, flies_to_end, ~lifted)
     exhausted = toppled | (lanes.steps >= max_steps(case))
     # Not `stop < length`: where NaN has got in, the lane must end as well.
@@ -284,6 +286,7 @@ def take_step(
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
     rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
+    impacts = lanes.impacts + flight.lands.astype(jnp.int32)
     taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
     return materialize(
         Lanes(
@@ -295,10 +298,11 @@ def take_step(
             step_limit=jnp.where(flight.blocked, flight.step_limit, jnp.inf),
             moves=jnp.where(lanes.moves, ~(settles | ended), lifted),
             peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
-            impacts=lanes.impacts + flight.lands.astype(jnp.int32),
+            impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
             end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
             end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
+            end_impacts=jnp.where(acts, impacts, lanes.end_impacts),
         )
     )
 
@@ -307,45 +311,48 @@ def _settles(
     case: Case,
     push: Coefficients,
     lift: Coefficients,
-    flight: Reals,
+    impact_time: Reals,
     step: Reals,
     leaving: Reals,
     peak: Reals,
 ) -> Booleans:
-    """Tell whether a block comes to rest after an impact at the time `flight` in the step.
+    """Tell whether a block comes to rest after an impact, at a time in the step.
 
-    It does if all further bounces, which are infinitely many, end within the step (Zeno). From
-    the velocity `leaving` an impact, and under a constant acceleration `down` to the ground, a
-    bounce takes 2 leaving / down, and all together take 2 leaving / (down (1 - C)). Here that
-    is bounded for an input that changes meanwhile.
+    It does if all further bounces, which are infinitely many, end within the step (Zeno), or
+    if the velocity `leaving` the impact is rounding. Under a constant acceleration `down` to
+    the ground a bounce takes 2 leaving / down, and all together take 2 leaving / ((1 - C)
+    down). Here that is bounded for an input that changes meanwhile.
     """
     equation = case.equation
-    # On the side to which the ground pushes, it presses less.
-    sideways = jnp.abs(evaluate(push, flight))
-    upward = evaluate(lift, flight) if lift else 0.0
+    # The next bounce may go to either side. The ground pulls the block down least on the side
+    # to which it pushes.
+    sideways = jnp.abs(evaluate(push, impact_time))
+    upward = evaluate(lift, impact_time) if lift else 0.0
     down = -equation.right_hand_side(case.ground_sine, case.ground_cosine, sideways, upward)
     down, leaving = materialize((down, leaving))
 
-    # An acceleration that changes by less than `little` until the bounces have ended makes
-    # each of them a little longer: 3 instead of 2 leaving / (down (1 - C)) is ample.
-    little = 0.125 * (1 - case.restitution) * down
-    bounces = 3 * leaving / jnp.where(little > 0, 8 * little, 1)
-    settled = flight + bounces
+    # Let the acceleration change by less than (1 - C) down / 8 until the bounces have ended.
+    # Each then takes a little longer: 3 instead of 2 leaving / ((1 - C) down) is ample.
+    share = (1 - case.restitution) * down
+    allowed_change = 0.125 * share
+    bounces = 3 * leaving / jnp.where(share > 0, share, 1)
+    settled = impact_time + bounces
     change = case.ground_cosine * _bound_slope(push, settled)
     if lift:
         change = change + case.ground_sine * _bound_slope(lift, settled)
-    steady = bounces * change * equation.p_squared <= little
+    steady = bounces * change * equation.p_squared <= allowed_change
 
-    # The bounces must also be so low that gravity pulls no less than on the ground.
-    low = equation.p_squared * leaving * leaving <= little * down
+    # The bounces must also be so low that gravity pulls hardly less than on the ground.
+    low = equation.p_squared * leaving * leaving <= allowed_change * down
     # The next bounce is not computed any more: it must not be the highest.
     low = low & (leaving * leaving <= down * peak)
+    ends = (share > 0) & (settled <= step) & steady & low
 
     # Where the input all but lifts the block, `down` is rounding, and so is this velocity.
     tiny = rounding_margin(leaving.dtype)
     nothing = leaving <= tiny * equation.critical_velocity
     level = -down <= 2 * tiny * equation.p_squared * case.ground_sine
-    return ((little > 0) & (settled <= step) & steady & low) | (nothing & level)
+    return ends | (nothing & level)
 
 
 def _bound_slope(series: Coefficients, time: Reals) -> Reals:

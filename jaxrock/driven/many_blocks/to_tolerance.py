@@ -34,7 +34,8 @@ class EstimatedResponse(Printed, eqx.Module):
         tolerance under an input that is off by rounding, and at least twice `rtol`; inf where
         that has another outcome.
     cheapest : Array
-        The loosest tolerance that is good enough: cheaper, next time.
+        The loosest tolerance known to be good enough, for the next time; the tightest where
+        none is.
     within_tolerance : Array of bool
         Whether the error is within the tolerance. Where it is not, the response is chaotic,
         or the precision cannot deliver it.

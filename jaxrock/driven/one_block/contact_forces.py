@@ -116,7 +116,7 @@ def _find_extremes_of_step(
     horizontal, normal = map(jnp.stack, zip((horizontal, normal), *refined, strict=True))
     # In the shortest steps, which change nothing, the quintic's velocity between the ends is a
     # quotient of rounding errors: only their ends count. A step is short if p times its length
-    # is less than half of the digits of the rotation.
+    # is less than sqrt(eps) times the rotation.
     eps = float(jnp.finfo(nodes.dtype).eps)
     step = times[1] - times[0]
     long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(segment.equation.p_squared)

@@ -31,10 +31,11 @@ from .segment_integration import (
 from .solver_steps import Segment, Stepper, estimate_time_rounding
 from .uplift import UpliftTable
 
-# Phases of the motion. The table in `follow_scene` says what each of them does next.
+# Phases of the motion. The table in `follow_driven` says what each of them does next.
 REST, RISING, FALLING, TOPPLED = range(4)
 
-# Part of `rtol` by which all further bounces may change the motion for the block to rest.
+# A block rests once all further bounces take less than this share of `rtol`, in units of 1 /
+# p.
 _REST_SHARE = 1e-3
 
 
@@ -134,6 +135,7 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     # accelerated now, whatever the event before made of it.
     still = state.velocity == 0
     lifted = (state.rotation == 0) & (state.velocity == 0)
+    # `FALLING` on the ground: its peak was at rotation 0, and it rests.
     on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
     down = jnp.where(state.rotation > 0, FALLING, on_ground)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
@@ -149,8 +151,8 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     state = state._replace(balanced=state.balanced | waits)
 
     # A block that has just been lifted has an acceleration of 0, up to rounding, which must
-    # not put it down again at once. One that leaves its balance begins as slowly. Nor is a
-    # time that the clock cannot resolve one in which a block moves.
+    # not put it down again at once. One that leaves its balance begins as slowly. The
+    # rounding of the clock is added: a shorter time is no motion.
     slow = lifted | balanced
     earliest = jnp.where(
         slow,
@@ -195,7 +197,7 @@ def _apply_event(
     STOP       either      as integrated                        as before
     =========  ==========  ===================================  ==========================
 
-    The event says what one number is: it replaces the integrated one, which is right to
+    At an event one number is known exactly. It replaces the integrated one, which differs by
     rounding.
     """
     equation = integration.equation

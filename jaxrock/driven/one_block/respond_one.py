@@ -22,7 +22,7 @@ from ...validation import (
     unify_precision,
 )
 from ..scene import Driven
-from .impact_to_impact import follow_scene_jitted
+from .event_loop import follow_driven_jitted
 from .response import Response, Status
 
 _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
@@ -131,7 +131,7 @@ def respond(
     if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
         got = describe(max_impacts)
         raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
-    # Tolerances as arrays are arguments of the program: another one compiles nothing.
+    # Tolerances are arrays: with another one nothing is compiled anew.
     settings: dict[str, object] = {
         "rtol": np.asarray(rtol, dtype),
         "atol": np.asarray(atol, dtype),
@@ -139,13 +139,13 @@ def respond(
         "method": solver,
     }
     with contextlib.ExitStack() as stack:
-        # Only where they are on: a setting of its own would compile anew.
+        # Only where they are on: each change of the configuration compiles anew.
         if jax.config.jax_debug_nans:
             stack.enter_context(jax.debug_nans(False))
         if jax.config.jax_check_tracer_leaks:
             stack.enter_context(jax.check_tracer_leaks(False))
         if is_traced(driven):
-            return follow_scene_jitted(driven, max_impacts=max_impacts, **settings).response
+            return follow_driven_jitted(driven, max_impacts=max_impacts, **settings).response
         return _respond_with_full_lists(driven, settings)
 
 
@@ -184,11 +184,11 @@ def _respond_with_full_lists(driven: Driven, settings: dict[str, object]) -> Res
     # Motions of many shapes share one program; the response keeps the motion as it is.
     bucketed = driven.bucketed()
     max_impacts = _MAX_IMPACTS
-    response = follow_scene_jitted(bucketed, max_impacts=max_impacts, **settings).response
-    # Hardly ever: each length of the lists is a program of its own.
+    response = follow_driven_jitted(bucketed, max_impacts=max_impacts, **settings).response
+    # Rarely needed: each length of the lists is a program of its own.
     while int(response.status) == Status.LIST_FULL:
         max_impacts *= 32
-        response = follow_scene_jitted(bucketed, max_impacts=max_impacts, **settings).response
+        response = follow_driven_jitted(bucketed, max_impacts=max_impacts, **settings).response
     events = int(np.isfinite(response.events.time).sum())
 
     def get_lists(r: Response) -> tuple:

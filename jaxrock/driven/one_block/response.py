@@ -60,8 +60,8 @@ class Response(Printed, eqx.Module):
         Whether the block falls: by reaching pi / 2, or by energy once the input has ended (or
         the duration, if that is shorter, as if the input ended there).
     overturning_time, margin : Array
-        Last time at which it passed the critical angle [s], NaN if it stands or passes it
-        after the duration; and `free_motion_margin` at the end of the input [-].
+        Last time up to the duration at which it passed the critical angle outward [s], NaN if
+        it stands or never passed it; and `free_motion_margin` at the end of the input [-].
     impacts : Array of int
         Number of impacts.
     impact_times, impact_velocities : Array, shape (impacts,)
@@ -197,8 +197,8 @@ def _compute_history(
     Both are NaN before time 0 and after the duration.
     """
     equation = Equation.of(driven.block, model)
-    # A response does not keep its tolerance. This one is tighter than the default in float64,
-    # and what the precision can deliver in float32.
+    # A response does not keep its tolerance. This one is tighter than the default in float64;
+    # in float32 it is 100 eps, about the default.
     stepper = Stepper("Tsit5", max(1e-9, 100 * float(jnp.finfo(times.dtype).eps)), 0.0)
     event_times = jnp.where(jnp.isnan(events.time), jnp.inf, events.time)
 

@@ -69,17 +69,17 @@ class EventFunctions(eqx.Module):
         none = jnp.zeros_like(self.earliest)
         contact = jnp.where(self.rising, TOPPLED_ROTATION * unit, 0)
         critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
-        return jnp.stack([none, contact, critical]) + self.differentiate(y)
+        return jnp.stack([none, contact, critical]) + self.apply_linear_part(y)
 
-    # Jitted, so that it enters the program once, although three functions call it.
+    # Jitted, so that it enters the program once, however often it is called.
     @jax.jit
-    def differentiate(self, rate: Reals) -> Reals:
-        """Differentiate the functions in time: their linear part, of the rate of the state."""
+    def apply_linear_part(self, y: Reals) -> Reals:
+        """Apply the linear part of the functions to a state, or to its derivative in time."""
         unit = 1 / self.equation.critical_angle
         up = jnp.where(self.rising, unit, -unit)
         critical = jnp.where(self.rising & ~self.crossed, -unit, 0)
         peak = up / jnp.sqrt(self.equation.p_squared)
-        return jnp.stack([peak * rate[1], -up * rate[0], critical * rate[0]])
+        return jnp.stack([peak * y[1], -up * y[0], critical * y[0]])
 
 
 class SegmentState(NamedTuple):
@@ -164,8 +164,8 @@ def _advance(
     # step accepted,        | y at its end                      | the next one; at the end of
     #   no event            |                                   |   the length: done
     # step accepted, event  | the event lies in this step       | repetition 1, to the bracket
-    # repetition 1 or 2     | y within rounding of the event    | the next one, to the refined
-    #                       |                                   |   time
+    # repetition 1 or 2     | y near the event: as near as the  | the next one, to the refined
+    #                       |   bracket, then to rounding       |   time
     # repetition 3          | y at the event                    | done
     # no progress           | the clock cannot resolve the next | y is NaN: done
     #                       |   step, or y is NaN               |
@@ -176,30 +176,34 @@ def _advance(
     )
     repeats = before.repetitions > 0
     event = before.event
-    goes_on = step.accepted & ~repeats
+    advances = step.accepted & ~repeats
     found = jnp.array(False)
     if event_functions is not None:
         # Which event it is has no derivative. Over all of a step more than one function may
         # have changed its sign: the first repetition, which ends within the bracket of the
         # earliest, decides again.
-        left = jax.lax.stop_gradient(event_functions).evaluate(jax.lax.stop_gradient(step.y))
-        found = goes_on & (before.step_end > event_functions.earliest) & (left.min() <= 0)
-        goes_on = goes_on & ~found
-        event = jnp.where(found | (before.repetitions == 1), jnp.argmin(left), event)
+        event_values = jax.lax.stop_gradient(event_functions).evaluate(
+            jax.lax.stop_gradient(step.y)
+        )
+        found = (
+            advances & (before.step_end > event_functions.earliest) & (event_values.min() <= 0)
+        )
+        advances = advances & ~found
+        event = jnp.where(found | (before.repetitions == 1), jnp.argmin(event_values), event)
     repetitions = jnp.where(repeats | found, before.repetitions + 1, 0)
-    done = (goes_on & (before.step_end >= length)) | (repetitions > _REPETITIONS)
+    done = (advances & (before.step_end >= length)) | (repetitions > _REPETITIONS)
 
     # Steps that are rejected or will be repeated leave the state where it was.
-    counts = goes_on | done
+    counts = advances | done
     elapsed = jnp.where(counts, before.step_end, before.elapsed)
     y = jnp.where(counts, step.y, before.y)
 
     # A kink of the input cuts steps short, and from a short step the controller proposes a
     # short one. What it had proposed before the cut still holds.
     wanted = jnp.where(
-        goes_on, jnp.maximum(step.next_length, before.wanted_length), step.next_length
+        advances, jnp.maximum(step.next_length, before.wanted_length), step.next_length
     )
-    acceleration, forces = _add_forces(segment, before, step, elapsed, y, goes_on, counts)
+    acceleration, forces = _add_forces(segment, before, step, elapsed, y, advances, counts)
     step_end = limit_step(segment, length, elapsed, elapsed + wanted, y, acceleration)
     if event_functions is not None:
         next_end = step_end
@@ -217,11 +221,11 @@ def _advance(
     # Written so that a NaN counts as no progress.
     stuck = ~done & ~repeats & ~found & ~(step_end > elapsed)
     y = jnp.where(stuck, jnp.nan, y)
-    wanted = jnp.where(goes_on, wanted, 0)
+    wanted = jnp.where(advances, wanted, 0)
     done = done | stuck
     steps = before.steps + 1
     states = step.solver_state, before.solver_state
-    solver_state = jax.tree.map(lambda new, old: jnp.where(goes_on, new, old), *states)
+    solver_state = jax.tree.map(lambda new, old: jnp.where(advances, new, old), *states)
     return SegmentState(
         elapsed=elapsed,
         y=y,
@@ -242,7 +246,7 @@ def _add_forces(
     step: Step,
     elapsed: Reals,
     y: Reals,
-    goes_on: Booleans,
+    advances: Booleans,
     counts: Booleans,
 ) -> tuple[Reals, ForceExtremes | None]:
     """Add the forces in a step, if it counts; return the acceleration at its end as well."""
@@ -256,7 +260,7 @@ def _add_forces(
         times = jnp.stack([before.elapsed, before.step_end])
         states = jnp.stack([before.y, step.y], axis=1)
         accelerations = fixed.field(*jax.lax.stop_gradient((times, states)))[1]
-        acceleration = jnp.where(goes_on, accelerations[1], accelerations[0])
+        acceleration = jnp.where(advances, accelerations[1], accelerations[0])
         forces = add_step(forces, segment, times, states, accelerations, counts)
     return acceleration, forces
 
@@ -296,8 +300,8 @@ def _refine_event_time(
     _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
     parts = (
         event_functions.evaluate(y),
-        event_functions.differentiate(rate),
-        event_functions.differentiate(change),
+        event_functions.apply_linear_part(rate),
+        event_functions.apply_linear_part(change),
     )
     value, slope, curvature = (part[event] for part in parts)
     steep = jnp.where(slope < 0, slope, -1)

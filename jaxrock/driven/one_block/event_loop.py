@@ -1,7 +1,7 @@
 """Driven motion from event to event: uplift, impact, peak, and the edges of the input.
 
-Each turn of the loop in `follow_scene` waits for the input to lift a block at rest, or moves a
-block through one segment (`move_to_event`). Then it logs the event.
+Each turn of the loop in `follow_driven` waits for the input to lift a block at rest, or moves
+a block through one segment (`move_to_event`). Then it logs the event.
 """
 
 from typing import NamedTuple
@@ -49,20 +49,20 @@ class FollowedMotion(NamedTuple):
     last_impact: Reals  # its time, and the signed velocity just before it
 
 
-def follow_scene(
+def follow_driven(
     driven: Driven,
     *,
     rtol: Reals | float,
     atol: Reals | float,
     model: RockingModel,
     max_impacts: int = 0,
-    once: bool = False,
-    forced: bool = True,
+    until_first_impact: bool = False,
+    with_forces: bool = True,
     method: str = "Tsit5",
 ) -> FollowedMotion:
-    """Follow a block to the end of the duration, or with `once` to its first impact.
+    """Follow a block to the end of the duration, or only to its first impact.
 
-    Without `forced`, friction demand and normal force are left out.
+    With `with_forces=False`, friction demand and normal force are left out.
     """
     # State of the loop | What is known                      | What happens next
     # ------------------|------------------------------------|---------------------------------
@@ -80,7 +80,8 @@ def follow_scene(
     #                   |                                    |   or an edge of the input
     # TOPPLED           | it lies on its side, for good      | the loop ends
     #
-    # It also ends at the end of the duration, with `once` after an impact, and in failure.
+    # It also ends at the end of the duration, with `until_first_impact` after one, and in
+    # failure.
     with guard_once():
         driven, valid = replace_invalid(driven)
         equation = Equation.of(driven.block, model)
@@ -91,7 +92,7 @@ def follow_scene(
 
     def goes_on(carry: _Carry) -> Booleans:
         state, _ = carry
-        wanted = (state.impacts == 0) | (not once)
+        wanted = (state.impacts == 0) | (not until_first_impact)
         wanted = wanted & (state.time < driven.duration) & (state.phase != TOPPLED)
         return ((state.events == 0) | wanted) & ~state.failed & (state.events < _MAX_EVENTS)
 
@@ -103,7 +104,7 @@ def follow_scene(
             lists = _log_event(before, state, lists, max_impacts)
         return state, lists
 
-    first = _make_first_state(dtype, valid, forced)
+    first = _make_first_state(dtype, valid, with_forces)
     # The last row of each list is for what has no place.
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
@@ -115,10 +116,10 @@ def follow_scene(
 
 
 # Compiled once for all tolerances, with derivatives in both modes.
-follow_scene_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_scene))
+follow_driven_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_driven))
 
 
-def _make_first_state(dtype: jnp.dtype, valid: Booleans, forced: bool) -> State:
+def _make_first_state(dtype: jnp.dtype, valid: Booleans, with_forces: bool) -> State:
     """Make the state before the first event, which `_start` fills in."""
     zero = jnp.zeros((), dtype)
     none = jnp.zeros((), int)
@@ -131,7 +132,7 @@ def _make_first_state(dtype: jnp.dtype, valid: Booleans, forced: bool) -> State:
         phase=none,
         events=none,
         impacts=none,
-        forces=ForceExtremes(zero, infinite, infinite) if forced else None,
+        forces=ForceExtremes(zero, infinite, infinite) if with_forces else None,
         last_impact=jnp.zeros(2, dtype),
         peak=zero,
         peak_time=zero,
@@ -212,8 +213,9 @@ def _step_to_event(integration: Integration, before: State) -> State:
         before,
     )
     state = _add_saltation(integration, state, acts & ~begins)
-    # The overturning criterion is read once, where the input ends: from then on energy says
-    # whether the block overturns. A block that topples before has its margin read there.
+    # The overturning criterion is read in the initial state, and again where the input ends:
+    # from then on energy says whether the block overturns. A block that topples before has its
+    # margin read there.
     input_end = pick_smaller(motion.end, driven.duration)
     reached = (state.time >= input_end) | (state.phase == TOPPLED)
     reads = begins | ((before.time < input_end) & reached)
@@ -290,7 +292,8 @@ def _add_saltation(integration: Integration, state: State, acted: Booleans) -> S
     corner = jnp.where(kink <= time + near, kink, time)
     corner = jnp.where(~acted & (time == motion.start), motion.start, corner)
     corner = jnp.where(acted & (time == motion.end), motion.end, corner)
-    # Of corners that coincide the last one in this list counts: the end of the duration.
+    # Each line overrides the ones above: of corners that coincide the end of the duration
+    # counts.
     corner = jnp.where(time >= duration, duration, corner)
     move = corner - time
     # The value of `time` stays to the last bit, and so does the value of the state.
