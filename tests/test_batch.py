@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import csv
+import dataclasses
 import threading
 import time
 
@@ -9,11 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import TypeCheckError
 from references import stepping
 from tables.driven_cases import cases
 from tools.selection import first_by_default
 
 import jaxrock as jr
+from jaxrock.driven.many_blocks.step import Lanes
 from jaxrock.host.threads import map_in_threads
 
 
@@ -118,6 +121,13 @@ def test_blocks_that_are_barely_lifted(shape, rtol):
     error = np.abs(found.peak_rotation / peak - 1)
     stands = ~np.asarray(found.overturned)
     assert (error <= 10 * rtol + 3e-14 / excess)[stands].all()
+
+
+def test_lanes_are_of_one_size():
+    """The types say so, and are checked wherever lanes are made."""
+    lanes = Lanes.at_rest(jnp.zeros(4, jnp.int32), jnp.result_type(float))
+    with pytest.raises(TypeCheckError):
+        dataclasses.replace(lanes, rotation=jnp.zeros(3))
 
 
 def test_an_impact_behind_the_input_counts_once():

@@ -328,7 +328,7 @@ def test_twenty_lengths_of_record_take_two_programs(call, compiled):
     assert compiled == []
 
 
-def marches(compiled):
+def programs_of_the_batch(compiled):
     """How many programs of the batch, whose names differ between versions of JAX."""
     return sum("_follow_rows" in name for name in compiled)
 
@@ -354,7 +354,7 @@ def test_questions_about_suites_share_programs(compiled):
     for some in (two, three, record(700)):
         for question in questions[: 3 if isinstance(some, jr.Record) else None]:
             question(some)
-    assert marches(compiled) == 1
+    assert programs_of_the_batch(compiled) == 1
 
 
 @pytest.mark.thorough
@@ -364,7 +364,7 @@ def test_a_large_suite_takes_one_more_program(compiled):
     jax.clear_caches()
     jr.respond_batch(STOUT, 0.3, examples.scaled(np.full((20, 20), 0.1)))
     jr.respond_batch(STOUT, 0.3, examples[:1])
-    assert marches(compiled) == 2
+    assert programs_of_the_batch(compiled) == 2
     compiled.clear()
     jr.respond_batch(STOUT, 0.3, examples[2:], rtol=1e-4)
     assert compiled == []
@@ -404,7 +404,7 @@ def test_pulses_of_all_shapes_take_two_programs(compiled):
     jax.clear_caches()
     for shape in (jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker):
         jr.respond_batch(jr.Block(0.2, 5.0), 0.9, shape(3.0, 0.1))
-    assert marches(compiled) == 2
+    assert programs_of_the_batch(compiled) == 2
 
 
 def test_free_fits_of_all_kinds_take_one_program(compiled):

@@ -105,19 +105,19 @@ def fit_free_rocking(
     known = gather_known(block, measured, as_model(model), frequency_known, dtype)
     noises = choose_noises(measured, time_noise, rotation_noise)
     repairs: tuple[str, ...] = ()
-    before = 0.0  # the logarithm of a probability of 1
+    log_chance_unrepaired = 0.0  # the logarithm of a probability of 1
     if repair and measured.times.size > 1:
-        numbering, before = number_impacts(measured, known, noises)
+        numbering, log_chance_unrepaired = number_impacts(measured, known, noises)
         measured = apply_numbering(measured, numbering)
         repairs = numbering.repairs
     # The numbering is settled: from here on peaks count as well as times.
     found = _search(measured, known, noises)
     _refuse(found, measured)
     notes = _list_notes(measured, block, found)
-    if math.exp(before) < OTHER_BLOCK:
+    if math.exp(log_chance_unrepaired) < OTHER_BLOCK:
         notes += (
             "before anything was repaired, another p, or a C that changes, explained the times"
-            f" better (p-value {math.exp(before):.2g}); repair=False shows it",
+            f" better (p-value {math.exp(log_chance_unrepaired):.2g}); repair=False shows it",
         )
     return _make_free_rocking_fit(found, measured, block, repairs, notes)
 

@@ -41,8 +41,8 @@ def number_impacts(
     2. Repair with p free as well, then with a change of C. Both count as one number more.
     3. Of the three, take the one of least chance.
 
-    Also return the logarithm of the probability that chance fits the times as well as another
-    p or a change of C does without any repair; 0 if nothing is repaired.
+    Also return the logarithm of the p-value of the better rival, another p or a change of C,
+    against the fit without any repair; 0 if nothing is repaired.
     """
     # Peaks would have to be given to other arcs for each numbering. Without them nothing
     # depends on the critical angle, which must not be free then.
@@ -68,7 +68,7 @@ def number_impacts(
     if not best.repairs:
         return best, 0.0
     unknowns = int(known.free.sum())
-    before = best.unrepaired_squares
+    unrepaired = best.unrepaired_squares
 
     def compute_chance(squares: float, used: int, repairs: int, more: int) -> float:
         """Compare with the fit without repairs and without more free numbers."""
@@ -79,7 +79,7 @@ def number_impacts(
         # one of two: that choice is neglected.
         choices = count_choices(times) ** repairs
         return compute_log_chance(
-            before, squares, freedom, repairs + more, choices, noises.known[0]
+            unrepaired, squares, freedom, repairs + more, choices, noises.known[0]
         )
 
     def compute_chance_of(numbering: Numbering, more: int) -> float:

@@ -44,8 +44,9 @@ _Tree = TypeVar("_Tree")
 # - Its answer for a point has the same bits whatever else is in the chunk. Otherwise numbers
 #   would depend on the chunks that somebody chose, and a store that two runs have written
 #   would be the answer of neither. That does not come by itself: XLA makes another program for
-#   every shape, and not all of these round alike. So points go through programs of one shape
-#   (`apply_in_tiles`), and blocks one after the other through the queue of the batch.
+#   every shape, and not all of these round alike. So points go through programs of few sizes
+#   (`apply_in_tiles`: a test shows that these round alike; `apply_padded`: powers of two), and
+#   blocks one after the other through the queue of the batch.
 @dataclass(frozen=True)
 class Grid:
     """A dataset over named axes, before it is computed.

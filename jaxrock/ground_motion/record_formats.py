@@ -76,8 +76,8 @@ def read_at2(path: Path, units: Statements, steps: Statements) -> Component:
     top, points, step = _read_points_and_step(text)
     header = list(enumerate(text.lines[:top], 1))
     # Headers of accelerations may mention velocities or displacements, which are computed from
-    # them. But a "velocity time series", or a header that mentions no acceleration, is
-    # refused.
+    # them. But a "velocity time series" is refused, and a header that mentions velocity or
+    # displacement and no acceleration.
     found = [(n, *each) for n, line in header for each in re.findall(_QUANTITY, line.lower())]
     others = [each for each in found if each[1] != "acceleration"]
     for number, quantity, series in others:

@@ -15,7 +15,7 @@ _BINARY = bytes({*range(0x20)} - {*b"\t\n\v\f\r"})
 
 # Lines with their numbers, counted from 1 on.
 Lines = list[tuple[int, str]]
-# Each with its line, 0 for the caller's or for none, its words and its value.
+# Line (0 for what the caller states), words, value.
 Statements = list[tuple[int, str, float]]
 
 

@@ -298,6 +298,6 @@ def _find_balanced_times(edges: _Edges, overturns_beyond: AnyArray) -> list[np.n
         close = compute_distance(middle) < distance
         low = np.where(close, middle, low)
         high = np.where(close, high, middle)
-    # The end by itself may round to a time before it in a program, which would then take the
-    # rotation for the margin: a little is added.
+    # A program may compute the end as a number a little later than this one, and would then
+    # take the rotation for the margin: a little is added.
     return [*np.where(together, end * (1 + 16 * eps), high)]

@@ -175,7 +175,8 @@ def overturning_rate(
         if (np.diff(np.asarray(at_levels)) >= 0).any():
             raise ValueError("the rates of the hazard must fall with the level, got others")
     # Boundaries are sought along a factor on records of intensity 1, so that the factor is the
-    # level itself. One whose margin rounding decides has no derivative: it is dropped there.
+    # level itself. The derivative of a boundary that rounding decides is unknown: it is
+    # dropped.
     search = Search("factor", model, max_boundaries, drop_unknown=True)
     subject, factors = check_subject(block, restitution, suite, search.along, places)
     strengths = require_positive_measures(suite, measure)

@@ -29,8 +29,8 @@ _Argument = TypeVar("_Argument")
 RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
 # Points that go through a program at once. On one processor a tile is so small that its cache
 # holds what passes from one loop of the program to the next. Several processors share each
-# loop, so that a tile can be larger. Both round alike, which the tests compare: the bits of a
-# spectrum must not depend on the number of processors.
+# loop, so that a tile can be larger. Programs of both sizes round alike, which a test
+# compares: the bits of a spectrum must not depend on the number of processors.
 _TILES = (2**12, 2**15)
 _LARGEST = 2**20  # points of a grid at once, for which there is memory
 _USUAL = 2**20  # points in a chunk of a lazy dataset

@@ -167,7 +167,7 @@ def _compute_margin(
     logarithm : Array
         Logarithm of the amplitude.
     direction : tuple of Array
-        In which the slope is taken: of that logarithm, and of the landing velocity before.
+        Direction of the slope: change of that logarithm, and of the landing velocity before.
     count : Array of int or None
         None for the pulse after a landing with the critical velocity; else the last of so many
         pulses from rest.

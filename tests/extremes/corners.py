@@ -1,7 +1,7 @@
 """The corners of the closed forms: where, of what, how accurate, and what is known not to be.
 
 A cell is a function at a corner in one precision: its value, its gradient to the five
-numbers of a scene, or its Hessian. It meets the bounds below, or stands in `KNOWN_LIMITS`.
+numbers of a scene, or its Hessian. It meets the bounds below, or stands in `LIMITS`.
 """
 
 from collections.abc import Callable

@@ -27,7 +27,7 @@ NAMES = some_by_default(corners.FUNCTIONS, corners.FUNCTIONS.keys() - LONG)
 
 @pytest.fixture
 def precision():
-    """That of the session."""
+    """The precision of this run."""
     return jnp.result_type(float).name
 
 

@@ -4,10 +4,10 @@ The impact is a root of that polynomial, and the highest rotation one of its slo
 sought from the cubic through both ends of the step. How far the polynomial is from a cubic is
 bounded: where the bounds leave open whether there is an impact, whether it is the first, or
 how high the block rises, the step is not taken, and the next one is shorter. A block that
-bounces while the input is about to lift it again has impacts that fill an arbitrarily small
-part of a step.
+bounces while the input is about to lift it again has bounces that fill an arbitrarily small
+part of a step: then the next step is as long as the bounce.
 
-An impact may fall on the end of the step, which is where the input has a corner: it counts if
+An impact may fall on the end of the step, where the input has a corner: it counts if
 its time is not later. Then the next step has length 0 and leads into the next interval. If
 rounding puts it just behind the end, the block is held above the ground by the smallest number
 there is, and lands at the beginning of the next interval.

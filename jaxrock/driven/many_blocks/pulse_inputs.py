@@ -16,7 +16,7 @@ from .taylor import Coefficients, sine_cosine
 
 
 class PulseInput(GroundInput):
-    """Intervals with a pulse of amplitude 1 each, which lasts for `extent` of its durations."""
+    """Intervals with one pulse each, of amplitude 1, as long as `extent` times its duration."""
 
     extent: HostReals
     intervals: HostIntegers

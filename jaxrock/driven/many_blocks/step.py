@@ -19,9 +19,9 @@ The state of a lane is `Lanes`; a step leads from one row of this table to anoth
                             of length 0 (`blocked`), if    moves, with a shorter `step_limit`
                             impact or peak are not
                             certain
-    moves past pi / 2,      to the end of that step        is done: interval = intervals, and
-    or has used up its                                     no longer `moves`
-    steps
+                            as above, but reaches pi / 2,  is done: interval = intervals, and
+                            or uses up its steps           no longer `moves`
+    rests or moves          to the end of the duration     is done
     is done                 of length 0                    is done, until the queue gives it
                                                            another block
 
@@ -130,8 +130,8 @@ def prepare_blocks(
     needed = equation.tangent / jnp.abs(strength)
     uplift_times = ground.find_uplift_times(rate, needed * (1 + rounding_margin(rate.dtype)))
     if ground.has_vertical:
-        # The grade is about the larger of both components, s. A block is lifted where
-        # push > (1 + lift) tangent: nowhere below s = (1 - s) tangent.
+        # The grade is about the larger of both components. If s is the larger of abs(push) and
+        # abs(lift), uplift needs s > (1 - s) tangent, and so s > tangent / (1 + tangent).
         needed = needed / (1 + equation.tangent)
     first_interval, intervals = ground.find_intervals(motion)
     excitation = Excitation(
@@ -324,8 +324,8 @@ def _settles(
     down). Here that is bounded for an input that changes meanwhile.
     """
     equation = case.equation
-    # The next bounce may go to either side. The ground pulls the block down least on the side
-    # to which it pushes.
+    # The next bounce may go to either side. Gravity brings the block down slowest on the side
+    # to which the ground pushes.
     sideways = jnp.abs(evaluate(push, impact_time))
     upward = evaluate(lift, impact_time) if lift else 0.0
     down = -equation.right_hand_side(case.ground_sine, case.ground_cosine, sideways, upward)

@@ -197,8 +197,9 @@ def _step_to_event(integration: Integration, before: State) -> State:
     motion = integration.driven.motion
     begins = before.events == 0
     acts = motion.acts(before.time)
-    # A segment ends at the next edge of the input, where the input jumps, or at the end of the
-    # duration; where an edge coincides with the end up to rounding, at the end.
+    # A segment ends at the next edge of the input, where the input jumps, or with the
+    # duration. An edge that coincides with the end of the duration, up to rounding, is left
+    # out.
     stop = driven.duration
     latest = driven.duration - estimate_time_rounding(motion, driven.duration)
     for edge in (motion.end, motion.start):
@@ -265,7 +266,7 @@ def _add_saltation(integration: Integration, state: State, acted: Booleans) -> S
 
     Only derivatives change, no value. A corner of the input is its start, its end, a kink, or
     the end of the duration; there the input switches at a time that depends on parameters.
-    Take an impact that falls on the end of a pulse, up to rounding. Its time has the
+    Take an impact that falls on the end of a pulse. Its time has the
     derivative of an impact, yet the next segment, without the pulse, begins when the pulse
     ends. Between the two the block moves for a time that is 0 but has a derivative, at the
     rate dy/dt that it has under the input before the corner:

@@ -34,8 +34,8 @@ from .uplift import UpliftTable
 # Phases of the motion. The table in `follow_driven` says what each of them does next.
 REST, RISING, FALLING, TOPPLED = range(4)
 
-# A block rests once all further bounces take less than this share of `rtol`, in units of 1 /
-# p.
+# A block may rest only if all further bounces end within this share of `rtol` / p; see
+# `_apply_event`.
 _REST_SHARE = 1e-3
 
 
@@ -229,11 +229,12 @@ def _apply_event(
     deceleration = -fixed[0].field(zero, fixed[1])[1]
     # From the velocity v, bounces under a constant deceleration d take 2 v / d, 2 C v / d, ...
     # and end after 2 v / ((1 - C) d), although they are infinitely many (Zeno). The block is
-    # at rest where that time is
-    #   short, beside 1 / p and a small part of the tolerance, and either
-    #   slow: v is within the tolerance, relative to sqrt(2 d peak), with which the block would
-    #     rise to the largest rotation that it has had, or
-    #   unresolved: that time is so short that the clock does not see it.
+    # at rest if that time is
+    #   short: within a small share of the tolerance, in units of 1 / p;
+    # and if either
+    #   slow: v is within the tolerance of sqrt(2 d peak), with which the block would rise to
+    #     the largest rotation that it has had, or
+    #   unresolved: the time is so short that the clock does not see it.
     # All that is dropped then is this velocity, even where the input lifts the block again
     # meanwhile. Both sides are multiplied by (1 - C) d, which may be 0.
     pressed = deceleration > 0

@@ -221,6 +221,7 @@ def _advance(
     # Written so that a NaN counts as no progress.
     stuck = ~done & ~repeats & ~found & ~(step_end > elapsed)
     y = jnp.where(stuck, jnp.nan, y)
+    # Only a step that advances has a proposal that a kink may have cut.
     wanted = jnp.where(advances, wanted, 0)
     done = done | stuck
     steps = before.steps + 1
@@ -249,7 +250,7 @@ def _add_forces(
     advances: Booleans,
     counts: Booleans,
 ) -> tuple[Reals, ForceExtremes | None]:
-    """Add the forces in a step, if it counts; return the acceleration at its end as well."""
+    """Add the forces in a step, if it counts; return the acceleration where the next begins."""
     forces = before.forces
     # The acceleration only limits the next step, which needs no derivative.
     fixed = jax.lax.stop_gradient(segment)
