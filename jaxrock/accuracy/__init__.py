@@ -1,7 +1,4 @@
-"""Costs of a simpler model, the cheapest one that is good enough, and the trade measured.
-
-Names beside those in ``__all__`` are for the other packages.
-"""
+"""Costs of a simpler model, the cheapest one that is good enough, and the trade measured."""
 
 from .cheapest_setting import Choice, choose
 from .linearized_range import is_linearized_enough as is_linearized_enough

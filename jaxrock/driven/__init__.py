@@ -2,7 +2,7 @@
 
 `one_block` goes through every event of one motion with diffrax, `many_blocks` moves thousands
 of blocks side by side along Taylor series; both follow `equation` and decide by
-`overturning_criterion`. Names beside those in ``__all__`` are for the other packages.
+`overturning_criterion`.
 """
 
 from .equation import Equation as Equation

@@ -2,8 +2,7 @@
 
 Dask and Zarr come with ``jaxrock[cluster]``. Functions that return a dataset over a
 grid take ``chunks`` and are lazy then: `resonance_spectrum`, `rocking_spectrum`,
-`overturning_spectrum`, `overturning_map`, `harmonic_spectrum` and `fragility`. Names beside
-those in ``__all__`` are for the other packages.
+`overturning_spectrum`, `overturning_map`, `harmonic_spectrum` and `fragility`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,4 @@
-"""Ground motions: pulses, records and suites of them, and the files they are read from.
-
-Names beside those in ``__all__`` are for the other packages.
-"""
+"""Ground motions: pulses, records and suites of them, and the files they are read from."""
 
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES

@@ -1,7 +1,4 @@
-"""Inverse questions in driven motion: every boundary between standing and overturning.
-
-Names beside those in ``__all__`` are for the other packages.
-"""
+"""Inverse questions in driven motion: every boundary between standing and overturning."""
 
 from .boundaries import Boundaries, overturning_boundaries
 from .boundaries import find_boundaries as find_boundaries

@@ -1,7 +1,4 @@
-"""The paper: free rocking, the half-cycle map and its limits, inverse design, pulse trains.
-
-Names beside those in ``__all__`` are for the other packages.
-"""
+"""The paper: free rocking, the half-cycle map and its limits, inverse design, pulse trains."""
 
 from .elastic_oscillator import (
     Oscillator,

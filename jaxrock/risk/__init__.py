@@ -1,7 +1,4 @@
-"""Risk of motion beyond a limit: fragility under a suite of records, yearly rates.
-
-Names beside those in ``__all__`` are for the other packages.
-"""
+"""Risk of motion beyond a limit: fragility under a suite of records, yearly rates."""
 
 from .fragility_curves import fragility
 from .fragility_curves import name_thresholds as name_thresholds

@@ -1,7 +1,4 @@
-"""Spectra and maps: labelled datasets over grids of blocks.
-
-Names beside those in ``__all__`` are for the other packages.
-"""
+"""Spectra and maps: labelled datasets over grids of blocks."""
 
 from .driven import overturning_spectrum, rocking_spectrum
 from .harmonic import harmonic_spectrum

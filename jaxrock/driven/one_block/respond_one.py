@@ -1,6 +1,7 @@
 """One block by an adaptive integrator: `respond`, its checks and its defaults."""
 
 import contextlib
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,7 +11,7 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Motion, Record, Still
-from ...resonance import ModelLike, Nonlinear, as_model
+from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     Number,
     Reals,
@@ -132,12 +133,12 @@ def respond(
         got = describe(max_impacts)
         raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
     # Tolerances are arrays: with another one nothing is compiled anew.
-    settings: dict[str, object] = {
-        "rtol": np.asarray(rtol, dtype),
-        "atol": np.asarray(atol, dtype),
-        "model": as_model(model),
-        "method": solver,
-    }
+    settings = _Settings(
+        rtol=np.asarray(rtol, dtype),
+        atol=np.asarray(atol, dtype),
+        model=as_model(model),
+        method=solver,
+    )
     with contextlib.ExitStack() as stack:
         # Only where they are on: each change of the configuration compiles anew.
         if jax.config.jax_debug_nans:
@@ -145,8 +146,29 @@ def respond(
         if jax.config.jax_check_tracer_leaks:
             stack.enter_context(jax.check_tracer_leaks(False))
         if is_traced(driven):
-            return follow_driven_jitted(driven, max_impacts=max_impacts, **settings).response
+            return _follow(driven, settings, max_impacts)
         return _respond_with_full_lists(driven, settings)
+
+
+class _Settings(NamedTuple):
+    """How a motion is integrated, as `follow_driven` takes it."""
+
+    rtol: np.ndarray
+    atol: np.ndarray
+    model: RockingModel
+    method: str
+
+
+def _follow(driven: Driven, settings: _Settings, max_impacts: int) -> Response:
+    """Follow a block with lists of a length, by the compiled program."""
+    return follow_driven_jitted(
+        driven,
+        rtol=settings.rtol,
+        atol=settings.atol,
+        model=settings.model,
+        method=settings.method,
+        max_impacts=max_impacts,
+    ).response
 
 
 def _check_scalar(block: Block, motion: Motion, numbers: dict[str, Reals]) -> None:
@@ -179,16 +201,16 @@ def _choose_tolerances(
     return rtol, atol
 
 
-def _respond_with_full_lists(driven: Driven, settings: dict[str, object]) -> Response:
+def _respond_with_full_lists(driven: Driven, settings: _Settings) -> Response:
     """Respond to concrete numbers, with lists of just the right length."""
     # Motions of many shapes share one program; the response keeps the motion as it is.
     bucketed = driven.bucketed()
     max_impacts = _MAX_IMPACTS
-    response = follow_driven_jitted(bucketed, max_impacts=max_impacts, **settings).response
+    response = _follow(bucketed, settings, max_impacts)
     # Rarely needed: each length of the lists is a program of its own.
     while int(response.status) == Status.LIST_FULL:
         max_impacts *= 32
-        response = follow_driven_jitted(bucketed, max_impacts=max_impacts, **settings).response
+        response = _follow(bucketed, settings, max_impacts)
     events = int(np.isfinite(response.events.time).sum())
 
     def get_lists(r: Response) -> tuple:
