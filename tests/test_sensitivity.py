@@ -158,7 +158,8 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     held = well = 0
     for value, slope, curvature, values in zip(*found, strict=True):
         drawn, others = values[:SAMPLES], values[SAMPLES:]
-        scatter = _estimate_moments(NAMES, (value, slope, curvature), z[:SAMPLES], drawn)
+        series = (np.asarray(value), slope, curvature)
+        scatter = _estimate_moments(NAMES, series, z[:SAMPLES], drawn)
         missing = np.isnan(others).mean()
         others = others[np.isfinite(others)]
         off = [np.inf, np.inf]

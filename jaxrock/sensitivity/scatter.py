@@ -121,7 +121,10 @@ def monte_carlo(
 
 
 def _estimate_moments(
-    names: tuple[str, ...], series: Sequence[np.ndarray], z: np.ndarray, answers: np.ndarray
+    names: tuple[str, ...],
+    series: Sequence[np.ndarray],
+    z: np.ndarray,
+    answers: np.ndarray,
 ) -> MomentEstimate:
     """Compute the moments of a quadratic in normal numbers, and compare it with answers."""
     # For y + g . z + z . H z / 2 of independent standard normal z the mean is y + tr(H) / 2,
