@@ -151,7 +151,7 @@ def respond(
 
 
 class _Settings(NamedTuple):
-    """How a motion is integrated, as `follow_driven` takes it."""
+    """Settings of the integration, as `follow_driven` takes them."""
 
     rtol: np.ndarray
     atol: np.ndarray
