@@ -1,5 +1,7 @@
 """Lazy datasets are those in memory, to the last bit, and an xarray user finds what they expect."""
 
+import importlib
+import inspect
 import sys
 
 import dask
@@ -221,6 +223,19 @@ def test_without_the_extra(monkeypatch):
         jr.resonance_spectrum(*AXES, 0.15, chunks="auto")
     with pytest.raises(ModuleNotFoundError, match=said):
         _ = jr.grids.write_zarr
+
+
+def test_without_the_extra_what_needs_it_is_not_listed(monkeypatch):
+    """`help` and a star import get all that is listed."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    try:
+        importlib.reload(jr.grids)
+        assert dir(jr.grids) == jr.grids.__all__ == ["write_table"]
+        assert inspect.getmembers(jr.grids) == [("write_table", jr.write_table)]
+    finally:
+        monkeypatch.undo()
+        importlib.reload(jr.grids)
+    assert "write_zarr" in dir(jr.grids)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ grid take ``chunks`` and are lazy then: `resonance_spectrum`, `rocking_spectrum`
 `overturning_spectrum`, `overturning_map`, `harmonic_spectrum` and `fragility`.
 """
 
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from ..host import import_optional
@@ -26,7 +27,10 @@ if TYPE_CHECKING:
     from .workers import OwnProcessors, local_cluster
     from .zarr_store import Stored, write_zarr
 
-__all__ = ["OwnProcessors", "Stored", "local_cluster", "write_table", "write_zarr"]
+__all__ = ["write_table"]
+# Without Dask they are not listed either: `help` and a star import get all that is listed.
+if all(find_spec(name) for name in ("dask", "distributed", "zarr")):
+    __all__ += ["OwnProcessors", "Stored", "local_cluster", "write_zarr"]
 
 # They need Dask, which not every user has, and which takes longer to import than the rest.
 _BY_DASK = {
@@ -47,4 +51,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_BY_DASK})
+    return sorted(__all__)
