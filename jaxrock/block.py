@@ -1,7 +1,6 @@
 """The block: its geometry and inertia, and the numbers that follow from them and gravity."""
 
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 

@@ -151,7 +151,7 @@ class Command(abc.ABC):
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def find_paths(self) -> dict[str, Path | str]:
-        """Find the options that are paths: those of that type, and names of record files.
+        """Find the options that are paths: values of type Path, and names of record files.
 
         An option such as `record` takes a word or a file. Its ending tells them apart.
         """
@@ -238,7 +238,7 @@ _OF_WRITING += ("store", "chunks", "workers", "scheduler")
 
 def _as_attribute(value: object) -> str | int | float:
     """Convert a value to an attribute of the CF conventions, which is a number or text."""
-    # A bool is an int, which NetCDF has no type for.
+    # NetCDF has no type for a bool, which Python counts as an int.
     if isinstance(value, bool):
         return int(value)
     if isinstance(value, int | float):

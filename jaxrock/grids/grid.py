@@ -130,7 +130,7 @@ class Grid:
         )
 
     def drop_values(self) -> "Grid":
-        """Return the grid without the values of its axes and its shared part.
+        """Return the grid without the values of its axes, their names and its shared part.
 
         This travels with every task; the values of a chunk come to the task by themselves.
         """
@@ -219,7 +219,7 @@ class Grid:
 
 
 def _compute_part(grid: Grid, shared: PyTree, *parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute all variables of one chunk, as those of a grid of its own."""
+    """Compute all variables of one chunk, which is a grid of its own."""
     axes = dict(zip(grid.axes, parts, strict=True))
     return replace(grid, axes=axes, shared=shared).compute_all()
 

@@ -72,7 +72,7 @@ def make_lazy_arrays(
     )
 
     def take(name: str, dims: Sequence[str], dtype: DataType) -> da.Array:
-        # What has fewer dimensions is the same along the others: of these the first chunk.
+        # A variable is the same along axes that it does not have: their first chunk does.
         part = grid.blocks[tuple(slice(None) if n in dims else slice(1) for n in axes)]
         new = {place[n]: size for n, size in columns.items() if n in dims}
         return da.blockwise(

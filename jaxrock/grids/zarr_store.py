@@ -188,7 +188,7 @@ def _select_lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
 
 def _depends_on_others(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
     """Tell whether an array is made of others of these."""
-    # Walks through the layers below that of the array, each once.
+    # Walks through the layers from the array's own down, each once.
     others = {other.name for other in arrays.values()} - {array.name}
     dependencies = array.dask.dependencies
     seen = set[str]()

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 

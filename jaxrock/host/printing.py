@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 
 import jax
-import jax.core
 import numpy as np
 
 from ..validation import Checked, Domain, is_traced, iterate_quantities

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 

@@ -6,8 +6,8 @@ import matplotlib.pyplot as plt
 import xarray
 from matplotlib.axes import Axes
 
-# INK and NEUTRAL are the start and the middle of cividis, the map that colours the curves of
-# spectra. Its lightness rises all the way, so that it can be read in grey as well.
+# INK and NEUTRAL are close to the start and the middle of cividis, the map that colours the
+# curves of spectra. Its lightness rises all the way, so that it can be read in grey as well.
 INK = "#00204d"
 ACCENT = "#b5651d"
 LIGHT = "#d9b44a"

@@ -22,7 +22,7 @@ _LINEARIZED = Linearized()
 _MODELS = (_LINEARIZED, Nonlinear())
 INTENSITY = 0.15
 _WIDTHS = np.array([0.4, 0.6, 0.8, 1.0, 1.2])
-# Steps of 0.01: to these the slenderness is found from which on a block overturns.
+# In steps of 0.01, to which the largest slenderness that still stands is found.
 _SLENDERNESS = np.linspace(3.0, 10.0, 701)
 # Rounded, so that the values of the figures are found by their decimals. Claims are about all
 # values of 0.5 to 0.7, and some beyond.

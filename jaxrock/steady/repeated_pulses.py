@@ -153,7 +153,7 @@ class _PhaseSearch(NamedTuple):
     """The state of the search; see the table in `_search_fixed_point`."""
 
     scan: Scan  # its point is -1 as long as the map is iterated from rest
-    reach: Reals  # length of a step beside the step of the map itself, at most
+    reach: Reals  # how many times as long as the map's own step a step may be
     extrapolates: Booleans  # whether the step was longer than the step of the map
     first: Reals  # first landing velocity, of a block lifted from rest
     goes_on: Booleans
@@ -193,7 +193,7 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
 
     def evaluate_map(state: _PhaseAndValues) -> _PhaseAndValues:
         search = state[0]
-        velocity = state[0].scan.trial
+        velocity = search.scan.trial
         gap, values, outcome = _compute_gap(scene, velocity, model=model, rtol=rtol)
         lands = outcome == LANDS
         size = tolerance * velocity
@@ -233,8 +233,8 @@ def _iterate_from_rest(
     """Iterate the map, in longer steps while it is nearly linear, which it often is."""
     # Step before       | What the map shows                   | What happens next
     # ------------------|--------------------------------------|-------------------------------
-    # of the map itself | anything                             | accepted; reach 1
-    # of the map itself | linear, as the place before said     | accepted; reach 4
+    # of the map itself | linear, as the place before said     | accepted; reach 4 times as far
+    # of the map itself | anything else                        | accepted; reach 1
     # extrapolated      | linear                               | accepted; reach 4 times as far
     # extrapolated      | not linear                           | back to the place before, from
     #                   |                                      |   there a step of the map

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
@@ -114,10 +113,9 @@ def critical_pulsed_amplitude(
         fifth. Without end the lowest one at which a fixed point reaches the threshold; NaN
         where the `rate` of the map is not between -1 and 1 there. Above 1, as under long
         pulses, the stable fixed point has met an unstable one at a lower amplitude, and both
-        are gone; below
-        -1 half-cycles alternate already at a lower amplitude. NaN also where no amplitude
-        brings the block to the threshold: one that loses most of its velocity at impacts is
-        caught by a long pulse, or overturns at once.
+        are gone; below -1 half-cycles alternate already at a lower amplitude. NaN also where
+        no amplitude brings the block to the threshold: one that loses most of its velocity at
+        impacts is caught by a long pulse, or overturns at once.
 
     Raises
     ------
@@ -206,7 +204,7 @@ _LastPulse = tuple[Integers, Reals, Booleans, Response]
 def _follow_last_pulse(
     count: Integers, scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
 ) -> tuple[Response, Booleans]:
-    """Follow the last of some pulses, or one before if that overturns; tell which it is."""
+    """Follow the last of some pulses, or an earlier one that overturns; tell if it was one."""
 
     def follow_next_pulse(state: _LastPulse) -> _LastPulse:
         left, velocity, early, _ = state

@@ -5,7 +5,7 @@ sought from the cubic through both ends of the step. How far the polynomial is f
 bounded: where the bounds leave open whether there is an impact, whether it is the first, or
 how high the block rises, the step is not taken, and the next one is shorter. A block that
 bounces while the input is about to lift it again has bounces that fill an arbitrarily small
-part of a step: then the next step is as long as the bounce.
+part of a step: then the next step is twice as long as the bounce.
 
 An impact may fall on the end of the step, where the input has a corner: it counts if
 its time is not later. Then the next step has length 0 and leads into the next interval. If
@@ -143,7 +143,7 @@ def _bound_fourth_derivative(path: Coefficients, step: Reals) -> Reals:
 
 
 def _stays_above(path: Coefficients, cubic: _Cubic, fourth: Reals, lowest: Reals) -> Booleans:
-    """Certify that a rotation stays above the ground in a step; its dip has the `lowest` one."""
+    """Certify that a rotation stays above the ground in a step; at its dip it is `lowest`."""
     step = cubic.step
     _, c1, c2, c3 = path[:4]
     # Because the chords from its beginning rise: Bernstein coefficients of their slope, with
@@ -219,7 +219,7 @@ class StepFlight(eqx.Module):
         """
         slope = differentiate(path)
         end, end_slope = materialize((evaluate(path, step), evaluate(slope, step)))
-        # Decisions have no derivatives; the end of the step has, as where the input has a
+        # Decisions have no derivatives. The end of a step may have one: where the input has a
         # corner.
         fixed, fixed_slope, peak = jax.lax.stop_gradient((path, slope, peak))
         cubic = _Cubic(*jax.lax.stop_gradient((step, path[0], path[1], end, end_slope)))

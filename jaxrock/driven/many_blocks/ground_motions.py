@@ -30,7 +30,7 @@ _RECORDS = 64  # that there is room for, at least
 
 
 class MotionNumbers(NamedTuple):
-    """The numbers of the motion of each block; shapes broadcast with those of the blocks."""
+    """The numbers of each block's motion; they broadcast with the block's own numbers."""
 
     factor: HostNumbers  # on the input: amplitude or scale
     length: HostNumbers  # of an interval [s]

@@ -60,7 +60,7 @@ class PulseInput(GroundInput):
         side = jnp.ones_like(along)
         signs = (self.first_sign, -self.first_sign, self.first_sign)
         rises = list(zip(excitation.uplift_times, signs, strict=True))
-        # The latest first, so that of two at one time the earlier extreme counts.
+        # The latest first, so that the earlier extreme counts where two coincide.
         for rise, sign in reversed(rises):
             sooner = (rise >= along) & (rise <= time)
             time = jnp.where(sooner, rise, time)

@@ -71,7 +71,7 @@ def expand_rotation(
         sine = [tilt]
         cosine = [1.0]
     else:
-        # A barrier: both enter every coefficient, as do those of higher order below.
+        # A barrier, as for the higher coefficients below: each of them enters all later ones.
         first_sine, first_cosine = materialize(sine_cosine(tilt))
         sine = [first_sine]
         cosine = [first_cosine]
