@@ -1,5 +1,6 @@
 """The block: its geometry and inertia, and the numbers that follow from them and gravity."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +12,7 @@ from .validation import (
     NON_NEGATIVE,
     POSITIVE,
     RIGHT_ANGLE,
+    AnyArray,
     Checked,
     Number,
     Reals,
@@ -80,14 +82,26 @@ class Block(Printed, Checked):
         return ", ".join(parts)
 
     @classmethod
-    def from_size(cls, *, width: Number, height: Number, gravity: Number = 9.81) -> "Block":
-        """Make the rectangular block of a given full width 2b [m] and height 2a [m].
+    def from_size(
+        cls,
+        *,
+        width: Number,
+        height: Number,
+        gravity: Number = 9.81,
+        inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+    ) -> "Block":
+        """Make the block of a given full width 2b [m] and height 2a [m].
+
+        Derivatives with respect to these sides are at fixed height and at fixed width.
 
         Parameters
         ----------
         width, height, gravity : array_like
-            2b [m], 2a [m] and g [m/s2], finite and greater than 0. They are given by their
-            names only, since width and height are easily swapped.
+            2b [m], 2a [m], twice the height of the centre of mass, and g [m/s2], finite and
+            greater than 0. They are given by their names only, since width and height are
+            easily swapped.
+        inertia_ratio : array_like
+            kappa [-], finite and at least 1; 4 / 3 for a homogeneous rectangle.
 
         Returns
         -------
@@ -96,13 +110,13 @@ class Block(Printed, Checked):
         Raises
         ------
         ValueError
-            If a concrete value is not finite and greater than 0.
+            If a concrete value is out of range. A traced one gives NaN.
         """
         width = as_real("width", width)
         height = as_real("height", height)
         check("width", width, POSITIVE)
         check("height", height, POSITIVE)
-        return cls(width / 2, height / width, gravity)
+        return cls(width / 2, height / width, gravity, inertia_ratio)
 
     @classmethod
     def from_parameters(
@@ -196,6 +210,18 @@ class Block(Printed, Checked):
 
     @property
     @elementwise()
+    def width(self) -> Reals:
+        """Full width of the base, 2b [m]."""
+        return 2 * self.half_width
+
+    @property
+    @elementwise()
+    def height(self) -> Reals:
+        """Full height, twice that of the centre of mass, 2a = 2 lambda b [m]."""
+        return 2 * self.slenderness * self.half_width
+
+    @property
+    @elementwise()
     def half_height(self) -> Reals:
         """Height of the centre of mass, half the height of a rectangle, a = lambda b [m]."""
         return self.slenderness * self.half_width
@@ -242,6 +268,35 @@ class Block(Printed, Checked):
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return share_in_centre(self.inertia_ratio) * shape * intensity / self.half_width
+
+
+def change_block(block: Block, name: str, value: AnyArray) -> Block:
+    """Replace one number of a block, or one of its sides while the other stays.
+
+    Parameters
+    ----------
+    block : Block
+    name : str
+        A field of `Block`; or ``"width"``, the full width at this height; or ``"height"``, the
+        full height at this width. The inertia ratio stays as it is.
+    value : Array, shape (...)
+        The new value, which has been checked.
+
+    Returns
+    -------
+    Block
+    """
+    if name == "width":
+        # Of half the new width and the old height; sizes that broadcast are those of `value`.
+        half_width = value / 2
+        slenderness = block.slenderness * (block.half_width / half_width)
+        return eqx.tree_at(
+            lambda b: (b.half_width, b.slenderness), block, (half_width, slenderness)
+        )
+    if name == "height":
+        name = "slenderness"
+        value = value / (2 * block.half_width)
+    return eqx.tree_at(lambda b: getattr(b, name), block, value)
 
 
 def diagonal_ratio(block: Block) -> Reals:

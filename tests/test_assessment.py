@@ -44,7 +44,7 @@ def test_every_answer_is_that_of_its_function():
     text = assessment.write_text(found)
     rows = {line[:34].strip(): line[34:].split()[:2] for line in text.splitlines()}
     for label, path in (
-        ("half_width b [1/m]", ("derivatives", "half_width")),
+        ("b at this slenderness [1/m]", ("derivatives", "half_width")),
         ("intensity I [s/m]", ("derivatives", "intensity")),
         ("2 [m/s]", ("critical_intensity", "2")),
         ("unlimited [m/s]", ("critical_intensity", "unlimited")),
@@ -59,6 +59,37 @@ def test_every_answer_is_that_of_its_function():
     ]
     assert "Stands (nonlinear): the rocking settles at 12.4 % of the critical angle." in text
     assert "nan" not in text
+
+
+@pytest.mark.thorough
+@pytest.mark.float64
+def test_sensitivities_to_the_sides():
+    """By differences of blocks made of sides; the text says which of the two is meant."""
+    found = jr.assess(jr.Scene(BLOCK, 0.7, 0.15))
+
+    def ratio(width, height, model):
+        block = jr.Block.from_size(width=width, height=height)
+        return float(jr.rotation_ratio(jr.Scene(block, 0.7, 0.15), model))
+
+    for name, answers in found["models"].items():
+        value = ratio(0.8, 4.0, name)
+        for key, side, step in (
+            ("width_at_this_height", 0.8, (1e-6, 0)),
+            ("height_at_this_width", 4.0, (0, 1e-6)),
+        ):
+            change = ratio(0.8 + step[0], 4 + step[1], name) - ratio(
+                0.8 - step[0], 4 - step[1], name
+            )
+            slope = change / 2e-6
+            assert answers["derivatives"][key] == pytest.approx(slope, rel=1e-6)
+            assert answers["elasticities"][key] == pytest.approx(
+                slope * side / value, rel=1e-6
+            )
+    text = assessment.write_text(found, by_sides=True)
+    slopes = [found["models"][m]["derivatives"]["width_at_this_height"]
+              for m in ("linearized", "nonlinear")]  # fmt: skip
+    assert f"width at this height [1/m]{slopes[0]:>20.6g}{slopes[1]:>14.6g}" in text
+    assert "at this slenderness" not in text
 
 
 @pytest.mark.thorough

@@ -33,6 +33,9 @@ def test_assess(capsys):
     code, out, _ = run(capsys, "assess", "--width", 0.8, "--height", 4, "--restitution", 0.7)
     assert code == 0
     assert "settles at 12.4 %" in out
+    assert "width at this height [1/m]" in out
+    code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5)
+    assert "b at this slenderness [1/m]" in out
     code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, "--json")
     assert code == 0
     answers = json.loads(out)
@@ -322,6 +325,11 @@ def test_respond(tmp_path, capsys):
     assert answer["peak_rotation"] == pytest.approx(float(expected.peak_rotation), rel=1e-9)
     assert answer["impacts"] == expected.impacts
     assert answer["status"] == "complete"
+    assert answer["uplift_factor"] == pytest.approx(9.81 / 5 / 3, rel=1e-9)
+    weak = "respond --pulse sine --amplitude 1 --scale 0.5 --pulse-duration 0.5 --duration 1"
+    main([*weak.split(), "--out", str(tmp_path / "weak")])
+    said = "never lifted; it would be from factor 3.924 on the motion on (scale 1.962)"
+    assert said in capsys.readouterr().out.splitlines()
     assert_follows_cf(out / "response.nc")
     names = {"response.csv", "impacts.csv", "response.nc", "response.png", "response.gif"}
     assert {path.name for path in out.iterdir()} == names
@@ -417,10 +425,95 @@ def test_critical(capsys, tmp_path):
     code, text, _ = run(capsys, *sine, *mild, "--out", tmp_path / "none")
     assert code == 0
     assert text.startswith(
+        "the block as given is lifted from factor 3.924 on the motion on\n"
         "no boundary: it stands at all of the values examined; --values takes others"
     )
     _, table = without_remarks(tmp_path / "none" / "critical.csv")
     assert table == ["slenderness [-],overturns_beyond,impacts,toppled"]
+
+
+@pytest.mark.thorough
+def test_critical_factors_of_a_record(capsys, tmp_path):
+    """From uplift on until it overturns, however weak the record is."""
+    block = jr.Block.from_size(width=0.6, height=1.8)
+    weak = ("critical", "--record", "example", "--scale", 0.5, "--width", 0.6, "--height", 1.8)
+    code, text, _ = run(capsys, *weak, "--restitution", 0.85, "--out", tmp_path / "out")
+    assert code == 0
+    motion = jr.example_record().scaled(0.5)
+    uplift = float(jr.overturning.uplift_factor(block, motion))
+    lines = text.splitlines()
+    assert lines[0] == f"lifted from factor {uplift:.4g} on"
+    first = jr.overturning.critical_factor(block, 0.85, motion).value[0]
+    assert first > 5
+    assert lines[1].startswith(f"overturns beyond {first:.6g} ")
+    assert f"examined up to factor {50 * uplift:.4g}, 50 times uplift" in lines
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert files == {"critical.csv", "critical.png"}
+    # A block as heavy as a house stands; the bound is named, and the uplift is said in JSON.
+    house = ("critical", "--record", "example", "--width", 900, "--height", 900)
+    code, text, _ = run(capsys, *house, "--restitution", 0.3, "--json")
+    assert code == 0
+    found = json.loads(text)
+    assert found["rows"] == []
+    assert found["examined"][1] == pytest.approx(50 * found["uplift_factor"])
+    code, text, _ = run(capsys, *house, "--restitution", 0.3)
+    assert "\nstands up to factor " in text
+    assert ", 50 times uplift; --values takes others\n" in text
+
+
+@pytest.mark.thorough
+def test_a_record_that_never_lifts(capsys, tmp_path):
+    (tmp_path / "still.csv").write_text("# time step 0.01 s\nacc_g\n" + "0\n" * 50)
+    still = ("--record", tmp_path / "still.csv", "--width", 0.4)
+    code, _, err = run(capsys, "critical", *still)
+    assert code == 2
+    assert err == (
+        "jaxrock: error: motion must lift the block with some factor,"
+        " got one that never does\n"
+    )
+    code, text, _ = run(capsys, "respond", *still, "--out", tmp_path / "out")
+    assert code == 0
+    assert "\nnever lifted, with any factor on the motion\n" in text
+
+
+@pytest.mark.thorough
+def test_a_short_pulse_is_followed_beyond_ten_times_uplift(capsys):
+    short = ("--pulse", "half-sine", "--pulse-duration", 0.04, "--restitution", 0.8)
+    code, text, _ = run(capsys, "critical", "--width", 0.6, "--height", 1.8, *short, "--json")
+    assert code == 0
+    found = json.loads(text)
+    assert found["uplift_amplitude"] == pytest.approx(9.81 / 3)
+    amplitude = found["rows"][0]["amplitude"]
+    assert amplitude > 10 * 9.81 / 3
+    block = jr.Block.from_size(width=0.6, height=1.8)
+    for factor, falls in ((0.999, False), (1.001, True)):
+        pulse = jr.HalfSine(factor * amplitude, 0.04)
+        assert bool(jr.respond(block, 0.8, pulse).overturned) == falls
+
+
+def test_widths_at_this_height_and_at_this_slenderness(capsys, tmp_path):
+    sides = ("critical", "--width", 0.6, "--height", 1.8, "--restitution", 0.9)
+    block = jr.Block.from_size(width=0.6, height=1.8)
+    _, text, _ = run(capsys, *sides, "--half-cycles", "inf", "--json")
+    row = json.loads(text)["rows"][0]
+    for fixed in ("height", "slenderness"):
+        expected = float(jr.critical_width(block, 0.9, 0.15, fixed=fixed))
+        assert row[f"width_at_this_{fixed}"] == pytest.approx(expected, rel=1e-9)
+    assert row["height_at_this_width"] == pytest.approx(0.6 * row["critical_slenderness"])
+    _, text, _ = run(capsys, *sides, "--out", tmp_path / "closed")
+    assert "0.6 m wide, 1.8 m high (slenderness 3)" in text
+    _, table = without_remarks(tmp_path / "closed" / "critical.csv")
+    heads = "width_at_this_height [m],width_at_this_slenderness [m]"
+    assert heads in table[0]
+    assert "height_at_this_width [m]" in table[0]
+    pulse = ("--pulse", "half-sine", "--pulse-duration", 0.4, "--amplitude", 7)
+    for along, said in (
+        ("width", "width at this height of 1.8 m"),
+        ("height", "height at this width of 0.6 m"),
+        ("half_width", "half-width (size at this slenderness of 3)"),
+    ):
+        _, text, _ = run(capsys, *sides, *pulse, "--along", along, "--values", "0.2:3:29")
+        assert said in text.splitlines()
 
 
 def test_a_block_of_a_size_that_is_hardly_meant_gets_a_remark(capsys):
@@ -464,9 +557,10 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
         capsys, "sensitivity", "--answer", "margin", *pulse, "--out", tmp_path / "out"
     )
     assert code == 0
-    assert text.startswith("margin 0.")
-    assert "by the nonlinear model" in text
-    assert "pulse_duration" in text
+    assert text.startswith("by the nonlinear model")
+    assert "\nmargin 0." in text
+    assert "tangents explain" in text
+    assert "pulse duration" in text
 
 
 @pytest.mark.parametrize(

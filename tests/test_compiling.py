@@ -93,6 +93,10 @@ CALLS = {
     "Still": lambda k: jr.respond(block(k), 0.9, jr.Still(), 1.0, rotation=0.1),
     "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
     "Hazard": lambda k: jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
+    "add_size": lambda k: jr.spectra.add_size(
+        jr.harmonic_spectrum([2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5),
+        jr.Block(0.2 + 0.1 * k, 5.0),
+    ),
     "amplification": lambda k: jr.amplification(scene(k)),
     "assess": lambda k: jr.assess(scene(k)),
     "choose": lambda k: jr.choose(scene(k), 0.01 + 0.01 * k),
@@ -102,13 +106,19 @@ CALLS = {
     "critical_duration": lambda k: jr.critical_duration(
         block(k), 0.9, jr.Sine, 3.0 + 0.1 * k, (0.1, 1.0 + k)
     ),
+    "critical_factor": lambda k: jr.overturning.critical_factor(
+        jr.Block(0.1 + 0.02 * k, 5.0), 0.9, record(seed=k), (1.0, 9.0), resolution=0.1
+    ),
     "critical_intensity": lambda k: jr.critical_intensity(block(k), 0.7 + 0.01 * k),
     "critical_pulsed_amplitude": lambda k: jr.critical_pulsed_amplitude(
         block(k), 0.7, jr.HalfSine, 0.1 + 0.01 * k
     ),
     "critical_restitution": lambda k: jr.critical_restitution(block(k), 0.15),
     "critical_slenderness": lambda k: jr.critical_slenderness(block(k), 0.7, 0.15 + 0.01 * k),
-    "critical_width": lambda k: jr.critical_width(block(k), 0.7, 0.15 + 0.01 * k),
+    "critical_width": lambda k: [
+        jr.critical_width(block(k), 0.7, 0.15 + 0.01 * k, fixed=fixed)
+        for fixed in ("slenderness", "height")
+    ],
     "damping_from_decay": lambda k: jr.resonance.damping_from_decay(0.5 + 0.1 * k),
     "equivalent_damping": lambda k: jr.resonance.equivalent_damping(0.5 + 0.1 * k),
     "equivalent_damping_as_printed": lambda k: jr.resonance.equivalent_damping_as_printed(
@@ -117,6 +127,19 @@ CALLS = {
     "example_record": lambda k: jr.example_record(("north", "east")[k]),
     "failure_probability": lambda k: jr.sensitivity.failure_probability(
         jr.overturning_margin, wall(k), _VARIATION, samples=100, seed=k
+    ),
+    "required_value": lambda k: jr.required_value(
+        block(k),
+        0.8,
+        suite(k),
+        jr.Hazard([0.1, 1.0], [0.01, 0.0001]),
+        1e-3 + 1e-4 * k,
+        bounds=(0.1, 0.5),
+        levels=[0.2, 0.5, 0.9],
+        resolution=0.05,
+    ),
+    "outcome_shares": lambda k: jr.sensitivity.outcome_shares(
+        block(k), 0.8, record(500 + k), {"restitution": 0.05 + 0.01 * k}, samples=16
     ),
     "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
     "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
@@ -200,6 +223,7 @@ CALLS = {
     ),
     "timing_costs": lambda k: jr.resonance.timing_costs(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 3),
     "tornado": lambda k: jr.tornado(jr.rotation_ratio, scene(k), _RANGES),
+    "uplift_factor": lambda k: jr.overturning.uplift_factor(block(k), record(150 + k, seed=k)),
     "value_and_slopes": lambda k: _slopes(scene(k)),
     "worst_train": lambda k: jr.worst_train(
         jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 2, starts=2, seed=k
@@ -219,6 +243,10 @@ LEFT_OUT = {
     "example_suite": "reads without JAX",
     "from_obspy": "reads without JAX",
     "read_hazard": "reads without JAX",
+    "read_inventory": "reads without JAX",
+    "write_inventory_page": "writes without JAX",
+    "Inventory": "holds numbers",
+    "assess_inventory": "what computes for it is called: outcomes, required values",
     "read_impact_times": "reads without JAX",
     "read_suite": "reads without JAX",
     "read_record": "reads without JAX",
@@ -231,6 +259,8 @@ LEFT_OUT = {
 
 # Only functions make them.
 ANSWERS = {
+    jr.risk.RequiredValue,
+    jr.sensitivity.OutcomeShares,
     jr.driven.BatchResponse,
     jr.overturning.Boundaries,
     jr.accuracy.Choice,

@@ -4,6 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from references import closed_forms
+from scipy.optimize import brentq
 from tools.selection import first_by_default
 
 import jaxrock as jr
@@ -106,3 +107,105 @@ def test_any_restitution_comes_back(half_cycles):
         [1 + 32 * eps, 1 - 32 * eps]
     )
     assert jnp.isnan(jr.critical_restitution(block, beyond, half_cycles)).all()
+
+
+def width_at_height(height, restitution, intensity, half_cycles=np.inf, model="linearized"):
+    block = jr.Block.from_size(width=0.3, height=height)
+    options = {"model": model, "fixed": "height"}
+    return jr.critical_width(block, restitution, intensity, half_cycles, **options)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
+def test_width_at_this_height_is_where_brentq_finds_it(model):
+    """Of slender and stocky blocks; whatever width the given block has."""
+    rng = np.random.default_rng(5)
+    number = 12
+    height, intensity = 10 ** rng.uniform(-1, 1, number), 10 ** rng.uniform(-2, 1, number)
+    c, kappa = rng.uniform(0, 1, number), rng.uniform(1, 2, number)
+    count = rng.integers(1, 9, number).astype(float)
+    block = jr.Block(rng.uniform(0.1, 9, number), 1.0, inertia_ratio=kappa)
+    block = jr.Block(block.half_width, height / block.width, inertia_ratio=kappa)
+    found = jr.critical_width(block, c, intensity, count, model, fixed="height")
+
+    def excess(width, k):
+        of_width = jr.Block(width / 2, height[k] / width, inertia_ratio=kappa[k])
+        critical = jr.critical_intensity(of_width, c[k], count[k], model)
+        return np.log(float(critical) / intensity[k])
+
+    expected = [brentq(excess, 1e-6, 1e6, (k,), 1e-15, 1e-14) for k in range(number)]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert min(expected / height) < 0.1
+    assert max(expected / height) > 2
+
+
+@pytest.mark.float64
+def test_slopes_of_the_width_at_this_height():
+    """By differences; the width of the given block alone has no influence."""
+    at = np.array([1.8, 0.9, 0.15])
+    slopes = jax.grad(lambda x: width_at_height(*x))(jnp.asarray(at))
+    for k, step in enumerate(1e-5 * np.eye(3)):
+        change = width_at_height(*(at + step)) - width_at_height(*(at - step))
+        assert slopes[k] == pytest.approx(float(change) / 2e-5, rel=1e-6)
+
+    def of_width(width):
+        block = jr.Block.from_size(width=width, height=1.8)
+        return jr.critical_width(block, 0.9, 0.15, fixed="height")
+
+    assert jax.grad(of_width)(0.6) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+@mp.workdps(700)
+def test_width_at_this_height_at_all_intensities_there_are(model):
+    """Value and slope, from the smallest to the largest floating-point numbers."""
+    dtype = jnp.result_type(float)
+    kind = np.finfo(dtype)
+    decades = np.log10(float(kind.max)) - 1
+    intensity = jnp.asarray(10 ** np.linspace(-decades, decades, 31), dtype)
+
+    def width(intensity):
+        return jr.critical_width(
+            jr.Block(0.4, 2.0), 0.7, intensity, model=model, fixed="height"
+        )
+
+    found, slope = jax.vmap(jax.value_and_grad(width))(intensity)
+    theirs = getattr(closed_forms, type(model).__name__)
+    b, g, c = [mp.mpf(float(x)) for x in np.asarray([0.4, 9.81, 0.7], dtype)]
+
+    def logarithm_of_intensity(logarithm):
+        half = mp.exp(logarithm) / 2
+        return mp.log(
+            closed_forms.critical_intensity(theirs, half, 2 * b / half, g, c, mp.inf)
+        )
+
+    for given, value, steepness in zip(intensity, found, slope, strict=True):
+        place = mp.log(mp.mpf(float(value)))
+        given = mp.mpf(float(given))
+        assert abs(logarithm_of_intensity(place) - mp.log(given)) < 16 * kind.eps, given
+        expected = mp.exp(place) / given / mp.diff(logarithm_of_intensity, place)
+        if 100 * kind.tiny < expected < kind.max:
+            assert abs(mp.mpf(float(steepness)) / expected - 1) < 32 * kind.eps, given
+
+
+def test_edges_of_the_width_at_this_height():
+    assert width_at_height(1.8, 0.7, 0.0) == 0
+    assert width_at_height(1.8, 1.0, 0.1) == np.inf
+    assert width_at_height(1.8, 1.0, 0.1, 7.0) < np.inf
+    # What is not allowed is NaN where it is traced, and leaves the other slopes alone.
+    c = jnp.asarray([0.6, -0.5, 1.0, 0.9])
+    values, slopes = jax.vmap(jax.value_and_grad(lambda c: width_at_height(1.8, c, 0.1)))(c)
+    assert jnp.isnan(values).tolist() == [False, True, False, False]
+    assert slopes[1] == 0
+    assert np.isfinite(slopes).all()
+    assert (slopes[jnp.asarray([0, 3])] > 0).all()
+    with pytest.raises(ValueError, match="fixed must be slenderness or height, got 'area'"):
+        jr.critical_width(jr.Block(0.4, 5.0), 0.7, 0.1, fixed="area")
+    # At the width that the block has, both say the same.
+    block = jr.Block(0.4, 5.0)
+    just = jr.critical_intensity(block, 0.7)
+    for fixed in ("slenderness", "height"):
+        np.testing.assert_allclose(
+            jr.critical_width(block, 0.7, just, fixed=fixed), 0.8, rtol=1e-5
+        )

@@ -138,7 +138,8 @@ def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
     times, peaks = read_impact_times("times.csv")
     assert peaks is None
     fit = fit_free_rocking(times)
-    assert text == f"{fit}\nfit/fit.csv\nfit/fit.png\n"
+    model = "by the linearized model, the only one without a width"
+    assert text == f"{fit}\n{model}\nfit/fit.csv\nfit/fit.png\n"
     assert "frequency parameter" in text
     with open("fit/fit.csv", encoding="utf-8") as file:
         lines = [line for line in file if not line.startswith("#")]
@@ -159,7 +160,9 @@ def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
 def test_of_a_block_as_json(capsys, tmp_path):
     times, _ = decay(12)
     path = written(tmp_path / "times.csv", times)
-    command = ("fit", path, *SIZE, "--out", tmp_path / "out", "--json")
+    # The times are those of the linearized equation.
+    linear = ("--model", "linearized")
+    command = ("fit", path, *SIZE, *linear, "--out", tmp_path / "out", "--json")
     code, text, _ = run(capsys, *command)
     assert code == 0
     found = json.loads(text)
@@ -174,6 +177,26 @@ def test_of_a_block_as_json(capsys, tmp_path):
     assert len(found["rows"]) == 12
     assert found["rows"][0]["restitution"] is None
     assert [path.rpartition("/")[2] for path in found["files"]] == ["fit.csv", "fit.png"]
+
+
+@pytest.mark.thorough
+def test_of_a_block_the_model_is_nonlinear(capsys, tmp_path):
+    """Of a stocky block, whose restitution the linearized equation would miss."""
+    body = jr.Block(0.2, 2.0)
+    velocities = jr.Nonlinear().critical_velocity(body) * 0.95 * 0.9 ** np.arange(9)
+    halves = jr.Nonlinear().half_cycle_duration(body, velocities)
+    noise = np.random.default_rng(3).normal(0, 1e-4, 10)
+    path = written(tmp_path / "times.csv", np.append(0, np.cumsum(halves)) + noise)
+    command = ("fit", path, "--width", 0.4, "--slenderness", 2, "--out", tmp_path / "out")
+    code, text, _ = run(capsys, *command)
+    assert code == 0
+    assert "\nby the nonlinear model\n" in text
+    found = {}
+    for options in ((), ("--model", "linearized")):
+        _, text, _ = run(capsys, *command, *options, "--force", "--json")
+        answer = json.loads(text)
+        found[answer["model"]] = abs(answer["restitution"] - 0.9)
+    assert found["nonlinear"] < 3e-4 < found["linearized"]
 
 
 @pytest.mark.thorough

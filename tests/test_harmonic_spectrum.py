@@ -4,12 +4,14 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray
 from scipy.integrate import solve_ivp
 from tools.cf_conventions import assert_follows_cf
+from tools.command import run
 
 import jaxrock as jr
 from jaxrock.plot import plot_harmonic
-from jaxrock.spectra import harmonic_spectrum
+from jaxrock.spectra import add_size, harmonic_spectrum
 from jaxrock.steady import (
     harmonic_orbit,
     least_harmonic_amplitude,
@@ -246,6 +248,86 @@ def test_picture():
     one = plot_harmonic(found.isel(frequency_ratio=[0], amplitude_ratio=[0, 1]))
     assert one is not given
     plt.close("all")
+
+
+@pytest.mark.thorough
+@pytest.mark.float64
+def test_in_units_of_one_block(tmp_path):
+    """Coordinates in Hz and m/s2, in which each point is the orbit of that block."""
+    block = jr.Block(0.3, 4.0, 3.7)
+    ratios, strengths = np.array([2.0, 5.0]), np.array([0.05, 0.6, 1.4])
+    found = harmonic_spectrum(
+        ratios, strengths, slenderness=4.0, restitution=0.85, cycles=3, model="linearized"
+    )
+    sized = add_size(found, block)
+    assert sized.uplift_amplitude == pytest.approx(3.7 * float(block.critical_angle))
+    assert (sized.frequency.units, sized.amplitude.units) == ("Hz", "m s-2")
+    frequency, amplitude = np.meshgrid(sized.frequency, sized.amplitude, indexing="ij")
+    orbit = harmonic_orbit(
+        block, 0.85, amplitude, 2 * np.pi * frequency, model=jr.Linearized()
+    )
+    np.testing.assert_allclose(sized.rotation_ratio, orbit.rotation_ratio, rtol=1e-9)
+    sized.to_netcdf(tmp_path / "harmonic.nc")
+    assert_follows_cf(tmp_path / "harmonic.nc")
+    ax = plot_harmonic(sized)
+    assert "[Hz]" in ax.get_xlabel()
+    assert "[m/s²]" in ax.get_ylabel()
+    lifts = next(x for x in ax.get_lines() if x.get_label() == "lifts a block at rest")
+    assert set(lifts.get_ydata()) == {sized.uplift_amplitude}
+    low, high = ax.get_ylim()
+    assert low < sized.amplitude.values[0] < sized.amplitude.values[-1] < high
+    plt.close("all")
+    for wrong, name in ((jr.Block(0.3, 4.1), "slenderness"),
+                        (jr.Block(0.3, 4.0, inertia_ratio=1.2), "inertia_ratio")):  # fmt: skip
+        with pytest.raises(ValueError, match=f"block must have the {name} of the spectrum"):
+            add_size(found, wrong)
+
+
+@pytest.mark.thorough
+@pytest.mark.float64
+def test_the_command_in_hertz(capsys, tmp_path):
+    """From which amplitude on the block goes on rocking, beside what lifts it from rest."""
+    size = ("harmonic", "--width", 0.4, "--height", 2, "--restitution", 0.9, "--cycles", 2)
+    grid = ("--frequency", 1, 2, "--amplitude", "0.1:0.5:41", "--model", "linearized")
+    code, text, _ = run(capsys, *size, *grid, "--out", tmp_path / "out")
+    assert code == 0
+    block = jr.Block(0.2, 5.0)
+    for frequency in (1, 2):
+        least = least_harmonic_amplitude(block, 0.9, 2 * np.pi * frequency)
+        on_grid = np.ceil(float(least) * 100) / 100
+        line = f"at {frequency} Hz: rocks on from {on_grid:.3g} m/s2, lifted from rest at 1.94"
+        assert line in text
+    assert_follows_cf(tmp_path / "out" / "harmonic.nc")
+    with xarray.open_dataset(tmp_path / "out" / "harmonic.nc") as dataset:
+        assert dataset.frequency.values.tolist() == [1, 2]
+    table = (tmp_path / "out" / "harmonic.csv").read_text(encoding="utf-8")
+    assert "frequency [Hz],amplitude [m/s2]" in table
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--frequency 1", "frequency goes with a width only"),
+        ("--amplitude 1", "amplitude goes with a width only"),
+        ("--height 1", "height goes with a width only"),
+        (
+            "--width 0.4 --frequency-ratio 2",
+            "frequency_ratio and amplitude_ratio exclude a wi",
+        ),
+        (
+            "--width 0.4 --amplitude-ratio 2",
+            "frequency_ratio and amplitude_ratio exclude a wi",
+        ),
+        ("--width 0.4 --height 2 --slenderness 5", "exclude each other, got both"),
+        ("--width 0.4 --frequency 0", "frequency must be finite and greater than 0, got 0"),
+        ("--width 0 --height 2", "width must be finite and greater than 0, got 0"),
+    ],
+)
+def test_what_the_command_refuses(capsys, tmp_path, options, words):
+    code, _, err = run(capsys, "harmonic", *options.split(), "--out", tmp_path / "out")
+    assert code == 2
+    assert words in err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.float64

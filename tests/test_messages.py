@@ -189,9 +189,9 @@ LIBRARY = {
         f"acceleration {REAL}, got ['much', 'much', ",
     ),
     "no such quantity": (
-        lambda: jr.overturning_boundaries(BLOCK, 0.7, PULSE, "width", [1.0, 2.0]),
-        "along must be one of amplitude, duration, factor, half_width, slenderness,"
-        " inertia_ratio, restitution, got 'width'",
+        lambda: jr.overturning_boundaries(BLOCK, 0.7, PULSE, "mass", [1.0, 2.0]),
+        "along must be one of amplitude, duration, factor, half_width, slenderness, width,"
+        " height, inertia_ratio, restitution, got 'mass'",
     ),
 }
 
@@ -298,9 +298,9 @@ WORDS = {
         'Invalid value "cubic" for --model. Choose from: "linearized", "nonlinear"',
     ),
     "a name that another option has": (
-        "critical --pulse sine --pulse-duration 0.5 --along width",
-        'Invalid value "width" for --along. Choose from: "amplitude", "duration", "factor",'
-        ' "half_width", "slenderness", "inertia_ratio", "restitution"',
+        "critical --pulse sine --pulse-duration 0.5 --along scale",
+        'Invalid value "scale" for --along. Choose from: "amplitude", "duration", "factor",'
+        ' "width", "height", "half_width", "slenderness", "inertia_ratio", "restitution"',
     ),
     "a number too many": ("assess --width 0.8 0.9", "Unused Tokens: ['0.9']"),
     "a flag with a word": ("assess --json yes", "Unused Tokens: ['yes']"),

@@ -21,12 +21,15 @@ from jaxrock.accuracy import tradeoff
 from jaxrock.plot import (
     animate,
     plot_block,
+    plot_boundaries,
     plot_convergence,
+    plot_critical_intensity,
     plot_curves,
     plot_distribution,
     plot_fragility,
     plot_free_rocking_fit,
     plot_harmonic,
+    plot_outcome_shares,
     plot_overturning_map,
     plot_phase,
     plot_resonance,
@@ -35,6 +38,7 @@ from jaxrock.plot import (
     plot_rocking_spectrum,
     plot_sensitivity_map,
     plot_shares,
+    plot_sobol_indices,
     plot_spectrum,
     plot_tornado,
     plot_tradeoff,
@@ -149,7 +153,16 @@ def curves():
 
 
 @pytest.fixture(scope="module")
-def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
+def shares():
+    record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
+    suite = jr.Suite([record, record.scaled(0.1)])
+    return jr.sensitivity.outcome_shares(
+        jr.Block(0.1, 4.0), 0.8, suite, {"half_width": 0.1}, samples=64
+    )
+
+
+@pytest.fixture(scope="module")
+def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares):
     """A call of every function that takes axes, and the number of entries in its legend."""
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
     samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
@@ -164,6 +177,14 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
             lambda ax: plot_curves(nine.period.squeeze(drop=True), "width", ax=ax),
             9,
         ),
+        plot_boundaries: (
+            lambda ax: plot_boundaries(windows(), (2.0, 20.0), ax, uplift=2.5),
+            3,
+        ),
+        plot_critical_intensity: (
+            lambda ax: plot_critical_intensity(WALL.block, 0.7, 0.15, ax),
+            4,
+        ),
         plot_convergence: (lambda ax: plot_convergence(pulses, ax), 0),
         plot_distribution: (
             lambda ax: plot_distribution(samples, scatter, ax, "rotation ratio [-]"),
@@ -171,6 +192,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
         ),
         plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
         plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 6),
+        plot_outcome_shares: (lambda ax: plot_outcome_shares(shares, ax), 3),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
@@ -180,11 +202,21 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves):
             3,
         ),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
+        plot_sobol_indices: (lambda ax: plot_sobol_indices(shares, "peak", ax), 2),
         plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 3),
         plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
     }
+
+
+def windows(values=(4.0, 8.0, 8.4), first=False, along="factor"):
+    """Boundaries as a search would give them."""
+    beyond = np.arange(len(values)) % 2 == int(first)
+    number = len(values)
+    fields = (np.array(values, float), beyond, np.zeros(number, int), np.zeros(number, bool))
+    single = (np.asarray(number), np.asarray(first), np.asarray(True))
+    return jr.overturning.Boundaries(*jax.device_put((*fields, *single)), along)
 
 
 def tradeoff_table():
@@ -218,7 +250,13 @@ def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
                 # Without a label: names of numbers, or the neighbour's.
                 assert re.search(r" \[[^ ]+\]$", label) or not label, (name, label)
         assert new.get_xlabel(), name
-        assert bool(new.get_ylabel()) == (function not in (plot_tornado, plot_shares)), name
+        assert bool(new.get_ylabel()) == (
+            function
+            not in (
+                *(plot_tornado, plot_shares, plot_boundaries),
+                *(plot_outcome_shares, plot_sobol_indices),
+            )
+        ), name
         looks = looks_of(new) if new.get_legend() else []
         assert len(looks) == entries, name
         assert len(set(looks)) == len(looks), (name, looks)
@@ -602,6 +640,72 @@ def test_overturning_map(boundaries):
     assert one.get_xlim() == pytest.approx((1.9, 2.1))
 
 
+def spans_of(ax):
+    """From where to where each look of the bar goes."""
+    return {
+        area.get_label(): [
+            tuple(path.vertices[:, 0][[0, 2]].tolist()) for path in area.get_paths()
+        ]
+        for area in ax.collections
+    }
+
+
+@pytest.mark.float64
+def test_boundaries_along_a_factor():
+    ax = plot_boundaries(windows(), (2.0, 20.0), uplift=2.5)
+    assert {name: np.sort(spans, axis=1).tolist() for name, spans in spans_of(ax).items()} == {
+        "stands": [[2, 4], [8, 8.4]],
+        "overturns": [[4, 8], [8.4, 20]],
+    }
+    assert legend_of(ax) == ["stands", "overturns", "lifted from 2.5 on"]
+    assert ax.get_xscale() == "log"
+    # The window is too narrow for labels of both of its ends.
+    assert [text.get_text() for text in ax.texts] == ["4", "8.4"]
+    low, high = ax.get_xlim()
+    assert low < 2
+    assert high > 20
+
+
+@pytest.mark.float64
+def test_boundaries_along_a_width():
+    """Where it overturns at the first value; on a linear axis; without what lifts it."""
+    ax = plot_boundaries(windows((0.6,), True, "width"), (0.3, 1.2))
+    assert {name: np.sort(spans, axis=1).tolist() for name, spans in spans_of(ax).items()} == {
+        "stands": [[0.6, 1.2]],
+        "overturns": [[0.3, 0.6]],
+    }
+    assert ax.get_xlabel() == "width at this height [m]"
+    assert ax.get_xscale() == "linear"
+    alone = plot_boundaries(windows((), False, "restitution"), (0.3, 0.9))
+    assert legend_of(alone) == ["stands"]
+    many = np.linspace(1, 2, 40)
+    ax = plot_boundaries(windows(many), (0.5, 20.0), uplift=0.2)
+    places = sorted(text.xy[0] for text in ax.texts)
+    assert places[0] == 1
+    assert places[-1] == 2
+    assert np.diff(np.log(places)).min() > 0.025 * np.log(20 / 0.2)
+    assert ax.get_xlim()[0] < 0.2
+    several = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), windows())
+    with pytest.raises(ValueError, match="found must be of one block, got an array of shape"):
+        plot_boundaries(several, (1.0, 9.0))
+
+
+@pytest.mark.float64
+def test_critical_intensities():
+    ax = plot_critical_intensity(WALL.block, 0.7, 0.15)
+    lines = {line.get_label().partition(":")[0]: line for line in ax.get_lines()}
+    for model in ("nonlinear", "linearized"):
+        count, intensity = lines[model].get_data()
+        assert count.tolist() == list(range(1, 21))
+        # One pulse does it if it is as strong as all: 1 + C + C^2 ... together.
+        series = np.cumsum(0.7 ** np.arange(20))
+        np.testing.assert_allclose(intensity * series, intensity[0], rtol=1e-12)
+        np.testing.assert_allclose(
+            lines["pulses without end"].get_ydata(), intensity[0] * 0.3, rtol=4e-3
+        )
+    assert set(lines["given"].get_ydata()) == {0.15}
+
+
 def test_tornado(bars):
     ax = plot_tornado(bars, label="rotation ratio [-]")
     assert ax.get_xlabel() == "rotation ratio [-]"
@@ -611,10 +715,10 @@ def test_tornado(bars):
     answers = np.append(bars.at_low, bars.at_high)
     np.testing.assert_allclose(ends, np.nan_to_num(answers, nan=bars.value), rtol=1e-6)
     texts = {text.get_text(): text for text in ax.texts}
-    assert set(texts) == {"0.1", "0.4: no answer", "4", "6"}
+    assert set(texts) == {"0.1", "0.4: overturns", "4", "6"}
     # The bar to the low end points to the left, what has none stands to the right.
     assert texts["0.1"].get_ha() == "right"
-    assert texts["0.4: no answer"].get_ha() == "left"
+    assert texts["0.4: overturns"].get_ha() == "left"
 
 
 def test_sensitivity_map():

@@ -6,6 +6,7 @@ import jaxtyping
 import mpmath
 import numpy as np
 import pytest
+from references.half_sine_rates import DURATIONS, OFTEN, POWER, closed_rate, pulses, verge
 from scipy import optimize, stats
 from tools.selection import first_by_default
 
@@ -220,39 +221,9 @@ def test_counts_without_a_curve(counts, expected):
     np.testing.assert_array_equal(fit.at(np.array([1.9, 9.1])), step)
 
 
-# Half-sine pulses overturn a linearized block without an impact, beyond one boundary each.
-DURATIONS = (0.4, 0.7, 1.1)
 SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
 BLOCK, RESTITUTION = jr.Block(*SHAPE[:2]), 0.85
 LEVELS = np.geomspace(0.9, 6.0, 40)
-OFTEN, POWER = 2e-4, 2.3  # the hazard is OFTEN / level**POWER
-
-
-def pulses(samples):
-    along = np.sin(np.linspace(0, np.pi, samples + 1))
-    return jr.Suite([jr.Record(along, duration / samples) for duration in DURATIONS])
-
-
-def verge(measure, duration, half_width, slenderness, inertia_ratio):
-    """The boundary in levels of PGA or PGV, from alpha' + p (alpha - alpha_c) = 0 at the end."""
-    numbers = map(mpmath.mpf, (duration, half_width, slenderness, inertia_ratio))
-    duration, half_width, slenderness, inertia_ratio = numbers
-    angle, gravity = mpmath.acot(slenderness), mpmath.mpf("9.81")
-    w = mpmath.pi / duration
-    p = mpmath.sqrt(gravity * mpmath.sin(angle) / (inertia_ratio * half_width))
-
-    def at_the_end(beta):
-        uplift = mpmath.asin(1 / beta) / w
-        start, end = mpmath.exp(-p * uplift), mpmath.exp(-p * duration)
-        pushed = start * (p / beta + w * mpmath.cos(w * uplift)) + w * end
-        return p * beta * pushed / (p**2 + w**2) - start
-
-    beta = mpmath.findroot(at_the_end, (1.001, 60), solver="anderson", tol=1e-60)
-    return beta * gravity * angle * (1 if measure == "pga" else 2 / w)
-
-
-def closed_rate(measure, *shape, often=OFTEN, power=POWER):
-    return sum(often * verge(measure, d, *shape) ** -power for d in DURATIONS) / len(DURATIONS)
 
 
 def rate_of_pulses(
@@ -509,13 +480,16 @@ def test_fragility_says_where_the_share_falls():
 
 STILL = jr.Suite([jr.Record(np.zeros(3), 0.1)])
 STRETCHED = pulses(4).scaled(np.ones((3, 2)))
-MANY = jr.Block(np.array([0.2, 0.3]), 4.0)
+TABLE = jr.Block(np.full((2, 3), 0.2), 4.0)
 OF_BOTH = [
     ({"suite": pulses(4)[0]}, "suite must be a Suite, got a Record"),
     ({"suite": STILL}, "must have a pgv greater than 0 to be scaled, got 0 for '1'"),
     ({"suite": STRETCHED}, "scales of records must be single ones"),
-    ({"block": MANY}, "block.* restitution .*must be single ones"),
-    ({"restitution": np.ones(2)}, "block.* restitution .*must be single ones"),
+    ({"block": TABLE}, "block and restitution must be single ones or have one axis"),
+    ({"restitution": np.ones((2, 2))}, "must be single ones or have one axis"),
+    ({"scatter": {"mass": 0.1}}, "scatter has 'mass', which is none of half_width"),
+    ({"scatter": {"width": 0.1, "slenderness": 0.1}}, "scatter .*width.*slenderness"),
+    ({"scatter": {"restitution": 0.1}, "samples": 3}, "samples must be a power of 2, got 3"),
     ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
     ({"measure": "pgd"}, "measure must be one of .* got 'pgd'"),
     ({"levels": [0.0, 2.0]}, "levels must be finite and greater than 0, got 0"),

@@ -36,6 +36,51 @@ def test_sensitivities():
     assert "restitution" in str(found)
 
 
+def ratio_by_sides(width, height):
+    block = jr.Block.from_size(width=width, height=height)
+    return float(jr.rotation_ratio(jr.Scene(block, 0.7, 0.15)))
+
+
+def test_sides_are_parameters_of_their_own():
+    """The width at this height is not the size at this slenderness."""
+    found = jr.sensitivities(jr.rotation_ratio, WALL, sides=True)
+    assert found.names[:3] == ("width", "height", "gravity")
+    np.testing.assert_allclose(found.at[:2], (0.8, 4.0), rtol=1e-14)
+    h = 1e-4
+    of_width = (ratio_by_sides(0.8 + h, 4.0) - ratio_by_sides(0.8 - h, 4.0)) / (2 * h)
+    of_height = (ratio_by_sides(0.8, 4.0 + h) - ratio_by_sides(0.8, 4.0 - h)) / (2 * h)
+    np.testing.assert_allclose(found.gradient[:2], (of_width, of_height), rtol=1e-6)
+    assert "width at this height" in str(found)
+    ranges = {"width": (0.7, 0.9), "restitution": (0.6, 0.8)}
+    bars = jr.tornado(jr.rotation_ratio, WALL, ranges)
+    assert bars.names == ("restitution", "width")
+    ends = [ratio_by_sides(width, 4.0) for width in (0.7, 0.9)]
+    np.testing.assert_allclose([bars.at_low[1], bars.at_high[1]], ends, rtol=1e-12)
+
+
+def test_names_of_sides_where_there_are_other_widths():
+    two = {"a": jr.Block(0.4, 5.0), "b": jr.Block(0.3, 4.0), "width": 2.0}
+
+    def answer(at):
+        return at["a"].half_width * at["b"].slenderness + at["width"]
+
+    own = jr.tornado(answer, two, {"width": (1.0, 3.0)})  # the number, of no block
+    assert (own.at_low[0], own.at_high[0]) == pytest.approx((2.6, 4.6))
+    sided = jr.tornado(answer, two, {"a.width": (0.7, 0.9), "b.half_width": (0.2, 0.4)})
+    assert sided.at_low[0] == pytest.approx(0.35 * 4 + 2)
+    single = {"block": jr.Block(0.4, 5.0), "width": 2.0}
+    found = jr.sensitivities(lambda at: at["block"].half_width, single, sides=True)
+    assert found.names == ("block.width", "height", "gravity", "inertia_ratio", "width")
+    assert found.sides == ("block.width", "height")
+    with pytest.raises(ValueError, match=r"'height', which is none of a\.half_width"):
+        jr.tornado(answer, two, {"height": (1.0, 2.0)})  # of which of the two?
+
+
+def test_a_tornado_says_where_it_overturns():
+    bars = jr.tornado(jr.rotation_ratio, WALL, {"restitution": (0.6, 0.99)})
+    assert str(bars).endswith(" overturns")
+
+
 @pytest.mark.thorough
 def test_sensitivities_of_a_driven_answer():
     def peak(at):
@@ -319,7 +364,7 @@ def test_global_sensitivities():
     ("call", "words"),
     [
         (
-            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"height": 0.1}),
+            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"size": 0.1}),
             "none of half_width",
         ),
         (
@@ -335,6 +380,12 @@ def test_global_sensitivities():
                 lambda at: at["restitution"], {"restitution": 1.0}, {"restitution": 0.1}
             ),
             "variation of restitution must be 0 at 1",
+        ),
+        (
+            lambda: jr.tornado(
+                jr.rotation_ratio, WALL, {"width": (0.7, 0.9), "slenderness": (4.0, 6.0)}
+            ),
+            "ranges must have width and height, or half_width and slenderness",
         ),
         (lambda: jr.sensitivities(lambda s: jnp.ones(2), WALL), "answer must be one number"),
         (lambda: jr.sensitivities(jr.rotation_ratio, {"x": np.ones(2)}), "single numbers"),

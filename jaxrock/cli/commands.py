@@ -14,10 +14,12 @@ from ..resonance import Scene
 from ..spectra import RESONANCE_AXES, resonance_spectrum, rocking_spectrum
 from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .command import Answer, Command, Count, Folder, Grid, Steps, Writing, save_picture
+from .critical import Critical
 from .dependence import Sensitivity
 from .harmonic import HarmonicFloor
+from .inventory import AssessInventory
 from .measurements import Fit
-from .one_block import Assess, Critical, Respond
+from .one_block import Assess, Respond
 from .options import BlockOptions, MotionOptions, RecordOptions
 from .storing import Storing
 from .suites import Fragility
@@ -257,6 +259,7 @@ _ALL = (
     Respond,
     RockingSpectrum,
     Fragility,
+    AssessInventory,
     Critical,
     Sensitivity,
     HarmonicFloor,

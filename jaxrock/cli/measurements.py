@@ -42,8 +42,8 @@ class Fit(Writing):
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
     frequency_unknown: bool = False
     """Fit p although the block is given; its shape is kept."""
-    model: ModelName = "linearized"
-    """Equation of motion; nonlinear for a block that is given."""
+    model: ModelName | None = None
+    """Equation of motion; by default nonlinear with a block, without one always linearized."""
     time_noise: float | None = None
     """Standard deviation of a measured time [s]; by default from the residuals."""
     rotation_noise: float | None = None
@@ -64,11 +64,14 @@ class Fit(Writing):
         folder = yield "fit.csv", "fit.png"
         from ..plot import plot_free_rocking_fit
 
+        # Without the block its shape is unknown, which only the linearized equation can spare.
+        known = block is not None
+        model = self.model or ("nonlinear" if known else "linearized")
         fit = fit_free_rocking(
             times,
             block,
             peak_rotations=peaks,
-            model=self.model,
+            model=model,
             frequency_known=not self.frequency_unknown,
             time_noise=self.time_noise,
             rotation_noise=self.rotation_noise,
@@ -80,7 +83,9 @@ class Fit(Writing):
         rows = [
             dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
         ]
-        return Answer(str(fit), {"model": self.model, **_collect_data(fit), "rows": rows})
+        why = "" if known else ", the only one without a width"
+        text = f"{fit}\nby the {model} model{why}"
+        return Answer(text, {"model": model, **_collect_data(fit), "rows": rows})
 
     def _make_block(self) -> Block | None:
         """Make the block; None if it is unknown, without a width."""

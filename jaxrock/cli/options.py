@@ -1,11 +1,22 @@
 """Options that several commands have: of a block, of a record, of a pulse."""
 
 import functools
+from pathlib import Path
 from typing import Annotated, Literal
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..ground_motion import PULSES, Motion, Record, example_record, read_record
+from ..ground_motion import (
+    PULSES,
+    Motion,
+    Record,
+    Suite,
+    example_record,
+    example_suite,
+    read_record,
+    read_suite,
+)
 from ..impact import housner_restitution
+from ..risk import Hazard, read_hazard
 from ..validation import POSITIVE, UNIT_INTERVAL, check
 from .command import OF_BLOCK, OF_MOTION, Command
 
@@ -173,3 +184,41 @@ class MotionOptions(RecordOptions):
         if self.amplitude is None or self.pulse_duration is None:
             raise ValueError("amplitude and pulse_duration must be given with a pulse")
         return PULSES[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
+
+
+class SuiteOptions(Command):
+    """Options that describe a suite of records, and the hazard of a site."""
+
+    records: str = "example"
+    """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
+    unit: str | None = None
+    """Unit of the records, where the files do not state it."""
+    time_step: float | None = None
+    """Time between samples of .csv files without times [s]."""
+    with_vertical: bool = False
+    """Include the vertical component of each record."""
+    hazard: Path | None = None
+    """A .csv file with two columns, level of the measure and yearly rate of exceedance."""
+    hazard_unit: str | None = None
+    """Unit of these levels, where the file does not state it."""
+
+    def read_suite(self) -> Suite:
+        """Read the records of a folder, or take those that come with jaxrock."""
+        if self.records != "example":
+            options = {
+                "unit": self.unit,
+                "time_step": self.time_step,
+                "vertical": self.with_vertical,
+            }
+            return read_suite(self.records, **options)
+        refuse_stated_units('records "example" have their', self.unit, self.time_step)
+        return example_suite(vertical=self.with_vertical)
+
+    def read_hazard(self, measure: str) -> Hazard | None:
+        """Read the hazard, of this measure; None if none is given."""
+        if self.hazard is None:
+            self.refuse("hazard_unit", only_with="a hazard")
+            return None
+        if measure not in ("pgv", "pga"):
+            raise ValueError(f"hazard goes with the measures pgv and pga, not {measure}")
+        return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure)

@@ -2,24 +2,25 @@
 
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..grids import write_table
-from ..ground_motion import MEASURES, Suite, example_suite, read_suite
+from ..ground_motion import MEASURES, Suite
 from ..host import format_table
-from ..risk import Hazard, fragility, name_thresholds, rate_elasticities, read_hazard
+from ..risk import Hazard, fragility, name_thresholds, overturning_rate, rate_elasticities
+from ..sensitivity import draw_blocks
 from ..validation import POSITIVE, as_real, check
-from .command import Answer, Folder, Grid, ModelName, Steps, save_picture
-from .options import BlockOptions, refuse_stated_units
+from .command import Answer, Count, Folder, Grid, ModelName, Steps, save_picture
+from .options import BlockOptions, SuiteOptions
 from .storing import Storing
 
 if TYPE_CHECKING:
     import xarray
 
 
-class Fragility(BlockOptions, Storing):
+class Fragility(SuiteOptions, BlockOptions, Storing):
     """Fragility of a block under a suite of records; with a hazard, the yearly rate of overturning.
 
     Writes fragility.nc, fragility.csv and fragility.png: the share of records that exceed each
@@ -30,14 +31,6 @@ class Fragility(BlockOptions, Storing):
 
     command = "fragility"
 
-    records: str = "example"
-    """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
-    unit: str | None = None
-    """Unit of the records, where the files do not state it."""
-    time_step: float | None = None
-    """Time between samples of .csv files without times [s]."""
-    with_vertical: bool = False
-    """Include the vertical component of each record."""
     measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv"
     """Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the block."""
     levels: Grid | None = None
@@ -46,10 +39,10 @@ class Fragility(BlockOptions, Storing):
     """Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning"."""
     tolerance: float = 1e-3
     """Relative error of peak rotations that is allowed."""
-    hazard: Path | None = None
-    """A .csv file with two columns, level of the measure and yearly rate of exceedance."""
-    hazard_unit: str | None = None
-    """Unit of these levels, where the file does not state it."""
+    scatter: tuple[str, ...] = ()
+    """Coefficients of variation of uncertain numbers, as in restitution=0.05 width=0.02."""
+    samples: Count = 64
+    """Samples of uncertain numbers, a power of 2."""
     model: ModelName = "nonlinear"
     """Equation of motion."""
     out: Folder = Path("fragility")
@@ -57,7 +50,7 @@ class Fragility(BlockOptions, Storing):
     def _carry_out(self) -> Steps:
         block = self.block
         c = self.coefficient
-        suite = self._read_suite()
+        suite = self.read_suite()
         check("tolerance", as_real("tolerance", self.tolerance), POSITIVE)
         thresholds = [_read_threshold(word) for word in self.threshold]
         name_thresholds(thresholds)
@@ -70,16 +63,9 @@ class Fragility(BlockOptions, Storing):
                 raise ValueError("levels must be increasing, got values that do not increase")
         # Every record must have some of the measure, or it could not be scaled to a level.
         suite.factors(1.0, self.measure, block)
-        hazard = None
-        if self.hazard is None:
-            self.refuse("hazard_unit", only_with="a hazard")
-        if self.hazard is not None:
-            if self.measure not in ("pgv", "pga"):
-                raise ValueError(
-                    f"hazard goes with the measures pgv and pga, not {self.measure}"
-                )
-            hazard = read_hazard(self.hazard, unit=self.hazard_unit, measure=self.measure)
-        options = {"tolerance": self.tolerance, "model": self.model}
+        hazard = self.read_hazard(self.measure)
+        drawing = self._read_scatter()
+        options = {"tolerance": self.tolerance, "model": self.model, **drawing}
         curves_of = functools.partial(
             fragility, block, c, suite, levels, self.measure, thresholds, **options
         )
@@ -128,10 +114,22 @@ class Fragility(BlockOptions, Storing):
             "remarks": curves.remark.values.tolist(),
             "share_within_tolerance": 1 - chaotic,
         }
+        if self.scatter:
+            parts = {
+                name.removeprefix("dispersion_"): curves[name].values
+                for name in ("dispersion_of_records", "dispersion_of_parameters")
+            }
+            title = "dispersion that is due to the scatter"
+            lines.append(format_table(title, [str(name) for name in names], **parts))
+            data |= {f"dispersion_{name}": part.tolist() for name, part in parts.items()}
         if hazard is not None:
             block = self.block
             c = self.coefficient
-            about = rate_elasticities(block, c, suite, hazard, self.measure, model=self.model)
+            # Of a block that is given by its sides, these are what can be changed.
+            sides = self.height is not None
+            about = rate_elasticities(
+                block, c, suite, hazard, self.measure, model=self.model, sides=sides
+            )
             found = about.found
             lines.append(f"{found}\n{about}")
             data |= {
@@ -144,19 +142,32 @@ class Fragility(BlockOptions, Storing):
                 ),
                 "slopes": dict(zip(about.names, about.slopes.tolist(), strict=True)),
             }
+            if self.scatter:
+                drawing = self._read_scatter()
+                uncertain = overturning_rate(
+                    block, c, suite, hazard, self.measure, model=self.model, **drawing
+                )
+                lines.append(f"with uncertain numbers: {uncertain}")
+                data["rate_with_scatter"] = float(uncertain.rate)
         return Answer("\n".join(lines), data)
 
-    def _read_suite(self) -> Suite:
-        """Read the records of a folder, or take those that come with jaxrock."""
-        if self.records != "example":
-            options = {
-                "unit": self.unit,
-                "time_step": self.time_step,
-                "vertical": self.with_vertical,
-            }
-            return read_suite(self.records, **options)
-        refuse_stated_units('records "example" have their', self.unit, self.time_step)
-        return example_suite(vertical=self.with_vertical)
+    def _read_scatter(self) -> dict[str, Any]:
+        """Read the coefficients of variation, as arguments; none without any."""
+        if not self.scatter:
+            self.refuse("samples", only_with="scatter")
+            return {}
+        scatter = dict[str, float]()
+        for word in self.scatter:
+            name, _, value = word.partition("=")
+            try:
+                scatter[name] = float(value)
+            except ValueError:
+                raise ValueError(
+                    f"scatter must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
+                ) from None
+        # Drawn once here, so that a name that is none is refused before anything is computed.
+        draw_blocks(self.block, self.coefficient, scatter, self.samples, 0, "scatter")
+        return {"scatter": scatter, "samples": self.samples}
 
     def _choose_levels(self) -> np.ndarray:
         """Choose levels around the intensities that lift and overturn a block of this size."""

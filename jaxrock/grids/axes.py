@@ -43,6 +43,8 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
         "1",
         NON_NEGATIVE,
     ),
+    "frequency": ("frequency of the floor", "Hz", POSITIVE),
+    "amplitude": ("amplitude of the floor", "m s-2", NON_NEGATIVE),
 }
 
 

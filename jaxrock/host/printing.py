@@ -76,9 +76,10 @@ def _is_outside(value: object, domain: Domain | None) -> bool:
 def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) -> str:
     """Write a table: the first line, then one for each name, a column for each keyword."""
     labels = (label.replace("_", " ") for label in columns)
-    lines = [first, f"{'':20}" + "".join(f"{label:>14}" for label in labels)]
+    width = max(20, *(len(name) + 2 for name in names)) if names else 20
+    lines = [first, " " * width + "".join(f"{label:>14}" for label in labels)]
     for name, *row in zip(names, *columns.values(), strict=True):
-        lines.append(f"{name:20}" + "".join(f"{value:14.6g}" for value in row))
+        lines.append(f"{name:{width}}" + "".join(f"{value:14.6g}" for value in row))
     return "\n".join(lines)
 
 

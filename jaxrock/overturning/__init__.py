@@ -2,6 +2,7 @@
 
 from .boundaries import Boundaries, overturning_boundaries
 from .boundaries import find_boundaries as find_boundaries
+from .factor_search import critical_factor, uplift_factor
 from .pulse_thresholds import (
     SurvivalWindows,
     critical_amplitude,
@@ -10,6 +11,7 @@ from .pulse_thresholds import (
 )
 from .pulse_thresholds import check_range as check_range
 from .pulse_thresholds import search_amplitudes_alone as search_amplitudes_alone
+from .quantities import MEANINGS as MEANINGS
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search
 from .quantities import check_subject as check_subject
@@ -18,6 +20,8 @@ __all__ = ["Boundaries", "SurvivalWindows"]
 __all__ += [
     "critical_amplitude",
     "critical_duration",
+    "critical_factor",
     "overturning_boundaries",
     "survival_windows",
+    "uplift_factor",
 ]

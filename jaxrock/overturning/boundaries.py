@@ -118,9 +118,10 @@ def overturning_boundaries(
         records make the leading axis of the result.
     along : str
         ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of the one, ``"frequency"``
-        of the other, ``"factor"`` on any motion, ``"half_width"``, ``"slenderness"``,
-        ``"inertia_ratio"`` or ``"restitution"``. The values replace what the scene has for it;
-        only a factor multiplies it.
+        of the other, ``"factor"`` on any motion; ``"width"`` [m] at this height, ``"height"``
+        [m] at this width, ``"half_width"`` [m] at this slenderness, ``"slenderness"`` at this
+        width, ``"inertia_ratio"`` or ``"restitution"``. The values replace what the scene has
+        for it; only a factor multiplies it.
     values : array_like, shape (..., n)
         Increasing values [unit of the quantity], at least two. All else broadcasts against
         their leading axes.

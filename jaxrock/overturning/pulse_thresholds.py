@@ -113,7 +113,7 @@ def _search_amplitudes(
 ) -> Boundaries:
     """Search critical amplitudes, as `critical_amplitude` does, by a search of any kind."""
     pulse = check_pulse_class(shape)(1.0, duration)
-    levels = _make_levels("ratios", ratios, resolution)
+    levels = make_levels("ratios", ratios, resolution)
     check_kind("block", block, Block)
     # The range follows the block, but a boundary does not depend on where it was sought: the
     # implicit function theorem takes no derivative with respect to these values.
@@ -127,7 +127,7 @@ def _search_amplitudes(
 
 def check_range(ratios: Sequence[float], resolution: float) -> None:
     """Raise `ValueError` if a search between these ratios to a resolution is not allowed."""
-    _make_levels("ratios", ratios, resolution)
+    make_levels("ratios", ratios, resolution)
 
 
 def search_amplitudes_alone(
@@ -185,13 +185,15 @@ def critical_duration(
     >>> print(jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0)))
     overturns beyond 0.333271 s (overturning without an impact)
     """
-    levels = _make_levels("durations", durations, resolution)
+    levels = make_levels("durations", durations, resolution)
     pulse = check_pulse_class(shape)(amplitude, 1.0)
     search = Search("duration", model, max_boundaries, _HALVINGS)
     return search_boundaries(block, restitution, pulse, levels, search)
 
 
-def _make_levels(name: str, ends: Sequence[float], resolution: float) -> np.ndarray:
+def make_levels(
+    name: str, ends: Sequence[float], resolution: float, halvings: int = _HALVINGS
+) -> np.ndarray:
     """Make values between two ends, so close that halvings bring them to the resolution."""
     low, high = ends
     if not 0 < low < high < math.inf:
@@ -199,7 +201,7 @@ def _make_levels(name: str, ends: Sequence[float], resolution: float) -> np.ndar
     if not 1e-6 < resolution < 1:
         raise ValueError(f"resolution must be between 1e-6 and 1, got {resolution:g}")
     # The resolution is a share of the value, so that values make a geometric sequence.
-    ratio = 1 + resolution * 2**_HALVINGS
+    ratio = 1 + resolution * 2**halvings
     return np.geomspace(low, high, math.ceil(math.log(high / low) / math.log(ratio)) + 1)
 
 

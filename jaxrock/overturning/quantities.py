@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 from types import UnionType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array
 
-from ..block import Block
+from ..block import Block, change_block
 from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..resonance import ModelLike, as_model
@@ -78,47 +78,78 @@ class _Quantity(NamedTuple):
         Its values.
     motions : class, or union of classes
         The motions that have it.
-    select : function
-        Selects it in a subject. Of any type, since `equinox.tree_at` calls it with
-        placeholders.
+    replace : function
+        Takes a subject and a value, and returns the subject with that value.
     """
 
     domain: Domain
     motions: type[Motion] | UnionType
-    select: Callable[[Subject], Any]
+    replace: Callable[[Subject, AnyArray], Subject]
 
 
-def _select_strength(subject: Subject) -> Any:
-    """Select the factor on a record, or the amplitude of any other motion."""
+def _replace_strength(subject: Subject, value: AnyArray) -> Subject:
+    """Replace the factor on a record, or the amplitude of any other motion."""
+    name = "factor" if isinstance(subject.motion, GroundMotions) else "amplitude"
+    return eqx.tree_at(lambda s: getattr(s.motion, name), subject, value)
+
+
+def _multiply_strength(subject: Subject, value: AnyArray) -> Subject:
+    """Multiply the strength that the motion has."""
     motion = subject.motion
-    return motion.factor if isinstance(motion, GroundMotions) else motion.amplitude
+    strength = motion.factor if isinstance(motion, GroundMotions) else motion.amplitude
+    return _replace_strength(subject, strength * value)
 
 
-def _select_in_motion(name: str) -> Callable[[Subject], Any]:
-    return lambda subject: getattr(subject.motion, name)
+def _replace_in_motion(name: str) -> Callable[[Subject, AnyArray], Subject]:
+    return lambda subject, value: eqx.tree_at(
+        lambda s: getattr(s.motion, name), subject, value
+    )
+
+
+def _replace_in_block(name: str) -> Callable[[Subject, AnyArray], Subject]:
+    """Make a function that replaces a number or a side of the block, as `change_block` does."""
+    return lambda subject, value: eqx.tree_at(
+        lambda s: s.block, subject, change_block(subject.block, name, value)
+    )
 
 
 _QUANTITIES = {
-    "amplitude": _Quantity(FINITE, Pulse | Harmonic, _select_strength),
-    "duration": _Quantity(POSITIVE, Pulse, _select_in_motion("duration")),
-    "frequency": _Quantity(POSITIVE, Harmonic, _select_in_motion("frequency")),
-    # On the strength that the motion has.
-    "factor": _Quantity(NON_NEGATIVE, Motion, _select_strength),
-    "half_width": _Quantity(POSITIVE, Motion, lambda subject: subject.block.half_width),
-    "slenderness": _Quantity(POSITIVE, Motion, lambda subject: subject.block.slenderness),
-    "inertia_ratio": _Quantity(
-        AT_LEAST_ONE, Motion, lambda subject: subject.block.inertia_ratio
+    "amplitude": _Quantity(FINITE, Pulse | Harmonic, _replace_strength),
+    "duration": _Quantity(POSITIVE, Pulse, _replace_in_motion("duration")),
+    "frequency": _Quantity(POSITIVE, Harmonic, _replace_in_motion("frequency")),
+    "factor": _Quantity(NON_NEGATIVE, Motion, _multiply_strength),
+    **{
+        name: _Quantity(POSITIVE, Motion, _replace_in_block(name))
+        for name in ("half_width", "slenderness", "width", "height")
+    },
+    "inertia_ratio": _Quantity(AT_LEAST_ONE, Motion, _replace_in_block("inertia_ratio")),
+    "restitution": _Quantity(
+        UNIT_INTERVAL,
+        Motion,
+        lambda subject, value: eqx.tree_at(lambda s: s.restitution, subject, value),
     ),
-    "restitution": _Quantity(UNIT_INTERVAL, Motion, lambda subject: subject.restitution),
 }
 
 
-UNITS = {"amplitude": "m/s2", "duration": "s", "frequency": "rad/s", "half_width": "m"}
+UNITS = {
+    "amplitude": "m/s2",
+    "duration": "s",
+    "frequency": "rad/s",
+    **dict.fromkeys(("half_width", "width", "height"), "m"),
+}
+# A width means two things, and a height: what stays the same has to be said.
+MEANINGS = {
+    "half_width": "half-width at this slenderness",
+    "width": "width at this height",
+    "height": "height at this width",
+}
 
 
 def format_value(along: str, value: float) -> str:
     """Write a value of a quantity, an acceleration also in g."""
     text = f"{value:.6g} {UNITS.get(along, '')}".rstrip()
+    if along in MEANINGS:
+        return f"{text}, {MEANINGS[along]}"
     return f"{text} ({value / 9.81:.3g} g)" if along == "amplitude" else text
 
 
@@ -167,11 +198,8 @@ def split_numbers(subject: Subject) -> tuple[Subject, Subject]:
 
 def set_quantity(subject: Subject, value: AnyArray, search: Search) -> Subject:
     """Give a subject a value of the quantity that the search is along."""
-    select = _QUANTITIES[search.along].select
-    if search.along == "factor":
-        value = select(subject) * value
     # Checked nowhere: `check_subject` has checked all values.
-    return eqx.tree_at(select, subject, value)
+    return _QUANTITIES[search.along].replace(subject, value)
 
 
 def respond_at(

@@ -9,6 +9,9 @@ from .block import animate, plot_block, plot_phase, plot_response
 from .calibration import plot_free_rocking_fit
 from .fragility import plot_fragility
 from .harmonic import plot_harmonic
+from .inventory import plot_inventory
+from .outcome_shares import plot_outcome_shares, plot_sobol_indices
+from .overturning import plot_boundaries, plot_critical_intensity
 from .pulses import plot_convergence, plot_overturning_map, plot_resonance, plot_train
 from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado
 from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
@@ -17,12 +20,16 @@ from .tradeoff import plot_tradeoff
 __all__ = [
     "animate",
     "plot_block",
+    "plot_boundaries",
     "plot_convergence",
+    "plot_critical_intensity",
     "plot_curves",
     "plot_distribution",
     "plot_fragility",
     "plot_free_rocking_fit",
     "plot_harmonic",
+    "plot_inventory",
+    "plot_outcome_shares",
     "plot_overturning_map",
     "plot_phase",
     "plot_resonance",
@@ -31,6 +38,7 @@ __all__ = [
     "plot_rocking_spectrum",
     "plot_sensitivity_map",
     "plot_shares",
+    "plot_sobol_indices",
     "plot_spectrum",
     "plot_tornado",
     "plot_tradeoff",

@@ -31,7 +31,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     dataset : xarray.Dataset
-        Of `jaxrock.fragility`.
+        Of `jaxrock.fragility`, for one object.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -39,7 +39,16 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If the dataset is of many objects.
     """
+    if "object" in dataset.dims:
+        raise ValueError(
+            "dataset must be of one object, as dataset.sel(object=...) selects it"
+        )
     ax = get_axes(ax, figsize=(8.0, 4.5))
     levels = dataset.level.values
     # On a logarithmic axis: the bars of all thresholds fit in between two levels. A single
@@ -80,7 +89,8 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         ax.plot([], [], label=name, **line, **mark)
     # A dataset that was made by hand has no attributes.
     about = dataset.attrs
-    if "half_width" in about:
+    # One of many objects has no numbers of its own in the attributes.
+    if np.ndim(about.get("half_width", ())) == 0:
         width = 2 * about["half_width"]
         c = about["restitution"]
         size = f"{width:.3g} m wide, {width * about['slenderness']:.3g} m high"

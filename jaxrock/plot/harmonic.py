@@ -21,12 +21,13 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw where a block rocks steadily on a harmonic floor, and how high.
 
     White where it does not, shaded or hatched where it does; curves are of equal peak rotation
-    over critical angle. From the dashed line on the floor lifts a block that is at rest.
+    over critical angle. From the dashed line on the floor lifts a block that is at rest. In Hz
+    and m/s2 if the spectrum has the size of a block; else in ratios.
 
     Parameters
     ----------
     found : xarray.Dataset
-        From `jaxrock.spectra.harmonic_spectrum`.
+        From `jaxrock.spectra.harmonic_spectrum`, perhaps with `jaxrock.spectra.add_size`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -39,9 +40,11 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     # Contours need rising axes, and the amplitude as the first one.
     found = found.sortby(["frequency_ratio", "amplitude_ratio"])
     found = found.transpose("amplitude_ratio", "frequency_ratio")
-    across = found.frequency_ratio.values
-    up = found.amplitude_ratio.values
     about = found.attrs
+    sized = "frequency" in found.coords
+    across = (found.frequency if sized else found.frequency_ratio).values
+    up = (found.amplitude if sized else found.amplitude_ratio).values
+    uplift = about["uplift_amplitude"] if sized else 1
     # Amplitudes of 0 have no place on a logarithmic axis.
     found = found.isel(amplitude_ratio=up > 0)
     up = up[up > 0]
@@ -77,14 +80,18 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
-    if levels[0] < 1 < levels[-1]:
+    if levels[0] < uplift < levels[-1]:
         ax.axhline(
-            1, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest"
+            uplift, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest"
         )
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**ABOVE, ncols=3, fontsize="small")
     numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"
+    if sized:
+        numbers = rf"$2b$ = {about['width']:.3g} m, $2a$ = {about['height']:.3g} m, {numbers}"
     ax.text(0.99, 0.02, numbers, transform=ax.transAxes, ha="right", fontsize="small")
+    if sized:
+        return label_axes(ax, "frequency of the floor [Hz]", "amplitude of the floor [m/s²]")
     angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
     vertical = rf"amplitude ratio $a/(g\,{angle})$ [-]"
     return label_axes(ax, r"frequency ratio $\omega/p$ [-]", vertical)

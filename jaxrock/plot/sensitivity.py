@@ -1,5 +1,7 @@
 """Dependence of an answer on numbers: tornado, maps of slopes, scatter."""
 
+from collections.abc import Sequence
+
 import matplotlib
 import matplotlib.patheffects
 import numpy as np
@@ -9,7 +11,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from ..sensitivity import MomentEstimate, TornadoBars
+from ..sensitivity import MomentEstimate, TornadoBars, describe_input
 from .axes import (
     ABOVE,
     ACCENT,
@@ -30,6 +32,9 @@ _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
     """Draw what each number can do to an answer within its range.
 
+    An end at which there is no answer says that the block overturns there. Where it overturns
+    with all numbers unchanged, the line stands beyond the highest answer.
+
     Parameters
     ----------
     bars, label : TornadoBars, str
@@ -44,25 +49,85 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     """
     ax = get_axes(ax)
     rows = np.arange(len(bars.names))[::-1]
-    for ends, others, limits, colour, name in (
-        (bars.at_low, bars.at_high, bars.low, INK, "low"),
-        (bars.at_high, bars.at_low, bars.high, LIGHT, "high"),
+    middle = _place_middle(bars)
+    lengths = np.nan_to_num([bars.at_low - middle, bars.at_high - middle])
+    sides = _choose_sides(lengths)
+    for k, (ends, limits, colour, name) in enumerate(
+        (
+            (bars.at_low, bars.low, INK, "low"),
+            (bars.at_high, bars.high, LIGHT, "high"),
+        )
     ):
-        # Where there is no answer, on the side that the other end leaves free.
-        missing = ~np.isfinite(ends)
-        # A bar of no length has no direction, by which its text takes a side: hence 1e-300.
-        nothing = np.where(others < bars.value, 1e-300, -1e-300)
-        width = np.where(missing, nothing, ends - bars.value)
+        # The longer of two bars on one side must not hide the shorter one.
+        shorter = abs(lengths[k]) < abs(lengths[1 - k])
         look = {"height": 0.6, "color": colour, "label": f"at the {name} end"}
-        texts = zip(limits, np.where(missing, ": no answer", ""), strict=True)
-        texts = [f"{limit:.4g}{text}" for limit, text in texts]
-        drawn = ax.barh(rows, width, left=bars.value, **look)
-        ax.bar_label(drawn, texts, padding=3, fontsize="small")
-    ax.axvline(bars.value, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [write_number_label(name) for name in bars.names])
-    ax.margins(x=0.15)
+        drawn = ax.barh(rows, lengths[k], left=middle, **look)
+        for bar, front in zip(drawn, shorter, strict=True):
+            bar.set_zorder(1.1 if front else 1.0)
+        for row, end, limit, length, side in zip(
+            rows, ends, limits, lengths[k], sides[k], strict=True
+        ):
+            # On its own side at the end of the bar, else at the middle.
+            place = middle + (length if length * side > 0 else 0.0)
+            text = f"{limit:.4g}" if np.isfinite(end) else f"{limit:.4g}: overturns"
+            ax.annotate(
+                text,
+                (place, row),
+                (3 * side, 0),
+                textcoords="offset points",
+                ha="right" if side < 0 else "left",
+                va="center",
+                fontsize="small",
+            )
+    ax.axvline(middle, color=LINE, linewidth=0.8)
+    if not np.isfinite(bars.value):
+        ax.set_title("it overturns with all numbers unchanged", fontsize="medium", pad=24)
+    ax.set_yticks(rows, [_label_number(name, bars.sides) for name in bars.names])
+    # Bars would hold the axes to the line; the texts need room on both sides.
+    ax.use_sticky_edges = False
+    ax.margins(x=0.2 if np.isfinite([bars.at_low, bars.at_high]).all() else 0.5)
     ax.legend(**ABOVE, ncols=2)
     return label_axes(ax, label, "", grid="x")
+
+
+def _place_middle(bars: TornadoBars) -> float:
+    """Place the line from which bars begin: at the answer, or beyond all where there is none."""
+    if np.isfinite(bars.value):
+        return bars.value
+    ends = np.append(bars.at_low, bars.at_high)
+    ends = ends[np.isfinite(ends)]
+    return (
+        float(ends.max() + 0.2 * (np.ptp(ends) or abs(ends.max()) or 1.0))
+        if ends.size
+        else 0.0
+    )
+
+
+def _choose_sides(lengths: np.ndarray) -> np.ndarray:
+    """Choose for both ends of each bar on which side of it the text stands: -1 or 1."""
+    sides = np.sign(lengths)
+    low, high = sides
+    # An end without a bar takes the side that the other one leaves; without any, the low end
+    # stands on the left.
+    low = np.where(low == 0, np.where(high == 0, -1, -high), low)
+    high = np.where(high == 0, -low, high)
+    # Two bars to one side: the text of the shorter one would lie in the longer one.
+    same = low == high
+    low_is_shorter = abs(lengths[0]) < abs(lengths[1])
+    return np.array(
+        [
+            np.where(same & low_is_shorter, -low, low),
+            np.where(same & ~low_is_shorter, -high, high),
+        ]
+    )
+
+
+def _label_number(name: str, sides: Sequence[str]) -> str:
+    """Label a number; of a size also what stays as it is where it is changed."""
+    symbols = {"width": "2b", "height": "2a", "half_width": "b"}
+    if name == "half_width" or (name in sides and name in symbols):
+        return f"{describe_input(name)}, ${symbols[name]}$ [m]"
+    return write_number_label(name)
 
 
 def plot_sensitivity_map(
@@ -203,7 +268,7 @@ def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
     """
     ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
     shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])
-    names = [name.replace("_", " ") for name, _ in shares]
+    names = [describe_input(name) for name, _ in shares]
     bars = ax.barh(names, [100 * share for _, share in shares], color=INK)
     ax.bar_label(bars, fmt=" {:.1f}", fontsize="small")
     ax.set_xlim(0, 110)

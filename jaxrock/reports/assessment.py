@@ -44,15 +44,32 @@ _ROWS = (
     ("amplification zeta [-]", "stabilized.amplification"),
     ("critical intensity, in half-cycles", ""),
     *((f"{count} [m/s]", f"critical_intensity.{count}") for count in _HALF_CYCLES),
-    ("derivative of the rotation ratio with respect to", ""),
+)
+_DERIVATIVE = "derivative of the rotation ratio with respect to"
+_ELASTICITY = "elasticity of the rotation ratio with respect to"
+# A width means two things: what stays the same is said.
+_ROWS_BY_SIZE = (
+    (_DERIVATIVE, ""),
     ("restitution C [-]", "derivatives.restitution"),
-    ("slenderness lambda [-]", "derivatives.slenderness"),
-    ("half_width b [1/m]", "derivatives.half_width"),
+    ("slenderness at this width [-]", "derivatives.slenderness"),
+    ("b at this slenderness [1/m]", "derivatives.half_width"),
     ("intensity I [s/m]", "derivatives.intensity"),
-    ("elasticity of the rotation ratio with respect to", ""),
+    (_ELASTICITY, ""),
     ("restitution C [-]", "elasticities.restitution"),
-    ("slenderness lambda [-]", "elasticities.slenderness"),
-    ("half_width b [-]", "elasticities.half_width"),
+    ("slenderness at this width [-]", "elasticities.slenderness"),
+    ("b at this slenderness [-]", "elasticities.half_width"),
+    ("intensity I [-]", "elasticities.intensity"),
+)
+_ROWS_BY_SIDES = (
+    (_DERIVATIVE, ""),
+    ("restitution C [-]", "derivatives.restitution"),
+    ("width at this height [1/m]", "derivatives.width_at_this_height"),
+    ("height at this width [1/m]", "derivatives.height_at_this_width"),
+    ("intensity I [s/m]", "derivatives.intensity"),
+    (_ELASTICITY, ""),
+    ("restitution C [-]", "elasticities.restitution"),
+    ("width at this height [-]", "elasticities.width_at_this_height"),
+    ("height at this width [-]", "elasticities.height_at_this_width"),
     ("intensity I [-]", "elasticities.intensity"),
 )
 
@@ -172,6 +189,19 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
         # convention.
         derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
         elasticities[name] = derivatives[name] * value / ratio
+    # The sides are w = 2 b and h = lambda w. With a wider base at this height the slenderness
+    # falls, and with more height at this width only the slenderness grows.
+    width = 2 * block.half_width
+    slenderness = block.slenderness
+    of_slenderness = derivatives["slenderness"]
+    derivatives["width_at_this_height"] = (
+        derivatives["half_width"] / 2 - of_slenderness * slenderness / width
+    )
+    derivatives["height_at_this_width"] = of_slenderness / width
+    elasticities["width_at_this_height"] = (
+        elasticities["half_width"] - elasticities["slenderness"]
+    )
+    elasticities["height_at_this_width"] = elasticities["slenderness"]
     peak = model.peak_rotation(block, resonance.launch_velocity(scene))
     half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
     critical = resonance.critical_intensity(block, scene.restitution, half_cycles, model)
@@ -200,8 +230,21 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
     }
 
 
-def write_text(result: Answers) -> str:
-    """Write the answers of `assess` as a page to read."""
+def write_text(result: Answers, *, by_sides: bool = False) -> str:
+    """Write the answers of `assess` as a page to read.
+
+    Parameters
+    ----------
+    result : dict
+        From `assess`.
+    by_sides : bool
+        Whether sensitivities are to width and height, each while the other stays, instead of
+        to half-width and slenderness.
+
+    Returns
+    -------
+    str
+    """
     scene = result["scene"]
     models = result["models"]
     # What the models share stands in the first column only.
@@ -219,7 +262,7 @@ def write_text(result: Answers) -> str:
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
     ]
-    for label, place in _ROWS:
+    for label, place in _ROWS + (_ROWS_BY_SIDES if by_sides else _ROWS_BY_SIZE):
         line = f"  {label:32}" if place else label
         for number in (column[place] for column in columns if place in column):
             never = place == "overturning_half_cycle" and math.isinf(number)

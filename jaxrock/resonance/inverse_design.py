@@ -57,20 +57,22 @@ def critical_intensity(
     return _single_pulse_intensity(block, model) * share_of_one(restitution, half_cycles)
 
 
-@elementwise(
-    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
-)
 def critical_width(
     block: Block,
     restitution: Number,
     intensity: Number,
     half_cycles: Number = jnp.inf,
     model: ModelLike = Linearized(),
+    *,
+    fixed: str = "slenderness",
 ) -> Reals:
-    """Compute the width of the block of this slenderness that pulses just overturn.
+    """Compute the width that pulses just overturn, at this slenderness or at this height.
 
-    The half-width of `block` does not matter. Critical intensities grow with the square root
-    of the size. Linearized, the width is 0.32 % too small at slenderness 5: the unsafe side.
+    The half-width of `block` does not matter. At this slenderness the height changes in
+    proportion: the answer is a size, and critical intensities grow with its square root. At
+    this height they grow faster, nearly in proportion to the width of a slender block.
+    Linearized, the width is too small, the unsafe side: at slenderness 5 by 0.32 %, at this
+    height by about half of that.
 
     Parameters
     ----------
@@ -82,6 +84,8 @@ def critical_width(
     half_cycles : array_like
         n, a whole number from 1 on, or inf.
     model : ModelLike
+    fixed : str
+        What stays as it is: ``"slenderness"`` or ``"height"``.
 
     Returns
     -------
@@ -91,14 +95,86 @@ def critical_width(
     Raises
     ------
     ValueError
-        If a concrete `restitution`, `intensity` or `half_cycles` is out of range. A traced one
-        gives NaN.
+        If `fixed` is neither of the two, or a concrete `restitution`, `intensity` or
+        `half_cycles` is out of range. A traced one gives NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> cabinet = jr.Block.from_size(width=0.6, height=1.8)
+    >>> for fixed in ("slenderness", "height"):
+    ...     width = jr.critical_width(cabinet, 0.9, 0.15, fixed=fixed)
+    ...     print(f"{width:.2f} m at this {fixed}")
+    0.95 m at this slenderness
+    0.74 m at this height
     """
+    if fixed not in (names := ("slenderness", "height")):
+        raise ValueError(f"fixed must be {' or '.join(names)}, got {fixed!r}")
+    solve = _width_at_slenderness if fixed == "slenderness" else _width_at_height
+    return solve(block, restitution, intensity, half_cycles, model)
+
+
+@elementwise(
+    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+)
+def _width_at_slenderness(
+    block: Block, restitution: Number, intensity: Number, half_cycles: Number, model: ModelLike
+) -> Reals:
+    """Compute the width at this slenderness that pulses just overturn."""
     # A block of half-width 1 m instead of the given one, which drops out: so it is not in the
     # derivatives either.
     unit = eqx.tree_at(lambda b: b.half_width, block, jnp.ones_like(block.half_width))
     pulse = _equivalent_intensity(restitution, intensity, half_cycles)
     return 2 * (pulse / _single_pulse_intensity(unit, model)) ** 2
+
+
+@elementwise(
+    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+)
+def _width_at_height(
+    block: Block, restitution: Number, intensity: Number, half_cycles: Number, model: ModelLike
+) -> Reals:
+    """Compute the width at this height that pulses just overturn."""
+    pulse = _equivalent_intensity(restitution, intensity, half_cycles)
+    half_height = block.slenderness * block.half_width
+    gravity = block.gravity * block.inertia_ratio
+    # The pulse as a pure number, on which alone b / a depends.
+    weight = quotient(pulse, jnp.sqrt(half_height) * jnp.sqrt(gravity))
+    number = jnp.finfo(weight.dtype)
+    finite = weight < jnp.inf
+    weight = jnp.where(finite, weight, 1)
+
+    def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
+        """Compute log(pulse that just overturns a block of this shape / given pulse)."""
+        estimate, weight = parameters
+        ratio = estimate * jnp.exp(log_factor)
+        unit = jnp.ones_like(estimate)
+        # A block with a g kappa = 1: its pulse in m/s is the pure number.
+        return jnp.log(
+            _single_pulse_intensity(Block(0.75 * ratio, 1 / ratio, unit), model) / weight
+        )
+
+    # Slender blocks are overturned by a weight of b / a, stocky ones by (b / a)^1.5, up to a
+    # factor of pi / 2. The factor on b / a is solved for; beyond the ends of the clipped range
+    # it no longer changes.
+    eps = float(number.eps)
+    clipped = jnp.clip(weight, 0.1 * eps**0.5, (10 / eps) ** 1.5)
+    estimate, clipped_estimate = (_estimate_ratio(w) for w in (weight, clipped))
+    log_factor = _solve_by_newton(
+        log_excess, jnp.zeros_like(estimate), clipped_estimate, clipped
+    )
+    fixed = jax.lax.stop_gradient(log_factor)
+    factor = jnp.exp(jnp.where(weight == clipped, log_factor, fixed))
+    return jnp.where(finite, 2 * half_height * (estimate * factor), jnp.inf)
+
+
+def _estimate_ratio(weight: Reals) -> Reals:
+    """Estimate b / a, within a factor of (pi / 2)^(2 / 3), from the pulse as a pure number."""
+    slender = weight < 1
+    # Where it is not used the weight is 1: the root of 0 has an infinite derivative.
+    # Not by a power of 2 / 3, whose rounding a large number would multiply.
+    stocky = jnp.cbrt(jnp.where(slender, 1, weight)) ** 2
+    return jnp.where(slender, weight, stocky)
 
 
 @elementwise(
@@ -113,8 +189,8 @@ def critical_slenderness(
 ) -> Reals:
     """Compute the slenderness of the block of this width that pulses just overturn.
 
-    The slenderness of `block` does not matter. Linearized, lambda is too large: the unsafe
-    side.
+    The slenderness of `block` does not matter. The answer times the width is the height at
+    this width. Linearized, lambda is too large: the unsafe side.
 
     Parameters
     ----------

@@ -45,22 +45,58 @@ def add_curves(
 ) -> "xarray.Dataset":
     """Add the curves over the levels to responses over record and level, before these.
 
-    The curves are lazy if the responses are.
+    The responses may have dimensions of objects and of samples as well. The curves are lazy if
+    the responses are.
     """
+    dims = [str(dim) for dim in responses.rotation_ratio.dims]
+    record = dims.index("record")
     ratio = responses.rotation_ratio.data
     overturned = responses.overturned.data > 0
     beyond = [_exceeds(threshold, ratio, overturned) for threshold in thresholds]
-    counts = np.stack([exceeded.sum(axis=0) for exceeded in beyond], axis=-1)
-    within = responses.within_tolerance.data.mean(axis=0)
+    counts = np.stack([exceeded.sum(axis=record) for exceeded in beyond], axis=-1)
+    # The dimensions of the counts: objects and samples where there are any, levels, thresholds.
+    of_counts = [*(dim for dim in dims if dim != "record"), "threshold"]
+    scattered = "sample" in dims
+    axes = tuple(dims.index(dim) for dim in dims if dim in ("record", "sample"))
+    within = responses.within_tolerance.data.mean(axis=axes)
     levels = responses.level.values
     number = responses.sizes["record"]
+    entries = _list_curves(of_counts, confidence, unit)
+    arguments = (levels, number, confidence, of_counts.index("sample") if scattered else None)
+    # Curves are fitted to the counts of all levels: one task, which does not see the
+    # responses.
+    if isinstance(counts, np.ndarray):
+        curves = _compute_curves(counts, *arguments)
+    else:
+        kinds = {
+            name: ([of_counts.index(dim) for dim in entry.dims], entry.dtype)
+            for name, entry in entries.items()
+        }
+        from ..grids import apply_lazily
+
+        curves = apply_lazily(_compute_curves, counts, arguments, kinds)
+    variables = {}
+    for name, (variable_dims, _, long_name, units) in entries.items():
+        described = describe_variable(long_name, units) if units else {"long_name": long_name}
+        variables[name] = (variable_dims, curves[name], described)
+    chaos = describe_variable("share of records whose answer is within tolerance")
+    plain = tuple(dim for dim in dims if dim in ("object", "level"))
+    variables["share_within_tolerance"] = (plain, within, chaos)
+    first = responses.drop_vars(list(responses.data_vars)).assign(variables)
+    whole = first.assign({name: responses[name] for name in responses.data_vars})
+    return add_names(whole, threshold=(names, "threshold"))
+
+
+def _list_curves(
+    of_counts: Sequence[str], confidence: float, unit: str
+) -> dict[str, _CurveVariable]:
+    """List the variables made of counts over these dimensions."""
     ends = f"of the interval with a confidence of {confidence:g}"
-    plane = ("level", "threshold")
-    line = ("threshold",)
+    plane = tuple(dim for dim in of_counts if dim != "sample")
+    line = tuple(dim for dim in plane if dim != "level")
+    share = "share of records beyond the threshold"
     entries = {
-        "exceedance": _CurveVariable(
-            plane, float, "share of records beyond the threshold", "1"
-        ),
+        "exceedance": _CurveVariable(plane, float, share, "1"),
         "exceedance_low": _CurveVariable(plane, float, f"lower end {ends}", "1"),
         "exceedance_high": _CurveVariable(plane, float, f"upper end {ends}", "1"),
         "lognormal": _CurveVariable(plane, float, "most likely lognormal curve", "1"),
@@ -70,28 +106,15 @@ def add_curves(
         ),
         "remark": _CurveVariable(line, f"<U{_REMARK}", "on the curve", ""),
     }
-    arguments = (levels, number, confidence)
-    # Curves are fitted to the counts of all levels: one task, which does not see the
-    # responses.
-    if isinstance(counts, np.ndarray):
-        curves = _compute_curves(counts, *arguments)
-    else:
-        kinds = {
-            name: ([plane.index(dim) for dim in entry.dims], entry.dtype)
-            for name, entry in entries.items()
-        }
-        from ..grids import apply_lazily
-
-        curves = apply_lazily(_compute_curves, counts, arguments, kinds)
-    variables = {}
-    for name, (dims, _, long_name, units) in entries.items():
-        described = describe_variable(long_name, units) if units else {"long_name": long_name}
-        variables[name] = (dims, curves[name], described)
-    chaos = describe_variable("share of records whose answer is within tolerance")
-    variables["share_within_tolerance"] = (("level",), within, chaos)
-    first = responses.drop_vars(list(responses.data_vars)).assign(variables)
-    whole = first.assign({name: responses[name] for name in responses.data_vars})
-    return add_names(whole, threshold=(names, "threshold"))
+    if "sample" in of_counts:
+        part = "of the standard deviation of ln(level), the part due to"
+        entries["dispersion_of_records"] = _CurveVariable(
+            line, float, f"{part} the records", "1"
+        )
+        entries["dispersion_of_parameters"] = _CurveVariable(
+            line, float, f"{part} uncertain parameters", "1"
+        )
+    return entries
 
 
 def _exceeds(threshold: Threshold, ratio: _LazyOrNot, overturned: _LazyOrNot) -> _LazyOrNot:
@@ -105,40 +128,85 @@ def _exceeds(threshold: Threshold, ratio: _LazyOrNot, overturned: _LazyOrNot) ->
 
 
 def _compute_curves(
-    counts: np.ndarray, levels: np.ndarray, number: int, confidence: float
+    counts: np.ndarray,
+    levels: np.ndarray,
+    number: int,
+    confidence: float,
+    sample_axis: int | None,
 ) -> dict[str, np.ndarray]:
-    """Compute counted and fitted curves, for counts of shape (levels, thresholds)."""
+    """Compute counted and fitted curves, for counts of shape (..., levels, thresholds).
+
+    The axis of samples, if there is one, is in front of the levels.
+    """
     from scipy.special import betaincinv
 
-    # The exact interval of Clopper and Pearson (1934), doi:10.1093/biomet/26.4.404, for every
-    # count that there can be. At its ends the beta distribution degenerates: to 0 and 1.
+    each = counts if sample_axis is None else counts.mean(axis=sample_axis)
+    # The exact interval of Clopper and Pearson (1934), doi:10.1093/biomet/26.4.404. At its
+    # ends the beta distribution degenerates: to 0 and 1. With samples a record counts by the
+    # share of its samples, which scatters less than one outcome with the same mean: the
+    # interval is then wider than it need be, and never too narrow.
     tail = 0.5 * (1 - confidence)
-    every = np.arange(number + 1)
-    lower = np.append(0.0, betaincinv(every[1:], number - every[1:] + 1, tail))
-    upper = np.append(betaincinv(every[:-1] + 1, number - every[:-1], 1 - tail), 1.0)
-    low = lower[counts]
-    high = upper[counts]
-    fits = [fit_lognormal(levels, column, number) for column in counts.T]
-    fitted = np.stack([fit.at(levels) for fit in fits], axis=-1)
+    with np.errstate(invalid="ignore"):
+        low = np.where(each > 0, betaincinv(each, number - each + 1, tail), 0.0)
+        high = np.where(each < number, betaincinv(each + 1, number - each, 1 - tail), 1.0)
+    shape = each.shape[:-2]
+    thresholds = each.shape[-1]
+    lines = np.moveaxis(each, -1, -2).reshape(-1, len(levels))
+    fits = [fit_lognormal(levels, line, number) for line in lines]
+    fitted = np.array([fit.at(levels) for fit in fits]).reshape(*shape, thresholds, -1)
+    fitted = np.moveaxis(fitted, -1, -2)
+    outside = ((fitted < low) | (fitted > high)).sum(axis=-2).ravel()
+    # The counts need not rise with the level: a block that a record overturns may survive
+    # the same record made stronger. A lognormal curve hides that, so the remark says it.
+    falls = (np.diff(lines, axis=-1) < 0).sum(axis=-1)
     remarks = []
-    for k, fit in enumerate(fits):
-        outside = int(((fitted[:, k] < low[:, k]) | (fitted[:, k] > high[:, k])).sum())
-        # The counts need not rise with the level: a block that a record overturns may survive
-        # the same record made stronger. A lognormal curve hides that, so the remark says it.
-        falls = int((np.diff(counts[:, k]) < 0).sum())
+    for fit, beyond, fall in zip(fits, outside.tolist(), falls.tolist(), strict=True):
         words = [fit.remark] if fit.remark else []
-        if outside:
-            words.append(f"outside of the intervals at {outside} of {len(levels)} levels")
-        if falls:
-            words.append(f"the counted share falls {falls} time{'s' * (falls > 1)}")
+        if beyond:
+            words.append(f"outside of the intervals at {beyond} of {len(levels)} levels")
+        if fall:
+            words.append(f"the counted share falls {fall} time{'s' * (fall > 1)}")
         remarks.append("; ".join(words))
-    medians, dispersions = ([fit[k] for fit in fits] for k in range(2))
-    return {
-        "exceedance": counts / number,
+    medians, dispersions = (
+        np.array([fit[k] for fit in fits], float).reshape(*shape, thresholds) for k in range(2)
+    )
+    curves = {
+        "exceedance": each / number,
         "exceedance_low": low,
         "exceedance_high": high,
         "lognormal": fitted,
-        "lognormal_median": np.asarray(medians, float),
-        "lognormal_dispersion": np.asarray(dispersions, float),
-        "remark": np.asarray(remarks, f"<U{_REMARK}"),
+        "lognormal_median": medians,
+        "lognormal_dispersion": dispersions,
+        "remark": np.asarray(remarks, f"<U{_REMARK}").reshape(*shape, thresholds),
     }
+    if sample_axis is not None:
+        parts = _split_dispersion(np.moveaxis(counts, sample_axis, 0), levels, number)
+        curves["dispersion_of_records"], curves["dispersion_of_parameters"] = parts
+    return curves
+
+
+def _split_dispersion(
+    counts: np.ndarray, levels: np.ndarray, number: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Split the dispersion by the law of total variance, for counts (samples, ..., levels, n).
+
+    Within a sample only the records scatter; from sample to sample, the medians do. NaN where
+    less than half of the samples have a curve.
+    """
+    samples = len(counts)
+    lines = np.moveaxis(counts, -1, -2)
+    shape = lines.shape[1:-1]
+    fits = [fit_lognormal(levels, line, number) for line in lines.reshape(-1, len(levels))]
+    medians, dispersions = (
+        np.array([fit[k] for fit in fits], float).reshape(samples, -1) for k in range(2)
+    )
+    of_records = np.full(medians.shape[1], np.nan)
+    of_parameters = of_records.copy()
+    for column in range(medians.shape[1]):
+        found = np.isfinite(medians[:, column])
+        # Samples without a curve are never or always beyond: what is left of them would be
+        # too narrow if they were many.
+        if found.sum() > samples // 2:
+            of_records[column] = (dispersions[found, column] ** 2).mean() ** 0.5
+            of_parameters[column] = np.log(medians[found, column]).std()
+    return of_records.reshape(shape), of_parameters.reshape(shape)

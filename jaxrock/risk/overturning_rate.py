@@ -1,8 +1,7 @@
 """The yearly rate of overturning, from the boundaries under each record of a suite."""
 
-import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,9 +11,9 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Suite, require_positive_measures
-from ..host import Printed, format_number
-from ..overturning import Boundaries, Search, check_subject, find_boundaries
-from ..resonance import ModelLike, Nonlinear
+from ..host import Printed, format_fields, format_number
+from ..overturning import Boundaries
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     POSITIVE,
     Booleans,
@@ -24,17 +23,21 @@ from ..validation import (
     as_real,
     check,
     check_kind,
-    choose_namespace,
     is_traced,
 )
+from .counted_rate import Counting, count_rates, find_outcomes, plan_counting
 from .hazard import Hazard
+from .level_boundaries import (
+    find_boundaries_in_levels,
+    pad_boundaries,
+    select_object,
+    stack_objects,
+)
+from .objects import Objects, draw_objects, gather_objects
+from .unseen import estimate_unseen_by_good_turing
 
 _MEASURES = ("pga", "pgv")
 _SPACING = 0.01  # relative, between levels
-# The rule of three: where none was seen, a Poisson variable has a mean of at most -ln(0.05),
-# about 3, with a confidence of 95 % (Hanley and Lippman-Hand 1983,
-# doi:10.1001/jama.1983.03330370053031).
-_RULE_OF_THREE = 3
 
 
 class OverturningRate(Printed, eqx.Module):
@@ -42,19 +45,24 @@ class OverturningRate(Printed, eqx.Module):
 
     Attributes
     ----------
-    rate : Array, shape ()
-        The mean over the records [1/yr].
-    contributions : Array, shape (records,)
+    rate : Array, shape (...)
+        The mean over the records [1/yr], of one block or of each object.
+    contributions : Array, shape (records, ...)
         The rate if each motion were like this record [1/yr].
-    standard_error : Array, shape ()
+    standard_error : Array, shape (...)
         Standard error of the rate, for the scatter from record to record [1/yr]; NaN for one
         record.
-    unseen : Array, shape ()
+    unseen : Array, shape (...)
         Estimated upper limit (95 %) of the change of the rate by windows that no level hits,
         and by all levels beyond the last [1/yr].
-    boundaries : Boundaries
-        Of each record, in levels of the intensity measure.
-    complete : Array of bool, shape ()
+    boundaries : Boundaries or None
+        Of each record and object, in levels of the intensity measure; None with scatter, when
+        the rate is counted.
+    sample_rates : Array, shape (..., samples), or None
+        With scatter, the rate of each sample of the uncertain numbers [1/yr].
+    counting_error : Array, shape (...), or None
+        With scatter, the standard error by the distance between levels [1/yr].
+    complete : Array of bool, shape (...)
         Whether no record overturns the block at the lowest level, all motions were followed to
         their ends, and all boundaries are listed. If not, the rate may be another.
     """
@@ -63,20 +71,34 @@ class OverturningRate(Printed, eqx.Module):
     contributions: Reals
     standard_error: Reals
     unseen: Reals
-    boundaries: Boundaries
+    boundaries: Boundaries | None
     complete: Booleans
+    sample_rates: Reals | None = None
+    counting_error: Reals | None = None
 
     def __str__(self) -> str:
-        found = int(np.asarray(self.boundaries.count).sum())
+        if np.ndim(self.rate):
+            units = dict.fromkeys(("rate", "standard_error", "unseen"), "1/yr")
+            return format_fields(self, **units, complete="")
         rate = format_number(self.rate, "1/yr")
         error = format_number(self.standard_error, "1/yr")
         unseen = format_number(self.unseen, "1/yr")
+        records = f"standard error {error} from {len(self.contributions)} records"
+        if self.boundaries is None:
+            samples = np.asarray(self.sample_rates)
+            deviation = format_number(samples.std(), "1/yr")
+            return (
+                f"overturns at a rate of {rate}\n"
+                f"{records}, standard deviation {deviation} by uncertain numbers"
+                f" ({samples.size} samples), up to {unseen} unseen"
+            )
+        found = int(np.asarray(self.boundaries.count).sum())
         low = "\na record overturns it at the lowest level: may be more"
         low = low if self.boundaries.overturns_first.any() else "\nnot complete"
         low = "" if self.complete else low
         return (
             f"overturns at a rate of {rate}\n"
-            f"standard error {error} from {len(self.contributions)} records,"
+            f"{records},"
             f" up to {unseen} unseen between {found} boundaries{low}"
         )
 
@@ -91,6 +113,9 @@ def overturning_rate(
     *,
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 64,
+    scatter: Mapping[str, float] | None = None,
+    samples: int = 64,
+    seed: int = 0,
 ) -> OverturningRate:
     """Compute how often a year a block overturns, without a fit between.
 
@@ -102,9 +127,9 @@ def overturning_rate(
     Parameters
     ----------
     block : Block
-        One block.
-    restitution : float
-        C [-], between 0 and 1.
+        One block, or many along one axis.
+    restitution : array_like
+        C [-], between 0 and 1; one, or one for each block.
     suite : Suite
     hazard : Hazard or callable
         Rate of exceedance H [1/yr] of a level, falling.
@@ -118,6 +143,9 @@ def overturning_rate(
     max_boundaries : int
         How many of each record are listed under `jit`; if there are more, it is not
         `complete`.
+    scatter, samples, seed : mapping, int, int
+        Uncertain numbers, as in `fragility`. The rate is then the mean over samples and
+        records, counted from outcomes at the levels, and has no derivatives.
 
     Returns
     -------
@@ -156,54 +184,113 @@ def overturning_rate(
     0.00552 1/yr
     """
     check_kind("suite", suite, Suite)
-    if measure not in _MEASURES:
-        raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
-    check_kind("hazard", hazard, Hazard, Callable)
-    if isinstance(hazard, Hazard) and hazard.measure not in (None, measure):
-        raise ValueError(f"measure is {measure!r}, but the hazard is one of {hazard.measure}")
+    check_hazard(hazard, measure)
     restitution = as_real("restitution", restitution)
-    shapes = [leaf.shape for leaf in jax.tree.leaves((block, restitution))]
-    if any(shapes) or any(np.shape(record.scale) for record in suite):
-        raise ValueError(
-            "block, restitution and scales of records must be single ones, got arrays"
-        )
+    check_kind("block", block, Block)
+    leaves = jax.tree.leaves((block, restitution))
+    if any(np.ndim(leaf) > 1 for leaf in leaves):
+        raise ValueError("block and restitution must be single ones or have one axis")
+    if any(np.shape(record.scale) for record in suite):
+        raise ValueError("scales of records must be single ones, got arrays of them")
     places = choose_levels(hazard, levels)
     at_levels = hazard(places)
     if not is_traced(at_levels):
         check("the rates of the hazard", at_levels, POSITIVE)
         if (np.diff(np.asarray(at_levels)) >= 0).any():
             raise ValueError("the rates of the hazard must fall with the level, got others")
-    # Boundaries are sought along a factor on records of intensity 1, so that the factor is the
-    # level itself. The derivative of a boundary that rounding decides is unknown: it is
-    # dropped.
-    search = Search("factor", model, max_boundaries, drop_unknown=True)
-    subject, factors = check_subject(block, restitution, suite, search.along, places)
-    strengths = require_positive_measures(suite, measure)
-    if not is_traced(strengths):
-        strengths = np.asarray(strengths)
-    motion = subject.motion.scaled(1.0 / strengths)
-    found = find_boundaries(dataclasses.replace(subject, motion=motion), factors, search)
-    padded = _pad_boundaries(found)
-    levels_found = _fill_missing_levels(padded.value, places[0])
-    return OverturningRate(
-        **_sum_rates(padded, hazard(levels_found), at_levels, places)._asdict(),
-        boundaries=found,
+    if scatter is not None:
+        return _count_scattered(
+            gather_objects(block, restitution),
+            (scatter, samples, seed),
+            suite,
+            measure,
+            plan_counting(hazard, np.asarray(places)),
+            as_model(model),
+        )
+    found = find_boundaries_in_levels(
+        block, restitution, suite, measure, places, model, max_boundaries
     )
+    shape = found.count.shape[1:]
+    if not shape:
+        sums = _sum_over_records(found, hazard, at_levels, places)
+    else:
+        # One after the other, so that each has the bits that it has alone.
+        each = [
+            _sum_over_records(select_object(found, number), hazard, at_levels, places)
+            for number in range(*shape)
+        ]
+        sums = stack_objects(each, axis=-1)
+    return OverturningRate(**sums._asdict(), boundaries=found)
 
 
-def _pad_boundaries(found: Boundaries) -> Boundaries:
-    """Pad boundaries to a power of two of columns, so that few programs are compiled."""
+def _count_scattered(
+    objects: Objects,
+    drawing: tuple[Mapping[str, float], int, int],
+    suite: Suite,
+    measure: str,
+    counting: Counting,
+    model: RockingModel,
+) -> OverturningRate:
+    """Count the rates of objects with uncertain numbers, over records and samples."""
+    drawn = draw_objects(objects, *drawing)
+    strengths = np.asarray(require_positive_measures(suite, measure))
+    levels = np.asarray(as_real("levels", counting.levels))
+    shape = drawn.restitution.shape
+    leaves, form = jax.tree.flatten((drawn.block, drawn.restitution))
+    block, restitution = jax.tree.unflatten(
+        form, [np.repeat(leaf.reshape(-1), levels.size) for leaf in leaves]
+    )
+    everywhere = np.tile(levels, math.prod(shape))
+    outcomes = find_outcomes(block, restitution, everywhere, suite, strengths, model)
+    outcomes = outcomes.reshape(len(suite), *shape, levels.size)
+    counted = count_rates(outcomes, counting)
+    contributions = counted.contributions.mean(axis=-1)
+    number = len(suite)
+    spread = np.full(objects.shape, np.nan)
+    if number > 1:
+        spread = contributions.std(axis=0, ddof=1) / math.sqrt(number)
+    # Samples are further records to the estimate of windows, which share their levels.
+    rows = np.moveaxis(outcomes, -2, 0).reshape(-1, *objects.shape, levels.size)
+    rates = as_real("rates", counting.rates)
+    if objects.shape:
+        each = [estimate_unseen_by_good_turing(rows[:, k], rates) for k in range(shape[0])]
+        unseen = np.stack([np.asarray(value) for value in each])
+    else:
+        unseen = np.asarray(estimate_unseen_by_good_turing(rows, rates))
+    real = {
+        "rate": contributions.mean(axis=0),
+        "contributions": contributions,
+        "standard_error": spread,
+        "unseen": unseen,
+        "sample_rates": counted.rate,
+        # Samples are counted at the same levels, and their errors may go together.
+        "counting_error": counted.error.mean(axis=-1),
+    }
+    dtype = np.asarray(objects.restitution).dtype
+    real = {name: np.asarray(value, dtype) for name, value in real.items()}
+    complete = ~outcomes[..., 0].any(axis=(0, -1))
+    return OverturningRate(**jax.device_put({**real, "complete": complete}), boundaries=None)
+
+
+def check_hazard(hazard: Hazard | Callable[..., Reals], measure: str) -> None:
+    """Raise `ValueError` if this is no hazard, or one of another measure."""
+    if measure not in _MEASURES:
+        raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
+    check_kind("hazard", hazard, Hazard, Callable)
+    if isinstance(hazard, Hazard) and hazard.measure not in (None, measure):
+        raise ValueError(f"measure is {measure!r}, but the hazard is one of {hazard.measure}")
+
+
+def _sum_over_records(
+    found: Boundaries, hazard: Callable[..., Reals], at_levels: Reals, places: Reals
+) -> "_Sums":
+    """Sum the rates at the boundaries of one object."""
+    # Padded to a power of two of columns, so that few programs are compiled.
     columns = found.value.shape[-1]
     room = max(8, 1 << (columns - 1).bit_length())
-    namespace = choose_namespace(found)
-    missing = {"value": np.nan, "overturns_beyond": False}
-
-    def pad(name: str) -> np.ndarray | jax.Array:
-        padding = [(0, 0), (0, room - columns)]
-        return namespace.pad(getattr(found, name), padding, constant_values=missing[name])
-
-    names = tuple(missing)
-    return eqx.tree_at(lambda f: [getattr(f, n) for n in names], found, [*map(pad, names)])
+    padded = pad_boundaries(found, room, ("value", "overturns_beyond"))
+    levels_found = _fill_missing_levels(padded.value, places[0])
+    return _sum_rates(padded, hazard(levels_found), at_levels, places)
 
 
 @jax.jit
@@ -234,14 +321,16 @@ def _sum_rates(found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals)
         contributions.std(ddof=1) if number > 1 else jnp.full_like(contributions[0], jnp.nan)
     )
     listed = jnp.isfinite(found.value).sum(axis=-1)
+    # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
+    # is not below anything.
+    before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)
+    overturned = (before % 2 == 1) != found.overturns_first[:, None]
     complete = found.complete.all() & ~found.overturns_first.any()
     return _Sums(
         rate=contributions.mean(),
         contributions=contributions,
         standard_error=scatter / math.sqrt(number),
-        unseen=_estimate_unseen_by_good_turing(
-            *jax.lax.stop_gradient((found, at_levels)), levels
-        ),
+        unseen=estimate_unseen_by_good_turing(*jax.lax.stop_gradient((overturned, at_levels))),
         complete=complete & (found.count <= listed).all(),
     )
 
@@ -275,50 +364,3 @@ def choose_levels(hazard: Hazard | Callable[..., Reals], levels: Numbers | None)
         must = f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g}"
         raise ValueError(f"{must}, got {low:.6g} to {high:.6g}")
     return jnp.clip(places, *ends) if ends else places
-
-
-# The population is all levels of shaking beyond the first, each counted by how often a year it
-# occurs, which is how much the hazard falls there. A species is a window: a range of levels
-# within which the outcome under one record differs from the outcome on both sides, be it that
-# the block overturns there or that it survives. The sample is the levels at which the block
-# was followed, and each belongs to the window in which it lies. The wider a window is (in rate
-# of the hazard), the more likely a level hits it, as a frequent species is more likely to be
-# met.
-#
-# Good and Turing: the species without a member in the sample have together the share N1 / N of
-# the population, where N1 species have exactly one member and N is the size of the sample.
-# Here a level does not stand for 1 / N but for a share of its own, half of the fall of the
-# hazard between its neighbours. So the sum of these shares over the levels that are alone in
-# their window estimates the width of all windows that no level hits.
-#
-# A window that was missed changes the rate by its width, up or down. The sum of the widths is
-# thus a bound of the change, in which no signs cancel.
-def _estimate_unseen_by_good_turing(found: Boundaries, rates: Reals, levels: Reals) -> Reals:
-    """Estimate a bound of the change of the rate by windows between levels and levels beyond.
-
-    After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
-    doi:10.1093/biomet/43.1-2.45). `rates` are those of the hazard at `levels`.
-    """
-    # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
-    # is not below anything.
-    before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)
-    overturned = (before % 2 == 1) != found.overturns_first[:, None]
-
-    # Levels alone in their window: the outcome differs from the one before and the one after.
-    changed = overturned[:, 1:] != overturned[:, :-1]
-    lonely = changed[:, :-1] & changed[:, 1:]
-    alone = jnp.where(lonely, 0.5 * (rates[:-2] - rates[2:])[None, :], 0)
-    # Twice the standard deviation of their sum, if each of them was met by chance (Poisson).
-    scatter = 2 * jnp.sqrt((alone * alone).sum())
-
-    # Without any level alone both are 0, and yet windows may have been missed: up to three,
-    # each as wide as steps are where the outcome changes, or as the widest step if it never
-    # does.
-    steps = rates[:-1] - rates[1:]
-    number = changed.sum()
-    width = jnp.where(changed, steps[None, :], 0).sum()
-    typical = jnp.where(
-        number > 0, width / jnp.maximum(number, 1).astype(rates.dtype), steps.max()
-    )
-    # Averaged over the records, as the rate is. Beyond the last level anything may happen.
-    return (alone.sum() + scatter + _RULE_OF_THREE * typical) / len(overturned) + rates[-1]

@@ -1,6 +1,6 @@
 """Elasticities of the rate of overturning, at a point and over a change."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -11,11 +11,17 @@ from jaxtyping import Array, Float
 from ..block import Block
 from ..driven import BatchResponse, respond_batch
 from ..ground_motion import Suite
-from ..host import Printed, format_table
+from ..host import Printed, format_fields, format_table
+from ..overturning import MEANINGS
 from ..resonance import ModelLike, Nonlinear
-from ..validation import Number, Numbers, Reals, as_real
+from ..validation import AnyArray, Number, Numbers, Reals
 from .hazard import Hazard
+from .objects import Objects, gather_objects
 from .overturning_rate import OverturningRate, choose_levels, overturning_rate
+
+# Responses that are followed at once: so many that a batch is efficient, and so few that their
+# numbers take 100 MB.
+_AT_ONCE = 2**18
 
 
 class RateElasticities(Printed, eqx.Module):
@@ -25,9 +31,9 @@ class RateElasticities(Printed, eqx.Module):
     ----------
     names : tuple of str
         Of the numbers of the block, and the restitution.
-    slopes : Array, shape (names,)
+    slopes : Array, shape (names, ...)
         From the derivatives of the boundaries found [-].
-    differences : Array, shape (names,)
+    differences : Array, shape (names, ...)
         From the rates at both ends of the change [-].
     change : float
         Relative, to either side.
@@ -36,15 +42,18 @@ class RateElasticities(Printed, eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    slopes: Float[Array, " names"]
-    differences: Float[Array, " names"]
+    slopes: Float[Array, " names ..."]
+    differences: Float[Array, " names ..."]
     change: float = eqx.field(static=True)
     found: OverturningRate
 
     def __str__(self) -> str:
+        if np.ndim(self.found.rate):
+            return format_fields(self, slopes="", differences="")
         over = {f"over_+-{100 * self.change:g}%": np.asarray(self.differences)}
         columns = {**over, "at_the_point": np.asarray(self.slopes)}
-        return format_table("elasticities of the rate", self.names, **columns)
+        labels = [MEANINGS.get(name, name) for name in self.names]
+        return format_table("elasticities of the rate", labels, **columns)
 
 
 def rate_elasticities(
@@ -57,6 +66,7 @@ def rate_elasticities(
     *,
     change: float = 0.05,
     model: ModelLike = Nonlinear(),
+    sides: bool = False,
 ) -> RateElasticities:
     """Compute how much the rate of overturning changes with each number, in two ways.
 
@@ -72,8 +82,11 @@ def rate_elasticities(
     block, restitution, suite, hazard, measure, levels, model
         As in `overturning_rate`.
     change : float
-        Relative change to either side, greater than 0 and less than 0.5; no further than C = 1
-        and kappa = 1.
+        Relative change to either side, greater than 0 and less than 0.5; no further than
+        kappa = 1, and halfway to C = 1.
+    sides : bool
+        Whether the numbers are the width at this height and the height at this width, instead
+        of the half-width at this slenderness and the slenderness.
 
     Returns
     -------
@@ -87,41 +100,111 @@ def rate_elasticities(
     """
     if not 0 < change < 0.5:
         raise ValueError(f"change must be greater than 0 and less than 0.5, got {change!r}")
-    restitution = as_real("restitution", restitution)
+    objects = gather_objects(block, restitution)
+    numbers = _list_numbers(objects, sides)
 
-    def compute_rate(block: Block, c: Reals) -> tuple[Reals, OverturningRate]:
-        found = overturning_rate(block, c, suite, hazard, measure, levels, model=model)
-        return found.rate, found
-
-    slopes, found = jax.grad(compute_rate, argnums=(0, 1), has_aux=True)(block, restitution)
-    names = (*vars(block), "restitution")
-    at = np.array([float(value) for value in (*vars(block).values(), restitution)])
-    slope = np.array([float(value) for value in (*vars(slopes[0]).values(), slopes[1])])
-    # Every number in turn at both ends of its change.
-    ends = np.stack([at * np.where(np.eye(at.size), 1 + s * change, 1) for s in (-1, 1)])
-    least, most = (
-        np.array(
-            [{"inertia_ratio": one, "restitution": two}.get(name, three) for name in names]
+    def sum_rates(numbers: Mapping[str, Reals]) -> tuple[Reals, OverturningRate]:
+        found = overturning_rate(
+            *_make_blocks(numbers), suite, hazard, measure, levels, model=model
         )
-        for one, two, three in ((1, 0, 0), (np.inf, 1, np.inf))
-    )
-    # Not beyond the domains of the two numbers that have ends: kappa >= 1, 0 <= C <= 1.
-    ends = np.clip(ends, least, most)
-    # All blocks under all records at all levels, as one batch: a suite that is scaled to each
-    # level, and blocks along an axis of their own.
-    places = choose_levels(hazard, levels)
-    *shape, c = (jnp.asarray(ends[..., k])[..., None] for k in range(at.size))
-    scaled = suite.scaled(suite.factors(places, measure))
-    response = respond_batch(Block(*shape), c, scaled, model=model)
-    if not bool(response.complete.all()):
-        raise ValueError("motion could not be followed to its end for every record and level")
-    counted = _average_rates(hazard, np.asarray(places), response)
-    spans = np.stack([np.diagonal(end) for end in ends])
-    # A rate of 0 has no elasticity: NaN, without a warning.
+        # Each rate depends on the numbers of its own object only.
+        return found.rate.sum(), found
+
+    slopes, found = jax.grad(sum_rates, has_aux=True)(numbers)
+    names = tuple(numbers)
+    at = np.stack([np.asarray(value, float) for value in numbers.values()])
+    slope = np.stack([np.asarray(slopes[name], float) for name in names])
+    ends = _change_in_turn(names, at, change)
+    counted = _count_at_ends(ends, names, suite, hazard, measure, levels, model)
+    spans = np.stack([ends[1, k, k] - ends[0, k, k] for k in range(len(names))])
+    rate = np.asarray(found.rate)
+    # Between two levels the line through the margins is no more than a guess, which shifts all
+    # rates alike: hence their own mean, and not the rate summed over boundaries. A rate of 0
+    # has no elasticity: NaN, without a warning.
     with np.errstate(invalid="ignore", divide="ignore"):
-        difference = (counted[1] - counted[0]) / (spans[1] - spans[0]) * at / float(found.rate)
-        slope = slope * at / float(found.rate)
-    return RateElasticities(names, jnp.asarray(slope), jnp.asarray(difference), change, found)
+        difference = (counted[1] - counted[0]) / spans * at / counted.mean(axis=0)
+        slope = slope * at / rate
+    missing = rate == 0
+    difference = np.where(missing, np.nan, difference)
+    dtype = found.rate.dtype
+    return RateElasticities(
+        names,
+        jax.device_put(slope.astype(dtype)),
+        jax.device_put(difference.astype(dtype)),
+        change,
+        found,
+    )
+
+
+def _list_numbers(objects: Objects, sides: bool) -> dict[str, AnyArray]:
+    """List the numbers of the objects by their names."""
+    block = objects.block
+    size = {"half_width": block.half_width, "slenderness": block.slenderness}
+    if sides:
+        width = 2 * np.asarray(block.half_width)
+        size = {"width": width, "height": width * np.asarray(block.slenderness)}
+    rest = {"gravity": block.gravity, "inertia_ratio": block.inertia_ratio}
+    numbers = {**size, **rest, "restitution": objects.restitution}
+    return {name: jnp.asarray(value) for name, value in numbers.items()}
+
+
+def _make_blocks(numbers: Mapping[str, AnyArray]) -> tuple[Block, AnyArray]:
+    """Make the blocks of such numbers, and their restitutions."""
+    if "width" in numbers:
+        half_width = numbers["width"] / 2
+        slenderness = numbers["height"] / numbers["width"]
+    else:
+        half_width = numbers["half_width"]
+        slenderness = numbers["slenderness"]
+    block = Block(half_width, slenderness, numbers["gravity"], numbers["inertia_ratio"])
+    return block, numbers["restitution"]
+
+
+def _change_in_turn(names: Sequence[str], at: np.ndarray, change: float) -> np.ndarray:
+    """Change every number in turn to both ends: shape (2, changed, numbers, ...)."""
+    # Not beyond the domains of the two numbers that have ends: kappa >= 1, 0 <= C <= 1. With
+    # C = 1 exactly a block would bounce without end, so that C goes halfway there at most.
+    least = {"inertia_ratio": 1.0, "restitution": 0.0}
+    ends = np.tile(at, (2, len(names), *(1 for _ in at.shape)))
+    for k, name in enumerate(names):
+        most = 0.5 * (1 + at[k]) if name == "restitution" else np.inf
+        for end, sign in enumerate((-1, 1)):
+            changed = at[k] * (1 + sign * change)
+            ends[end, k, k] = np.clip(changed, least.get(name, 0.0), most)
+    return ends
+
+
+def _count_at_ends(
+    ends: np.ndarray,
+    names: Sequence[str],
+    suite: Suite,
+    hazard: Hazard | Callable[..., Reals],
+    measure: str,
+    levels: Numbers | None,
+    model: ModelLike,
+) -> np.ndarray:
+    """Count the rates at both ends of every change: shape (2, changed, ...)."""
+    places = choose_levels(hazard, levels)
+    scaled = suite.scaled(suite.factors(places, measure))
+    shape = ends.shape[3:]
+    flat = ends.reshape(*ends.shape[:3], -1)
+    together = max(1, _AT_ONCE // (flat.shape[0] * flat.shape[1] * len(suite) * len(places)))
+
+    def count_group(start: int) -> np.ndarray:
+        # All blocks under all records at all levels, as one batch: a suite that is scaled to
+        # each level, and blocks along axes of their own.
+        group = flat[..., start : start + together]
+        numbers = {n: jnp.asarray(group[:, :, k])[..., None] for k, n in enumerate(names)}
+        block, restitution = _make_blocks(numbers)
+        response = respond_batch(block, restitution, scaled, model=model)
+        if not bool(response.complete.all()):
+            raise ValueError(
+                "motion could not be followed to its end for every record and level"
+            )
+        return _average_rates(hazard, np.asarray(places), response)
+
+    parts = [count_group(start) for start in range(0, flat.shape[-1], together)]
+    return np.concatenate(parts, axis=-1).reshape(*ends.shape[:2], *shape)
 
 
 def _average_rates(

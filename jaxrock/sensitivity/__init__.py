@@ -9,6 +9,11 @@ from .measures import (
     sensitivities,
     tornado,
 )
+from .measures import arrange_bars as arrange_bars
+from .measures import list_ends as list_ends
+from .outcome_shares import OutcomeShares, outcome_shares
+from .parameters import describe_input as describe_input
+from .parameters import make_parametric as make_parametric
 from .scatter import (
     MomentEstimate,
     ReliabilityResult,
@@ -16,16 +21,20 @@ from .scatter import (
     monte_carlo,
     propagate,
 )
+from .scattered_inputs import draw_blocks as draw_blocks
+from .scattered_inputs import draw_parameters as draw_parameters
 
 __all__ = [
     "DerivativeBasedMeasures",
     "MomentEstimate",
+    "OutcomeShares",
     "ReliabilityResult",
     "Sensitivities",
     "TornadoBars",
     "derivative_based_measures",
     "failure_probability",
     "monte_carlo",
+    "outcome_shares",
     "propagate",
     "sensitivities",
     "tornado",

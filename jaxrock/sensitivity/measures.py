@@ -7,7 +7,7 @@ import numpy as np
 
 from ..host import Printed, format_table
 from ..validation import COUNT, check
-from .parameters import Answer, Ranges, make_parametric
+from .parameters import Answer, Ranges, label_sides, make_parametric
 
 
 @dataclass(frozen=True, repr=False)
@@ -21,6 +21,8 @@ class Sensitivities(Printed):
     value : float
     gradient, elasticity, hessian : ndarray, shape (parameters,), (parameters, parameters)
         ``dy / dx``, relative ``(x / y) dy / dx`` [-], and the second derivatives.
+    sides : tuple of str
+        Which of them are sides of a block, each changed while the other one stays.
     """
 
     names: tuple[str, ...]
@@ -29,19 +31,26 @@ class Sensitivities(Printed):
     gradient: np.ndarray
     elasticity: np.ndarray
     hessian: np.ndarray
+    sides: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         columns = {"at": self.at, "slope": self.gradient, "elasticity": self.elasticity}
-        return format_table(f"{self.value:.6g}", self.names, **columns)
+        return format_table(
+            f"{self.value:.6g}", label_sides(self.names, self.sides), **columns
+        )
 
 
-def sensitivities(answer: Answer, at: Any) -> Sensitivities:
+def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivities:
     """Compute value, gradient, elasticities and second derivatives of an answer.
 
     Parameters
     ----------
     answer, at : callable, pytree
         From a pytree of numbers to one number; the numbers at which to differentiate.
+    sides : bool
+        Whether every `Block` in `at` is described by its sides: ``width`` at this height and
+        ``height`` at this width [m]. By default by ``half_width`` at this slenderness, which
+        is a size, and ``slenderness`` at this half-width.
 
     Returns
     -------
@@ -66,14 +75,16 @@ def sensitivities(answer: Answer, at: Any) -> Sensitivities:
     restitution                    0.7       0.87915       4.99457
     intensity                     0.15        1.7583       2.14053
     """
-    function = make_parametric(answer, at)
+    function = make_parametric(answer, at, sides=sides)
     x = np.asarray(function.values)
     y, gradient, hessian = function.evaluate(x, 2)
     # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x / y
-    return Sensitivities(function.names, x, float(y), gradient, elasticity, hessian)
+    return Sensitivities(
+        function.names, x, float(y), gradient, elasticity, hessian, function.sides
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,7 +98,9 @@ class TornadoBars(Printed):
     low, high, at_low, at_high : ndarray, shape (parameters,)
         The ranges, and the answer at their ends, the other parameters unchanged.
     value : float
-        The answer with all parameters unchanged.
+        The answer with all parameters unchanged. NaN stands for a block that overturns.
+    sides : tuple of str
+        Which of them are sides of a block, each changed while the other one stays.
     """
 
     names: tuple[str, ...]
@@ -96,10 +109,15 @@ class TornadoBars(Printed):
     at_low: np.ndarray
     at_high: np.ndarray
     value: float
+    sides: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
-        return format_table(f"{self.value:.6g}", self.names, **columns)
+        text = format_table(
+            f"{self.value:.6g}", label_sides(self.names, self.sides), **columns
+        )
+        # Answers of this package are NaN where a block overturns.
+        return text.replace("           nan", "     overturns")
 
 
 def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
@@ -108,7 +126,9 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     Parameters
     ----------
     answer, at, ranges : callable, pytree, dict
-        As in `sensitivities`; low and high value of each parameter to vary, by name.
+        As in `sensitivities`; low and high value of each parameter to vary, by name. Of a
+        `Block` these are its fields, or ``width`` (at this height) and ``height`` (at this
+        width).
 
     Returns
     -------
@@ -117,7 +137,8 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     Raises
     ------
     ValueError
-        If a name is not one of `at`.
+        If a name is not one of `at`, or a block is described both by sides and by half-width
+        or slenderness.
 
     Examples
     --------
@@ -131,20 +152,32 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     slenderness                      4             6     0.0954255       0.15161
     """
     function = make_parametric(answer, at, "ranges", ranges)
-    # One batch for one program: the point itself, then for each parameter both ends of its
-    # range.
+    ends = list_ends(np.asarray(function.values)[list(function.varied)], ranges)
+    (values,) = function.evaluate(ends)
+    return arrange_bars(values, ranges, function.sides)
+
+
+def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
+    """List the point itself, then for each parameter both ends of its range, as rows."""
+    # One batch for one program.
     ends = np.asarray(list(ranges.values()), float).reshape(-1, 2)
-    points = np.tile(np.asarray(function.values)[list(function.varied)], (1 + ends.size, 1))
+    points = np.tile(point, (1 + ends.size, 1))
     end = np.arange(ends.size)
     points[1 + end, end // 2] = ends.ravel()
-    (values,) = function.evaluate(points)
+    return points
+
+
+def arrange_bars(values: np.ndarray, ranges: Ranges, sides: tuple[str, ...]) -> TornadoBars:
+    """Arrange answers at the points of `list_ends` as bars, the widest first."""
+    ends = np.asarray(list(ranges.values()), float).reshape(-1, 2)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
     # Stable, so that equal bars keep the order in which they were asked for.
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    return TornadoBars(names, *ends[order].T, *answers[order].T, value=float(values[0]))
+    value = float(values[0])
+    return TornadoBars(names, *ends[order].T, *answers[order].T, value=value, sides=sides)
 
 
 @dataclass(frozen=True, repr=False)

@@ -2,23 +2,36 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import keystr
+from jax.tree_util import KeyPath, keystr
 from jaxtyping import Array, PyTree
+from scipy.special import expit
 
-from ..validation import COUNT, NON_NEGATIVE, Number, as_real, check, check_kind
+from ..block import Block
+from ..validation import (
+    COUNT,
+    NON_NEGATIVE,
+    AnyArray,
+    Number,
+    as_real,
+    check,
+    check_kind,
+)
 
 Answer = Callable[..., Number]  # of a pytree of numbers
 Ranges = Mapping[str, tuple[float, float]]
 Spread = Mapping[str, float]  # coefficients of variation by name
 _Float = TypeVar("_Float", float, np.ndarray)
 
+# The two descriptions of the size of a block: 2b and 2a, or b and lambda.
+SIDES = ("width", "height")
+SHAPE = ("half_width", "slenderness")
 _CHUNK = 2**14  # points evaluated at once, for which there is memory
 _BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
 
@@ -34,19 +47,29 @@ class ParametricAnswer(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     form: Any = eqx.field(static=True)  # of the pytree that the answer takes
     varied: tuple[int, ...] = eqx.field(static=True)
+    # Places of the widths of blocks that are described by their sides; the height is next.
+    widths: tuple[int, ...] = eqx.field(static=True, default=())
     scatter: tuple[Array, Array] | None = None  # `find_widths`
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The names of all sides of blocks."""
+        return tuple(name for k in self.widths for name in self.names[k : k + 2])
 
     def parameters_at(self, point: Array) -> Array:
         """Return all parameters at a point, also those without scatter or range."""
         varied = np.asarray(self.varied, int)
         if self.scatter is not None:
-            point = quantiles(point, self.values[varied], *self.scatter)
+            point = jnp.asarray(quantiles(point, self.values[varied], *self.scatter))
         return self.values.at[varied].set(point)
 
     def __call__(self, point: Array) -> Array:
         """Compute the answer at a point."""
-        parameters = jax.tree.unflatten(self.form, list(self.parameters_at(point)))
-        value = jnp.asarray(self.answer(parameters))
+        parameters = list(self.parameters_at(point))
+        for k in self.widths:
+            width, height = parameters[k : k + 2]
+            parameters[k : k + 2] = width / 2, height / width
+        value = jnp.asarray(self.answer(jax.tree.unflatten(self.form, parameters)))
         if value.ndim:
             raise ValueError(f"answer must be one number, got an array of shape {value.shape}")
         return value
@@ -76,9 +99,16 @@ def _evaluate(answer: ParametricAnswer, points: Array, order: int) -> list[Array
 
 
 def make_parametric(
-    answer: Answer, at: PyTree, argument: str = "", varied: Iterable[str] | None = None
+    answer: Answer,
+    at: PyTree,
+    argument: str = "",
+    varied: Iterable[str] | None = None,
+    sides: bool = False,
 ) -> ParametricAnswer:
-    """Make the answer a function of the parameters that an `argument` names, or of all."""
+    """Make the answer a function of the parameters that an `argument` names, or of all.
+
+    A block in `at` is described by its sides if these are named, or all blocks are by `sides`.
+    """
     check_kind("answer", answer, Callable)
     leaves = jax.tree.leaves_with_path(at)
     if not leaves:
@@ -89,19 +119,72 @@ def make_parametric(
             raise ValueError(
                 f"at must consist of single numbers, got an array in {keystr(path)}"
             )
-    # Short names where they are unique: "restitution" instead of the path to it.
-    last = [keystr(path[-1:], simple=True) or "value" for path, _ in leaves]
-    names = tuple(
-        short if last.count(short) == 1 else keystr(path, simple=True, separator=".")
-        for short, (path, _) in zip(last, leaves, strict=True)
-    )
-    varied = names if varied is None else tuple(varied)
-    for name in varied:
+    paths = [path for path, _ in leaves]
+    varied = None if varied is None else tuple(varied)
+    widths = _find_widths_of_blocks(at, paths, varied, argument, sides)
+    names = _name_parameters(paths, widths)
+    for name in varied or ():
         if name not in names:
             raise ValueError(f"{argument} has {name!r}, which is none of {', '.join(names)}")
-    values = jnp.asarray(np.array([float(leaf) for _, leaf in leaves]))
-    places = tuple(map(names.index, varied))
-    return ParametricAnswer(answer, values, names, jax.tree.structure(at), places)
+    numbers = [float(leaf) for _, leaf in leaves]
+    for k in widths:
+        width = 2 * numbers[k]
+        numbers[k : k + 2] = width, width * numbers[k + 1]
+    values = jnp.asarray(np.array(numbers))
+    places = tuple(map(names.index, names if varied is None else varied))
+    return ParametricAnswer(answer, values, names, jax.tree.structure(at), places, widths)
+
+
+def _name_parameters(paths: Sequence[KeyPath], widths: Sequence[int]) -> tuple[str, ...]:
+    """Name the parameters, shortly where that is unique: "restitution" instead of its path."""
+    full = [keystr(path, simple=True, separator=".") for path in paths]
+    short = [keystr(path[-1:], simple=True) or "value" for path in paths]
+    # Counted before: the sides of one block change no names of other numbers.
+    unique = [short.count(name) == 1 for name in short]
+    own = set(short)
+    for k in widths:
+        for place, side in zip((k, k + 1), SIDES, strict=True):
+            before, dot, _ = full[place].rpartition(".")
+            full[place] = before + dot + side
+            short[place] = side
+            unique[place] &= side not in own
+    return tuple(
+        name if alone else path for name, path, alone in zip(short, full, unique, strict=True)
+    )
+
+
+def _find_widths_of_blocks(
+    at: PyTree,
+    paths: Sequence[KeyPath],
+    varied: Sequence[str] | None,
+    argument: str,
+    sides: bool,
+) -> tuple[int, ...]:
+    """Find the places of half-widths that are replaced by widths, as are those behind them."""
+    nodes = jax.tree.leaves_with_path(at, is_leaf=lambda node: isinstance(node, Block))
+    blocks = [path for path, node in nodes if isinstance(node, Block)]
+    first = [
+        next(k for k, path in enumerate(paths) if path[: len(block)] == block)
+        for block in blocks
+    ]
+    if varied is None:
+        return tuple(first) if sides else ()
+    # The names as they are come first: a dictionary may have a number called width.
+    names = _name_parameters(paths, ())
+    found = []
+    for k in first:
+        described = _name_parameters(paths, [k])[k : k + 2]
+        asked = [name for name in varied if name in described and name not in names]
+        if asked:
+            shape = [name for name in varied if name in names[k : k + 2]]
+            choose_sides([_cut(name) for name in asked + shape], argument)
+            found.append(k)
+    return tuple(found)
+
+
+def _cut(name: str) -> str:
+    """Cut the path off a name."""
+    return name.rpartition(".")[2]
 
 
 def sample_scatter(
@@ -118,15 +201,59 @@ def sample_scatter(
     return dataclasses.replace(function, scatter=(width, bounded)), z
 
 
-def quantiles(z: Array, median: Array, width: Array, bounded: Array) -> Array:
-    """Compute parameters at standard normal numbers, distributed as `find_widths` says."""
+def choose_sides(names: Iterable[str], argument: str) -> bool:
+    """Tell whether the names describe a block by its sides.
+
+    Raises
+    ------
+    ValueError
+        If they also describe it by half-width or slenderness.
+    """
+    names = list(names)
+    by_sides = [name for name in names if name in SIDES]
+    by_shape = [name for name in names if name in SHAPE]
+    if by_sides and by_shape:
+        raise ValueError(
+            f"{argument} must have width and height, or half_width and slenderness, which are"
+            f" the same two numbers; got {by_sides[0]} and {by_shape[0]}"
+        )
+    return bool(by_sides)
+
+
+# A width has two meanings, by what stays as it is.
+_WORDS = {
+    "width": "width at this height",
+    "height": "height at this width",
+    "half_width": "size at this slenderness",
+    "scale": "factor on the motion",
+}
+
+
+def describe_input(name: str) -> str:
+    """Write a parameter in words, a size with what stays as it is where it is changed."""
+    return _WORDS.get(name, name.replace("_", " "))
+
+
+def label_sides(names: Iterable[str], sides: Sequence[str]) -> list[str]:
+    """Label the sides of a block in words, other parameters by their names."""
+    return [_WORDS.get(name, name) if name in sides else name for name in names]
+
+
+def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray) -> AnyArray:
+    """Compute parameters at standard normal numbers, distributed as `find_widths` says.
+
+    In NumPy where all is concrete and of NumPy.
+    """
+    host = all(isinstance(each, np.ndarray) for each in (z, median, width, bounded))
+    library = np if host else jnp
+    sigmoid = expit if host else jax.nn.sigmoid
     # Each branch is computed for all parameters, and the derivative of a branch that is not
     # taken must not be NaN: hence the 1 in place of a median that has no odds.
-    odds = jnp.where(bounded, median / jnp.where(bounded, 1 - median, 1), 1.0)
-    logit_normal = jax.nn.sigmoid(jnp.log(odds) + width * z)
-    lognormal = median * jnp.exp(width * z)
+    odds = library.where(bounded, median / library.where(bounded, 1 - median, 1), 1.0)
+    logit_normal = sigmoid(library.log(odds) + width * z)
+    lognormal = median * library.exp(width * z)
     normal = median + width * abs(median) * z
-    return jnp.where(bounded, logit_normal, jnp.where(median > 0, lognormal, normal))
+    return library.where(bounded, logit_normal, library.where(median > 0, lognormal, normal))
 
 
 def find_widths(

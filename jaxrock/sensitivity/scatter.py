@@ -66,9 +66,10 @@ def propagate(
     answer, at : callable, pytree
         From a pytree of numbers to one number; the medians of these numbers.
     coefficients_of_variation : dict
-        Standard deviation over mean, by name; other parameters do not scatter. They are
-        independent: positive ones lognormal, a ``restitution`` or ``damping_ratio``
-        logit-normal, all others normal.
+        Standard deviation over mean, by name; other parameters do not scatter. Of a `Block`
+        the names are those of its fields, or ``width`` (at this height) and ``height`` (at
+        this width). They are independent: positive ones lognormal, a ``restitution`` or
+        ``damping_ratio`` logit-normal, all others normal.
     samples, seed : int
         Number of samples, and the seed that they are drawn with.
 

@@ -15,12 +15,20 @@ from ..driven import (
     follow_launched,
     uplift_acceleration,
 )
-from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
+from ..grids import (
+    Grid,
+    GridVariable,
+    Values,
+    apply_in_tiles,
+    as_axis,
+    describe_axis,
+    list_points,
+)
 from ..ground_motion import Harmonic
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..steady import HarmonicOrbit, harmonic_orbit
-from ..validation import UNIT_INTERVAL, Reals, as_real, check
+from ..validation import UNIT_INTERVAL, Reals, as_real, check, check_kind
 
 if TYPE_CHECKING:
     import xarray
@@ -161,6 +169,62 @@ def harmonic_spectrum(
     for name, long_name in _AXES.items():
         found[name].attrs["long_name"] = long_name
     return found
+
+
+def add_size(found: "xarray.Dataset", block: Block) -> "xarray.Dataset":
+    """Give a harmonic spectrum, which is of every size, the units of one block.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        From `harmonic_spectrum`.
+    block : Block
+        A single one, of the slenderness and the inertia ratio of the spectrum.
+
+    Returns
+    -------
+    xarray.Dataset
+        With the coordinates frequency [Hz] along frequency_ratio and amplitude [m/s2] along
+        amplitude_ratio, and the attributes width and height [m], gravity and
+        uplift_amplitude [m/s2].
+
+    Raises
+    ------
+    ValueError
+        If `block` has another shape than the spectrum is of, or is an array.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> found = jr.harmonic_spectrum([2.0, 4.0], [0.01, 1.5, 8.0], cycles=20)
+    >>> sized = jr.spectra.add_size(found, jr.Block(0.2, 5.0))
+    >>> print(sized.frequency.values.round(2), f"Hz, {sized.uplift_amplitude:.3f} m/s2")
+    [0.85 1.71] Hz, 1.962 m/s2
+    """
+    check_kind("block", block, Block)
+    for name in ("slenderness", "inertia_ratio"):
+        given = np.asarray(getattr(block, name))
+        expected = found.attrs[name]
+        # The attributes may be of another precision than the block.
+        if given.ndim or not np.isclose(given, expected, rtol=1e-6):
+            raise ValueError(
+                f"block must have the {name} of the spectrum, {expected:g}, got {given}"
+            )
+    uplift = float(uplift_acceleration(block, as_model(found.attrs["model"])))
+    hertz = float(block.frequency_parameter) / (2 * np.pi)
+    described = {
+        name: (ratio, found[ratio].values * unit, describe_axis(name))
+        for name, ratio, unit in (
+            ("frequency", "frequency_ratio", hertz),
+            ("amplitude", "amplitude_ratio", uplift),
+        )
+    }
+    numbers = {name: float(getattr(block, name)) for name in ("width", "height", "gravity")}
+    sized = found.assign_coords(described).assign_attrs(**numbers, uplift_amplitude=uplift)
+    for name in described:
+        # The CF conventions allow none for coordinates, of which no value is missing.
+        sized[name].encoding["_FillValue"] = None
+    return sized
 
 
 def _compute_floors(

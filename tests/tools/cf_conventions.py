@@ -6,7 +6,7 @@ import netCDF4
 import numpy as np
 
 TYPES = {"i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"}  # from version 1.9 on
-UNITS = {"1", "m", "s", "rad", "m s-1", "rad s-1", "m s-2"}  # ours; UDUNITS has all of them
+UNITS = {"1", "m", "s", "rad", "m s-1", "rad s-1", "m s-2", "Hz"}  # UDUNITS has all
 
 
 def assert_follows_cf(path):

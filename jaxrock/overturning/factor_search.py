@@ -1,0 +1,153 @@
+"""Factors on a motion: the one that lifts a block, all between standing and overturning."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..block import Block
+from ..driven import uplift_acceleration
+from ..ground_motion import Harmonic, Motion, Pulse, Record
+from ..numerics import pick_largest
+from ..resonance import ModelLike, Nonlinear, as_model
+from ..validation import (
+    Number,
+    Reals,
+    check,
+    check_kind,
+    choose_namespace,
+    elementwise,
+    is_traced,
+)
+from .boundaries import Boundaries, search_boundaries
+from .pulse_thresholds import make_levels
+from .quantities import Search
+
+# Outcomes under a record change so often that no interval looks harmless: none is halved, and
+# the values are as close as the resolution from the beginning.
+_HALVINGS = 0
+
+
+def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear()) -> Reals:
+    """Compute the factor on a motion from which on it lifts the block from rest.
+
+    At some time the horizontal acceleration exceeds (g + vertical) tan(alpha_c), linearized
+    (g + vertical) alpha_c. The factor multiplies both components.
+
+    Parameters
+    ----------
+    block : Block
+    motion : Motion
+        One pulse, `Harmonic` or `Record`.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+
+    Returns
+    -------
+    Array, shape (...)
+        Factor [-], of the shape of `block`; inf where no factor lifts it. Has derivatives in
+        both modes.
+
+    Raises
+    ------
+    ValueError
+        If `motion` is no motion, or an array of them, or a concrete number is out of range. A
+        traced one gives NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> factor = jr.overturning.uplift_factor(jr.Block(0.3, 3.0), jr.example_record())
+    >>> print(f"{factor:.3f}")
+    0.653
+    """
+    check_kind("motion", motion, Pulse, Harmonic, Record)
+    shapes = {jnp.shape(x) for x in jax.tree.leaves(motion)}
+    # The samples of a record are an axis of their own, of one record.
+    shapes -= {(motion.samples,)} if isinstance(motion, Record) else set()
+    if array := next((shape for shape in shapes if shape), None):
+        raise ValueError(f"motion must be a single one, got an array of shape {array}")
+    check("motion", motion, None)
+    return _divide_by_strength(*_describe_uplift(block, model), motion.bucketed())
+
+
+@elementwise(model=as_model)
+def _describe_uplift(block: Block, model: ModelLike) -> tuple[Reals, Reals]:
+    """Compute the acceleration that lifts a block [m/s2], over the one of gravity as well."""
+    needed = uplift_acceleration(block, as_model(model))
+    return needed, needed / block.gravity
+
+
+@eqx.filter_jit
+def _divide_by_strength(needed: Reals, tangent: Reals, motion: Motion) -> Reals:
+    """Divide the acceleration that lifts by the largest that acts, of one motion."""
+    # A block that is not allowed has NaN, with derivative zero: 1 stands in.
+    valid = ~jnp.isnan(needed)
+    needed, tangent = (jnp.where(valid, x, 1) for x in (needed, tangent))
+    # Between knots the horizontal acceleration is monotone. Under a record both components are
+    # lines there, and other motions have no vertical one: the excess is extreme at knots.
+    knots = motion.knots()
+    # The axes of blocks come first.
+    shape = (1,) * needed.ndim + knots.shape
+    push, lift = (x.reshape(shape) for x in motion.value(knots))
+    strength = pick_largest(abs(push) - tangent[..., None] * lift)
+    lifts = strength > 0
+    factor = jnp.where(lifts, needed / jnp.where(lifts, strength, 1), jnp.inf)
+    return jnp.where(valid, factor, jnp.nan)
+
+
+def critical_factor(
+    block: Block,
+    restitution: Number,
+    motion: Motion,
+    ratios: Sequence[float] = (1.0, 50.0),
+    *,
+    resolution: float = 0.0025,
+    model: ModelLike = Nonlinear(),
+    max_boundaries: int = 8,
+) -> Boundaries:
+    """Find every factor on a motion between standing and overturning, from uplift on.
+
+    Parameters
+    ----------
+    block, restitution, model, max_boundaries
+        As in `overturning_boundaries`.
+    motion : Motion
+        One pulse, `Harmonic` or `Record`.
+    ratios : sequence of two floats
+        The range of factors, over the one that just lifts the block; see `uplift_factor`.
+    resolution : float
+        Factors that are examined differ by this share of them. What is narrower may go unseen.
+
+    Returns
+    -------
+    Boundaries
+        Of factors [-].
+
+    Raises
+    ------
+    ValueError
+        If no factor on the motion lifts a block, or a concrete argument is out of range.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> record = jr.Record([0.0, 1.0, 0.0, -1.0, 0.0], time_step=0.125)
+    >>> print(jr.overturning.critical_factor(jr.Block(0.1, 5.0), 0.9, record))
+    overturns beyond 3.59491 (overturning after 1 impact)
+    stands beyond 9.74233 (overturning after 1 impact)
+    overturns beyond 10.2373 (overturning without an impact)
+    """
+    levels = make_levels("ratios", ratios, resolution, _HALVINGS)
+    # As in `critical_amplitude`: a boundary does not depend on where it was sought.
+    uplift = jax.lax.stop_gradient(uplift_factor(block, motion, model=model))
+    if not is_traced(uplift) and not np.isfinite(uplift).all():
+        raise ValueError(
+            "motion must lift the block with some factor, got one that never does"
+        )
+    namespace = choose_namespace(uplift)
+    factors = namespace.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
+    search = Search("factor", model, max_boundaries, _HALVINGS)
+    return search_boundaries(block, restitution, motion, factors, search)

@@ -1,0 +1,109 @@
+"""Objects ranked by the rate at which they overturn."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+
+from ..risk import describe_need
+from .axes import ACCENT, INK, LINE, label_axes
+
+_MOST = 60  # objects that are drawn; more would not be read
+_QUANTILE = 1.96  # of the normal distribution, for 95 %
+# Decades that an axis has at least, so that a single object does not fill it.
+_DECADES = 2
+
+
+def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the yearly rates at which objects overturn, the highest on top, and the target.
+
+    A point is the rate, a line its interval (95 %): by the scatter from record to record, and
+    by what levels miss. Beside each object stands its size, and the width at this height that
+    it needs for the target. The sixty objects with the highest rates are drawn.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of `jaxrock.risk.assess_inventory`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    shown = dataset.isel(object=slice(None, _MOST))
+    number = shown.object.size
+    own = ax is None
+    if ax is None:
+        _, ax = plt.subplots(layout="constrained", figsize=(8.0, 2.1 + 0.3 * number))
+    figure: Any = ax.figure
+    target = float(dataset.attrs["target"])
+    rate = shown.rate.values
+    rows = np.arange(number)[::-1]
+    # One record has no standard error.
+    spread = _QUANTILE * np.nan_to_num(shown.standard_error.values)
+    half = np.hypot(spread, shown.unseen.values)
+    low, high = _choose_ends(rate, half, target)
+    # Also told apart by their marks, for prints in grey.
+    for above, colour, mark in ((True, ACCENT, "D"), (False, INK, "o")):
+        which = (rate > target) == above
+        if not which.any():
+            continue
+        ends = np.stack([rate - half, rate + half])[:, which]
+        ax.hlines(rows[which], *ends.clip(low), color=colour, linewidth=1.5)
+        name = f"{'more' if above else 'less'} often than the target"
+        at = rate[which].clip(low)
+        ax.plot(at, rows[which], mark, color=colour, markersize=7, label=name, clip_on=False)
+    years = f"once in {_format_years(1 / target)} years"
+    ax.axvline(target, color=LINE, linestyle="--", linewidth=1, label=f"target: {years}")
+    ax.set(xscale="log", xlim=(low, high), ylim=(-0.7, number - 0.3))
+    ranks = zip(shown["rank"].values, shown.object.values, strict=True)
+    ax.set_yticks(rows, [f"{name}  {rank}" for rank, name in ranks])
+    ax.tick_params(axis="y", length=0)
+    beside = ax.secondary_yaxis("right")
+    beside.set_yticks(rows, [_describe_size(shown.isel(object=k)) for k in range(number)])
+    beside.tick_params(length=0, colors=LINE)
+    # Years instead of rates for those who think in them.
+    top = ax.secondary_xaxis("top", functions=(_invert, _invert))
+    top.set_xlabel("overturns once in so many years [yr]")
+    top.xaxis.set_major_formatter(lambda value, _: _format_years(value))
+    top.xaxis.set_minor_formatter(lambda value, _: "")
+    look: dict[str, Any] = {"ncols": 3, "fontsize": "small", "frameon": False}
+    if own:
+        # Below all labels, which the axes do not know.
+        figure.legend(loc="outside lower center", **look)
+    else:
+        ax.legend(**look)
+    return label_axes(ax, "rate at which it overturns [1/yr]", "", grid="x")
+
+
+def _describe_size(found: xarray.Dataset) -> str:
+    """Describe the size of an object and what it needs, beside its row."""
+    size = f"{float(found.width):.2f} \N{MULTIPLICATION SIGN} {float(found.height):.2f} m"
+    return f"{size}; {describe_need(found)}"
+
+
+def _choose_ends(rate: np.ndarray, half: np.ndarray, target: float) -> tuple[float, float]:
+    """Choose the ends of the axis: all rates above 0, most of the intervals, and the target."""
+    largest = max(float((rate + half).max()), target)
+    least = min([target, *(value for value in rate.tolist() if value > 0)])
+    high = 1.5 * largest
+    # An interval down to 0 has no place on a logarithmic axis: it ends at the edge.
+    return min(0.4 * least, high / 10**_DECADES), high
+
+
+def _invert(value: ArrayLike) -> ArrayLike:
+    """Convert rates to return periods, and back."""
+    # Matplotlib asks at 0 as well, where an axis that is not yet logarithmic begins.
+    with np.errstate(divide="ignore"):
+        return 1 / np.asarray(value, float)
+
+
+def _format_years(years: float) -> str:
+    """Write a number of years as people do: 2,500."""
+    return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"

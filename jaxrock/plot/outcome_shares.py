@@ -1,0 +1,96 @@
+"""Shares of outcomes under scattered inputs, and Sobol indices of what they come from."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ..sensitivity import OutcomeShares, describe_input
+from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
+
+
+def plot_outcome_shares(found: OutcomeShares, ax: Axes | None = None) -> Axes:
+    """Draw the share of each outcome with its interval, and the shares under each record.
+
+    Parameters
+    ----------
+    found : OutcomeShares
+        From `jaxrock.sensitivity.outcome_shares`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    ax = get_axes(ax, figsize=(5.0, 2.6))
+    rows = np.arange(len(found.outcomes))[::-1]
+    ax.barh(rows, found.share, height=0.5, color=LIGHT, label="all samples")
+    records = len(found.by_record)
+    if records > 1:
+        # Side by side in the width of the bar: many are 0 or 1.
+        places = rows[:, None] + np.linspace(-0.2, 0.2, records)
+        points = (found.by_record.T.ravel(), places.ravel())
+        ax.plot(*points, ".", color=NEUTRAL, label="under each record")
+    # One line with gaps, and so one entry in the legend.
+    gap = np.full(len(rows), np.nan)
+    ends = np.stack([found.low, found.high, gap], axis=1).ravel()
+    label = f"{found.confidence:.0%} interval"
+    ax.plot(ends, np.repeat(rows, 3), "-|", color=INK, markersize=10, label=label)
+    # Numbers beside the names: within the axes they would lie on intervals and points.
+    names = zip(found.outcomes, found.share, strict=True)
+    ax.set_yticks(rows, [f"{outcome}: {share:.3f}" for outcome, share in names])
+    ax.set_xlim(-0.02, 1.02)
+    ax.legend(**ABOVE, ncols=3, fontsize="small")
+    return label_axes(ax, "share of samples [-]", "", grid="x")
+
+
+def plot_sobol_indices(
+    found: OutcomeShares, answer: str = "peak", ax: Axes | None = None
+) -> Axes:
+    """Draw which part of the variance of an answer comes from each input.
+
+    The first-order index is of an input alone, the total one with all that it does together
+    with others.
+
+    Parameters
+    ----------
+    found, answer : OutcomeShares, str
+        From `jaxrock.sensitivity.outcome_shares`, and one of its answers.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If there is no such answer.
+    """
+    if answer not in found.answers:
+        raise ValueError(f"answer must be one of {', '.join(found.answers)}, got {answer!r}")
+    ax = get_axes(ax, figsize=(5.0, 1.6 + 0.5 * len(found.sources)))
+    k = found.answers.index(answer)
+    rows = np.arange(len(found.sources))[::-1]
+    for kind, shift, colour in (("first", 0.2, LIGHT), ("total", -0.2, INK)):
+        values = np.nan_to_num(getattr(found, kind)[k])
+        errors = np.nan_to_num(getattr(found, f"{kind}_error")[k])
+        ax.barh(
+            rows + shift,
+            values,
+            height=0.36,
+            xerr=errors,
+            color=colour,
+            error_kw={"ecolor": NEUTRAL, "capsize": 2},
+            label={"first": "first order", "total": "total"}[kind],
+        )
+    ax.axvline(0, color=LINE, linewidth=0.8)
+    ax.set_yticks(rows, [describe_input(name) for name in found.sources])
+    # An answer that does not vary has no indices, which is said where the bars would be.
+    if not np.isfinite(found.first[k]).any():
+        ax.text(0.5, 0.5, "does not vary", ha="center", va="center", transform=ax.transAxes)
+    ax.set_xlim(min(0.0, ax.get_xlim()[0]), 1.05)
+    ax.legend(**ABOVE, ncols=2, fontsize="small")
+    return label_axes(ax, f"Sobol index: {answer} [-]", "", grid="x")

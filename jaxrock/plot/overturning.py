@@ -1,0 +1,184 @@
+"""Boundaries between standing and overturning along a quantity, and critical intensities."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from ..block import Block
+from ..overturning import UNITS, Boundaries
+from ..resonance import Linearized, Nonlinear, critical_intensity
+from ..validation import Number
+from .axes import ABOVE, ACCENT, INK, NEUTRAL, get_axes, label_axes
+
+_LABELS = {
+    "amplitude": "amplitude of the motion",
+    "duration": "duration of the pulse",
+    "frequency": "frequency of the floor",
+    "factor": "factor on the motion",
+    "width": "width at this height",
+    "height": "height at this width",
+    "half_width": "half-width (size at this slenderness)",
+    "slenderness": "slenderness at this width",
+    "inertia_ratio": r"inertia ratio $\kappa$",
+    "restitution": "restitution $C$",
+}
+_STANDS = "0.88"
+# Least distance between the labels of two boundaries, as a share of the axis.
+_LABEL_DISTANCE = 0.025
+_MOST_HALF_CYCLES = 20
+
+
+def plot_boundaries(
+    found: Boundaries,
+    ends: tuple[float, float],
+    ax: Axes | None = None,
+    *,
+    uplift: float | None = None,
+) -> Axes:
+    """Draw where a block stands and where it overturns, along a quantity.
+
+    Boundaries are labelled where there is room, the first one always.
+
+    Parameters
+    ----------
+    found : Boundaries
+        Of one block, from `jaxrock.overturning_boundaries` or one of its relatives.
+    ends : tuple of two floats
+        First and last of the values that were examined.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+    uplift : float, optional
+        Value of the quantity from which on the block is lifted, which is marked.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If `found` is of several blocks, or not complete.
+    """
+    if np.ndim(found.count):
+        raise ValueError(
+            f"found must be of one block, got an array of shape {np.shape(found.count)}"
+        )
+    if not bool(found.complete):
+        raise ValueError("found must be complete, got motions that were not followed")
+    ax = get_axes(ax, figsize=(8.0, 2.6))
+    values = np.asarray(found.value)
+    edges = np.concatenate([[ends[0]], values, [ends[1]]])
+    overturns = np.append(bool(found.overturns_first), np.asarray(found.overturns_beyond))
+    # Both in one order in the legend, whichever comes first along the quantity.
+    for falls, colour, label in ((False, _STANDS, "stands"), (True, ACCENT, "overturns")):
+        spans = [
+            (low, high - low)
+            for low, high, does in zip(edges[:-1], edges[1:], overturns, strict=True)
+            if does == falls
+        ]
+        if spans:
+            ax.broken_barh(spans, (0, 1), linewidth=0, color=colour, label=label)
+    # Outcomes are as they are with a factor, which is the same on a wide scale as on a small.
+    if ends[0] > 0 and ends[1] / ends[0] > 8:
+        ax.set_xscale("log")
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set(xlim=_widen_range(ends, uplift, ax.get_xscale() == "log"), ylim=(0, 1))
+    if uplift is not None and np.isfinite(uplift):
+        line = {"color": INK, "linestyle": "--", "linewidth": 1.4}
+        ax.axvline(uplift, **line, label=f"lifted from {uplift:.4g} on")
+    if values.size:
+        _label_values(ax, edges)
+    ax.set_yticks([])
+    ax.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize="small")
+    unit = UNITS.get(found.along, "-").replace("m/s2", "m/s²")
+    label = _LABELS.get(found.along, found.along.replace("_", " "))
+    return label_axes(ax, f"{label} [{unit}]", "", grid="x")
+
+
+def _widen_range(
+    ends: tuple[float, float], uplift: float | None, logarithmic: bool
+) -> tuple[float, float]:
+    """Widen the range that was examined by a little, so that a line at its end is seen."""
+    known = [*ends, *([uplift] if uplift is not None and np.isfinite(uplift) else [])]
+    low = min(known)
+    high = max(known)
+    if logarithmic:
+        share = (high / low) ** 0.02
+        return low / share, high * share
+    margin = 0.02 * (high - low)
+    return low - margin, high + margin
+
+
+def _label_values(ax: Axes, edges: np.ndarray) -> None:
+    """Write boundaries above the axes, as many as there is room for; `edges` has both ends."""
+    places = ax.transData.transform(np.column_stack([edges, np.zeros_like(edges)]))
+    along = ax.transAxes.inverted().transform(places)[:, 0]
+    # The first and the last one matter most, then those beside intervals that are seen best.
+    seen = np.minimum(np.diff(along)[:-1], np.diff(along)[1:])
+    seen[[0, -1]] = np.inf
+    labelled: list[float] = []
+    for k in 1 + np.argsort(-seen, kind="stable"):
+        if any(abs(along[k] - other) < _LABEL_DISTANCE for other in labelled):
+            continue
+        labelled.append(float(along[k]))
+        ax.annotate(
+            f"{edges[k]:.4g}",
+            (edges[k], 1),
+            (0, 4),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            rotation=90,
+            ha="center",
+            va="bottom",
+            fontsize="small",
+        )
+
+
+def plot_critical_intensity(
+    block: Block, restitution: Number, intensity: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Draw the intensity of timed pulses that just overturn a block, over their number.
+
+    By both models, with the limit for pulses without end.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : float
+        C [-], between 0 and 1.
+    intensity : float, optional
+        An intensity to mark [m/s].
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    ax = get_axes(ax, figsize=(6.4, 4.2))
+    count = np.arange(1.0, _MOST_HALF_CYCLES + 1)
+    # The models are often too close to be told apart: circles around points.
+    circles = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "linestyle": "none"}
+    looks: tuple[tuple[Linearized | Nonlinear, dict[str, Any]], ...] = (
+        (Nonlinear(), {"color": INK, "marker": ".", "linewidth": 1.2}),
+        (Linearized(), {"color": ACCENT, **circles}),
+    )
+    for model, look in looks:
+        found = np.asarray(critical_intensity(block, restitution, count, model))
+        ax.plot(count, found, label=model.name, **look)
+    limit = float(critical_intensity(block, restitution, np.inf, "nonlinear"))
+    line = {"color": INK, "linestyle": ":", "linewidth": 1.2}
+    ax.axhline(limit, **line, label=f"pulses without end: {limit:.4g} m/s")
+    if intensity is not None:
+        line = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.2}
+        ax.axhline(intensity, **line, label=f"given: {intensity:.4g} m/s")
+    ax.set_ylim(bottom=0)
+    ax.set_xticks([1, 5, 10, 15, 20])
+    ax.legend(**ABOVE, ncols=2, fontsize="small")
+    return label_axes(ax, "half-cycles [-]", "critical intensity [m/s]")

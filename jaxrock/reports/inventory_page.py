@@ -1,0 +1,216 @@
+"""A table of objects as one page for the file: picture, ranked table, what it means."""
+
+import base64
+import html
+import math
+from typing import TYPE_CHECKING
+
+from ..ground_motion import MEASURES
+from ..risk import describe_need
+
+if TYPE_CHECKING:
+    import xarray
+
+# A page of its own: no style, script, font or picture from elsewhere. Sizes are those of a
+# printed page, on which about a dozen objects have room.
+_STYLE = """
+@page { size: A4; margin: 12mm; }
+body { font: 9.5pt/1.3 Georgia, serif; color: #111; max-width: 186mm; margin: 0 auto; }
+h1 { font-size: 15pt; margin: 0 0 2mm; }
+p { margin: 0 0 2mm; }
+img { display: block; width: 100%; max-height: 88mm; object-fit: contain; }
+table { border-collapse: collapse; width: 100%; font-size: 8pt; margin: 2mm 0; }
+th, td { padding: 0.5mm 1mm; text-align: right; border-bottom: 0.2mm solid #ccc; }
+th { vertical-align: bottom; font-weight: normal; color: #555; }
+td.name, th.name { text-align: left; }
+tr.above td.rate { font-weight: bold; color: #8a4a10; }
+tr { page-break-inside: avoid; }
+dl { columns: 2; font-size: 8pt; margin: 0; }
+dt { font-weight: bold; float: left; margin-right: 1.5mm; }
+dd { margin: 0 0 0.7mm; break-inside: avoid; }
+"""
+
+
+def write_inventory_page(dataset: "xarray.Dataset", picture: bytes) -> str:
+    """Write objects that were assessed as one page of HTML that needs no other file.
+
+    Parameters
+    ----------
+    dataset : "xarray.Dataset"
+        Of `jaxrock.risk.assess_inventory`.
+    picture : bytes
+        A PNG, as of `jaxrock.plot.plot_inventory`.
+
+    Returns
+    -------
+    str
+        Of about a dozen objects it prints on one sheet of A4.
+    """
+    target = dataset.attrs["target"]
+    above = int((dataset.rate > target).sum())
+    number = dataset.object.size
+    objects = f"{number} object{'s' * (number > 1)}"
+    verb = "overturn" if above != 1 else "overturns"
+    image = base64.b64encode(picture).decode("ascii")
+    parts = [
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+        f"<title>{objects} in earthquakes</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
+        f"<h1>{objects} in earthquakes</h1>",
+        f"<p>{above} of {objects} {verb} more often than the target of {target:g} a year,"
+        f" once in {1 / target:,.0f} years.</p>",
+        '<img alt="Objects ranked by the rate at which they overturn, with the target"'
+        f' src="data:image/png;base64,{image}">',
+        _write_table(dataset),
+        _write_notes(dataset),
+        _write_meanings(dataset),
+        _write_assumptions(dataset),
+        "</body>\n</html>\n",
+    ]
+    return "\n".join(parts)
+
+
+def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
+    """Name the columns of the table, each with its head and a sentence that explains it."""
+    measure, unit, _ = MEASURES[dataset.attrs["measure"]]
+    columns = {
+        "rank": ("rank", "1 has the highest rate."),
+        "name": ("object", "The name in the table that was read."),
+        "size": (
+            "width &times; height [m]",
+            "The base, and twice the height of the centre of mass.",
+        ),
+        "restitution": (
+            "C",
+            "Velocity after an impact over the one before it, and its scatter.",
+        ),
+        "uplift_level": (
+            f"lifted at [{unit}]",
+            f"The {measure} that lifts it, the median over the records.",
+        ),
+        "median": (
+            f"median [{unit}]",
+            f"The {measure} at which half of the records overturn it, by a lognormal curve, and"
+            " its dispersion in brackets.",
+        ),
+    }
+    for k, level in enumerate(dataset.level.values):
+        head = f"at {level:.3g} {unit}"
+        years = float(dataset.return_period[k])
+        if math.isfinite(years):
+            head += f", {years:,.0f} years"
+        columns[f"probability {k}"] = (
+            head,
+            "The share of the records that overturn it at this level, which has this return"
+            " period, with its 95 % interval.",
+        )
+    columns["rate"] = (
+        "rate [10<sup>-4</sup>/yr]",
+        "How often a year it overturns, with the standard error by the records.",
+    )
+    columns["unseen"] = ("unseen", "How much the levels may miss of the rate, at most (95 %).")
+    columns["need"] = (
+        "for the target",
+        "The width at this height from which on the rate stays below the target.",
+    )
+    columns["most_important"] = (
+        "matters most",
+        "The number with the largest elasticity: the change of the rate in % for 1 % more.",
+    )
+    return columns
+
+
+def _write_table(dataset: "xarray.Dataset") -> str:
+    """Write the ranked table."""
+    columns = _name_columns(dataset)
+    texts = ("name", "need", "most_important")
+    mark = {name: ' class="name"' for name in texts} | {"rate": ' class="rate"'}
+    heads = "".join(
+        f"<th{mark.get(name, '') if name in texts else ''}>{head}</th>"
+        for name, (head, _) in columns.items()
+    )
+    lines = ["<table>", f"<tr>{heads}</tr>"]
+    for k in range(dataset.object.size):
+        one = dataset.isel(object=k)
+        cells = _write_cells(one)
+        row = "".join(f"<td{mark.get(name, '')}>{cells[name]}</td>" for name in columns)
+        kind = "above" if float(one.rate) > dataset.attrs["target"] else "below"
+        lines.append(f'<tr class="{kind}">{row}</tr>')
+    return "\n".join([*lines, "</table>"])
+
+
+def _write_cells(one: "xarray.Dataset") -> dict[str, str]:
+    """Write the cells of one object."""
+    scatter = float(one.restitution_scatter)
+    most = html.escape(str(one.most_important.values))
+    if most in one.parameter.values:
+        most += f" ({float(one.elasticity.sel(parameter=most)):+.1f})"
+    cells = {
+        "rank": f"{int(one['rank'])}",
+        "name": html.escape(str(one.object.values)),
+        "size": f"{float(one.width):.2f} &times; {float(one.height):.2f}",
+        "restitution": f"{float(one.restitution):.2f}"
+        + (f" &plusmn; {100 * scatter:.0f} %" if scatter else ""),
+        "uplift_level": _write_number(one.uplift_level),
+        "median": f"{_write_number(one['median'])} ({_write_number(one.dispersion)})",
+        "rate": f"{1e4 * float(one.rate):.3g} &plusmn; {1e4 * float(one.standard_error):.2g}",
+        "unseen": f"{1e4 * float(one.unseen):.2g}",
+        "need": html.escape(describe_need(one)),
+        "most_important": most,
+    }
+    for k in range(one.level.size):
+        low, middle, high = (
+            f"{float(one[name][k]):.2f}"
+            for name in ("probability_low", "probability", "probability_high")
+        )
+        cells[f"probability {k}"] = f"{middle} ({low}&ndash;{high})"
+    return cells
+
+
+def _write_number(value: "xarray.DataArray") -> str:
+    """Write a number; a dash where there is none."""
+    number = float(value)
+    return f"{number:.2f}" if math.isfinite(number) else "&ndash;"
+
+
+def list_remarks(dataset: "xarray.Dataset") -> list[str]:
+    """List what has to be said of single objects, what is said of several once."""
+    said: dict[str, list[str]] = {}
+    reasons = []
+    for k, name in enumerate(dataset.object.values.tolist()):
+        one = dataset.isel(object=k)
+        for remark in filter(None, str(one.remark.values).split("; ")):
+            said.setdefault(remark, []).append(name)
+        if math.isinf(float(one.required_width)):
+            reasons.append(f"{name}: {one.required_width_reason.values}")
+    return [*reasons, *(f"{remark}: {', '.join(names)}" for remark, names in said.items())]
+
+
+def _write_notes(dataset: "xarray.Dataset") -> str:
+    """Write what has to be said of single objects."""
+    notes = [html.escape(remark) for remark in list_remarks(dataset)]
+    return f"<p>{'. '.join(notes)}.</p>" if notes else ""
+
+
+def _write_meanings(dataset: "xarray.Dataset") -> str:
+    """Write what each column means, in a sentence."""
+    # Probabilities at several levels are explained once.
+    meanings = {head: says for _, (head, says) in _name_columns(dataset).items()}
+    once: dict[str, list[str]] = {}
+    for head, says in meanings.items():
+        once.setdefault(says, []).append(head)
+    lines = [f"<dt>{', '.join(heads)}</dt><dd>{says}</dd>" for says, heads in once.items()]
+    return "\n".join(["<dl>", *lines, "</dl>"])
+
+
+def _write_assumptions(dataset: "xarray.Dataset") -> str:
+    """Write what was assumed."""
+    about = dataset.attrs
+    return (
+        "<p>Assumed: every object is a rigid block that stands free on a rigid floor, rocks about"
+        " the edges of its base and neither slides nor turns; where no restitution was given,"
+        " Housner&rsquo;s; the restitution stays when the width changes."
+        f" Counted under {about['record_count']} records, each scaled to"
+        f" {about['counting_levels']} levels of the {MEASURES[about['measure']][0]}, by the"
+        f" {html.escape(str(about['model']))} equation of motion; hazard:"
+        f" {html.escape(str(about['hazard_curve']))}. {html.escape(str(about['source']))}.</p>"
+    )

@@ -1,0 +1,128 @@
+"""Yearly rates counted from outcomes at levels, for thousands of blocks."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..block import Block
+from ..driven import Batch, follow_batch
+from ..ground_motion import Suite
+from ..host import show_progress
+from ..resonance import RockingModel
+from ..validation import AnyArray
+
+# Responses that are followed at once: so many that a batch is efficient, and so few that their
+# numbers take 100 MB.
+_AT_ONCE = 2**18
+
+
+class Counting(NamedTuple):
+    """Levels at which outcomes are counted, and the rate that each of them stands for.
+
+    Attributes
+    ----------
+    levels : ndarray, shape (levels,)
+    rates : ndarray, shape (levels,)
+        Of the hazard at the levels [1/yr].
+    weights : ndarray, shape (levels,)
+        The fall of the hazard from halfway to the level before to halfway to the one behind;
+        the last level stands for all beyond as well [1/yr].
+    """
+
+    levels: np.ndarray
+    rates: np.ndarray
+    weights: np.ndarray
+
+
+class CountedRate(NamedTuple):
+    """Rates counted from outcomes.
+
+    Attributes
+    ----------
+    rate : ndarray, shape (...)
+        Mean over the records [1/yr].
+    contributions : ndarray, shape (records, ...)
+        The rate if each motion were like this record [1/yr].
+    error : ndarray, shape (...)
+        Standard error by the distance between levels [1/yr].
+    """
+
+    rate: np.ndarray
+    contributions: np.ndarray
+    error: np.ndarray
+
+
+def plan_counting(hazard: Callable[[AnyArray], AnyArray], levels: np.ndarray) -> Counting:
+    """Plan a count at increasing levels."""
+    rates = np.asarray(hazard(levels))
+    if len(levels) == 1:
+        return Counting(levels, rates, rates)
+    # Halfway in logarithms, in which a hazard curve is straight.
+    middle = np.asarray(hazard(np.sqrt(levels[1:] * levels[:-1])))
+    edges = np.concatenate([rates[:1], middle, [0.0]])
+    return Counting(levels, rates, edges[:-1] - edges[1:])
+
+
+# The outcome at a level stands for all levels that are nearer to it than to its neighbours. A
+# window of width w between levels that are d apart is hit with probability w / d, and then
+# counts as d: on average as w. So windows that are narrower than the distance between levels
+# make the count less precise, and do not shift it, whatever the distance is. A rate summed over
+# boundaries has less noise, since each boundary that was found is exact, but misses windows
+# that no level hits; and to find boundaries takes ten times as long.
+def count_rates(overturned: np.ndarray, counting: Counting) -> CountedRate:
+    """Count the rates of outcomes (records, ..., levels), and average them over records."""
+    records = len(overturned)
+    # One after the other along the levels, so that the bits do not depend on the shape.
+    contributions = np.zeros(overturned.shape[:-1])
+    for k, weight in enumerate(counting.weights):
+        contributions += np.where(overturned[..., k], weight, 0.0)
+    rate = np.zeros(overturned.shape[1:-1])
+    for of_record in contributions:
+        rate += of_record / records
+    # A boundary lies anywhere between two levels, uniformly in the rate of the hazard: 1 / 12
+    # is the variance of that. A level alone in its window was met by chance (Poisson).
+    changed = overturned[..., 1:] != overturned[..., :-1]
+    steps = counting.rates[:-1] - counting.rates[1:]
+    variance = (changed * steps**2 / 12).sum(axis=-1)
+    lonely = changed[..., :-1] & changed[..., 1:]
+    variance += (lonely * counting.weights[1:-1] ** 2).sum(axis=-1)
+    error = np.sqrt(variance.sum(axis=0)) / records
+    return CountedRate(rate, contributions, error)
+
+
+def find_outcomes(
+    block: Block,
+    restitution: AnyArray,
+    levels: AnyArray,
+    suite: Suite,
+    strengths: np.ndarray,
+    model: RockingModel,
+) -> np.ndarray:
+    """Find which blocks overturn under each record, scaled to a level: (records, blocks).
+
+    Blocks, restitutions and levels broadcast to one axis. The records have the intensities
+    `strengths`.
+
+    Raises
+    ------
+    ValueError
+        If a motion could not be followed.
+    """
+    leaves, form = jax.tree.flatten((block, restitution, levels))
+    leaves = np.broadcast_arrays(*leaves)
+    size = leaves[0].size
+    together = max(1, _AT_ONCE // len(suite))
+    overturned = np.empty((len(suite), size), bool)
+    for k in show_progress(range(0, size, together), "blocks"):
+        part = slice(k, k + together)
+        some, c, level = jax.tree.unflatten(form, [leaf[part] for leaf in leaves])
+        batch = Batch.of(some, c, suite, axes=1).scaled(level / strengths[:, None])
+        response = follow_batch(batch, model)
+        if not np.asarray(response.complete).all():
+            raise ValueError(
+                "motion could not be followed to its end for every record and level"
+            )
+        overturned[:, part] = np.asarray(response.overturned)
+    return overturned

@@ -1,0 +1,105 @@
+"""Objects whose risk is asked for: one block or many, certain or scattered."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..block import Block
+from ..sensitivity import draw_blocks
+from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_kind
+
+
+class Objects(NamedTuple):
+    """Blocks one after the other, and the shape that they had.
+
+    Attributes
+    ----------
+    block, restitution : Block, Array
+        Leaves of shape (objects,), or () for one block.
+    shape : tuple of int
+        () or (objects,).
+    names : tuple of str
+        One for each object; "1", "2", ... where none are given.
+    """
+
+    block: Block
+    restitution: AnyArray
+    shape: tuple[int, ...]
+    names: tuple[str, ...]
+
+    @property
+    def number(self) -> int:
+        """Number of objects."""
+        return self.shape[0] if self.shape else 1
+
+    def select(self, number: int) -> tuple[Block, AnyArray | np.floating]:
+        """Select one object: its block and its restitution, as numbers."""
+        if not self.shape:
+            return self.block, self.restitution
+        return jax.tree.map(lambda leaf: leaf[number], (self.block, self.restitution))
+
+
+def gather_objects(
+    block: Block, restitution: Number, names: Sequence[str] | None = None
+) -> Objects:
+    """Gather concrete objects; a `ValueError` if they are not allowed."""
+    check_kind("block", block, Block)
+    coefficient = as_real("restitution", restitution)
+    check("restitution", coefficient, UNIT_INTERVAL)
+    leaves, form = jax.tree.flatten((block, coefficient))
+    shapes = [np.shape(leaf) for leaf in leaves]
+    try:
+        shape = np.broadcast_shapes(*shapes)
+    except ValueError:
+        must = "block and restitution must have shapes that broadcast"
+        raise ValueError(f"{must}, got {', '.join(map(str, shapes))}") from None
+    if len(shape) > 1:
+        must = "block and restitution must be single ones or have one axis, of objects"
+        raise ValueError(f"{must}, got shape {shape}")
+    if shape == (0,):
+        raise ValueError("block and restitution must be of at least one object, got none")
+    if shape:
+        # In NumPy: JAX would compile a program for each number of objects.
+        leaves = [np.broadcast_to(np.asarray(leaf), shape) for leaf in leaves]
+    block, coefficient = jax.tree.unflatten(form, leaves)
+    return Objects(block, coefficient, shape, _check_names(names, shape))
+
+
+def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the names of objects, each its own; a `ValueError` if they are not allowed."""
+    if names is None:
+        return tuple(str(k + 1) for k in range(shape[0])) if shape else ()
+    if not shape:
+        raise ValueError("names go with arrays of blocks or restitutions only")
+    names = tuple(map(str, names))
+    if len(names) != shape[0]:
+        raise ValueError(f"names must be one for each of {shape[0]} objects, got {len(names)}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"names must differ, got {twice[0]!r} twice")
+    return names
+
+
+def draw_objects(
+    objects: Objects, scatter: Mapping[str, float], samples: int, seed: int
+) -> Objects:
+    """Draw samples of every object, with leaves of shape (objects, samples) or (samples,).
+
+    All objects share their normal numbers, and so do all records and levels: what differs
+    between two answers is then not the noise of two samples.
+    """
+    drawn = [
+        draw_blocks(*objects.select(number), scatter, samples, seed, "scatter")[:2]
+        for number in range(objects.number)
+    ]
+    if not objects.shape:
+        block, restitution = drawn[0]
+    else:
+        block, restitution = jax.tree.map(lambda *leaves: np.stack(leaves), *drawn)
+    dtype = np.asarray(objects.restitution).dtype
+    block, restitution = jax.tree.map(
+        lambda leaf: np.asarray(leaf, dtype), (block, restitution)
+    )
+    return objects._replace(block=block, restitution=restitution)

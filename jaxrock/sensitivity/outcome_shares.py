@@ -1,0 +1,333 @@
+"""Shares of scattered inputs with which a block rocks or overturns, and what decides them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..block import Block
+from ..driven import Batch, check_batch, follow_batch
+from ..ground_motion import Harmonic, Motion, Pulse, Suite
+from ..host import Printed
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import POSITIVE, Number, as_real, check
+from .parameters import Spread, describe_input
+from .scattered_inputs import (
+    draw_normal_numbers,
+    list_medians,
+    make_blocks,
+    map_normal_numbers,
+)
+from .share_statistics import (
+    compute_interval,
+    compute_scores,
+    compute_slopes,
+    compute_sobol_indices,
+)
+
+# Responses that are followed at once, for which there is memory.
+_AT_ONCE = 2**20
+# The highest rotation may come after the end of the ground motion [s].
+_BEYOND = 10.0
+# An outcome has indices and slopes if at least so many samples have it, and have it not.
+_FEWEST = 20
+
+
+@dataclass(frozen=True, repr=False)
+class OutcomeShares(Printed):
+    """Shares of samples by outcome, and what they depend on; see `outcome_shares`.
+
+    Indices and slopes that noise hides are not printed as numbers.
+
+    Attributes
+    ----------
+    outcomes : tuple of str
+        ``"rocks"``, ``"exceeds ..."`` the rotation ratio, ``"overturns"``.
+    share, low, high : ndarray, shape (outcomes,)
+        Share of all samples, and its interval.
+    by_record : ndarray, shape (records, outcomes)
+        Shares under each record; one row for a single motion.
+    names : tuple of str
+        The inputs that scatter.
+    median, variation : ndarray, shape (inputs,)
+        Their medians and coefficients of variation.
+    answers : tuple of str
+        ``"peak"`` and the outcomes: what the indices are of.
+    sources : tuple of str
+        The inputs, and under a suite ``"record"``: what the indices belong to.
+    first, total, first_error, total_error : ndarray, shape (answers, sources)
+        Sobol indices [-], first-order and total, and their standard errors; NaN for an answer
+        that does not vary, and for an outcome of fewer than 20 samples, or of all but those.
+    by_median, by_variation : ndarray, shape (outcomes, inputs)
+        Slope of the share to the logarithm of the median, and to the coefficient of variation
+        [-]; NaN like the indices.
+    by_median_error, by_variation_error : ndarray, shape (outcomes, inputs)
+        Their standard errors.
+    inputs : dict of ndarray, shape (samples,)
+        The inputs that scatter, by name.
+    peak : ndarray, shape (records, samples)
+        Highest rotation over the critical angle, at most 1, and 1 where the block overturns.
+    confidence : float
+        Of the intervals.
+    """
+
+    outcomes: tuple[str, ...]
+    share: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    by_record: np.ndarray
+    names: tuple[str, ...]
+    median: np.ndarray
+    variation: np.ndarray
+    answers: tuple[str, ...]
+    sources: tuple[str, ...]
+    first: np.ndarray
+    total: np.ndarray
+    first_error: np.ndarray
+    total_error: np.ndarray
+    by_median: np.ndarray
+    by_median_error: np.ndarray
+    by_variation: np.ndarray
+    by_variation_error: np.ndarray
+    inputs: dict[str, np.ndarray]
+    peak: np.ndarray
+    confidence: float
+
+    def __str__(self) -> str:
+        records, samples = self.peak.shape
+        under = f"{records} records, each with " if records > 1 else ""
+        lines = [
+            f"{under}{samples} samples, intervals with a confidence of {self.confidence:g}"
+        ]
+        for k, outcome in enumerate(self.outcomes):
+            interval = f"{self.low[k]:.4f} to {self.high[k]:.4f}"
+            lines.append(f"{outcome:20}{self.share[k]:10.4f}   {interval}")
+        for k, answer in enumerate(self.answers):
+            if np.isfinite(self.first[k]).all():
+                lines += ["", *self._write_table(k, answer)]
+            elif k and 0 < self.share[k - 1] < 1:
+                lines += ["", f"{answer}: too few samples differ for indices and slopes"]
+        return "\n".join(lines)
+
+    def _write_table(self, k: int, answer: str) -> list[str]:
+        """Write a table of an answer that varies: indices, and slopes of a share."""
+        slopes = k > 0
+        head = f"{answer:30}{'first order':>18}{'total':>18}"
+        if slopes:
+            head += f"{'median +1 %':>22}{'variation +0.01':>22}"
+        rows = [head]
+        for i, source in enumerate(self.sources):
+            row = f"{describe_input(source):30}"
+            row += _write_index(self.first[k, i], self.first_error[k, i])
+            row += _write_index(self.total[k, i], self.total_error[k, i])
+            if slopes and i < len(self.names):
+                row += _write_slope(self.by_median[k - 1, i], self.by_median_error[k - 1, i])
+                row += _write_slope(
+                    self.by_variation[k - 1, i], self.by_variation_error[k - 1, i]
+                )
+            rows.append(row)
+        return rows
+
+
+def _write_index(value: float, error: float) -> str:
+    """Write an index with its standard error; a bound where noise hides it."""
+    if value < 2 * error:
+        return f"{f'below {max(value, 0.0) + 2 * error:.2f}':>18}"
+    return f"{f'{value:.2f} +- {error:.2f}' if error else f'{value:.2f}':>18}"
+
+
+def _write_slope(value: float, error: float) -> str:
+    """Write the change of a share for a hundredth more; nothing where noise hides it."""
+    if not error < abs(value):
+        return f"{'within noise':>22}"
+    return f"{f'{0.01 * value:+.4f} +- {0.01 * error:.4f}':>22}"
+
+
+def outcome_shares(
+    block: Block,
+    restitution: Number,
+    motion: Motion | Suite,
+    variations: Spread,
+    *,
+    ratio: float = 0.5,
+    samples: int = 4096,
+    seed: int = 0,
+    confidence: float = 0.95,
+    model: ModelLike = Nonlinear(),
+) -> OutcomeShares:
+    """Compute with which shares of scattered inputs a block rocks and overturns.
+
+    Under a record, a response is no smooth function of its inputs: above the first strength
+    that overturns a block there are windows in which it survives, and its slopes say little
+    beyond them. Shares of samples are smooth where the response is not.
+
+    Parameters
+    ----------
+    block, restitution : Block, float
+        The medians.
+    motion : Motion or Suite
+        Under a suite shares are those of all samples under all records, and intervals are
+        those of records drawn from where these come from: the records, not the samples, are
+        what is independent.
+    variations : dict
+        Coefficients of variation, greater than 0, of ``width`` (at this height) and ``height``
+        (at this width) of the block, or of ``half_width`` (at this slenderness) and
+        ``slenderness``; of ``gravity``, ``inertia_ratio``, ``restitution``; of ``scale``, a
+        factor on the motion with the median 1; of the ``duration`` of a pulse, the
+        ``frequency`` of a `Harmonic`. Distributed as in `propagate`, and independent.
+    ratio : float
+        Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
+        that overturns exceeds it.
+    samples, seed : int
+        Number of samples, a power of 2, and the seed of the Sobol points. As many responses
+        again are followed for each input and once more, for the Sobol indices.
+    confidence : float
+        Of the intervals, between 0 and 1.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+
+    Returns
+    -------
+    OutcomeShares
+        The Sobol indices are those of the outcomes, 0 or 1, and of ``"peak"``: the highest
+        rotation over the critical angle, at most 1, and 1 where the block overturns.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, a name is not known, or a motion could not be followed.
+
+    Notes
+    -----
+    One sample serves everything: scrambled Sobol points, followed in one batch to 10 s beyond
+    the end of the motion. Slopes of shares to medians and coefficients of variation are means
+    of the outcome times the slope of the log-density (score function), so that no response is
+    differentiated.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> record, block = jr.example_record().scaled(2.0), jr.Block.from_size(width=0.2, height=0.8)
+    >>> scatter = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
+    >>> found = jr.sensitivity.outcome_shares(block, 0.8, record, scatter)
+    >>> print(found.outcomes[2], f"{found.share[2]:.2f}")
+    overturns 0.53
+    """
+    scene = check_batch(block, restitution, motion, None)
+    check("ratio", as_real("ratio", ratio), POSITIVE)
+    if not isinstance(confidence, float | int) or not 0 < confidence < 1:
+        raise ValueError(
+            f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
+        )
+    if not variations:
+        raise ValueError("variations must name at least one input, got none")
+    medians = list_medians(block, scene[0], variations, "variations")
+    medians |= _list_medians_of_motion(motion)
+    median = np.array([medians.get(name, np.nan) for name in variations])
+    variation = np.array([float(value) for value in variations.values()])
+    check("variations", variation, POSITIVE)
+    z = _draw_mixed_samples(len(variations), samples, seed)
+    values = map_normal_numbers(np.concatenate(z), medians, variations)
+    answers = _follow_samples(values, motion, as_model(model), ratio)
+    shape = (*answers.shape[:2], len(z), samples)
+    answers = np.moveaxis(answers.reshape(shape), 2, 0)
+    outcomes = answers[0, 1:]
+    # Errors estimated from a few samples are none; the peak always has many values.
+    happens = outcomes.sum(axis=(1, 2))
+    clear = np.minimum(happens, outcomes[0].size - happens) >= _FEWEST
+    blank = np.where(clear, 1.0, np.nan)[:, None]
+    indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
+    indices = [part * np.concatenate([[[1.0]], blank]) for part in indices]
+    names = tuple(variations)
+    scores = compute_scores(names, median, variation, z[0])
+    slopes = [
+        np.array(parts) * blank
+        for score in scores
+        for parts in zip(*(compute_slopes(each, score) for each in outcomes), strict=True)
+    ]
+    by_record = outcomes.mean(axis=2).T
+    intervals = [compute_interval(each, samples, confidence) for each in by_record.T]
+    low, high = np.array(intervals).T
+    words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
+    return OutcomeShares(
+        outcomes=words,
+        share=by_record.mean(axis=0),
+        low=low,
+        high=high,
+        by_record=by_record,
+        names=names,
+        median=median,
+        variation=variation,
+        answers=("peak", *words),
+        sources=(*names, "record") if len(by_record) > 1 else names,
+        first=indices[0],
+        first_error=indices[1],
+        total=indices[2],
+        total_error=indices[3],
+        by_median=slopes[0],
+        by_median_error=slopes[1],
+        by_variation=slopes[2],
+        by_variation_error=slopes[3],
+        inputs={name: values[name][:samples] for name in names},
+        peak=answers[0, 0],
+        confidence=float(confidence),
+    )
+
+
+def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]:
+    """Draw two samples of normal numbers, then the first with each input from the second."""
+    both = draw_normal_numbers(2 * count, samples, seed)
+    first, second = np.split(both, 2, axis=1)
+    mixed = [first, second]
+    for k in range(count):
+        exchanged = first.copy()
+        exchanged[:, k] = second[:, k]
+        mixed.append(exchanged)
+    return mixed
+
+
+def _list_medians_of_motion(motion: Motion | Suite) -> dict[str, float]:
+    """List the inputs that a motion has, with their medians."""
+    medians = {"scale": 1.0}
+    if isinstance(motion, Pulse):
+        medians["duration"] = float(motion.duration)
+    if isinstance(motion, Harmonic):
+        medians["frequency"] = float(motion.frequency)
+    return medians
+
+
+def _follow_samples(
+    values: Mapping[str, np.ndarray], motion: Motion | Suite, model: RockingModel, ratio: float
+) -> np.ndarray:
+    """Follow all samples; peak and outcomes, shape (answers, records, samples)."""
+    blocks = make_blocks(values)
+    # Drawn in float64, followed in the precision that JAX has been set to.
+    restitution = as_real("restitution", values["restitution"])
+    scale = np.asarray(as_real("scale", values["scale"]))
+    if isinstance(motion, Pulse):
+        motion = replace(motion, duration=as_real("duration", values["duration"]))
+    if isinstance(motion, Harmonic):
+        motion = replace(motion, frequency=as_real("frequency", values["frequency"]))
+    group = max(1, _AT_ONCE // restitution.size)
+    parts: list[Motion | Suite] = [motion]
+    if isinstance(motion, Suite):
+        records = list(motion)
+        parts = [Suite(records[k : k + group]) for k in range(0, len(records), group)]
+    critical_angle = np.asarray(blocks.critical_angle)
+    answers = []
+    for chosen in parts:
+        batch = Batch.of(blocks, restitution, chosen).scaled(scale)
+        batch = replace(batch, until=batch.until + _BEYOND)
+        response = follow_batch(batch, model)
+        if not np.asarray(response.complete).all():
+            raise ValueError("motion could not be followed to its end for every sample")
+        rotation = np.asarray(response.peak_rotation) / critical_angle
+        overturned = np.asarray(response.overturned)
+        rows = [
+            np.where(overturned, 1.0, np.minimum(rotation, 1.0)),
+            rotation > 0,
+            overturned | (rotation > ratio),
+            overturned,
+        ]
+        answers.append(np.stack([np.atleast_2d(row).astype(float) for row in rows]))
+    return np.concatenate(answers, axis=1)

@@ -1,0 +1,176 @@
+"""Statistics of shares, of numbers alone: intervals, Sobol indices, slopes by scores."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .parameters import find_widths
+
+# Draws of random weights, for an interval to a hundredth of its width.
+_DRAWS = 2**13
+# Steps of the slopes of a distribution's width; it is found to rounding by bisection.
+_STEP = 1e-4
+
+
+class SobolIndices(NamedTuple):
+    """Sobol indices with standard errors; each of shape (answers, inputs)."""
+
+    first: np.ndarray
+    first_error: np.ndarray
+    total: np.ndarray
+    total_error: np.ndarray
+
+
+def compute_interval(
+    shares: np.ndarray, samples: int, confidence: float
+) -> tuple[float, float]:
+    """Compute an interval of the mean of shares, one of each record, or of a single share.
+
+    The records are independent units; samples are only what each of their shares is counted
+    from. The interval contains the one of the samples as well, which all records have in
+    common.
+    """
+    from scipy.stats import binomtest
+
+    # Scrambled Sobol points have less noise than independent ones, for which this is exact: so
+    # it is wider than it need be.
+    count = round(float(shares.mean()) * samples)
+    found = binomtest(count, samples).proportion_ci(confidence, method="exact")
+    low = float(found.low)
+    high = float(found.high)
+    if shares.size > 1:
+        tail = 0.5 * (1 - confidence)
+        # An end is a quantile of the mean with random weights, to which the worst value that a
+        # further record could have is added (Gaffke 2005; Learned-Miller and Thomas 2019,
+        # arXiv:1905.06208). Where all shares are 0 or 1 it is the exact binomial interval.
+        weights = np.random.default_rng(0).dirichlet(np.ones(shares.size + 1), _DRAWS)
+        low = min(low, float(np.quantile(weights @ np.append(shares, 0.0), tail)))
+        high = max(high, float(np.quantile(weights @ np.append(shares, 1.0), 1 - tail)))
+    # Rounding, in weights that add up to 1 but for it.
+    return max(low, 0.0), min(high, 1.0)
+
+
+def compute_sobol_indices(
+    first: np.ndarray, second: np.ndarray, mixed: np.ndarray
+) -> SobolIndices:
+    """Compute first-order and total Sobol indices of answers under records.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (answers, records, samples)
+        Answers at two independent samples of the inputs.
+    mixed : ndarray, shape (inputs, answers, records, samples)
+        Answers at the first sample, with one input from the second.
+
+    Returns
+    -------
+    SobolIndices
+        Of all inputs, and with several records of the record as the last one, which may be
+        each of them with equal probability. NaN for an answer that does not vary.
+    """
+    from scipy.stats import sobol_indices
+
+    answers, records, samples = first.shape
+    inputs = len(mixed)
+    shape = (answers, inputs + (records > 1))
+    result = SobolIndices(*(np.full(shape, np.nan) for _ in range(4)))
+    for k in range(answers):
+        # Beside the answers under each record, their mean over the records.
+        both = np.stack([_add_mean(first[k]), _add_mean(second[k])])
+        exchanged = np.stack([_add_mean(each[k]) for each in mixed])
+        variance = both.transpose(1, 0, 2).reshape(1 + records, -1).var(axis=1)
+        # The variance of all: within the records, and of their means.
+        means = both[:, 1:].mean(axis=(0, 2))
+        whole = variance[1:].mean() + means.var()
+        varies = variance > 0
+        if not whole > 0:
+            continue
+        first_order = np.zeros((1 + records, inputs))
+        total = np.zeros((1 + records, inputs))
+        if varies.any():
+            values = {
+                "f_A": both[0, varies],
+                "f_B": both[1, varies],
+                "f_AB": exchanged[:, varies],
+            }
+            found = sobol_indices(func=values, n=samples)
+            # SciPy leaves out axes of length 1.
+            first_order[varies] = np.reshape(found.first_order, (-1, inputs))
+            total[varies] = np.reshape(found.total_order, (-1, inputs))
+            first_order *= variance[:, None]
+            total *= variance[:, None]
+        # An input alone explains what it does to the mean over the records. Together with all
+        # others, the record among them, it explains what it does under each.
+        result.first[k, :inputs] = first_order[0] / whole
+        result.total[k, :inputs] = total[1:].mean(axis=0) / whole
+        change = exchanged - both[0]
+        centred = both[1, 0] - both[:, 0].mean()
+        noise = (centred * change[:, 0]).std(axis=1) / samples**0.5
+        result.first_error[k, :inputs] = noise / whole
+        # Over the samples of all records together: those of one are common to all.
+        noise = (0.5 * change[:, 1:] ** 2).mean(axis=1).std(axis=1) / samples**0.5
+        result.total_error[k, :inputs] = noise / whole
+        if records > 1:
+            result.first[k, -1] = means.var() / whole
+            result.total[k, -1] = 1 - variance[0] / whole
+            # Nothing is drawn of the records: they are all that there are.
+            result.first_error[k, -1] = 0.0
+            result.total_error[k, -1] = 0.0
+    return result
+
+
+def _add_mean(values: np.ndarray) -> np.ndarray:
+    """Put the mean over the records before the values, shape (1 + records, samples)."""
+    return np.concatenate([values.mean(axis=0, keepdims=True), values])
+
+
+def compute_scores(
+    names: Sequence[str], medians: np.ndarray, variations: np.ndarray, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the slopes of a sample's log-density, each of shape (samples, inputs).
+
+    With respect to the logarithm of each median, and to each coefficient of variation. The
+    slope of a mean is the mean of the product of the values and these scores, however rough
+    the values are: only the density is differentiated (Rubinstein 1986; Glynn 1990,
+    doi:10.1145/84537.84552).
+    """
+    # Lognormal or logit-normal: z = (t(x) - t(median)) / width, t the logarithm or the logit.
+    # So the log-density has the slope z / width to t(median), and (z^2 - 1) / width to width.
+    width, bounded = find_widths(names, medians, variations)
+    to_place = z / width
+    to_width = (z**2 - 1) / width
+    # d t(median) / d ln(median).
+    stretch = np.where(bounded, 1 / np.where(bounded, 1 - medians, 1.0), 1.0)
+
+    def find_slope(relative_median: float, relative_variation: float) -> np.ndarray:
+        """Find the slope of the widths by a central difference."""
+        ends = [
+            find_widths(
+                names,
+                medians * (1 + sign * relative_median),
+                variations * (1 + sign * relative_variation),
+            )[0]
+            for sign in (-1, 1)
+        ]
+        return (ends[1] - ends[0]) / (2 * _STEP)
+
+    # The width that belongs to a coefficient of variation depends on the median, too.
+    to_median = to_place * stretch + to_width * find_slope(_STEP, 0.0)
+    to_variation = to_width * find_slope(0.0, _STEP) / variations
+    return to_median, to_variation
+
+
+def compute_slopes(values: np.ndarray, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute slopes of the mean of values, shape (records, samples), and standard errors."""
+    records, samples = values.shape
+    # Scores have the mean 0: without the mean of the values there is less noise.
+    centred = values - values.mean(axis=1, keepdims=True)
+    of_records = centred @ scores / samples
+    slopes = of_records.mean(axis=0)
+    products = centred.mean(axis=0)[:, None] * scores
+    squares = products.var(axis=0) / samples
+    if records > 1:
+        # The samples are common to all records, which themselves are a sample.
+        squares = squares + of_records.var(axis=0, ddof=1) / records
+    return slopes, squares**0.5

@@ -1,0 +1,128 @@
+"""Factors on a motion: the one that lifts a block, and those between standing and falling."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import record
+from tools.selection import first_by_default
+
+import jaxrock as jr
+from jaxrock.overturning import critical_factor, uplift_factor
+
+pytestmark = pytest.mark.float64
+BLOCK = jr.Block(0.3, 3.0)
+MODELS = first_by_default(["nonlinear", "linearized"])
+
+
+def with_vertical(samples=200):
+    vertical = 8 * np.random.default_rng(7).standard_normal(samples)
+    return jr.Record(record(samples).acceleration, 0.02, vertical)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_uplift_sample_by_sample(model):
+    """The ground that falls away helps: the largest acceleration need not lift first."""
+    motion = with_vertical()
+    found = uplift_factor(BLOCK, motion, model=model)
+    tangent = 1 / 3 if model == "nonlinear" else np.arctan(1 / 3)
+    horizontal, vertical = np.asarray(motion.acceleration), np.asarray(motion.vertical)
+    # y f > (g + v f) tan; not at all where the ground comes up faster than it pushes.
+    needed = abs(horizontal) - vertical * tangent
+    expected = 9.81 * tangent / needed.max()
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert needed.argmax() != abs(horizontal).argmax()
+    for factor, lifted in ((0.999, False), (1.001, True)):
+        response = jr.respond_batch(BLOCK, 0.5, motion.scaled(factor * expected), model=model)
+        assert (response.peak_rotation > 0) == lifted
+
+
+def test_uplift_of_other_motions_and_blocks():
+    blocks = jr.Block(0.3, np.array([3.0, 4.0, 5.0]))
+    for motion in (jr.Sine(2.0, 0.5), jr.Harmonic(-2.0, 6.0, 3), jr.Ricker(2.0, 0.5)):
+        np.testing.assert_allclose(
+            uplift_factor(blocks, motion), 9.81 / blocks.slenderness / 2, rtol=1e-12
+        )
+    still = jr.Record(np.zeros(20), 0.02)
+    assert uplift_factor(BLOCK, still) == np.inf
+
+
+def test_slopes_of_the_uplift():
+    motion = with_vertical()
+
+    def factor(x):
+        return uplift_factor(jr.Block(0.3, x[0], 9.81 * x[1]), motion)
+
+    at = np.array([3.0, 1.0])
+    for k, step in enumerate(1e-6 * np.eye(2)):
+        change = float(factor(at + step) - factor(at - step)) / 2e-6
+        assert jax.grad(factor)(jnp.asarray(at))[k] == pytest.approx(change, rel=1e-7)
+    values, slopes = jax.vmap(jax.value_and_grad(lambda s: factor((s, 1.0))))(
+        jnp.asarray([3.0, -3.0])
+    )
+    assert jnp.isnan(values).tolist() == [False, True]
+    assert slopes[1] == 0
+
+
+@pytest.mark.thorough
+def test_every_factor_between_standing_and_overturning():
+    """Followed on both sides by the batch; from uplift on, and as often as it changes."""
+    motion = with_vertical()
+    found = critical_factor(BLOCK, 0.8, motion)
+    assert found.complete
+    assert not found.overturns_first
+    assert found.count >= 1
+    for value, beyond in zip(found.value, found.overturns_beyond, strict=True):
+        sides = float(value) * np.array([1 - 1e-9, 1 + 1e-9])
+        falls = [
+            bool(jr.respond_batch(BLOCK, 0.8, motion.scaled(side)).overturned)
+            for side in sides
+        ]
+        assert falls == [not beyond, bool(beyond)]
+    levels = np.geomspace(1, 50, 1 + math.ceil(math.log(50) / math.log(1.0025)))
+    levels *= float(uplift_factor(BLOCK, motion))
+    falls = np.asarray(jr.respond_batch(BLOCK, 0.8, motion.scaled(levels)).overturned)
+    changes = np.flatnonzero(falls[1:] != falls[:-1])
+    assert changes.tolist() == (np.searchsorted(levels, found.value) - 1).tolist()
+
+
+@pytest.mark.thorough
+def test_of_a_pulse_it_is_the_amplitude():
+    slim = jr.Block(0.1, 5.0)
+    factor = critical_factor(slim, 0.9, jr.Sine(4.0, 0.5), (1.0, 10.0))
+    amplitude = jr.critical_amplitude(slim, 0.9, jr.Sine, 0.5)
+    np.testing.assert_allclose(4 * factor.value, amplitude.value, rtol=1e-9)
+    traced = jax.jit(
+        lambda s: critical_factor(
+            jr.Block(0.1, s), 0.9, jr.Sine(4.0, 0.5), (1.0, 2.0), resolution=0.1
+        ).value[0]
+    )
+    assert traced(5.0) == pytest.approx(float(factor.value[0]), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: uplift_factor(BLOCK, jr.Sine(np.array([1.0, 2.0]), 0.5)),
+            r"motion must be a single one, got an array of shape \(2,\)",
+        ),
+        (
+            lambda: uplift_factor(BLOCK, jr.Record(np.ones((2, 50)), 0.1)),
+            r"motion must be a single one, got an array of shape \(2, 50\)",
+        ),
+        (
+            lambda: critical_factor(BLOCK, 0.9, jr.Record(np.zeros(9), 0.1)),
+            "motion must lift the block with some factor, got one that never does",
+        ),
+        (
+            lambda: critical_factor(BLOCK, 0.9, record(), (3.0, 2.0)),
+            "ratios must be two increasing positive numbers",
+        ),
+    ],
+)
+def test_what_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -1,0 +1,201 @@
+"""Fragility and rates of many objects, and of uncertain ones: the same bits, closed forms."""
+
+import jax
+import mpmath
+import numpy as np
+import pytest
+from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, verge
+from scipy import optimize, stats
+
+import jaxrock as jr
+
+DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+HALF_WIDTHS = np.array([0.2, 0.25, 0.32])
+RESTITUTIONS = np.array([0.8, 0.85, 0.9])
+BLOCKS = jr.Block(HALF_WIDTHS, 4.0)
+LEVELS = np.geomspace(0.9, 6.0, 12)
+LINEARIZED = {"model": "linearized"}
+
+
+def equal(one, other):
+    """Whether two arrays have the same bits; NaN is NaN."""
+    one, other = np.asarray(one), np.asarray(other)
+    return one.dtype == other.dtype and one.tobytes() == other.tobytes()
+
+
+@pytest.mark.parametrize("scatter", [None, {"half_width": 0.1, "restitution": 0.05}])
+def test_fragility_of_many_has_the_bits_of_each(scatter):
+    """Also lazily, in chunks that cut every dimension."""
+    options = {**LINEARIZED, "scatter": scatter, "samples": 4, "tolerance": 1e-2}
+    names = ["vase", "bust", "case"]
+    arguments = (BLOCKS, RESTITUTIONS, pulses(50), LEVELS[:5])
+    many = jr.fragility(*arguments, names=names, **options)
+    assert many.exceedance.dims == ("object", "level", "threshold")
+    assert many.object.values.tolist() == names
+    chunks = {"object": 2, "record": 2, "level": 3}
+    lazy = jr.fragility(*arguments, names=names, chunks=chunks, **options).compute()
+    for name in many:
+        assert equal(many[name], lazy[name]), name
+    for k in (0, 2):
+        block = jr.Block(HALF_WIDTHS[k], 4.0)
+        one = jr.fragility(block, RESTITUTIONS[k], *arguments[2:], **options)
+        assert one.exceedance.dims == ("level", "threshold")
+        for name in one:
+            assert equal(one[name], many[name].isel(object=k)), name
+
+
+@pytest.mark.thorough
+def test_fragility_over_a_measure_of_the_block():
+    """Each object has its own levels of motion where the measure is relative to it."""
+    options = {**LINEARIZED, "measure": "pga_ratio", "thresholds": ["uplift"]}
+    many = jr.fragility(BLOCKS, 0.8, pulses(50), [0.9, 1.1], **options)
+    np.testing.assert_array_equal(many.exceedance[..., 0], [[0, 1]] * 3)
+    alone = jr.fragility(jr.Block(0.32, 4.0), 0.8, pulses(50), [0.9, 1.1], **options)
+    assert equal(alone.rotation_ratio, many.rotation_ratio[2])
+
+
+@DOUBLE
+@SLOW
+def test_rates_of_many_have_the_bits_of_each(monkeypatch):
+    """Whether their boundaries are sought together or in groups; and so have derivatives."""
+    suite = pulses(50)
+
+    def rates(block, restitution):
+        return jr.overturning_rate(
+            block, restitution, suite, hazard, levels=LEVELS, **LINEARIZED
+        )
+
+    many = rates(BLOCKS, RESTITUTIONS)
+    monkeypatch.setattr("jaxrock.risk.level_boundaries._AT_ONCE", 2 * 3 * LEVELS.size)
+    grouped = rates(BLOCKS, RESTITUTIONS)
+    for one, other in zip(jax.tree.leaves(many), jax.tree.leaves(grouped), strict=True):
+        assert equal(one, other)
+    slopes = jax.grad(lambda block: rates(block, RESTITUTIONS).rate.sum())(BLOCKS)
+    for k in range(3):
+        block = jr.Block(HALF_WIDTHS[k], 4.0)
+        one = rates(block, RESTITUTIONS[k])
+        for name in ("rate", "standard_error", "unseen", "complete"):
+            assert equal(getattr(one, name), getattr(many, name)[k]), name
+        assert equal(one.contributions, many.contributions[:, k])
+        assert float(one.rate) == pytest.approx(
+            float(closed_rate("pgv", HALF_WIDTHS[k], 4.0, 4 / 3)), rel=1e-3
+        )
+        slope = jax.grad(lambda block, k=k: rates(block, RESTITUTIONS[k]).rate)(block)
+        assert float(slopes.half_width[k]) == pytest.approx(float(slope.half_width), rel=1e-9)
+
+
+@DOUBLE
+def test_a_count_is_right_on_average_and_knows_its_error():
+    """Over levels that are moved against the boundaries, however far apart they are."""
+    suite, wrong, errors = pulses(400), [], []
+    exact = float(closed_rate("pgv", 0.25, 4.0, 4 / 3))
+    for share in (np.arange(16) + 0.5) / 16:
+        levels = 0.9 * (6.0 / 0.9) ** ((np.arange(13) + share) / 12)
+        counted = jr.overturning_rate(
+            jr.Block(0.25, 4.0),
+            0.85,
+            suite,
+            hazard,
+            levels=np.concatenate([[0.9], levels]),
+            scatter={},
+            samples=1,
+            **LINEARIZED,
+        )
+        wrong.append(float(counted.rate) / exact - 1)
+        errors.append(float(counted.counting_error) / exact)
+    assert abs(np.mean(wrong)) < 0.005
+    assert 0.6 < np.std(wrong) / np.sqrt(np.mean(np.square(errors))) < 1.3
+    assert np.std(wrong) > 0.03
+
+
+def find_half_width(level, duration):
+    """The half-width that a pulse of this level just overturns, at slenderness 4."""
+    return optimize.brentq(
+        lambda b: float(verge("pgv", duration, b, 4.0, 4 / 3)) - level, 0.03, 1.5
+    )
+
+
+@DOUBLE
+@SLOW
+def test_scatter_of_the_size_in_closed_form():
+    """The probability that a lognormal size is below the one that is just overturned."""
+    variation, levels = 0.2, np.array([1.2, 1.6, 2.0, 2.6])
+    options = {**LINEARIZED, "thresholds": ["overturning"], "samples": 512}
+    block, suite = jr.Block(0.25, 4.0), pulses(400)
+    curves = jr.fragility(
+        block, 0.85, suite, levels, scatter={"half_width": variation}, **options
+    )
+    width = np.sqrt(np.log1p(variation**2))
+    critical = np.array([[find_half_width(x, d) for x in levels] for d in DURATIONS])
+    exact = stats.norm.cdf(np.log(critical / 0.25) / width)
+    of_records = curves.overturned.mean("sample")
+    np.testing.assert_allclose(of_records, exact, atol=0.01)
+    np.testing.assert_allclose(curves.exceedance[:, 0], exact.mean(axis=0), atol=0.01)
+    # Of the binomial interval: the share of records, which are 3, need not be whole.
+    low = stats.beta.ppf(0.025, 3 * exact.mean(axis=0), 4 - 3 * exact.mean(axis=0))
+    np.testing.assert_allclose(curves.exceedance_low[:, 0], low, atol=0.01)
+    # Yearly: the mean of the closed form over the same distribution, by quadrature.
+    z = np.linspace(-4, 4, 41)
+    weights = stats.norm.pdf(z) / stats.norm.pdf(z).sum()
+    rates = [float(closed_rate("pgv", 0.25 * np.exp(width * x), 4.0, 4 / 3)) for x in z]
+    found = jr.overturning_rate(
+        block,
+        0.85,
+        suite,
+        hazard,
+        levels=np.geomspace(0.5, 8.0, 60),
+        scatter={"half_width": variation},
+        samples=64,
+        **LINEARIZED,
+    )
+    assert float(found.rate) == pytest.approx(weights @ rates, rel=0.02)
+    spread = np.sqrt(weights @ (np.array(rates) - weights @ rates) ** 2)
+    assert found.sample_rates.std() == pytest.approx(spread, rel=0.1)
+
+
+@DOUBLE
+@SLOW
+def test_dispersion_is_split_by_its_causes():
+    """Without scatter in the object all is due to the records, with one record none is."""
+    levels, options = np.geomspace(0.8, 4.0, 40), {**LINEARIZED, "thresholds": ["overturning"]}
+    block = jr.Block(0.25, 4.0)
+    certain = jr.fragility(
+        block, 0.85, pulses(50), levels, scatter={"half_width": 0.0}, samples=2, **options
+    )
+    assert float(certain.dispersion_of_parameters[0]) == 0
+    assert float(certain.dispersion_of_records[0]) == pytest.approx(
+        float(certain.lognormal_dispersion[0]), rel=1e-9
+    )
+    uncertain = jr.fragility(
+        block, 0.85, pulses(50)[:1], levels, scatter={"half_width": 0.2}, samples=64, **options
+    )
+    width = np.sqrt(np.log1p(0.04))
+    verges = [
+        float(mpmath.log(verge("pgv", DURATIONS[0], 0.25 * np.exp(width * x), 4.0, 4 / 3)))
+        for x in stats.norm.ppf((np.arange(64) + 0.5) / 64)
+    ]
+    assert float(uncertain.dispersion_of_records[0]) < 0.01
+    assert float(uncertain.dispersion_of_parameters[0]) == pytest.approx(
+        np.std(verges), rel=0.1
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"names": ["a", "b"]}, "names must be one for each of 3 objects, got 2"),
+        ({"names": ["a", "b", "a"]}, "names must differ, got 'a' twice"),
+        (
+            {"block": jr.Block(0.2, 4.0), "restitution": 0.8, "names": ["a"]},
+            "names go with arrays of blocks",
+        ),
+        ({"restitution": np.array([0.8, 0.9])}, r"that broadcast, got .*\(3,\).*\(2,\)"),
+        ({"restitution": np.array([0.8, 0.9, 1.1])}, "restitution must be between 0 and 1"),
+        ({"block": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8}, "at least one object"),
+    ],
+)
+def test_objects_that_are_refused(change, message):
+    arguments = {"block": BLOCKS, "restitution": RESTITUTIONS} | change
+    with pytest.raises(ValueError, match=message) as error:
+        jr.fragility(suite=pulses(4), levels=[1.0], **arguments)
+    assert "\n" not in str(error.value)

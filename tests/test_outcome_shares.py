@@ -1,0 +1,407 @@
+"""Shares of outcomes: draws against SciPy, statistics against closed forms and brute force."""
+
+import csv
+import itertools
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from scipy import integrate, optimize, special, stats
+
+import jaxrock as jr
+from jaxrock.cli import main
+from jaxrock.plot import plot_outcome_shares, plot_sobol_indices, plot_tornado
+from jaxrock.sensitivity import TornadoBars, draw_blocks, draw_parameters
+from jaxrock.sensitivity.share_statistics import (
+    compute_interval,
+    compute_scores,
+    compute_slopes,
+    compute_sobol_indices,
+)
+
+float64 = pytest.mark.float64
+BLOCK = jr.Block.from_size(width=0.2, height=0.8)
+
+
+def logit_width(median, variation):
+    """The standard deviation of a logit with this coefficient of variation, by quadrature."""
+
+    def realized(width):
+        def moment(power):
+            def integrand(z):
+                x = special.expit(special.logit(median) + width * z)
+                return x**power * stats.norm.pdf(z)
+
+            return integrate.quad(integrand, -9, 9, epsabs=1e-13)[0]
+
+        return np.sqrt(moment(2) / moment(1) ** 2 - 1)
+
+    return optimize.brentq(lambda width: realized(width) - variation, 1e-4, 3)
+
+
+@float64
+def test_draws_are_a_net_of_the_distributions_asked_for():
+    n, variations = 1024, {"width": 0.1, "restitution": 0.08}
+    values, z = draw_parameters(
+        {"width": 0.5, "height": 2.0, "restitution": 0.8}, variations, n, seed=3
+    )
+    # One point in each of n strips of equal probability: what random numbers do not have.
+    for column in z.T:
+        assert sorted(np.floor(n * stats.norm.cdf(column)).astype(int)) == list(range(n))
+    assert (values["height"] == 2.0).all()
+    spread = np.sqrt(np.log(1 + 0.1**2))
+    uniform = stats.lognorm(spread, scale=0.5).cdf(values["width"])
+    np.testing.assert_allclose(uniform, stats.norm.cdf(z[:, 0]), atol=1e-12)
+    logit = special.logit(values["restitution"]) - special.logit(0.8)
+    np.testing.assert_allclose(logit, logit_width(0.8, 0.08) * z[:, 1], atol=1e-7)
+    again = draw_parameters({"width": 0.5, "restitution": 0.8}, variations, n, seed=3)[1]
+    other = draw_parameters({"width": 0.5, "restitution": 0.8}, variations, n, seed=4)[1]
+    np.testing.assert_array_equal(z, again)
+    assert (z != other).any()
+
+
+@float64
+def test_drawn_sides_leave_the_other_side():
+    blocks, c, z = draw_blocks(BLOCK, 0.8, {"width": 0.1, "inertia_ratio": 0.02}, 64, 0)
+    assert z.shape == (64, 2)
+    np.testing.assert_allclose(2 * blocks.half_width * blocks.slenderness, 0.8, rtol=1e-12)
+    assert np.ptp(blocks.half_width) > 0.01
+    assert (c == 0.8).all()
+    sized, _, _ = draw_blocks(BLOCK, 0.8, {"half_width": 0.1}, 64, 0)
+    np.testing.assert_allclose(sized.slenderness, 4.0, rtol=1e-12)
+
+
+@float64
+def test_slopes_of_a_share_are_those_of_its_closed_form():
+    """Of the share with which a product of a lognormal and a logit-normal number is large."""
+    names, n, limit = ("width", "restitution"), 2**16, 0.42
+    median, variation = np.array([0.5, 0.8]), np.array([0.1, 0.08])
+
+    def share(median, variation):
+        spread, width = (
+            np.sqrt(np.log1p(variation[0] ** 2)),
+            logit_width(median[1], variation[1]),
+        )
+
+        def integrand(z):
+            c = special.expit(special.logit(median[1]) + width * z)
+            beyond = stats.norm.sf(np.log(limit / c / median[0]) / spread)
+            return beyond * stats.norm.pdf(z)
+
+        return integrate.quad(integrand, -9, 9, epsabs=1e-13)[0]
+
+    values, z = draw_parameters(
+        dict(zip(names, median, strict=True)), dict(zip(names, variation, strict=True)), n, 0
+    )
+    outcome = (values["width"] * values["restitution"] > limit).astype(float)[None]
+    assert outcome.mean() == pytest.approx(share(median, variation), abs=2e-3)
+    to_median, to_variation = compute_scores(names, median, variation, z)
+    for k, h in itertools.product(range(2), [1e-4]):
+        ends = [share(median * (1 + s * h * np.eye(2)[k]), variation) for s in (-1, 1)]
+        slope, error = compute_slopes(outcome, to_median)
+        assert abs(slope[k] - (ends[1] - ends[0]) / (2 * h)) < 3 * error[k]
+        assert error[k] < 0.05 * abs(slope[k])
+        ends = [share(median, variation + s * h * np.eye(2)[k]) for s in (-1, 1)]
+        slope, error = compute_slopes(outcome, to_variation)
+        assert abs(slope[k] - (ends[1] - ends[0]) / (2 * h)) < 3 * error[k]
+
+
+@float64
+def test_interval_of_a_suite():
+    """The records are the units: exact where their shares are 0 or 1, and it covers."""
+    for hits in (0, 3, 20):
+        shares = np.repeat([1.0, 0.0], [hits, 20 - hits])
+        exact = stats.binomtest(hits, 20).proportion_ci(0.95)
+        assert compute_interval(shares, 4096, 0.95) == pytest.approx(exact, abs=0.01)
+    rng = np.random.default_rng(0)
+    mean = 0.2
+    covered = widths = 0
+    for _ in range(200):
+        low, high = compute_interval(rng.beta(0.2, 0.8, 12), 4096, 0.9)
+        covered += low <= mean <= high
+        widths += (high - low) / 200
+    assert covered >= 180
+    assert widths < 0.5
+    # Of one record, the samples are the units.
+    low, high = compute_interval(np.array([0.5]), 4096, 0.95)
+    assert (low, high) == pytest.approx((0.4846, 0.5154), abs=1e-4)
+
+
+@float64
+def test_sobol_indices_with_records():
+    """Of y = (1 + r) x1 + x2 + x1 x2 + 3 r, r = -1, 0 or 1: variances by hand."""
+    rng = np.random.default_rng(0)
+    n = 2**15
+    first, second = rng.standard_normal((2, 2, n))
+
+    def answer(x):
+        r = np.array([-1.0, 0.0, 1.0])[:, None]
+        return np.stack([(1 + r) * x[0] + x[1] + x[0] * x[1] + 3 * r, np.ones((3, n))])
+
+    mixed = []
+    for k in range(2):
+        x = first.copy()
+        x[k] = second[k]
+        mixed.append(answer(x))
+    found = compute_sobol_indices(answer(first), answer(second), np.stack(mixed))
+    # E (1 + r)^2 = 5/3, the mean slope is 1; 9 var(r) = 6.
+    whole = 5 / 3 + 1 + 1 + 6
+    np.testing.assert_allclose(found.first[0], np.array([1, 1, 6]) / whole, atol=0.015)
+    total = np.array([5 / 3 + 1, 1 + 1, 6 + 2 / 3]) / whole
+    np.testing.assert_allclose(found.total[0], total, atol=0.015)
+    assert np.isnan(found.first[1]).all()
+
+
+def direct_shares(block, c, record, variations, count, seed, ratio=0.5):
+    """By random numbers of another generator, and distributions of SciPy."""
+    rng = np.random.default_rng(seed)
+    medians = {"width": 2 * block.half_width, "height": 2 * block.half_height, "scale": 1.0}
+    values = {name: np.full(count, float(value)) for name, value in medians.items()}
+    values["restitution"] = np.full(count, c)
+    for name, variation in variations.items():
+        z = rng.standard_normal(count)
+        if name == "restitution":
+            values[name] = special.expit(special.logit(c) + logit_width(c, variation) * z)
+        else:
+            values[name] *= np.exp(np.sqrt(np.log(1 + variation**2)) * z)
+    blocks = jr.Block.from_size(width=values["width"], height=values["height"])
+    found = jr.respond_batch(
+        blocks, values["restitution"], record.scaled(values["scale"]), record.end + 10
+    )
+    fell = np.asarray(found.overturned)
+    large = np.asarray(found.peak_rotation) > ratio * np.asarray(blocks.critical_angle)
+    rocks = np.asarray(found.peak_rotation) > 0
+    return values, np.stack([rocks, large | fell, fell]).astype(float)
+
+
+def check_against_direct_sampling(block, c, record, variations, count, seed, samples=4096):
+    found = jr.sensitivity.outcome_shares(block, c, record, variations, samples=samples)
+    values, outcomes = direct_shares(block, c, record, variations, count, seed)
+    direct = outcomes.mean(axis=1)
+    noise = np.sqrt(direct * (1 - direct) * (1 / count + 1 / samples)) + 1e-4
+    assert (abs(found.share - direct) < 3.5 * noise).all(), (found.share, direct)
+    assert (found.low <= direct + 3 * noise).all()
+    # The slope to a median, from the same random numbers around another one.
+    step = 0.5 * variations["width"]
+    shifted = []
+    for sign in (-1, 1):
+        moved = jr.Block.from_size(
+            width=2 * block.half_width * np.exp(sign * step), height=2 * block.half_height
+        )
+        shifted.append(direct_shares(moved, c, record, variations, count, seed)[1][2].mean())
+    slope = (shifted[1] - shifted[0]) / (2 * step)
+    k = found.names.index("width")
+    noise = found.by_median_error[2, k] + np.sqrt(0.25 / count) / step
+    assert abs(found.by_median[2, k] - slope) < 4 * noise
+    # The first-order index, as the variance of means in bins of equal probability.
+    fell, whole = outcomes[2], direct[2] * (1 - direct[2])
+    for k, name in enumerate(found.names):
+        bins = np.array_split(fell[np.argsort(values[name])], 20)
+        first = (np.var([each.mean() for each in bins]) - 19 / count * whole) / whole
+        assert abs(found.first[3, k] - first) < 4 * found.first_error[3, k] + 1 / count**0.5
+    return found.share[2], direct[2]
+
+
+@pytest.mark.thorough
+@float64
+def test_shares_in_a_chaotic_window_against_direct_sampling():
+    record = jr.example_record().scaled(2.0)
+    variations = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
+    share, _ = check_against_direct_sampling(
+        BLOCK, 0.8, record, variations, 2048, seed=1, samples=512
+    )
+    assert 0.4 < share < 0.6
+
+
+SCENES = [
+    # Of the example suite: its place, the factor, width and height, C, scatter of all.
+    (0, 2.0, 0.30, 1.5, 0.85, {"width": 0.05, "restitution": 0.05, "scale": 0.20}),
+    (4, 1.5, 0.20, 1.0, 0.80, {"width": 0.10, "height": 0.10, "restitution": 0.02}),
+    (9, 2.5, 0.40, 2.4, 0.90, {"width": 0.03, "restitution": 0.03, "scale": 0.30}),
+    (16, 3.0, 0.20, 1.0, 0.80, {"width": 0.05, "height": 0.02, "scale": 0.20}),
+]
+
+
+@pytest.mark.thorough
+@pytest.mark.release
+@float64
+def test_five_scenes_against_a_hundred_thousand_samples():
+    suite = jr.example_suite()
+    scenes = [(suite[place].scaled(factor), *rest) for place, factor, *rest in SCENES]
+    # The scene of the chaotic window: the record that comes with jaxrock, twice as strong.
+    chaotic = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
+    scenes.append((jr.example_record().scaled(2.0), 0.2, 0.8, 0.8, chaotic))
+    for seed, (record, width, height, c, variations) in enumerate(scenes):
+        block = jr.Block.from_size(width=width, height=height)
+        shares = check_against_direct_sampling(block, c, record, variations, 100_000, seed)
+        print(f"{record}: {shares[0]:.4f} by 4,096 Sobol points, {shares[1]:.4f} directly")
+        assert 0.02 < shares[1] < 0.98
+
+
+@pytest.mark.thorough
+@float64
+def test_a_suite_is_its_records():
+    records = [jr.example_record().scaled(factor) for factor in (0.5, 2.0)]
+    variations = {"half_width": 0.05, "gravity": 0.01, "scale": 0.1}
+    options = {"samples": 256, "ratio": 0.3}
+    both = jr.sensitivity.outcome_shares(BLOCK, 0.8, jr.Suite(records), variations, **options)
+    each = [
+        jr.sensitivity.outcome_shares(BLOCK, 0.8, record, variations, **options)
+        for record in records
+    ]
+    np.testing.assert_array_equal(both.by_record, [one.share for one in each])
+    np.testing.assert_array_equal(both.peak, [one.peak[0] for one in each])
+    assert both.sources == ("half_width", "gravity", "scale", "record")
+    assert both.high[2] - both.low[2] > 0.5  # of two records
+    assert "size at this slenderness" in str(both)
+    assert both.answers == ("peak", "rocks", "exceeds 0.3", "overturns")
+
+
+@pytest.mark.thorough
+@float64
+def test_pulses_and_noise():
+    pulse = jr.HalfSine(3.5, 0.5)
+    scatter = {"duration": 0.1, "restitution": 0.05, "scale": 0.1}
+    found = jr.sensitivity.outcome_shares(BLOCK, 0.8, pulse, scatter, samples=512)
+    # It overturns without an impact, or not at all: the restitution decides nothing.
+    assert found.first[3, 1] == 0
+    assert 0.1 < found.share[2] < 0.9
+    assert "within noise" in str(found)
+    rare = jr.sensitivity.outcome_shares(BLOCK, 0.8, pulse.scaled(0.8), scatter, samples=512)
+    assert 0 < rare.share[2] < 20 / 512
+    assert np.isnan(rare.first[3]).all()
+    assert str(rare).endswith("overturns: too few samples differ for indices and slopes")
+    values = found.inputs
+    pulses = jr.HalfSine(3.5 * values["scale"], values["duration"])
+    response = jr.respond_batch(BLOCK, values["restitution"], pulses, pulses.end + 10)
+    assert found.share[2] == np.asarray(response.overturned).mean()
+    # The rotation is highest after the end of the pulse.
+    large = np.asarray(
+        response.overturned | (response.peak_rotation > 0.5 * BLOCK.critical_angle)
+    )
+    assert found.share[1] == large.mean()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"variations": {"size": 0.1}}, "variations has 'size', which is none of half_width"),
+        ({"variations": {"duration": 0.1}}, "variations has 'duration', which is none of"),
+        ({"variations": {"width": 0.1, "slenderness": 0.1}}, "got width and slenderness"),
+        ({"variations": {"width": 0.0}}, "variations must be finite and greater than 0"),
+        ({"variations": {}}, "variations must name at least one"),
+        ({"variations": {"inertia_ratio": 0.3}}, "leave inertia_ratio at 1 or more"),
+        ({"samples": 1000}, "samples must be a power of 2, got 1000"),
+        ({"ratio": 0.0}, "ratio must be finite and greater"),
+        ({"confidence": 1.0}, "confidence must be a number between 0 and 1"),
+        ({"block": jr.Block(np.array([0.1, 0.2]), 5.0)}, "single ones, got arrays"),
+    ],
+)
+def test_bad_questions(change, words):
+    record = jr.Record([0.0, 3.0, 0.0], 0.1)
+    given = {"block": BLOCK, "variations": {"width": 0.1}} | change
+    with pytest.raises(ValueError, match=words):
+        jr.sensitivity.outcome_shares(restitution=0.8, motion=record, **given)
+
+
+@pytest.mark.thorough
+@float64
+def test_the_command_says_shares_where_slopes_say_nothing(capsys, tmp_path):
+    """The scene lies in a window of survival 0.002 wide."""
+    scene = ["--scale", "2", "--width", "0.2", "--height", "0.8", "--restitution", "0.8"]
+    words = ["sensitivity", "--record", "example", *scene, "--samples", "512"]
+    main([*words, "--out", str(tmp_path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    low, high = found["window"]
+    assert low < 1 < high < low + 0.005
+    assert (
+        "wide, narrower than the scatter of 0.05: local slopes say nothing"
+        in found["about_slopes"]
+    )
+    assert found["shares"][2]["share"] == pytest.approx(0.517, abs=0.06)
+    rows = {row["quantity"]: row for row in found["rows"]}
+    assert set(rows) == {"width", "height", "restitution", "scale"}
+    assert {row["slope"] for row in rows.values()} == {None}
+    assert rows["width"]["at_low"] == rows["width"]["at_high"] == "overturns"
+    lines = (tmp_path / "shares.csv").read_text(encoding="utf-8").splitlines()
+    table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert [row["outcome"] for row in table] == ["rocks", "exceeds 0.5", "overturns"]
+    files = ["sensitivity.csv", "shares.csv", "shares.png", "tornado.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == files
+
+
+@pytest.mark.thorough
+@float64
+def test_the_command_gives_slopes_where_they_mean_something(capsys, tmp_path):
+    pulse = ["--pulse", "half-sine", "--amplitude", "3", "--pulse-duration", "0.3"]
+    block = ["--width", "0.4", "--height", "1.6", "--restitution", "0.9"]
+    words = ["sensitivity", *pulse, *block, "--samples", "512", "--out", str(tmp_path)]
+    main([*words, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    rows = {row["quantity"]: row for row in found["rows"]}
+
+    def ratio(width, amplitude):
+        sized = jr.Block.from_size(width=width, height=1.6)
+        motion = jr.HalfSine(amplitude, 0.3)
+        peak = jr.respond_batch(sized, 0.9, motion, motion.end + 10).peak_rotation
+        return float(peak / sized.critical_angle)
+
+    h = 1e-4
+    of_width = (ratio(0.4 + h, 3.0) - ratio(0.4 - h, 3.0)) / (2 * h)
+    of_amplitude = (ratio(0.4, 3.0 + h) - ratio(0.4, 3.0 - h)) / (2 * h)
+    assert rows["width"]["slope"] == pytest.approx(of_width, rel=1e-4)
+    assert rows["amplitude"]["slope"] == pytest.approx(of_amplitude, rel=1e-4)
+    assert "tangents explain" in found["about_slopes"]
+
+
+@pytest.mark.parametrize("value", [0.7, np.nan])
+def test_labels_of_a_tornado_lie_apart(value):
+    names = ("width", "height", "restitution", "scale", "gravity")
+    low, high = np.array([[0.18, 0.72, 0.72, 1.8, 0.3], [0.22, 0.88, 0.88, 2.2, 0.4]])
+    at_low, at_high = np.array(
+        [[np.nan, np.nan, 0.47, 0.9, 0.6], [np.nan, 0.5, np.nan, 1, 0.5]]
+    )
+    ax = plot_tornado(
+        TornadoBars(names, low, high, at_low, at_high, value, ("width", "height"))
+    )
+    figure = ax.figure
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert len(boxes) == 10
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    outline = ax.get_window_extent()
+    assert all(outline.x0 <= box.x0 and box.x1 <= outline.x1 for box in boxes)
+    texts = [text.get_text() for text in ax.texts]
+    assert sum("overturns" in text for text in texts) == 4
+    # No text lies in a bar of its own row.
+    for text, box in zip(ax.texts, boxes, strict=True):
+        bars = [bar.get_window_extent() for bar in ax.patches]
+        inside = [bar for bar in bars if bar.x0 + 1 < box.x0 and box.x1 < bar.x1 - 1]
+        assert not any(bar.y0 < box.y0 < bar.y1 for bar in inside), text.get_text()
+    plt.close(figure)
+
+
+def test_pictures_of_shares():
+    record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
+    suite = jr.Suite([record, record.scaled(0.1)])
+    found = jr.sensitivity.outcome_shares(BLOCK, 0.8, suite, {"width": 0.1}, samples=64)
+    ax = plot_outcome_shares(found)
+    labels = [label.get_text() for label in ax.get_yticklabels()]
+    assert labels == [
+        f"{outcome}: {share:.3f}"
+        for outcome, share in zip(found.outcomes, found.share, strict=True)
+    ]
+    ends = [bar.get_width() for bar in ax.patches]
+    np.testing.assert_allclose(ends, found.share)
+    ax = plot_sobol_indices(found, "peak")
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        "width at this height",
+        "record",
+    ]
+    np.testing.assert_allclose(
+        [bar.get_width() for bar in ax.patches], [*found.first[0], *found.total[0]]
+    )
+    with pytest.raises(ValueError, match="answer must be one of peak, rocks"):
+        plot_sobol_indices(found, "sways")
+    plt.close("all")
