@@ -379,6 +379,21 @@ def test_elasticities_at_the_point_and_over_a_change():
         jr.risk.rate_elasticities(BLOCK, RESTITUTION, pulses(100), SITE, change=1.0)
 
 
+@pytest.mark.thorough
+def test_elasticities_by_sides():
+    """The chain rule, in both precisions; of two objects each has its own."""
+    options = {"levels": LEVELS[::4], "model": "linearized"}
+    blocks = jr.Block(np.array([0.25, 0.3]), np.array([4.0, 3.5]))
+    arguments = (blocks, RESTITUTION, pulses(50), lambda x: OFTEN * x**-POWER)
+    shape = jr.risk.rate_elasticities(*arguments, **options)
+    sides = jr.risk.rate_elasticities(*arguments, sides=True, **options)
+    assert sides.names[:2] == ("width", "height")
+    assert sides.slopes.shape == sides.differences.shape == (5, 2)
+    # ln b = ln w - ln 2 and ln lambda = ln h - ln w.
+    np.testing.assert_allclose(sides.slopes[0], shape.slopes[0] - shape.slopes[1], rtol=1e-3)
+    np.testing.assert_allclose(sides.slopes[1], shape.slopes[1], rtol=1e-3)
+
+
 @DOUBLE
 @pytest.mark.parametrize("change", first_by_default([0.005, 0.02, 0.05]))
 def test_elasticities_do_not_depend_on_the_levels(change):

@@ -281,7 +281,7 @@ def _find_balanced_times(edges: _Edges, overturns_beyond: AnyArray) -> list[np.n
     end = np.broadcast_to(motion.end, at.shape)
     # Both sides of the boundary at once. A boundary is known to 4 eps (see `refine_brackets`):
     # twice as far beyond it, the block falls.
-    sides = np.stack([at, at * (1 + np.where(overturns_beyond, 8, -8) * eps)])
+    sides = np.stack([at, at * (1 + np.where(overturns_beyond, 8, -8) * eps)]).astype(at.dtype)
 
     def compute_distance(until: np.ndarray) -> np.ndarray:
         response = respond_at(subject, sides[:, None], edges.search, until)
