@@ -374,6 +374,25 @@ def test_fragility(tmp_path, capsys):
         assert list(dataset.record.values) == ["a", "b"]
     _, table = without_remarks(out / "fragility.csv")
     assert len(table) == 1 + 3 * 2
+    # The same with an uncertain restitution: as the library has it.
+    scattered = (*options, "--scatter", "restitution=0.05", "--samples", 4)
+    code, text, _ = run(capsys, "fragility", *scattered, "--out", tmp_path / "scattered")
+    assert code == 0
+    scatter = {"restitution": 0.05}
+    curves = jr.fragility(
+        block,
+        0.8,
+        suite,
+        [0.2, 0.5, 0.8],
+        "pgv",
+        (0.5, "overturning"),
+        scatter=scatter,
+        samples=4,
+    )
+    with xarray.open_dataset(tmp_path / "scattered" / "fragility.nc") as dataset:
+        np.testing.assert_array_equal(dataset.exceedance, curves.exceedance)
+    parts = json.loads(text)["dispersion_of_parameters"]
+    assert len(parts) == 2
 
 
 @pytest.mark.parametrize(
@@ -389,6 +408,13 @@ def test_fragility(tmp_path, capsys):
         ("fragility --levels 2 1", "levels must be increasing"),
         ("fragility --threshold fallen", "thresholds must be rotation ratios"),
         ("fragility --hazard missing.csv", "missing.csv"),
+        (
+            "fragility --scatter restitution",
+            "scatter must be NAME=NUMBER, such as restitution",
+        ),
+        ("fragility --scatter mass=0.1", "scatter has 'mass', which is none of half_width"),
+        ("fragility --scatter width=0.1 --samples 5", "samples must be a power of 2, got 5"),
+        ("fragility --samples 16", "samples goes with scatter only"),
         (
             "fragility --hazard missing.csv --measure pgv_ratio",
             "hazard goes with the measures",
