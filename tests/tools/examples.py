@@ -16,6 +16,9 @@ from jaxrock.cli.study import Run
 
 # Times of the impacts of a block 0.2 m wide and 1 m high whose restitution is 0.9, to 1 ms.
 IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503)
+# Objects of a museum, and the hazard at its place.
+OBJECTS = "name,width [cm],height [m],restitution\nbust,40,1.6,\nvase,28,0.9,0.88\n"
+HAZARD = "pgv [m/s],rate [1/yr]\n0.1,2e-2\n0.3,2e-3\n1,1e-4\n3,4e-6\n"
 PAGE = Path(__file__).parents[2] / "docs" / "commands.md"
 
 
@@ -26,6 +29,8 @@ def main():
     study = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
     (folder / "study.toml").write_text(study, encoding="utf-8")
     (folder / "times.csv").write_text("\n".join(map(str, IMPACTS)), encoding="utf-8")
+    (folder / "objects.csv").write_text(OBJECTS, encoding="utf-8")
+    (folder / "hazard.csv").write_text(HAZARD, encoding="utf-8")
     failed = []
     for name, command in {**COMMANDS, "run": Run}.items():
         example = re.search(r"Example: jaxrock (.*)", command.__doc__)[1]
