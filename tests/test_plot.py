@@ -13,6 +13,7 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from PIL import Image
+from references.half_sine_rates import pulses as half_sines
 from tools.selection import first_by_default
 
 import jaxrock as jr
@@ -29,6 +30,7 @@ from jaxrock.plot import (
     plot_fragility,
     plot_free_rocking_fit,
     plot_harmonic,
+    plot_inventory,
     plot_outcome_shares,
     plot_overturning_map,
     plot_phase,
@@ -185,6 +187,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares
             lambda ax: plot_critical_intensity(WALL.block, 0.7, 0.15, ax),
             4,
         ),
+        plot_inventory: (lambda ax: plot_inventory(museum(), ax), 0),  # outside of the axes
         plot_convergence: (lambda ax: plot_convergence(pulses, ax), 0),
         plot_distribution: (
             lambda ax: plot_distribution(samples, scatter, ax, "rotation ratio [-]"),
@@ -208,6 +211,14 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 3),
         plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
     }
+
+
+def museum():
+    """Two objects, of which one overturns less often than the target."""
+    objects = jr.risk.Inventory(["bust", "vase"], jr.Block(np.array([0.3, 0.2]), 4.0), 0.85)
+    hazard = jr.Hazard([0.5, 12.0], [1e-3, 6e-7])
+    options = {"spacing": 0.1, "model": "linearized"}
+    return jr.risk.assess_inventory(objects, half_sines(50), hazard, 5e-5, **options)
 
 
 def windows(values=(4.0, 8.0, 8.4), first=False, along="factor"):
@@ -254,7 +265,7 @@ def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
             function
             not in (
                 *(plot_tornado, plot_shares, plot_boundaries),
-                *(plot_outcome_shares, plot_sobol_indices),
+                *(plot_outcome_shares, plot_sobol_indices, plot_inventory),
             )
         ), name
         looks = looks_of(new) if new.get_legend() else []

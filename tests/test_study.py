@@ -293,8 +293,9 @@ def test_a_job_that_fails_is_named_and_the_others_are_not_lost(tmp_path, capsys)
     first, second = json.loads(written.out)["jobs"]
     assert first["error"].startswith(words)
     assert (first["code"], second["code"]) == (2, 0)
-    assert second["files"] == [str(tmp_path / "found" / "critical.csv")]
-    assert (tmp_path / "found" / "critical.csv").exists()
+    names = ("critical.csv", "critical.png")
+    assert second["files"] == [str(tmp_path / "found" / name) for name in names]
+    assert all((tmp_path / "found" / name).exists() for name in names)
     assert not (tmp_path / "sensitivity").exists()
 
 

@@ -60,9 +60,9 @@ def gather_objects(
         raise ValueError(f"{must}, got shape {shape}")
     if shape == (0,):
         raise ValueError("block and restitution must be of at least one object, got none")
-    if shape:
-        # In NumPy: JAX would compile a program for each number of objects.
-        leaves = [np.broadcast_to(np.asarray(leaf), shape) for leaf in leaves]
+    # In NumPy: JAX would compile a program for each number of objects, and of values that one
+    # of them is given.
+    leaves = [np.broadcast_to(np.asarray(leaf), shape) for leaf in leaves]
     block, coefficient = jax.tree.unflatten(form, leaves)
     return Objects(block, coefficient, shape, _check_names(names, shape))
 
