@@ -44,7 +44,7 @@ def test_a_table_is_read(tmp_path):
     # Housner: 1 - (2 / kappa) / (1 + lambda^2).
     np.testing.assert_allclose(found.restitution, [0.8, 1 - 2 / 1.4 / 17, 0.9], rtol=1e-14)
     np.testing.assert_allclose(found.restitution_scatter, [0.05, 0, 0], rtol=1e-14)
-    remarks = ("", "Housner's restitution", "rocks about its depth, 0.45 m")
+    remarks = ("", "Housner's restitution", "rocks over its depth, 0.45 m")
     assert found.remarks == remarks
     assert str(found).splitlines()[0] == "3 objects"
     assert str(found).splitlines()[3].split() == ["bust", "0.3", "1.2", "0.915966", "0"]

@@ -66,7 +66,7 @@ def test_rates_of_many_have_the_bits_of_each(monkeypatch):
         )
 
     many = rates(BLOCKS, RESTITUTIONS)
-    monkeypatch.setattr("jaxrock.risk.level_boundaries._AT_ONCE", 2 * 3 * LEVELS.size)
+    monkeypatch.setattr("jaxrock.risk.level_boundaries.AT_ONCE", 2 * 3 * LEVELS.size)
     grouped = rates(BLOCKS, RESTITUTIONS)
     for one, other in zip(jax.tree.leaves(many), jax.tree.leaves(grouped), strict=True):
         assert equal(one, other)

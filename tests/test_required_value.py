@@ -1,5 +1,7 @@
 """The value from which on a rate stays below a target: closed form, brute force, reasons."""
 
+import sys
+
 import jax
 import mpmath
 import numpy as np
@@ -169,6 +171,37 @@ def test_what_the_answer_says(change, value, reason):
 
 @DOUBLE
 @SLOW
+def test_derivatives_where_the_rate_is_not_smooth(monkeypatch):
+    """NaN in both modes; 0 where the value does not move, and nothing of one in another."""
+    suite, levels = sine_suite(), np.geomspace(0.2, 4.0, 25)
+    blocks = jr.Block.from_size(width=1.0, height=np.array([1.2, 1.2, 1.2]))
+    # The first counts as rough here, the second has no value, the third is safe at all.
+    module = sys.modules["jaxrock.risk.required_value"]
+    monkeypatch.setattr(module, "_SMOOTH", 0.0)
+    targets = np.array([6.3e-4, 1e-7, 1.0])
+
+    def values(targets):
+        return jr.required_value(
+            blocks,
+            0.9,
+            suite,
+            hazard,
+            targets,
+            bounds=(0.15, 0.9),
+            levels=levels,
+            model="linearized",
+        ).value
+
+    found, pull = jax.vjp(values, targets)
+    reverse = np.asarray(pull(np.ones(3))[0])
+    _, forward = jax.jvp(values, (targets,), (np.ones(3),))
+    np.testing.assert_array_equal(np.isfinite(found), [True, False, True])
+    np.testing.assert_array_equal(reverse, [np.nan, 0.0, 0.0])
+    np.testing.assert_array_equal(forward, [np.nan, 0.0, 0.0])
+
+
+@DOUBLE
+@SLOW
 def test_a_probability():
     """At one level: two of three pulses at most, from the width that the second one needs."""
     level = 1.6
@@ -212,7 +245,11 @@ def test_a_probability():
         ({"hazard": -0.5}, "hazard must be finite and greater than 0, got -0.5"),
         ({"hazard": "often"}, "hazard must be a Hazard or a function"),
         ({"side": "left"}, "side must be above or below, got 'left'"),
-        ({"resolution": 0.5}, "resolution must be greater than 0 and less than 0.1, got 0.5"),
+        ({"resolution": 0.5}, "resolution must be at least 1e-6 and less than 0.1, got 0.5"),
+        ({"resolution": 1e-17}, "resolution must be at least 1e-6 and less than 0.1"),
+        ({"hazard": lambda x: x}, "the rates of the hazard must fall with the level"),
+        ({"hazard": lambda x: x * np.nan}, "the rates of the hazard must be finite and"),
+        ({"hazard": 0.5, "target": 0.5}, "levels go with a hazard only, not with one level"),
         (
             {"target": np.array([1e-5, 2e-5])},
             "single ones, or one for each object, got shapes",
@@ -225,6 +262,9 @@ def test_what_is_refused(monkeypatch, change, message):
 
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     arguments = {"hazard": hazard, "target": TARGET, "bounds": BOUNDS, "levels": LEVELS}
+    # One level has none beside it, but where that is what is refused.
+    if isinstance(change.get("hazard"), float) and "levels go" not in message:
+        arguments["levels"] = None
     with pytest.raises(ValueError, match=message) as error:
         jr.required_value(CABINET, 0.85, pulses(4), **(arguments | change))
     assert "\n" not in str(error.value)

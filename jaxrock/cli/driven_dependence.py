@@ -152,6 +152,8 @@ class DrivenDependence(DependenceOptions):
         assert motion is not None
         duration = self.find_duration(motion)
         found = respond_batch(block, c, motion, duration, model=self.model_name)
+        if not bool(np.asarray(found.complete).all()):
+            raise ValueError("motion could not be followed to its end for every sample")
         parts = (found.peak_rotation, found.margin, found.overturned)
         return np.asarray(self.choose_answer(block, *parts))
 
@@ -169,6 +171,8 @@ class DrivenDependence(DependenceOptions):
         found = overturning_boundaries(
             self.block, self.coefficient, motion, "factor", factors, model=self.model_name
         )
+        if not bool(found.complete):
+            raise ValueError("motion could not be followed to its end for every factor")
         places = np.asarray(found.value)
         below = places[places <= 1]
         above = places[places > 1]

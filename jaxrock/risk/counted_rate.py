@@ -15,20 +15,20 @@ from ..validation import AnyArray
 
 # Responses that are followed at once: so many that a batch is efficient, and so few that their
 # numbers take 100 MB.
-_AT_ONCE = 2**18
+AT_ONCE = 2**18
 
 
 class Counting(NamedTuple):
-    """Levels at which outcomes are counted, and the rate that each of them stands for.
+    """Plan of a count: levels at which outcomes are counted, and the rate each stands for.
 
     Attributes
     ----------
     levels : ndarray, shape (levels,)
     rates : ndarray, shape (levels,)
-        Of the hazard at the levels [1/yr].
+        Yearly rates at which the levels are exceeded [1/yr].
     weights : ndarray, shape (levels,)
-        The fall of the hazard from halfway to the level before to halfway to the one behind;
-        the last level stands for all beyond as well [1/yr].
+        Fall of the hazard between the midpoints below and above a level; from the first level
+        itself, and to 0 beyond the last [1/yr].
     """
 
     levels: np.ndarray
@@ -46,7 +46,7 @@ class CountedRate(NamedTuple):
     contributions : ndarray, shape (records, ...)
         The rate if each motion were like this record [1/yr].
     error : ndarray, shape (...)
-        Standard error by the distance between levels [1/yr].
+        Standard error from counting at separate levels [1/yr].
     """
 
     rate: np.ndarray
@@ -113,7 +113,7 @@ def find_outcomes(
     leaves, form = jax.tree.flatten((block, restitution, levels))
     leaves = np.broadcast_arrays(*leaves)
     size = leaves[0].size
-    together = max(1, _AT_ONCE // len(suite))
+    together = max(1, AT_ONCE // len(suite))
     overturned = np.empty((len(suite), size), bool)
     for k in show_progress(range(0, size, together), "blocks"):
         part = slice(k, k + together)

@@ -8,6 +8,7 @@ import numpy as np
 from ..grids import DataType
 from ..host import add_names
 from .lognormal import fit_lognormal
+from .share_intervals import bound_shares
 
 if TYPE_CHECKING:
     import xarray
@@ -138,17 +139,11 @@ def _compute_curves(
 
     The axis of samples, if there is one, is in front of the levels.
     """
-    from scipy.special import betaincinv
-
     each = counts if sample_axis is None else counts.mean(axis=sample_axis)
-    # The exact interval of Clopper and Pearson (1934), doi:10.1093/biomet/26.4.404. At its
-    # ends the beta distribution degenerates: to 0 and 1. With samples a record counts by the
-    # share of its samples, which scatters less than one outcome with the same mean: the
-    # interval is then wider than it need be, and never too narrow.
-    tail = 0.5 * (1 - confidence)
-    with np.errstate(invalid="ignore"):
-        low = np.where(each > 0, betaincinv(each, number - each + 1, tail), 0.0)
-        high = np.where(each < number, betaincinv(each + 1, number - each, 1 - tail), 1.0)
+    # With samples a record counts by the share of its samples, which scatters less than one
+    # outcome with the same mean: the interval is then wider than it need be, and never too
+    # narrow.
+    low, high = bound_shares(each, number, confidence)
     shape = each.shape[:-2]
     thresholds = each.shape[-1]
     lines = np.moveaxis(each, -1, -2).reshape(-1, len(levels))
@@ -191,7 +186,7 @@ def _split_dispersion(
     """Split the dispersion by the law of total variance, for counts (samples, ..., levels, n).
 
     Within a sample only the records scatter; from sample to sample, the medians do. NaN where
-    less than half of the samples have a curve.
+    no more than half of the samples have a curve.
     """
     samples = len(counts)
     lines = np.moveaxis(counts, -1, -2)

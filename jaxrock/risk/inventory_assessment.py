@@ -105,10 +105,10 @@ def assess_inventory(
     Notes
     -----
     An uncertain restitution enters the rate and the probabilities. The required width and the
-    elasticities are those of its median; no change of a restitution goes further than halfway
-    to 1. Widths are examined from half the present one to the
-    larger of twice the present one and 1.5 times the height, and the restitution stays what it
-    is. The answers for an object do not depend on the others.
+    elasticities are computed with the median restitution; no change of a restitution goes
+    further than halfway to 1. Widths are examined from half the present one to the larger of
+    twice the present one and 1.5 times the height, and the restitution stays what it is. The
+    answers for an object do not depend on the others.
 
     Examples
     --------
@@ -186,8 +186,10 @@ def describe_need(found: "xarray.Dataset") -> str:
         return "suffices"
     if math.isinf(required):
         return "no width suffices"
+    if required > width:
+        return f"needs {required:.2f} m"
     # The width is sought without the scatter of the restitution, which adds to the rate.
-    return f"needs {required:.2f} m" if required > width else "just misses the target"
+    return "misses the target by the scatter alone"
 
 
 def _plan_levels(hazard: Hazard, spacing: float) -> Counting:
@@ -311,13 +313,21 @@ def _describe_answers(
     # Long names and units, of fields of `ObjectRisk` by their names.
     fields: dict[str, tuple[tuple[str, ...], str, str]] = {
         "median": ((), "median of the lognormal curve of overturning", unit),
-        "dispersion": ((), "its standard deviation of ln(level)", "1"),
+        "dispersion": (
+            (),
+            "dispersion of the lognormal curve: standard deviation of ln(level)",
+            "1",
+        ),
         "probability": (("level",), share, "1"),
         "probability_low": (("level",), f"{share}, lower end {ends}", "1"),
         "probability_high": (("level",), f"{share}, upper end {ends}", "1"),
         "rate": ((), "rate at which it overturns", "1/yr"),
-        "standard_error": ((), "standard error of the rate, by the records", "1/yr"),
-        "counting_error": ((), "standard error of the rate, by the levels", "1/yr"),
+        "standard_error": ((), "standard error of the rate, from record to record", "1/yr"),
+        "counting_error": (
+            (),
+            "standard error of the rate, from counting at separate levels",
+            "1/yr",
+        ),
         "unseen": ((), "upper limit of what the levels miss of the rate", "1/yr"),
         "elasticity": (("parameter",), "change of the rate in % for 1 % more", "1"),
         "elasticity_error": (("parameter",), "standard error of it, by the levels", "1"),

@@ -74,11 +74,12 @@ def read_inventory(path: str | os.PathLike[str]) -> Inventory:
         and units, such as ``name,width [cm],height [m]``, and perhaps lines that begin with #.
 
         Each object has a ``name`` of its own, a ``width`` and a ``height``, which is twice
-        that of the centre of mass. It may have a ``depth``: then it rocks about the shorter
-        one of the two sides of its base. An ``inertia ratio`` that is missing is 4/3, a
-        ``restitution`` that is missing Housner's. The ``restitution scatter`` is the
-        coefficient of variation of an uncertain restitution, 0 if it is missing, as a number
-        or in %. A column or a cell may be missing, but for the first three columns.
+        that of the centre of mass. It may have a ``depth``: then the
+        shorter of the two sides of its base is the width over which it rocks. An ``inertia
+        ratio`` that is missing is 4/3, a ``restitution`` that is missing Housner's. The
+        ``restitution scatter`` is the coefficient of variation of an uncertain restitution, 0
+        if it is missing, as a number or in %. A column or a cell may be missing, but for the
+        first three columns.
 
         Lengths are in m, cm or mm, in brackets or behind the name.
 
@@ -209,11 +210,11 @@ def _read_row(heads: Sequence[_Head], fields: Sequence[str]) -> _Row:
             values[head.name] = _read_number(head, field)
     width = values["width"]
     remarks = []
-    # The shorter side of the base: about the longer one it is harder to overturn.
+    # The shorter side of the base is the width: over the longer one it is harder to overturn.
     if "depth" in values:
         rocks = min(width, values["depth"])
         other = "depth" if rocks < width else "width"
-        remarks.append(f"rocks about its {other}, {rocks:.4g} m")
+        remarks.append(f"rocks over its {other}, {rocks:.4g} m")
         width = rocks
     ratio = values.get("inertia ratio", RECTANGLE_INERTIA_RATIO)
     if "restitution" not in values:

@@ -14,6 +14,7 @@ from ..validation import AnyArray
 from .counted_rate import Counting, count_rates, find_outcomes
 from .inventory import Inventory
 from .lognormal import fit_lognormal
+from .share_intervals import bound_shares
 from .unseen import estimate_unseen_by_good_turing
 
 # Numbers whose importance is told: what can be built or chosen for an object.
@@ -146,7 +147,7 @@ def _summarize_object(outcomes: _Outcomes, counting: Counting) -> ObjectRisk:
     # Levels at which probabilities are told stand behind those that are counted.
     number = counting.levels.size
     overturned = outcomes.drawn[..., :number]
-    records, samples, _ = overturned.shape
+    records = len(overturned)
     counted = count_rates(overturned, counting)
     contributions = counted.contributions.mean(axis=1)
     rate = float(contributions.mean())
@@ -160,7 +161,7 @@ def _summarize_object(outcomes: _Outcomes, counting: Counting) -> ObjectRisk:
             "overturns at the lowest level of the hazard, so that the rate may be more"
         )
     probability = outcomes.drawn[..., number:].mean(axis=1).sum(axis=0)
-    low, high = _bound_shares(probability, records)
+    low, high = bound_shares(probability, records, CONFIDENCE)
     elasticity, error = _compute_elasticities(outcomes, counting)
     unseen = estimate_unseen_by_good_turing(overturned.reshape(-1, number), counting.rates)
     return ObjectRisk(
@@ -171,26 +172,13 @@ def _summarize_object(outcomes: _Outcomes, counting: Counting) -> ObjectRisk:
         probability_high=high,
         rate=rate,
         standard_error=float(scatter / np.sqrt(records)),
-        counting_error=float(np.sqrt((counted.error**2).sum()) / samples),
+        # Samples are counted at the same levels, and their errors may go together.
+        counting_error=float(counted.error.mean()),
         unseen=float(unseen),
         elasticity=elasticity,
         elasticity_error=error,
         remark="; ".join(remarks),
     )
-
-
-def _bound_shares(exceeded: np.ndarray, trials: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bound probabilities by the exact interval of Clopper and Pearson."""
-    from scipy.special import betaincinv
-
-    # doi:10.1093/biomet/26.4.404. At its ends the beta distribution degenerates: to 0 and 1.
-    tail = 0.5 * (1 - CONFIDENCE)
-    with np.errstate(invalid="ignore"):
-        low = np.where(exceeded > 0, betaincinv(exceeded, trials - exceeded + 1, tail), 0.0)
-        high = np.where(
-            exceeded < trials, betaincinv(exceeded + 1, trials - exceeded, 1 - tail), 1.0
-        )
-    return low, high
 
 
 def _compute_elasticities(

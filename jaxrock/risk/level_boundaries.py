@@ -15,13 +15,11 @@ from ..host import show_progress
 from ..overturning import Boundaries, Search, check_subject, find_boundaries
 from ..resonance import ModelLike
 from ..validation import Integers, Reals, choose_namespace, is_traced
+from .counted_rate import AT_ONCE
 
 _Tree = TypeVar("_Tree")
 # Entries where there is no boundary.
 _MISSING = {"value": np.nan, "overturns_beyond": False, "impacts": -1, "toppled": False}
-# Responses that are followed at once when boundaries are sought: so many that a batch is
-# efficient, and so few that their numbers take 100 MB.
-_AT_ONCE = 2**18
 
 
 def find_boundaries_in_levels(
@@ -46,7 +44,7 @@ def find_boundaries_in_levels(
     shape = np.broadcast_shapes(*(np.shape(leaf) for leaf in jax.tree.leaves(numbers)))
     motion = subject.motion.scaled(1.0 / strengths.reshape(-1, *(1 for _ in shape)))
     subject = dataclasses.replace(subject, motion=motion)
-    together = max(1, _AT_ONCE // (len(suite) * len(places)))
+    together = max(1, AT_ONCE // (len(suite) * len(places)))
     if not shape or shape[0] <= together or is_traced(subject):
         return find_boundaries(subject, factors, search)
     block, restitution = jax.tree.map(

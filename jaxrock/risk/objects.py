@@ -12,7 +12,7 @@ from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_
 
 
 class Objects(NamedTuple):
-    """Blocks one after the other, and the shape that they had.
+    """Objects along one axis, or a single one.
 
     Attributes
     ----------
@@ -73,6 +73,8 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
         return tuple(str(k + 1) for k in range(shape[0])) if shape else ()
     if not shape:
         raise ValueError("names go with arrays of blocks or restitutions only")
+    if isinstance(names, str):
+        raise ValueError(f"names must be a list of them, got {names!r:.60}")
     names = tuple(map(str, names))
     if len(names) != shape[0]:
         raise ValueError(f"names must be one for each of {shape[0]} objects, got {len(names)}")

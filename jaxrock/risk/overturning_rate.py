@@ -16,6 +16,7 @@ from ..overturning import Boundaries
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     POSITIVE,
+    AnyArray,
     Booleans,
     Number,
     Numbers,
@@ -61,7 +62,7 @@ class OverturningRate(Printed, eqx.Module):
     sample_rates : Array, shape (..., samples), or None
         With scatter, the rate of each sample of the uncertain numbers [1/yr].
     counting_error : Array, shape (...), or None
-        With scatter, the standard error by the distance between levels [1/yr].
+        With scatter, the standard error from counting at separate levels [1/yr].
     complete : Array of bool, shape (...)
         Whether no record overturns the block at the lowest level, all motions were followed to
         their ends, and all boundaries are listed. If not, the rate may be another.
@@ -84,16 +85,17 @@ class OverturningRate(Printed, eqx.Module):
         error = format_number(self.standard_error, "1/yr")
         unseen = format_number(self.unseen, "1/yr")
         records = f"standard error {error} from {len(self.contributions)} records"
+        low = "\na record overturns it at the lowest level: may be more"
         if self.boundaries is None:
+            low = "" if self.complete else low
             samples = np.asarray(self.sample_rates)
             deviation = format_number(samples.std(), "1/yr")
             return (
                 f"overturns at a rate of {rate}\n"
                 f"{records}, standard deviation {deviation} by uncertain numbers"
-                f" ({samples.size} samples), up to {unseen} unseen"
+                f" ({samples.size} samples), up to {unseen} unseen{low}"
             )
         found = int(np.asarray(self.boundaries.count).sum())
-        low = "\na record overturns it at the lowest level: may be more"
         low = low if self.boundaries.overturns_first.any() else "\nnot complete"
         low = "" if self.complete else low
         return (
@@ -117,7 +119,7 @@ def overturning_rate(
     samples: int = 64,
     seed: int = 0,
 ) -> OverturningRate:
-    """Compute how often a year a block overturns, without a fit between.
+    """Compute how often a year a block overturns, without fitting a fragility curve.
 
     Each record, scaled to a level x of the intensity measure, overturns the block on a union
     of intervals between its boundaries a_0 < a_1 < ..., survival windows included. With the
@@ -154,7 +156,8 @@ def overturning_rate(
     Raises
     ------
     ValueError
-        If an argument is out of range, or a record has no intensity.
+        If an argument is out of range, a record has no intensity, or, with scatter, a motion
+        could not be followed.
 
     Notes
     -----
@@ -194,10 +197,7 @@ def overturning_rate(
         raise ValueError("scales of records must be single ones, got arrays of them")
     places = choose_levels(hazard, levels)
     at_levels = hazard(places)
-    if not is_traced(at_levels):
-        check("the rates of the hazard", at_levels, POSITIVE)
-        if (np.diff(np.asarray(at_levels)) >= 0).any():
-            raise ValueError("the rates of the hazard must fall with the level, got others")
+    check_falling(at_levels)
     if scatter is not None:
         return _count_scattered(
             gather_objects(block, restitution),
@@ -270,6 +270,15 @@ def _count_scattered(
     real = {name: np.asarray(value, dtype) for name, value in real.items()}
     complete = ~outcomes[..., 0].any(axis=(0, -1))
     return OverturningRate(**jax.device_put({**real, "complete": complete}), boundaries=None)
+
+
+def check_falling(rates: AnyArray) -> None:
+    """Raise `ValueError` if the rates of a hazard at levels are concrete and do not fall."""
+    if is_traced(rates):
+        return
+    check("the rates of the hazard", rates, POSITIVE)
+    if (np.diff(np.asarray(rates)) >= 0).any():
+        raise ValueError("the rates of the hazard must fall with the level, got others")
 
 
 def check_hazard(hazard: Hazard | Callable[..., Reals], measure: str) -> None:

@@ -15,13 +15,10 @@ from ..host import Printed, format_fields, format_table
 from ..overturning import MEANINGS
 from ..resonance import ModelLike, Nonlinear
 from ..validation import AnyArray, Number, Numbers, Reals
+from .counted_rate import AT_ONCE
 from .hazard import Hazard
 from .objects import Objects, gather_objects
 from .overturning_rate import OverturningRate, choose_levels, overturning_rate
-
-# Responses that are followed at once: so many that a batch is efficient, and so few that their
-# numbers take 100 MB.
-_AT_ONCE = 2**18
 
 
 class RateElasticities(Printed, eqx.Module):
@@ -188,7 +185,7 @@ def _count_at_ends(
     scaled = suite.scaled(suite.factors(places, measure))
     shape = ends.shape[3:]
     flat = ends.reshape(*ends.shape[:3], -1)
-    together = max(1, _AT_ONCE // (flat.shape[0] * flat.shape[1] * len(suite) * len(places)))
+    together = max(1, AT_ONCE // (flat.shape[0] * flat.shape[1] * len(suite) * len(places)))
 
     def count_group(start: int) -> np.ndarray:
         # All blocks under all records at all levels, as one batch: a suite that is scaled to

@@ -11,11 +11,9 @@ from ..host import show_clock
 from ..overturning import MEANINGS, UNITS
 from .counted_rate import Counting, count_rates
 
-# Values that are examined at first, evenly between the bounds; fewer where the resolution is
-# no better than this.
-_FIRST = 33
-_FEW = 17
-_COARSE_RESOLUTION = 0.02
+# Distance of the values that are examined at first, in logarithms, and the least number of them.
+_FIRST_SPACING = 0.1
+_FIRST_NUMBER = 17
 # The widest distance between levels, in logarithms, at which a count begins.
 _COARSEST = 0.16
 # So many standard errors away from the target a count is on one side of it.
@@ -95,12 +93,13 @@ def scan_values(
 ) -> list[RateScan]:
     """Count rates at values between the bounds of each object, many near its target."""
     levels = len(depths.places[-1])
-    number = _FEW if resolution >= _COARSE_RESOLUTION else _FIRST
     points = [
-        [_Point(float(value), records, levels) for value in _choose_first(a, b, number)]
+        [_Point(float(value), records, levels) for value in _choose_first(float(a), float(b))]
         for a, b in zip(low, high, strict=True)
     ]
-    while tasks := _list_tasks(points, depths, targets):
+    while tasks := _list_tasks(points, depths, targets) or _list_answers(
+        points, depths, targets
+    ):
         _follow_tasks(follow, depths, tasks)
         for of_object, target in zip(points, targets, strict=True):
             _add_middles(of_object, float(target), depths, resolution)
@@ -110,10 +109,13 @@ def scan_values(
     ]
 
 
-def _choose_first(low: float, high: float, number: int) -> np.ndarray:
+def _choose_first(low: float, high: float) -> np.ndarray:
     """Choose the values that are examined at first."""
     # Evenly in logarithms, since a rate is about a power of the size; a restitution of 0 has
     # no logarithm.
+    number = _FIRST_NUMBER
+    if low > 0:
+        number = max(number, math.ceil(math.log(high / low) / _FIRST_SPACING) + 1)
     share = np.linspace(0, 1, number)
     values = low * (high / low) ** share if low > 0 else low + (high - low) * share
     # The bounds as they are: rounded ones could lie outside of what is allowed.
@@ -144,6 +146,23 @@ def _list_tasks(
         for point in of_object
         if not _is_decided(point, float(target), depths)
     ]
+
+
+def _list_answers(
+    points: Sequence[Sequence[_Point]], depths: Depths, targets: np.ndarray
+) -> list[tuple[int, _Point]]:
+    """List the values that may be answers and were not counted at all levels yet."""
+    deepest = len(depths.places) - 1
+    tasks = []
+    for number, (of_object, target) in enumerate(zip(points, targets, strict=True)):
+        above = [point.rate > target for point in of_object]
+        for k, point in enumerate(of_object):
+            at_end = k in (0, len(of_object) - 1)
+            # Those on both sides of a crossing.
+            beside = not at_end and (above[k - 1] != above[k] or above[k] != above[k + 1])
+            if point.depth < deepest and (at_end or beside):
+                tasks.append((number, point))
+    return tasks
 
 
 def _follow_tasks(follow: Follow, depths: Depths, tasks: Sequence[tuple[int, _Point]]) -> None:

@@ -20,6 +20,7 @@ from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
     AnyArray,
+    Booleans,
     Domain,
     Integers,
     Number,
@@ -33,7 +34,7 @@ from ..validation import (
 from .counted_rate import CountedRate, Counting, count_rates, find_outcomes, plan_counting
 from .hazard import Hazard
 from .objects import Objects, gather_objects
-from .overturning_rate import check_hazard, choose_levels, overturning_rate
+from .overturning_rate import check_falling, check_hazard, choose_levels, overturning_rate
 from .rate_scan import Follow, plan_depths, read_scan, scan_values
 
 Side = Literal["above", "below"]
@@ -50,7 +51,7 @@ _OVER = 0.05
 
 
 class RequiredValue(Printed, eqx.Module):
-    """The value from which on a rate stays below a target; see `required_value`.
+    """The value beyond which, or up to which, a rate stays below a target; see `required_value`.
 
     Attributes
     ----------
@@ -59,9 +60,9 @@ class RequiredValue(Printed, eqx.Module):
         none within the bounds.
     rate, recount : Array, shape (...)
         The rate counted there, at the levels that were given and at levels halfway between
-        them [1/yr]; or the probability.
+        them [1/yr]; or the probability. NaN where there is no value.
     error : Array, shape (...)
-        Standard error of either count by the distance between levels.
+        Standard error of a count at separate levels.
     crossings : Array, shape (..., crossings)
         Every value at which the rate crosses the target, in increasing order; NaN beyond their
         number.
@@ -120,7 +121,7 @@ def required_value(
     suite : Suite
     hazard : Hazard, callable or float
         As in `overturning_rate`; or one level of the measure, for a probability.
-    target : float
+    target : float, or one for each block
         Greater than 0 [1/yr]; of a probability less than 1.
     along : str
         ``"width"`` [m] at this height, ``"height"`` [m] at this width, ``"half_width"`` [m] at
@@ -134,8 +135,9 @@ def required_value(
         Where the rate is to stay below the target: above the value, as for a width, or below
         it, as for a height or a slenderness.
     resolution : float
-        Relative distance of neighbouring values at a crossing, greater than 0 and less than
-        0.1. Crossings that are closer together go unseen.
+        Relative distance of neighbouring values at a crossing, at least 1e-6 and less than
+        0.1. Crossings that are closer together go unseen, and so may those between two first
+        values, 10 % apart, if the rate is far from the target at both.
 
     Returns
     -------
@@ -176,6 +178,8 @@ def required_value(
         check("hazard", as_real("hazard", hazard), POSITIVE)
         if measure not in ("pga", "pgv"):
             raise ValueError(f"measure must be one of pga, pgv, got {measure!r}")
+        if levels is not None:
+            raise ValueError("levels go with a hazard only, not with one level")
         level = float(hazard)
         hazard = _make_certain
     else:
@@ -183,7 +187,8 @@ def required_value(
     target = as_real("target", target)
     check("target", target, POSITIVE)
     if level is not None and not is_traced(target) and not (np.asarray(target) < 1).all():
-        raise ValueError(f"target must be less than 1 for a probability, got {target:g}")
+        largest = float(np.max(np.asarray(target)))
+        raise ValueError(f"target must be less than 1 for a probability, got {largest:g}")
     numbers = (block, as_real("restitution", restitution), hazard, target)
     ends = _check_bounds(bounds, along)
     return _search_value(
@@ -214,9 +219,10 @@ def _check_search(
         raise ValueError(f"along must be one of {', '.join(_QUANTITIES)}, got {along!r}")
     if side not in ("above", "below"):
         raise ValueError(f"side must be above or below, got {side!r}")
-    if not isinstance(resolution, float | int) or not 0 < resolution < 0.1:
+    # Below 1e-6 neighbours would be equal in float32.
+    if not isinstance(resolution, float | int) or not 1e-6 <= resolution < 0.1:
         raise ValueError(
-            f"resolution must be greater than 0 and less than 0.1, got {resolution!r:.60}"
+            f"resolution must be at least 1e-6 and less than 0.1, got {resolution!r:.60}"
         )
     return _ValueSearch(along, side, float(resolution), measure, as_model(model))
 
@@ -255,6 +261,7 @@ def _search_value(
     plan = functools.partial(plan_counting, hazard)
     if level is None:
         places = np.asarray(choose_levels(hazard, levels))
+        check_falling(hazard(places))
         middles = (places[1:] * places[:-1]) ** 0.5
         between = np.concatenate([places[:1], middles, places[-1:]])
     else:
@@ -270,7 +277,7 @@ def _search_value(
     ]
     values = np.array([each.value for each in found])
     counted = [
-        _count_at_values(follow, plan(chosen), len(suite), values)
+        _count_at_values(follow, plan(chosen), len(suite), values, low)
         for chosen in (places, between)
     ]
     columns = max((each.crossings.size for each in found), default=0)
@@ -329,14 +336,14 @@ def _follow_values(
 
 
 def _count_at_values(
-    follow: Follow, counting: Counting, records: int, values: np.ndarray
+    follow: Follow, counting: Counting, records: int, values: np.ndarray, low: np.ndarray
 ) -> CountedRate:
     """Count rates at one value of each object, at all levels; NaN where there is no value."""
     which = np.arange(values.size)
     number = counting.levels.size
-    # Those without a value follow one that exists, and are taken out afterwards.
+    # Those without a value are followed at their lower bound, and taken out afterwards.
     exists = np.isfinite(values)
-    at = np.where(exists, values, 1.0)
+    at = np.where(exists, values, low)
     outcomes = follow(
         np.repeat(which, number), np.repeat(at, number), np.tile(counting.levels, which.size)
     )
@@ -382,11 +389,13 @@ def _differentiate_value(
         ).rate
 
     nothing = jax.tree.map(lambda leaf: None, found)
+    # No value, or one at a bound because there is no crossing, does not move.
+    still = ~jnp.isfinite(value) | (found.count == 0)
     target_change = changes[3]
     if level is not None:
         # Times the tangents, or the derivative in reverse mode would be 0.
         total = sum(jnp.sum(leaf) for leaf in jax.tree.leaves(changes))
-        change = jnp.full_like(value, jnp.nan) * total
+        change = jnp.where(still, jnp.zeros_like(value), jnp.nan) * total
     else:
         domain = _QUANTITIES[search.along]
         around = jnp.clip(
@@ -395,11 +404,8 @@ def _differentiate_value(
             1.0 if domain is UNIT_INTERVAL else jnp.inf,
         )
         change = _move_value(
-            compute_rate, numbers[:3], changes[:3], target_change, safe, around
+            compute_rate, numbers[:3], changes[:3], target_change, safe, around, still
         )
-        change = jnp.where(jnp.isfinite(value), change, jnp.nan)
-        # A value at a bound, from which on there is no crossing, does not move.
-        change = jnp.where((found.count == 0) & jnp.isfinite(value), 0, change)
     return found, eqx.tree_at(
         lambda f: f.value, nothing, change, is_leaf=lambda leaf: leaf is None
     )
@@ -412,18 +418,24 @@ def _move_value(
     target_change: Reals | None,
     value: Reals,
     around: Reals,
+    still: Booleans,
 ) -> Reals:
-    """Compute how far the value moves when numbers and the target change; NaN if not smooth."""
+    """Compute how far the value moves when numbers and the target change; NaN if not smooth.
+
+    Those that are `still` do not move.
+    """
     # The slope at the value, and over a change to either side.
     _, at_point = jax.jvp(
         functools.partial(compute_rate, *numbers), (value,), (jnp.ones_like(value),)
     )
     low, high = (compute_rate(*numbers, end) for end in around)
     over = (high - low) / (around[1] - around[0])
-    smooth = abs(at_point - over) <= _SMOOTH * abs(over)
+    smooth = (at_point != 0) & (abs(at_point - over) <= _SMOOTH * abs(over))
     _, moved = eqx.filter_jvp(
         lambda *at: compute_rate(*at, value), tuple(numbers), tuple(changes)
     )
     goal = jnp.zeros_like(value) if target_change is None else target_change
-    change = (goal - (0 if moved is None else moved)) / at_point
-    return jnp.where(smooth, change, jnp.nan)
+    # NaN as a factor: in place of the product it would be 0 in reverse mode.
+    per_rate = jnp.where(smooth, 1 / jnp.where(smooth, at_point, 1), jnp.nan)
+    per_rate = jnp.where(still, 0, per_rate)
+    return (goal - (0 if moved is None else moved)) * per_rate

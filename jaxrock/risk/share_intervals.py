@@ -1,0 +1,22 @@
+"""Exact intervals of probabilities, from shares of records."""
+
+import numpy as np
+
+
+def bound_shares(
+    exceeded: np.ndarray, trials: int, confidence: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bound probabilities by the exact interval of Clopper and Pearson.
+
+    After Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The counts need not be whole.
+    """
+    from scipy.special import betaincinv
+
+    # At the ends of the counts the beta distribution degenerates: to 0 and 1.
+    tail = 0.5 * (1 - confidence)
+    with np.errstate(invalid="ignore"):
+        low = np.where(exceeded > 0, betaincinv(exceeded, trials - exceeded + 1, tail), 0.0)
+        high = np.where(
+            exceeded < trials, betaincinv(exceeded + 1, trials - exceeded, 1 - tail), 1.0
+        )
+    return low, high
