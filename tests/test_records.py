@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxrock.ground_motion import example_record, from_obspy, read_record, record_text
+from jaxrock.ground_motion import example_record, from_obspy, read_record
+from jaxrock.ground_motion.files import text as record_text
 
 G = 9.80665
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSAN FERNANDO 02/09/71, PACOIMA DAM, UNIT 1, 164\n"
@@ -153,8 +154,8 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
     ("name", "content", "options", "message"),
     [
         # The file as a whole
-        ("a.txt", "1", {}, ": .AT2 and .csv files are read, not '.txt'"),
-        ("a", "1", {}, ": .AT2 and .csv files are read, not ''"),
+        ("a.txt", "1", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+        ("a", "1", {}, ": a file in one of these formats was expected: .AT2, .csv"),
         ("a.csv", None, {}, ": the file cannot be read: No such file or directory"),
         ("a.AT2", None, {}, ": the file cannot be read: No such file or directory"),
         (
@@ -237,7 +238,7 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             "a.AT2",
             PAIR,
             {"vertical": "b"},
-            "vertical must be an .AT2 file, as {path} is, got 'b'",
+            "vertical must be a component of the file, or another file, got 'b' for {path}",
         ),
         (
             "a.AT2",

@@ -16,7 +16,7 @@ from jaxrock.cli import study as study_file
 from jaxrock.cli.command import Answer
 from jaxrock.cli.commands import Critical, RockingSpectrum
 from jaxrock.cli.study import Run
-from jaxrock.ground_motion import record_text
+from jaxrock.ground_motion.files import text as record_text
 
 pytestmark = pytest.mark.float64
 

@@ -1,5 +1,9 @@
 """Ground motions: pulses, records and suites of them, and the files they are read from."""
 
+from .files import example_record, example_suite, from_obspy, read_record, read_suite
+from .files import find_speeds_in_name as find_speeds_in_name
+from .files import find_time_unit as find_time_unit
+from .files import find_units_in_name as find_units_in_name
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
@@ -8,14 +12,9 @@ from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import check_pulse_class as check_pulse_class
 from .record import Record
-from .record_files import example_record, from_obspy, read_record
-from .record_units import find_speeds_in_name as find_speeds_in_name
-from .record_units import find_time_unit as find_time_unit
-from .record_units import find_units_in_name as find_units_in_name
 from .still import Still
 from .suite import Suite
 from .suite import require_positive_measures as require_positive_measures
-from .suite_files import example_suite, read_suite
 
 __all__ = [
     "Cosine",

@@ -1,35 +1,20 @@
 """Suites from folders and lists of files, and the one that comes with the library."""
 
 import os
-import re
-import tempfile
-import zipfile
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from pathlib import Path
 
-from ..host import show_progress
-from .record import Record
-from .record_files import StrPath, read_record
-from .record_formats import list_acceleration_columns
-from .record_units import find_units_in_name
-from .suite import Suite
+from ...host import show_progress
+from ..record import Record
+from ..suite import Suite
+from .directions import find_column_direction, find_vertical_file, is_vertical
+from .records import StrPath, read_record
+from .tables import list_acceleration_columns
+from .units import find_units_in_name
 
 _SUFFIXES = (".at2", ".csv")
 # In a folder, the usual name of a table of the records.
 _INDEX = "index.csv"
-# Words of names of columns, and the ends of names of .AT2 files, after the conventions of data
-# centres: the last letter of a channel of three, as in HNZ, is its direction.
-_UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
-_DOWNWARD = r"do?w?n(?:ward)?"
-_NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
-_AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z"
-_AT2_DOWNWARD = r"dn|down|dwn"
-# The code of a location may follow that of the channel.
-_LOCATION = r"(?:[-_. ]\d\d)?$"
-# In the NGA databases such an end may follow the code of a station with nothing between.
-_NGA_NAME = r"RSN\d+_"
-
 # What a record is read from: its name, file, column and vertical component.
 _Part = tuple[str, Path, str | None, StrPath | None]
 
@@ -70,8 +55,7 @@ def read_suite(
 
     Examples
     --------
-    >>> from importlib.resources import files
-    >>> import jaxrock as jr
+    >>>     >>> import jaxrock as jr
     >>> path = str(files("jaxrock") / "data" / "ridgecrest_2019_clc.csv")
     >>> suite = jr.read_suite([path], unit="g", time_step=0.01)
     >>> print(suite.names)
@@ -107,40 +91,6 @@ def read_suite(
     return Suite([*records.values()], [*records])
 
 
-def example_suite(*, vertical: bool = False) -> Suite:
-    """Return twenty horizontal components of eight earthquakes, magnitudes 5.9 to 7.8.
-
-    Ten stations of the California Strong Motion Instrumentation Program, the U.S. Geological
-    Survey, the Southern California Seismic Network and GeoNet, New Zealand, with peak ground
-    velocities of 0.04 to 1.0 m/s. All are free: in the public domain, CC0, or CC BY 3.0 NZ,
-    which asks for the attribution "GeoNet programme and its sponsors EQC, GNS Science, LINZ".
-    Station, source, processing and licence of each are in the head of its file and in
-    ``index.csv`` of ``example_suite.zip`` in the folder ``data`` of the package.
-
-    Parameters
-    ----------
-    vertical : bool
-        Whether to include the vertical components.
-
-    Returns
-    -------
-    Suite
-        2,000 to 9,000 samples [m/s2], 0.005 to 0.02 s apart.
-
-    Examples
-    --------
-    >>> from jaxrock import example_suite
-    >>> print(example_suite())
-    suite of 20 records of 2,000 to 9,000 samples, 0.005 to 0.02 s apart
-    """
-    # Unpacked into files, so that the records are read as a user's are.
-    archive = files("jaxrock") / "data" / "example_suite.zip"
-    with tempfile.TemporaryDirectory() as folder:
-        with archive.open("rb") as stream, zipfile.ZipFile(stream) as packed:
-            packed.extractall(folder)
-        return read_suite(folder, vertical=vertical)
-
-
 def _list_files(source: StrPath | Iterable[StrPath]) -> list[Path]:
     """List the files of a suite; a `ValueError` if there is none."""
     if isinstance(source, str | os.PathLike):
@@ -174,8 +124,8 @@ def _list_files(source: StrPath | Iterable[StrPath]) -> list[Path]:
 def _find_components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part]:
     """Find the horizontal components in a file, each with its vertical one if wanted."""
     if path.suffix.lower() == ".at2":
-        if not _is_vertical(path):
-            yield path.stem, path, None, _find_vertical_file(path, paths) if vertical else None
+        if not is_vertical(path):
+            yield path.stem, path, None, find_vertical_file(path, paths) if vertical else None
         return
     if path.suffix.lower() != ".csv":
         raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
@@ -186,9 +136,10 @@ def _find_components(path: Path, paths: list[Path], vertical: bool) -> Iterator[
     rises = []
     level = []
     for name, words in plain.items():
-        if _has_word(_UPWARD, words):
+        direction = find_column_direction(words)
+        if direction == "up":
             rises.append(name)
-        elif not _has_word(f"{_DOWNWARD}|{_NO_ACCELERATION}", words):
+        elif direction == "level":
             level.append(name)
     if not level:
         raise ValueError(f"{str(path)!r}: no column is a horizontal acceleration")
@@ -204,12 +155,6 @@ def _find_components(path: Path, paths: list[Path], vertical: bool) -> Iterator[
         yield of_several, path, name, rises[0] if vertical else None
 
 
-def _has_word(pattern: str, words: str) -> bool:
-    """Tell whether a whole word of a name, which may be in camelCase, matches a pattern."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
-    return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
-
-
 def _strip_unit(name: str) -> str:
     """Strip the unit that it states from the name of a column."""
     # So that a word of the unit is not taken for a direction, and the record has a short name.
@@ -218,46 +163,3 @@ def _strip_unit(name: str) -> str:
         at = name.rfind(stated[-1][0])
         name = f"{name[:at].rstrip('_ [(')} {name[at + len(stated[-1][0]) :].lstrip('_ ])')}"
     return name.strip("_ ")
-
-
-def _find_vertical_end(path: Path) -> tuple[str, bool]:
-    """Find the end of a name that marks a vertical component; tell whether it points down."""
-    # Elsewhere a separator has to stand before the end, or a number before the longer ones:
-    # the last letters of a word, as in "setup", say nothing.
-    apart = r"[-_. ]*"
-    if not re.match(_NGA_NAME, path.stem, re.I):
-        apart = r"(?:[-_. ]+|(?<=\d)(?=ud|up|dwn))"
-    for pattern, downward in ((_AT2_UPWARD, False), (_AT2_DOWNWARD, True)):
-        if match := re.search(f"{apart}(?:{pattern}){_LOCATION}", path.stem, re.I):
-            return match[0], downward
-    return "", False
-
-
-def _is_vertical(path: Path) -> bool:
-    """Tell whether the name of a file says that its component is vertical."""
-    return _find_vertical_end(path)[0] != ""
-
-
-def _find_vertical_file(path: Path, paths: list[Path]) -> Path:
-    """Find the vertical component beside a horizontal one, .AT2 files, by their names."""
-    found: dict[str, Path] = {}
-    for other in paths:
-        if (
-            other.suffix.lower() == ".at2"
-            and _is_vertical(other)
-            and other.parent == path.parent
-        ):
-            stem = other.stem.removesuffix(_find_vertical_end(other)[0])
-            # Both names begin alike. In the horizontal one a separator, an angle or, in the
-            # NGA databases, a direction comes next: another letter is of another station.
-            rest = path.stem.removeprefix(stem) if path.stem.startswith(stem) else "?"
-            if re.match(r"[-_. ]|\d{3}$|$|(?:[ns]|[ew]|ns|ew|[hlt]\d?)$", rest, re.I):
-                found[stem] = other
-    if not found:
-        raise ValueError(f"{str(path)!r}: no file is its vertical component by the name")
-    # The longest common beginning: "A-STA" may stand beside "A-STA-2".
-    nearest = found[max(found, key=len)]
-    if _find_vertical_end(nearest)[1]:
-        points = f"{str(nearest)!r} points downward by its name"
-        raise ValueError(f"{points}, but a vertical component must be positive upward")
-    return nearest

@@ -7,11 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..host import read_regular, show_progress
-from .record_units import Stated
+from ...host import read_regular, show_progress
+from .units import UNITS, Stated
 
 # Control characters that no text file contains.
 _BINARY = bytes({*range(0x20)} - {*b"\t\n\v\f\r"})
+
+# Relative difference of time steps that count as the same: files print them with few digits.
+UNIFORM = 1e-3
+# What a statement must be, in words for an error, and the relative difference up to which two
+# statements agree.
+UNIT = UNITS, 1e-9
+STEP = "a time step in s, ms or the like, or in samples per second", UNIFORM
 
 # Lines with their numbers, counted from 1 on.
 Lines = list[tuple[int, str]]

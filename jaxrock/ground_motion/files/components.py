@@ -1,0 +1,78 @@
+"""Components of ground motions as they stand in files, and the records that they make."""
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ..record import Record
+from .units import UNITS, parse_unit
+
+Direction = Literal["level", "up", "down", ""]
+
+
+class Component(NamedTuple):
+    """A row of accelerations.
+
+    Attributes
+    ----------
+    name : str
+        Name for errors.
+    factor : float
+        Unit of the values [m/s2].
+    values : ndarray, shape (samples,)
+        Accelerations, as they stand in the file.
+    step : float
+        Time step [s].
+    direction : {"level", "up", "down", ""}
+        Where it points, empty if the file does not say so.
+    channel : str
+        Its name in the file, empty if there is only one.
+    """
+
+    name: str
+    factor: float
+    values: np.ndarray
+    step: float
+    direction: Direction = ""
+    channel: str = ""
+
+
+def make_record(horizontal: Component, *upward: Component) -> Record:
+    """Make the record of one or two components; a `ValueError` if they do not fit together."""
+    name, _, values, step = horizontal[:4]
+    for other in upward:
+        if other.values.size != values.size:
+            samples = f"{other.name} has {other.values.size} samples"
+            raise ValueError(f"{samples}, but {name} has {values.size}")
+        if not math.isclose(other.step, step, rel_tol=1e-6):
+            raise ValueError(
+                f"{other.name} has a step of {other.step} s, but {name} of {step} s"
+            )
+    # What overflows is inf, which the record refuses.
+    with np.errstate(over="ignore"):
+        accelerations, *upwards = (each.factor * each.values for each in (horizontal, *upward))
+    try:
+        return Record(accelerations, step, *upwards)
+    # Too few samples, or accelerations too large for the precision of JAX.
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def require_unit(unit: str) -> float:
+    """Convert the argument `unit` to m/s2; a `ValueError` if it is not understood."""
+    factor = parse_unit(unit)
+    if math.isnan(factor):
+        raise ValueError(f"unit must be {UNITS}, got {unit!r}")
+    return factor
+
+
+def require_upward(component: Component) -> Component:
+    """Return a vertical component as it is; a `ValueError` if it is known to point elsewhere."""
+    if component.direction == "down":
+        raise ValueError(
+            f"{component.name} points downward, but a vertical component must be positive upward"
+        )
+    if component.direction == "level":
+        raise ValueError(f"{component.name} is horizontal, a vertical component was expected")
+    return component

@@ -1,0 +1,103 @@
+"""Traces of obspy and of gmprocess."""
+
+import math
+from collections.abc import Mapping, Sized
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from ...validation import POSITIVE, check
+from ..record import Record
+from .components import Component, make_record, require_unit
+from .units import parse_unit
+
+
+def from_obspy(
+    trace: Any, *, unit: str, vertical: Any = None, calibrated: bool | None = None
+) -> Record:
+    """Take a ground motion from a trace of obspy, or of gmprocess.
+
+    Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
+    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``.
+    Counts of an instrument are for obspy's ``remove_response`` first.
+
+    Parameters
+    ----------
+    trace, vertical : obspy.Trace
+        Horizontal and perhaps vertical acceleration, positive upward, both sampled alike.
+    unit : str
+        Unit of the accelerations, as for `read_record`.
+    calibrated : bool, optional
+        Whether the data have been multiplied by ``stats.calib`` already, or are to be: obspy
+        leaves the factor in place when it applies it. Needed where it is not 1.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    ValueError
+        If a calibration factor other than 1 may or may not have been applied; if it is not one
+        trace, has gaps, values other than finite real numbers, less than two samples or no
+        valid time step; if the traces differ in sampling or start; if the unit is unknown or
+        not the one that a trace states.
+    """
+    if vertical is None:
+        return make_record(_take_component("trace", trace, unit, calibrated))
+    components = [
+        _take_component(name, each, unit, calibrated)
+        for name, each in (("trace", trace), ("vertical", vertical))
+    ]
+    starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
+    if None not in starts and starts[0] != starts[1]:
+        raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
+    return make_record(*components)
+
+
+def _take_component(
+    argument: str, trace: Any, unit: str, calibrated: bool | None
+) -> Component:
+    """Take the accelerations out of a trace, the `argument` of that name, and check them."""
+    # By attributes, not by class: neither obspy nor gmprocess needs to be installed.
+    stats: Any = getattr(trace, "stats", None)
+    if not hasattr(trace, "data") or not hasattr(stats, "delta"):
+        hint = f" of {len(trace)}: take one out of it" if isinstance(trace, Sized) else ""
+        must = f"{argument} must be one trace, with data and stats.delta"
+        raise ValueError(f"{must}, got a {type(trace).__name__}{hint}")
+    # gmprocess states the unit; a caller who contradicts it would be off by a factor of 981.
+    standard = getattr(stats, "standard", None)
+    stated = standard.get("units") if isinstance(standard, Mapping) else None
+    factor = require_unit(unit)
+    if stated and not math.isclose(factor, parse_unit(stated)):
+        raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
+    # obspy leaves the factor where it is when it applies it, so that a trace cannot tell
+    # whether it has been applied.
+    calibration = getattr(stats, "calib", 1.0)
+    if not isinstance(calibration, Real) or not 0 < abs(float(calibration)) < math.inf:
+        got = f"got {calibration!r}"
+        raise ValueError(f"stats.calib of {argument} must be finite and not 0, {got}")
+    if calibration != 1 and calibrated is None:
+        states = (
+            f"{argument} has a stats.calib of {calibration:g}, which obspy leaves in place"
+        )
+        raise ValueError(f"calibrated must be given: {states} whether applied or not")
+    if not calibrated:
+        factor *= float(calibration)
+    # Merged traces have gaps as masked samples, whose data are no measurements.
+    if gaps := np.ma.count_masked(trace.data):
+        raise ValueError(f"{argument} must have no gaps, got {gaps} masked samples")
+    data = np.asarray(trace.data)
+    if data.ndim != 1 or data.dtype.kind not in "fiu":
+        got = f"{data.dtype} of shape {data.shape}"
+        raise ValueError(f"{argument} must be a row of real numbers, got {got}")
+    if not np.isfinite(data).all():
+        at = int(np.argmin(np.isfinite(data)))
+        raise ValueError(f"{argument} must be finite, got {data[at]} as sample {at}")
+    if not isinstance(stats.delta, Real):
+        raise ValueError(
+            f"stats.delta of {argument} must be a real number, got {stats.delta!r}"
+        )
+    check(f"stats.delta of {argument}", stats.delta, POSITIVE)
+    return Component(argument, factor, data.astype(float), float(stats.delta))
