@@ -97,7 +97,7 @@ def read_record(
         return make_record(horizontal)
     upward = _find_channel(components, str(vertical))
     if upward is None:
-        if not Path(vertical).exists():
+        if not Path(vertical).suffix and not Path(vertical).exists():
             must = "vertical must be a component of the file, or another file"
             raise ValueError(f"{must}, got {str(vertical)!r} for {str(path)!r}")
         others = read_components(Path(vertical), units, [])
