@@ -90,7 +90,7 @@ LIBRARY = {
     ),
     "numbers with units": (
         lambda: jr.Block.from_size(width=Quantity(60.0), height=Quantity(180.0)),
-        "width must be a number without a unit, in SI, got 60.0 centimeter",
+        "width must be a number in SI, or one with a unit like m, got 60.0 centimeter",
     ),
     "half precision": (
         lambda: jr.respond(jr.Block(np.float16(0.4), np.float16(5)), 0.7, PULSE),
@@ -233,7 +233,7 @@ FILES = {
     "another suffix": (
         "r.txt",
         "0.1\n0.2\n",
-        ".AT2 and .csv files are read, not '.txt'; columns",
+        "a file in one of these formats was expected: .AT2, .csv",
     ),
     "a word": (
         "r.csv",

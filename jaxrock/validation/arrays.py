@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Real
 from typing_extensions import TypeAliasType
 
+from .units import carries_unit, convert_to_si
+
 # Signatures in `help` show these by name instead of all that they stand for.
 Number = TypeAliasType("Number", Real[ArrayLike, "..."])
 
@@ -71,13 +73,11 @@ def as_real(name: str, value: object) -> Array:
     Raises
     ------
     ValueError
-        If it is none, or has a unit. The error names the argument.
+        If it is none, or has a unit that cannot be converted. The error names the argument.
     """
     # Quantities with units (of pint, astropy, unyt) would lose them without a word.
-    if hasattr(type(value), "units") or hasattr(type(value), "unit"):
-        raise ValueError(
-            f"{name} must be a number without a unit, in SI, got {describe(value)}"
-        )
+    if carries_unit(value):
+        value = convert_to_si(name, value)
 
     # What NumPy and JAX say of a value that is no array would not name the argument.
     with contextlib.suppress(TypeError, ValueError, OverflowError):

@@ -1,0 +1,97 @@
+"""Numbers that carry a unit: converted as their own package says, or refused, never stripped."""
+
+import astropy.units as u
+import jaxtyping
+import numpy as np
+import pint
+import pytest
+import xarray
+
+import jaxrock as jr
+
+REGISTRY = pint.UnitRegistry()
+BLOCK = jr.Block(0.2, 5.0)
+
+
+@pytest.fixture(autouse=True)
+def as_users_have_it():
+    """Without the types that the tests check: quantities are no arrays for them."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def of_pint(value, unit):
+    return REGISTRY.Quantity(value, unit)
+
+
+def of_astropy(value, unit):
+    return u.Quantity(value, unit)
+
+
+def labelled(value, unit):
+    return xarray.DataArray(np.asarray(value), attrs={"units": unit})
+
+
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+@pytest.mark.parametrize(
+    ("make", "read", "expected"),
+    [
+        (
+            lambda q: jr.Block.from_size(width=q(60.0, "cm"), height=q(1.8, "m")),
+            "half_width",
+            0.3,
+        ),
+        (lambda q: jr.Block(q([30.0, 40.0], "mm"), q(5.0, "")), "half_width", [0.03, 0.04]),
+        (lambda q: jr.Block(0.3, q(2.0, "m/cm")), "slenderness", 200.0),
+        (lambda q: jr.Record(q([0.0, 2.0], "cm/s**2"), 0.01), "acceleration", [0.0, 0.02]),
+        (lambda q: jr.Record([0.0, 2.0], q(10, "ms")), "time_step", 0.01),
+        (lambda q: jr.Sine(3.0, q(0.01, "min")), "duration", 0.6),
+        (lambda q: jr.Harmonic(3.0, q(0.002, "kHz")), "frequency", 2.0),
+        (lambda q: jr.Scene(BLOCK, q(80.0, "percent"), 0.1), "restitution", 0.8),
+        (lambda q: jr.Scene(BLOCK, 0.8, q(36.0, "cm/s")), "intensity", 0.36),
+        (lambda q: jr.Block([q(30.0, "cm"), q(0.4, "m")], 5.0), "half_width", [0.3, 0.4]),
+    ],
+)
+def test_a_unit_is_converted(carry, make, read, expected, eps):
+    np.testing.assert_allclose(getattr(make(carry), read), expected, rtol=2 * eps)
+
+
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda q: jr.Block.from_size(width=q(60.0, "s"), height=1.0),
+            "width must be a number in SI, or one with a unit like m, got 60.0 s",
+        ),
+        (
+            lambda q: jr.Block(0.2, [5.0, q(1.0, "m")]),
+            "slenderness must be a number in SI, or one with a unit like 1, got 1.0 m",
+        ),
+        (
+            lambda q: jr.Record(q([0.0, 1.0], "m/s"), 0.01),
+            "acceleration must be a number in SI, or one with a unit like m/s2, got [0",
+        ),
+        (
+            lambda q: jr.Hazard([q(0.1, "m/s"), q(0.2, "m/s")], [1e-2, 1e-3]),
+            "levels must be a number without a unit, in SI, got 0.1 m",
+        ),
+    ],
+)
+def test_another_unit_is_refused(carry, make, said):
+    with pytest.raises(ValueError) as refused:
+        make(carry)
+    assert str(refused.value).startswith(said)
+
+
+def test_labels_of_xarray_are_not_stripped(eps):
+    block = jr.Block(labelled([0.1, 0.2], "m"), 5.0)
+    np.testing.assert_allclose(block.half_width, [0.1, 0.2], rtol=eps)
+    for unit in ("m s-2", "m/s2", "m s**-2", "m/s^2"):
+        record = jr.Record(labelled([0.0, 1.0], unit), 0.01)
+        np.testing.assert_array_equal(record.acceleration, [0.0, 1.0])
+    with pytest.raises(ValueError, match="half_width must be in m, got .* units is 'cm'"):
+        jr.Block(labelled([10.0, 20.0], "cm"), 5.0)
+    with pytest.raises(ValueError, match="acceleration must be in m/s2, got .* units is 'g'"):
+        jr.Record(labelled([0.0, 1.0], "g"), 0.01)
