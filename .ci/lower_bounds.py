@@ -6,5 +6,6 @@ import tomllib
 with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
 extras = project["optional-dependencies"]
-for requirement in project["dependencies"] + extras["cluster"] + extras["notebooks"]:
+optional = [each for name in ("cluster", "fema", "notebooks", "records") for each in extras[name]]
+for requirement in project["dependencies"] + optional:
     print(re.sub(r"\[.*\]", "", requirement).replace(">=", "=="))

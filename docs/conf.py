@@ -5,6 +5,7 @@
 
 import contextlib
 import importlib
+import inspect
 import io
 import os
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from docutils.statemachine import StringList
 
 import jaxrock
 from jaxrock.cli import main
@@ -24,7 +26,8 @@ os.environ["COLUMNS"] = "90"  # of what commands print
 root_doc = "docs/index"
 include_patterns = ["docs/*.md", "docs/reference/*.md", "notebooks/*.ipynb", "CHANGELOG.md"]
 exclude_patterns = ["docs/releasing.md"]
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+# Of MathJax a page has the address only: without a network formulas stay as they are written.
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
 
 nb_execution_mode = (
     "off"  # shown with the outputs stored in them, which the tests compute anew
@@ -46,6 +49,8 @@ python_maximum_signature_line_length = 88
 
 html_theme = "furo"
 html_title = f"jaxrock {release}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 
 
 class CommandHelp(Directive):
@@ -65,6 +70,33 @@ class CommandHelp(Directive):
         block = nodes.literal_block(text, text)
         block["language"] = "text"
         return [block]
+
+
+class PublicNames(Directive):
+    """A section for each package: all its public names, each with the first sentence about it."""
+
+    def run(self):
+        """Make the sections; a name that is described at the top is listed there only."""
+        return [self._list(room) for room in (jaxrock, *find_rooms())]
+
+    def _list(self, room):
+        lines = []
+        for name in sorted(room.__all__, key=str.lower):
+            thing = getattr(room, name)
+            known = room is not jaxrock and getattr(jaxrock, name, None) is thing
+            if not (known or inspect.ismodule(thing)):
+                about = " ".join(inspect.getdoc(thing).partition("\n\n")[0].split())
+                lines.append(f"- :py:obj:`{name} <{room.__name__}.{name}>`: {about}")
+        section = nodes.section(ids=[nodes.make_id(room.__name__)])
+        section += nodes.title("", room.__name__)
+        self.state.nested_parse(StringList(lines), self.content_offset, section)
+        return section
+
+
+def find_rooms():
+    """List the packages that jaxrock names, in the order of the alphabet."""
+    things = (getattr(jaxrock, name) for name in sorted(jaxrock.__all__))
+    return filter(inspect.ismodule, things)
 
 
 def skip(app, what, name, obj, *_):
@@ -88,5 +120,6 @@ def enter_by_the_front_door(app, exception):
 def setup(app):
     """Connect what is above; called by Sphinx."""
     app.add_directive("command-help", CommandHelp)
+    app.add_directive("public-names", PublicNames)
     app.connect("autodoc-skip-member", skip)
     app.connect("build-finished", enter_by_the_front_door)

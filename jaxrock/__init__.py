@@ -20,6 +20,7 @@ Processes beside each other are started with "spawn" or "forkserver", as in
 ``multiprocessing.get_context("spawn").Pool()``.
 """
 
+import difflib
 import importlib.metadata
 
 import lazy_loader
@@ -31,4 +32,11 @@ _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 def __getattr__(name: str) -> object:
     if name == "__version__":
         return importlib.metadata.version(__name__)
-    return _find(name)
+    try:
+        return _find(name)
+    except AttributeError:
+        if name in __all__:  # of the inside, while it is imported
+            raise
+        near = difflib.get_close_matches(name, __all__, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise AttributeError(f"jaxrock has no {name!r}{hint}") from None

@@ -1,5 +1,7 @@
 """The block: its geometry and inertia, and the numbers that follow from them and gravity."""
 
+import warnings
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -25,6 +27,8 @@ from .validation import (
 
 # kappa of a homogeneous rectangle; its reciprocal rounds to 0.75 in every precision.
 RECTANGLE_INERTIA_RATIO = 4 / 3
+# Full sizes [m] beyond those of what stands free on two edges, and is asked about.
+LARGEST_SIZES = {"width": 30.0, "height": 100.0}
 
 
 class Block(Printed, Checked):
@@ -56,6 +60,17 @@ class Block(Printed, Checked):
     slenderness: Reals = quantity(POSITIVE)
     gravity: Reals = quantity(POSITIVE, "m/s2")
     inertia_ratio: Reals = quantity(AT_LEAST_ONE)
+
+    def __new__(cls, *numbers: object, **named: object) -> "Block":
+        """Refuse a width and a height, with the name of the function that takes them."""
+        sizes = [name for name in ("width", "height") if name in named]
+        if sizes:
+            given = " and ".join(sizes)
+            raise TypeError(
+                f"Block takes half_width and slenderness, got {given}; Block.from_size(width=...,"
+                " height=...) takes these"
+            )
+        return super().__new__(cls)
 
     def __init__(
         self,
@@ -92,7 +107,8 @@ class Block(Printed, Checked):
     ) -> "Block":
         """Make the block of a given full width 2b [m] and height 2a [m].
 
-        Derivatives with respect to these sides are at fixed height and at fixed width.
+        Derivatives with respect to these sides are at fixed height and at fixed width. A
+        warning says if a side is so long that it is likely in centimetres or millimetres.
 
         Parameters
         ----------
@@ -116,6 +132,8 @@ class Block(Printed, Checked):
         height = as_real("height", height)
         check("width", width, POSITIVE)
         check("height", height, POSITIVE)
+        warn_of_size("width", width)
+        warn_of_size("height", height)
         return cls(width / 2, height / width, gravity, inertia_ratio)
 
     @classmethod
@@ -268,6 +286,17 @@ class Block(Printed, Checked):
         """
         shape = self.slenderness / (1 + self.slenderness**2)
         return share_in_centre(self.inertia_ratio) * shape * intensity / self.half_width
+
+
+def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:
+    """Warn if a width or a height is hardly meant in metres; `stacklevel` is the caller's."""
+    if is_traced(value):
+        return
+    largest = float(np.max(np.asarray(value)))
+    if largest > LARGEST_SIZES[name]:
+        warnings.warn(
+            f"{name} is {largest:.4g} m: sizes are in metres", stacklevel=stacklevel + 1
+        )
 
 
 def change_block(block: Block, name: str, value: AnyArray) -> Block:

@@ -407,6 +407,11 @@ def test_fragility(tmp_path, capsys):
         ("fragility --unit g", 'records "example" have their unit and time step'),
         ("fragility --levels 2 1", "levels must be increasing"),
         ("fragility --threshold fallen", "thresholds must be rotation ratios"),
+        ("fragility --hazard-site 10.5 45", "hazard_site goes with a hazard only"),
+        (
+            "fragility --hazard a.csv --hazard-site 9",
+            "must be a longitude and a latitude, got 1",
+        ),
         ("fragility --hazard missing.csv", "missing.csv"),
         (
             "fragility --scatter restitution",

@@ -22,6 +22,7 @@ from tables.grids import AXES, GRIDS, blocks, record, same_bits
 from tools.command import run
 
 import jaxrock as jr
+from jaxrock.cli.commands import Spectrum
 from jaxrock.grids import local_cluster, write_zarr
 from jaxrock.grids.workers import choose_accelerator, choose_processors, read_worker_number
 
@@ -411,6 +412,16 @@ def test_fragility_as_a_store(client, tmp_path, monkeypatch, capsys, own):
     code, alone, _ = run(capsys, *command, "--out", tmp_path / "out")
     assert code == 0
     assert out.splitlines()[:-1] == [x for x in alone.splitlines() if "fragility." not in x]
+
+
+def test_workers_without_work_are_remarked_on():
+    grid = ([3.0, 4.0, 5.0], [0.8], 0.7, 0.15)
+    few = jr.resonance_spectrum(*grid, chunks={"slenderness": 2})
+    enough = jr.resonance_spectrum(*grid, chunks={"slenderness": 1})
+    command = Spectrum(store=Path("s.zarr"), workers=3)
+    with pytest.warns(UserWarning, match="there are 2 chunks for 3 workers: with --chunks"):
+        command._compare_with_workers(few)
+    command._compare_with_workers(enough)
 
 
 @pytest.mark.float64

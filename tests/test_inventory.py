@@ -188,6 +188,29 @@ def test_elasticities_in_closed_form(assessed):
         assert str(one.most_important.values) == most
 
 
+@pytest.mark.thorough
+def test_a_hazard_with_zeros():
+    """Levels beyond the first rate of 0 change nothing, and return periods are those before."""
+    inventory = Inventory(NAMES, BLOCK, 0.85)
+    levels = [0.7, 1.0, 1.5, 3.0, 6.0, 9.0]
+    rates = [1e-2, 2e-3, 2e-3, 4e-5, 0.0, 0.0]
+    options = {"spacing": 0.05, "model": "linearized"}
+    found = [
+        assess_inventory(
+            inventory, pulses(100), jr.Hazard(levels[:n], rates[:n]), 1e-3, **options
+        )
+        for n in (5, 6)
+    ]
+    assert found[0].identical(found[1])
+    np.testing.assert_allclose(found[0].return_period, [475, 2475], rtol=1e-6)
+    assert np.isfinite(found[0].rate).all()
+    options["levels"] = [2.0, 7.0]
+    beyond = assess_inventory(
+        inventory, pulses(100), jr.Hazard(levels, rates), 1e-3, **options
+    )
+    assert np.isinf(beyond.return_period[1])
+
+
 NOISE = {"hazard": jr.Hazard([0.2, 2.0], [1e-2, 1e-4]), "target": 1e-3, "spacing": 0.1}
 
 

@@ -84,6 +84,22 @@ LIBRARY = {
         "acceleration must be samples along the last axis, got an array of shape (200, 2), which"
         " would be records of two samples; pass the column of accelerations alone",
     ),
+    "a list of records for a suite": (
+        lambda: jr.fragility(BLOCK, 0.7, [RECORD], [0.1]),
+        "suite must be a Suite, got a list of 1 Records; Suite([...]) makes one",
+    ),
+    "a file for a record": (
+        lambda: jr.respond(BLOCK, 0.7, "file.AT2"),
+        "motion must be a Motion, got 'file.AT2'; read_record reads one from files",
+    ),
+    "a folder for a suite": (
+        lambda: jr.fragility(BLOCK, 0.7, "records", [0.1]),
+        "suite must be a Suite, got 'records'; read_suite reads one from files",
+    ),
+    "a file for a hazard": (
+        lambda: jr.overturning_rate(BLOCK, 0.7, SUITE, "hazard.csv"),
+        "hazard must be a Hazard or a function, got 'hazard.csv'; read_hazard reads one from files",
+    ),
     "a number for a folder": (
         lambda: jr.read_suite(5),
         "source must be a folder or a list of files, got 5",
@@ -156,7 +172,7 @@ LIBRARY = {
     ),
     "a record for a suite": (
         lambda: jr.fragility(BLOCK, 0.7, RECORD, [0.1, 0.2]),
-        "suite must be a Suite, got a Record",
+        "suite must be a Suite, got a Record; Suite([record]) makes one",
     ),
     "no function": (
         lambda: jr.sensitivities(SCENE, {"half_width": 0.4}),
@@ -202,6 +218,15 @@ def test_a_wrong_call_of_the_library(name):
     with pytest.raises(ValueError, match=r"^[^\n]{1,200}$") as raised:
         call()
     assert str(raised.value).startswith(sentence)
+
+
+def test_another_function_or_name_is_suggested():
+    with pytest.raises(TypeError, match=r"got width and height; Block\.from_size\(width="):
+        jr.Block(width=0.6, height=1.8)
+    with pytest.raises(AttributeError, match=r"jaxrock has no .Blok.; did you mean .Block.\?"):
+        jr.Blok  # noqa: B018
+    with pytest.raises(AttributeError, match=r"jaxrock has no .xyzzy.$"):
+        jr.xyzzy  # noqa: B018
 
 
 def test_width_and_height_cannot_be_swapped():

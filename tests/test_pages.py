@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import xarray
 from benchmarks import first_calls
+from tools.drawn_pages import FOLDER, NAMES, draw_pictures, find_difference
 
 import jaxrock as jr
 from jaxrock.cli.commands import COMMANDS
@@ -62,7 +63,6 @@ def compared(code, namespace):
 @pytest.mark.parametrize(
     ("page", "count"),
     [
-        ("README", 9),
         pytest.param("getting_started", 9, marks=pytest.mark.thorough),
         ("records", 0),
         ("paper", 4),
@@ -75,11 +75,37 @@ def test_code_gives_what_it_says(page, count):
 
 
 def run(page, capsys, before="", after=""):
-    """What the code of a page makes, and what it prints."""
+    """What the code of a page makes, and what it prints; its pictures are those that are kept.
+
+    Not compared where the code is changed, to be run faster.
+    """
     namespace = {}
     assert before in code(page)
-    exec(code(page).replace(before, after), namespace)
+    pictures, said = draw_pictures(TEXTS[page].replace(before, after), namespace)
+    assert list(pictures) == NAMES.findall(TEXTS[page])
+    for name, picture in pictures.items():
+        if page != "suites":
+            assert find_difference(picture, name) < 1, name
+    for printed, expected in said:
+        assert printed == expected
     return namespace, capsys.readouterr().out
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("page", ["README", "paper"])
+def test_code_prints_and_draws_what_stands_below_it(page, capsys):
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        run(page, capsys)
+
+
+def test_every_picture_is_small_and_on_a_page_and_in_the_gallery():
+    shown = {name for text in TEXTS.values() for name in NAMES.findall(text)}
+    drawn = {path.name for path in FOLDER.glob("*.png")}
+    assert drawn == shown
+    assert drawn - {"statue.png"} == set(NAMES.findall(TEXTS["gallery"]))
+    assert max(path.stat().st_size for path in FOLDER.glob("*.png")) < 60_000
+    for link in re.findall(r"\]\((?!pictures)([^)#]+)", TEXTS["gallery"]):
+        assert (ROOT / "docs" / link).exists(), link
 
 
 @pytest.mark.float64

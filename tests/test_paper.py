@@ -1,11 +1,15 @@
 """The paper regenerated; each comparison is also broken once, to see that it notices."""
 
 import math
+import re
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+import jaxrock as jr
+from jaxrock.plot import plot_curves
 from jaxrock.reports import paper
 
 pytestmark = pytest.mark.float64
@@ -111,3 +115,25 @@ def test_figures_end_where_blocks_overturn():
     small, large = (drawn[f"figure_{n}"][0].sel(restitution=0.7) for n in ("4a", "4b"))
     assert float(small[-1]) == pytest.approx(17.694, abs=1e-3)
     assert float(large[-1]) == pytest.approx(12.076, abs=1e-3)
+
+
+def test_picture_and_report_print_the_same_thresholds(report):
+    """Rounded from where the block falls, and not from the grid on which curves are drawn."""
+    (claim,) = [each for each in report.claims if each.where == "Fig. 8"]
+    printed = re.findall(r"([\d.]+) \(([\d.]+) m\)", claim.figure)
+    assert [float(width) for _, width in printed] == [0.4, 0.6, 0.8, 1.0, 1.2]
+    for limit, width in printed:
+        unit = 10.0 ** -len(limit.partition(".")[2])
+        slenderness = float(limit) + unit * np.array([-0.51, 0.51])
+        scene = jr.Scene(jr.Block(float(width) / 2, slenderness), 0.8, 0.15)
+        assert np.isnan(jr.rotation_ratio(scene)).tolist() == [False, True]
+    variable, hue, _ = paper.select_figures()["figure_8"]
+    thresholds = paper._find_thresholds(variable)
+    ax = plot_curves(variable, hue, thresholds=thresholds)
+    texts = [text.get_text() for text in ax.texts]
+    assert texts == [limit for limit, _ in printed][: len(texts)] == ["4.82", "7.09", "9.39"]
+    # The same block in Fig. 5, in which curves are of restitutions.
+    variable, hue, _ = paper.select_figures()["figure_5"]
+    ax = plot_curves(variable, hue, thresholds=paper._find_thresholds(variable))
+    assert [text.get_text() for text in ax.texts] == ["9.39"]
+    plt.close("all")

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from PIL import Image
 from references.half_sine_rates import pulses as half_sines
+from tools.pictures import find_clashes
 from tools.selection import first_by_default
 
 import jaxrock as jr
@@ -271,6 +272,7 @@ def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
         looks = looks_of(new) if new.get_legend() else []
         assert len(looks) == entries, name
         assert len(set(looks)) == len(looks), (name, looks)
+        assert find_clashes(new.figure) == [], name
         plt.close("all")
 
 

@@ -1,8 +1,10 @@
-"""What takes long shows that it goes on, on a terminal only."""
+"""What takes long shows that it goes on: on a terminal, and in lines from commands."""
 
 import io
 import time
 
+import jax
+import jax.monitoring
 import pytest
 
 from jaxrock.host import progress
@@ -53,3 +55,38 @@ def test_a_part_of_something_larger_shows_nothing(quick, monkeypatch):
         with progress.show_clock("clock"):
             time.sleep(0.15)
     assert progress.sys.stderr.getvalue() == ""
+
+
+def test_lines_where_there_is_no_terminal(monkeypatch):
+    monkeypatch.setattr(progress, "_EVERY", 0.1)
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    with progress.speak_of_waits(), progress.show_clock("jaxrock fragility"):
+        for _ in progress.show_progress(["a", "b", "c"], "records"):
+            time.sleep(0.15)
+        progress.announce("timing takes some 6 s")
+    lines = progress.sys.stderr.getvalue().splitlines()
+    assert lines[0] == "jaxrock fragility: 0 s, records: 0 of 3"
+    assert "jaxrock fragility: 0 s, records: 2 of 3" in lines
+    assert lines[-1] == "jaxrock: timing takes some 6 s"
+    # A library says nothing of its own accord.
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    with progress.show_clock("clock"):
+        progress.announce("words")
+        time.sleep(0.2)
+    assert progress.sys.stderr.getvalue() == ""
+
+
+def test_what_is_compiled_is_said():
+    """JAX's own events tell when a program is compiled, if programs are kept."""
+    seen = []
+    with progress.speak_of_waits():
+        pass
+    assert progress._doing.listening
+    jax.monitoring.register_event_listener(
+        lambda event, **_: seen.append(str(progress._doing))
+    )
+    compiled = progress._doing.compiled
+    jax.jit(lambda x: 3 * x + 0.123456789)(1.0)
+    assert progress._doing.compiled > compiled
+    assert not progress._doing.compiling
+    assert any(words.startswith("compiling program ") for words in seen)

@@ -233,6 +233,26 @@ def test_a_probability():
     assert np.isnan(float(slope))
 
 
+@pytest.mark.thorough
+def test_under_a_hazard_with_zeros():
+    """A width whose rate is the target, on a curve with level stretches that ends in zeros."""
+    levels = [0.5, 2.5, 3.0, 5.0, 6.0, 12.0, 20.0]
+    curve = jr.Hazard(levels, [1e-2, 1e-4, 1e-4, 2e-5, 2e-5, 0.0, 0.0])
+    arguments = {"bounds": (0.3, 2.0), "model": "linearized"}
+    found = jr.required_value(CABINET, 0.85, pulses(400), curve, 3e-5, **arguments)
+
+    def rate(width):
+        shape = width / 2, HEIGHT / width, 4 / 3
+        verges = [float(verge("pgv", duration, *shape)) for duration in DURATIONS]
+        places = np.log(verges)
+        rates = np.asarray(curve.rates)
+        in_logarithms = np.exp(np.interp(places, np.log(levels[:5]), np.log(rates[:5])))
+        falling = np.interp(places, np.log(levels), rates)
+        return np.where(places < np.log(6.0), in_logarithms, falling).mean()
+
+    assert rate(float(found.value) * 1.01) < 3e-5 < rate(float(found.value) * 0.98)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

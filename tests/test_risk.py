@@ -47,9 +47,13 @@ def test_hazard_is_straight_in_logarithms(eps):
         ([[1.0, 2.0]], [[2.0, 1.0]], r"levels must be one-dimensional, .* of shape \(1, 2\)"),
         ([1.0, 2.0, 3.0], [2.0, 1.0], r"rates must be as many as levels, 3, got \(2,\)"),
         ([1.0, 2.0, 2.0], [3.0, 2.0, 1.0], "levels must increase .* got 2 and then 2"),
-        ([1.0, 2.0, 3.0], [3.0, 0.5, 1.0], "rates must fall .* got 0.5 and then 1"),
+        ([1.0, 2.0, 3.0], [3.0, 0.5, 1.0], "rates must not rise .* got 0.5 and then 1"),
+        ([1.0, 2.0, 3.0], [3.0, 0.0, 1.0], "rates must not rise .* got 0 and then 1"),
+        ([1.0, 2.0, 3.0], [3.0, 3.0, 3.0], "rates must fall with the level, got only 3"),
+        ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], "the first two rates must be greater than 0, got"),
+        ([1.0, 2.0], [3.0, -1e-9], "rates must be finite and at least 0, got -1e-09"),
         ([0.0, 2.0], [3.0, 2.0], "levels must be finite and greater than 0, got 0"),
-        ([1.0, 2.0], [3.0, 0.0], "rates must be finite and greater than 0, got 0"),
+        ([1.0, 2.0], [3.0, 0.0], "the first two rates must be greater than 0, got 0"),
         ([1.0, NAN], [3.0, 2.0], "levels must be finite and greater than 0, got nan"),
     ],
 )
@@ -57,103 +61,35 @@ def test_curves_that_are_no_hazard(levels, rates, message):
     assert refuses(message, jr.Hazard, levels, rates)
 
 
-def test_hazard_file(tmp_path):
-    path = tmp_path / "hazard.csv"
-    path.write_text(
-        "# a site\nPGV [m/s], rate [1/yr]\n0.1,2e-2\n\n# far\n 0.3, 2e-3\n1,1e-4\n"
-    )
-    for hazard in (jr.read_hazard(path), jr.read_hazard(str(path))):
-        np.testing.assert_array_equal(hazard.levels, jnp.asarray([0.1, 0.3, 1.0]))
-        np.testing.assert_array_equal(hazard.rates, jnp.asarray([2e-2, 2e-3, 1e-4]))
+# A curve as programs compute it: level at first, level again, and 0 at the end.
+BENDS = np.array([0.5, 1.3, 1.75, 2.2, 3.0, 6.0, 8.0])
+BENT = np.array([1e-2, 1e-2, 1e-3, 1e-3, 2e-5, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, ": the file cannot be read: No such file"),
-        (b"level,rate\n\xff\xfe\x00", ": a text file was expected, this one is binary"),
-        (b"", ": at least two lines .* got 0"),
-        (b"level,rate\n1,1e-3\n", ": at least two lines .* got 1"),
-        (b"level,rate\n1,often\n2,1e-3\n", ", line 2: a level and a rate .* got '1,often'"),
-        (b"# site\nlevel,rate\n1,2\n2,1,0\n", ", line 4: a level and a rate .* got '2,1,0'"),
-        (b"pgv [m/s],rate\n1,1e-3\n2,2e-3\n", ": rates must fall .* got 0.001 and then 0.002"),
-        (
-            b"level,rate\n1,1e-3\n2,nan\n",
-            ", line 3: .* must be finite and greater than 0, got '2,nan'",
-        ),
-        (b"1,1e-2\n2,1e-3\n3,1e-4\n", ", line 1: a line with the names .* got '1,1e-2'"),
-    ],
-)
-def test_files_that_are_refused(tmp_path, content, message):
-    path = tmp_path / "hazard.csv"
-    if content is not None:
-        path.write_bytes(content)
-    assert refuses(f"hazard.csv'{message}", jr.read_hazard, path)
+def bent_rate(level):
+    """The rate at a level, by the definition of the curve, in many digits."""
+    level = mpmath.mpf(level)
+    at = max(0, int(np.searchsorted(BENDS, float(level))) - 1)
+    low, high, often, seldom = map(mpmath.mpf, (*BENDS[at : at + 2], *BENT[at : at + 2]))
+    share = mpmath.log(level / low) / mpmath.log(high / low)
+    return often * (seldom / often) ** share if seldom else often * (1 - share)
 
 
-G = 9.80665
-
-
-@pytest.mark.parametrize(
-    ("head", "options", "factor", "measure"),
-    [
-        ("pga [g],rate [1/yr]", {}, G, "pga"),
-        ("PGV (cm/s),annual rate", {}, 0.01, "pgv"),
-        ("pga_cm_s2,mean annual frequency of exceedance", {}, 0.01, "pga"),
-        ("peak ground velocity [m s^-1],\u03bb [yr^-1]", {}, 1.0, "pgv"),
-        ("pgv,rate", {"unit": "mm/s"}, 1e-3, "pgv"),
-        ("level,rate", {"unit": "g", "measure": "pga"}, G, "pga"),
-        ("intensity measure [gal],rate per year", {"unit": "cm/s2"}, 0.01, "pga"),
-    ],
-)
-def test_heads_of_hazard_curves(tmp_path, head, options, factor, measure):
-    """What they say of the measure and the unit is understood."""
-    path = tmp_path / "hazard.csv"
-    path.write_text(f"{head}\n0.05,1e-2\n2,1e-4\n", encoding="utf-8")
-    hazard = jr.read_hazard(path, **options)
-    np.testing.assert_allclose(hazard.levels, [0.05 * factor, 2 * factor], rtol=1e-6)
-    assert hazard.measure == measure
-    assert f"hazard of {measure} from" in str(hazard)
-
-
-RATE = "the second column must be a rate of exceedance per year"
-LEVEL = "the first column must be pgv or pga with its unit"
-
-
-@pytest.mark.parametrize(
-    ("head", "options", "message"),
-    [
-        ("pgv,rate", {}, "the head states no unit, so that unit must be given, got 'pgv'"),
-        ("pga [g],rate", {"measure": "pgv"}, "a hazard of pgv was expected, got one of pga"),
-        ("pgv [m/s],probability of exceedance in 50 years", {}, RATE),
-        ("pga [g],ln(rate)", {}, RATE),
-        ("pga [g],return period [yr]", {}, RATE),
-        ("pga [g],rate [1/day]", {}, RATE),
-        ("rate [1/yr],pga [g]", {}, RATE),
-        ("rate [1/yr],rate [1/yr]", {}, LEVEL),
-        ("Sa(1.0 s) [g],rate", {}, LEVEL),
-        ("ln pga [g],rate", {}, LEVEL),
-        ("pga [g],rate", {"unit": "m/s2"}, "unit is 'm/s2', but the head states 'pga"),
-        ("pga [cm/s],rate", {}, "'cm/s' is not understood as a unit of pga"),
-        ("pgv [in/s],rate", {}, "'in/s' is not understood as a unit of pgv"),
-        ("pga [counts],rate", {}, "'counts' is not understood as a unit of pga"),
-        ("pgv,rate", {"unit": "g"}, "'g' is not understood as a unit of pgv"),
-        ("pgv,rate", {"unit": "knots"}, "unit must be one like 'm/s', .* got 'knots'"),
-        ("pga [g],pgv [m/s],rate", {}, "two columns were expected"),
-    ],
-)
-def test_heads_that_are_refused(tmp_path, head, options, message):
-    path = tmp_path / "hazard.csv"
-    path.write_text(f"{head}\n0.05,1e-2\n2,1e-4\n", encoding="utf-8")
-    assert refuses(f"hazard.csv', line 1: {message}", lambda: jr.read_hazard(path, **options))
-
-
-def test_measures_that_no_hazard_is_about(tmp_path):
-    for call in (
-        lambda: jr.Hazard([0.1, 1.0], [1e-2, 1e-4], "pgv_ratio"),
-        lambda: jr.read_hazard(tmp_path / "none.csv", measure="pgv_ratio"),
-    ):
-        assert refuses("measure must be one of pgv, pga, or None, got 'pgv_ratio'", call)
+def test_a_hazard_with_level_stretches_and_zeros(eps):
+    """A straight line in logarithms, and over the logarithm of the level down to the first 0."""
+    hazard = jr.Hazard(BENDS, BENT)
+    levels = np.array([0.6, 1.5, 2.0, 2.5, 3.5, 5.9, 7.0])
+    exact = [float(bent_rate(x)) for x in levels[:-1]] + [0.0]
+    np.testing.assert_allclose(hazard(levels), exact, rtol=100 * eps, atol=1e-5 * eps)
+    np.testing.assert_allclose(hazard(BENDS), BENT, rtol=40 * eps)
+    slopes = [float(mpmath.diff(bent_rate, x)) for x in levels[:-1]] + [0.0]
+    found = jax.vmap(jax.grad(hazard))(jnp.asarray(levels))
+    np.testing.assert_allclose(found, slopes, rtol=300 * eps, atol=1e-30)
+    # Proportional to its rates, and finite derivatives, where a rate is 0 as well.
+    of_rates = jax.jacrev(lambda rates: jr.Hazard(BENDS, rates)(levels))(jnp.asarray(BENT))
+    np.testing.assert_allclose(of_rates @ BENT, exact, rtol=100 * eps, atol=1e-5 * eps)
+    assert np.isfinite(np.asarray(jax.vmap(jax.grad(hazard))(jnp.asarray(BENDS)))).all()
+    assert str(hazard) == "hazard from 0.01 1/yr at 0.5 to 0 1/yr at 6"
 
 
 @pytest.mark.parametrize(
@@ -437,7 +373,7 @@ def test_what_a_rate_says():
     assert float(found.unseen) == pytest.approx(unseen, rel=1e-9)
     assert bool(found.complete)
     assert str(found) == (
-        f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr\n"
+        f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr, about once in 320 years\n"
         f"standard error {error:.6g} 1/yr from 3 records, up to {unseen:.6g} 1/yr unseen"
         " between 3 boundaries"
     )
@@ -452,6 +388,41 @@ def test_what_a_rate_says():
         options = {"levels": levels, "model": "linearized"}
         of_curve = jr.overturning_rate(BLOCK, RESTITUTION, pulses(400), hazard, **options)
         np.testing.assert_allclose(of_curve.contributions, found.contributions, rtol=1e-9)
+
+
+@DOUBLE
+@pytest.mark.thorough
+@pytest.mark.parametrize("move", [1.0, 2.4, 4.0])
+def test_rate_under_a_hazard_with_zeros(move):
+    """Summed over boundaries, counted, and differentiated: verges in all parts of the curve."""
+    hazard = jr.Hazard(BENDS * move / 2, BENT)
+
+    def rate(b, curve=hazard, **options):
+        options = {"model": "linearized", **options}
+        return jr.overturning_rate(
+            jr.Block(b, SHAPE[1]), RESTITUTION, pulses(400), curve, **options
+        )
+
+    verges = [verge("pgv", d, *SHAPE) * 2 / move for d in DURATIONS]
+    exact = [float(bent_rate(x)) if x < BENDS[-2] else 0.0 for x in verges]
+    found = rate(SHAPE[0])
+    np.testing.assert_allclose(found.contributions, exact, rtol=1e-5, atol=1e-12)
+    assert bool(found.complete)
+
+    def exact_rate(b):
+        levels = [verge("pgv", d, b, *SHAPE[1:]) * 2 / move for d in DURATIONS]
+        return sum(bent_rate(x) for x in levels if x < BENDS[-2]) / 3
+
+    slope = float(jax.grad(lambda b: rate(b).rate)(SHAPE[0]))
+    assert slope == pytest.approx(float(mpmath.diff(exact_rate, SHAPE[0])), rel=1e-4)
+    # A function of the user's, with more levels than there is hazard.
+    places = np.geomspace(BENDS[0], BENDS[-1], 300)[1:-1] * move / 2
+    plain = rate(SHAPE[0], lambda level: hazard(level), levels=places)
+    np.testing.assert_allclose(plain.contributions, exact, rtol=1e-5, atol=1e-12)
+    counted = rate(SHAPE[0], scatter={"restitution": 1e-9}, samples=2)
+    error = float(counted.counting_error) + 1e-12
+    assert abs(float(counted.rate) - np.mean(exact)) < 3 * error < 3e-4
+    assert float(found.unseen) >= 0 <= float(counted.unseen)
 
 
 @pytest.mark.thorough
@@ -490,7 +461,9 @@ def test_fragility_says_where_the_share_falls():
     options = {"model": "linearized", "thresholds": ["overturning"]}
     curves = jr.fragility(block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options)
     np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
-    assert str(curves.remark.values[0]).endswith("the counted share falls 1 time")
+    assert str(curves.remark.values[0]).endswith(
+        "at 1 level fewer records exceed it than at the one below"
+    )
 
 
 STILL = jr.Suite([jr.Record(np.zeros(3), 0.1)])
@@ -531,7 +504,9 @@ OF_RATES = [
         {"hazard": np.exp, "levels": None},
         "levels must be given, since the hazard is a function",
     ),
-    ({"hazard": lambda x: 0 * x}, "the rates of the hazard must be finite and greater than 0"),
+    ({"hazard": lambda x: 0 * x}, "must be greater than 0 at the first level, got 0"),
+    ({"hazard": lambda x: 1 - x}, "the rates of the hazard must be finite and at least 0"),
+    ({"hazard": lambda x: 0.1 + 1e-5 * x}, "the rates of the hazard must fall with the level"),
     ({"levels": [2.0]}, r"of at least two values, got an array of shape \(1,\)"),
     ({"levels": [0.4, 4.0]}, "inside of those of the hazard, 0.5 to 5, got 0.4 to 4"),
     ({"max_boundaries": 0}, "max_boundaries must be at least 1, got 0"),

@@ -18,6 +18,8 @@ HEAVY = {
         "distributed",
         "zarr",
         "bokeh",
+        "obspy",
+        "h5py",
         "xarray",
         "pandas",
         "netCDF4",

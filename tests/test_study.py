@@ -67,6 +67,7 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
     sweep = 1
     [common]
     colour = "red"
+    slendernes = 5
     [[job]]
     command = "spectrum"
     slenderness = "3:6"
@@ -85,6 +86,8 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
     model = 1
     [[job]]
     comand = "assess"
+    [[job]]
+    command = "asess"
     [[job]]
     command = "critical"
     restitution = 2
@@ -105,6 +108,7 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
         "study.toml cannot be run",
         "sweep is unknown; allowed are common, job",
         "common: colour is an option of no job",
+        'common: slendernes is an option of no job. Did you mean "slenderness"?',
         "job 1 (spectrum): slenderness must be numbers or START:STOP:COUNT, got '3:6'",
         "job 2 (respond): Unknown option: --widht. Did you mean --width?",
         'job 3 (respond): Invalid value "sinus" for --pulse. Choose from: "rectangular"',
@@ -112,9 +116,10 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
         'job 5 (respond): Invalid value "1" for --model. Choose from: "linearized", "nonlinear"',
         "job 6: command must be one of assess, spectrum",
         "got only comand",
-        "job 7 (critical): restitution must be between 0 and 1, got 2",
-        "job 8 (tradeoff): Invalid value for --repeats: '1.5' is not a whole number",
-        "job 9 (spectrum): json is no option of a job",
+        "got 'asess'. Did you mean \"assess\"?",
+        "job 8 (critical): restitution must be between 0 and 1, got 2",
+        "job 9 (tradeoff): Invalid value for --repeats: '1.5' is not a whole number",
+        "job 10 (spectrum): json is no option of a job",
     ):
         assert words in error
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]

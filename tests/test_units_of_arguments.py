@@ -91,7 +91,7 @@ def test_labels_of_xarray_are_not_stripped(eps):
     for unit in ("m s-2", "m/s2", "m s**-2", "m/s^2"):
         record = jr.Record(labelled([0.0, 1.0], unit), 0.01)
         np.testing.assert_array_equal(record.acceleration, [0.0, 1.0])
-    with pytest.raises(ValueError, match="half_width must be in m, got .* units is 'cm'"):
+    with pytest.raises(ValueError, match=r"half_width must be in m, got .* units is 'cm'"):
         jr.Block(labelled([10.0, 20.0], "cm"), 5.0)
-    with pytest.raises(ValueError, match="acceleration must be in m/s2, got .* units is 'g'"):
+    with pytest.raises(ValueError, match=r"acceleration must be in m/s2, got .* units is 'g'"):
         jr.Record(labelled([0.0, 1.0], "g"), 0.01)

@@ -22,7 +22,7 @@ import numpy as np
 from ..block import Block
 from ..driven import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
-from ..host import Printed, make_dataset, show_progress
+from ..host import Printed, announce, make_dataset, show_progress
 from ..resonance import (
     Nonlinear,
     RockingModel,
@@ -222,6 +222,11 @@ def measure_tradeoff(
         rows.append({"label": dials.label, **asdict(dials), **measured})
     # In turn, so that what else the machine does meets all alike.
     seconds = np.empty((repeats, len(calls)))
+    begin_all = time.perf_counter()
+    for call in calls:
+        jax.block_until_ready(call())
+    once = time.perf_counter() - begin_all
+    announce(f"timing {len(calls)} settings {repeats} times takes some {repeats * once:.0f} s")
     for repeat in show_progress(range(repeats), "timing"):
         for k, call in enumerate(calls):
             begin = time.perf_counter()

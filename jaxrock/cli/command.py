@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, dataclass_t
 import numpy as np
 from cyclopts import Group, Parameter, Token
 
+from ..ground_motion import list_suffixes
 from ..host import check_free, read_version, write_whole
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ class Command(abc.ABC):
         return {
             name: value
             for name, value in vars(self).items()
-            if isinstance(value, Path) or str(value).lower().endswith((".at2", ".csv"))
+            if isinstance(value, Path) or str(value).lower().endswith(list_suffixes())
         }
 
     @classmethod

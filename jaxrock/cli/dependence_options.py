@@ -10,12 +10,12 @@ import jax.numpy as jnp
 from .. import resonance
 from ..block import Block
 from ..driven import respond
-from ..ground_motion import PULSES, Motion, Suite, example_suite, read_suite
+from ..ground_motion import PULSES, Motion, Suite
 from ..overturning import UNITS
 from ..sensitivity import describe_input
 from ..validation import NON_NEGATIVE, POSITIVE, Booleans, Number, Reals, check
 from .command import OF_MOTION, Count, ModelName, Writing
-from .options import BlockOptions, MotionOptions, refuse_stated_units
+from .options import BlockOptions, MotionOptions, read_records
 
 AnswerName = Literal[
     "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
@@ -45,7 +45,7 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
     coefficient_of_variation: float = 0.05
     """Coefficient of variation of each number."""
     records: Annotated[str | None, OF_MOTION] = None
-    """A folder of records, or "example" for the twenty that come with jaxrock: a suite."""
+    """A folder of records, "example" for twenty, or a set of FEMA P695, as fema-far-field."""
     ratio: float = 0.5
     """Rotation ratio alpha_max / alpha_c whose share is counted [-]."""
     samples: Count = 4096
@@ -88,17 +88,13 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
         return self.model or ("nonlinear" if self.shaken else "linearized")
 
     def read_suite(self) -> Suite:
-        """Read the records of a folder, or take those that come with jaxrock."""
+        """Read the records of a folder, or take those of a name."""
         if self.record is not None or self.pulse is not None:
             raise ValueError("pulse, record or records must be given, one of the three")
         names = ("amplitude", "pulse_duration", "column", "vertical")
         self.refuse(*names, only_with="one motion")
         assert self.records is not None
-        if self.records == "example":
-            refuse_stated_units('records "example" have their', self.unit, self.time_step)
-            found = example_suite()
-        else:
-            found = read_suite(self.records, unit=self.unit, time_step=self.time_step)
+        found = read_records(self.records, self.unit, self.time_step)
         return Suite([record.scaled(self.scale) for record in found], found.names)
 
     def name_sides(self) -> tuple[str, ...]:

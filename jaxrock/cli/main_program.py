@@ -12,7 +12,7 @@ from pathlib import Path
 
 import jax
 
-from ..host import show_clock
+from ..host import show_clock, speak_of_waits
 from .arguments import make_parser, read_words
 from .command import Command
 from .commands import COMMANDS
@@ -66,7 +66,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         command.check()
         # A store has the progress bar of Dask, into which a clock would write.
         shown = isinstance(command, Storing) and command.store is not None
-        with contextlib.nullcontext() if shown else show_clock("jaxrock"):
+        clock = contextlib.nullcontext() if shown else show_clock(f"jaxrock {command.command}")
+        with speak_of_waits(), clock:
             answer = command.run()
     # After all files are in their places: if nobody takes the answer, they are there.
     with _flush_standard_output():

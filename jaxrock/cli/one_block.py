@@ -113,15 +113,31 @@ class Respond(MotionOptions, BlockOptions, Writing):
         }
         units = {"time": "s", "velocity_before": "rad/s"}
         write_csv(folder / "impacts.csv", impacts, units, self.about)
-        _, (left, right) = plt.subplots(
+        figure, (left, right) = plt.subplots(
             ncols=2, layout="constrained", figsize=(12, 4.8), width_ratios=(1.7, 1)
         )
+        scene = self._describe_scene()
+        figure.suptitle(scene, fontsize="medium")
         plot_response(response, left)
         save_picture(plot_phase(response, right), folder / "response.png")
         if self.animate:
             animate(response, folder / "response.gif")
         lifted = bool(response.peak_rotation > 0)
-        return Answer(f"{response}\n{self._write_uplift(data['uplift_factor'], lifted)}", data)
+        lift = self._write_uplift(data["uplift_factor"], lifted)
+        return Answer(f"{scene}\n{response}\n{lift}", data)
+
+    def _describe_scene(self) -> str:
+        """Describe the block, its restitution, and what shakes it with which factor."""
+        block = self.block
+        sizes = f"{2 * block.half_width:.4g} m wide, {2 * block.half_height:.4g} m high"
+        if self.record is not None:
+            named = "example record" if self.record == "example" else Path(self.record).name
+            parts = [part for part in (self.column, self.vertical) if part is not None]
+            motion = f"{named} ({', '.join(map(str, parts))})" if parts else named
+        else:
+            numbers = f"{self.amplitude:.4g} m/s2, {self.pulse_duration:.4g} s"
+            motion = f"{self.pulse} pulse of {numbers}"
+        return f"{sizes}, C = {self.coefficient:.4g}, {motion}, scaled by {self.scale:g}"
 
     def _write_uplift(self, factor: float, lifted: bool) -> str:
         """Write the factor on the motion from which on it lifts the block."""

@@ -4,24 +4,25 @@ import functools
 from pathlib import Path
 from typing import Annotated, Literal
 
-from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import (
+    FEMA_SETS,
     PULSES,
     Motion,
     Record,
     Suite,
     example_record,
     example_suite,
+    fema_p695_suite,
     read_record,
     read_suite,
 )
 from ..impact import housner_restitution
 from ..risk import Hazard, read_hazard
 from ..validation import POSITIVE, UNIT_INTERVAL, check
-from .command import OF_BLOCK, OF_MOTION, Command
+from .command import OF_BLOCK, OF_MOTION, Command, Grid
 
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
-_LARGE = 60.0  # metres, beyond what stands free on two edges
 
 
 class BlockOptions(Command):
@@ -55,8 +56,13 @@ class BlockOptions(Command):
 
     def _write_remark(self) -> str:
         """Write a remark on a size that was perhaps given in centimetres or millimetres."""
-        sizes = {"wide": 2 * self.block.half_width, "high": 2 * self.block.half_height}
-        large = [f"{size:.4g} m {word}" for word, size in sizes.items() if size > _LARGE]
+        words = {"width": "wide", "height": "high"}
+        sizes = {name: float(getattr(self.block, name)) for name in words}
+        large = [
+            f"{size:.4g} m {words[name]}"
+            for name, size in sizes.items()
+            if size > LARGEST_SIZES[name]
+        ]
         return f"the block is {' and '.join(large)}; lengths are in metres" if large else ""
 
     def _collect_options(self) -> dict[str, object]:
@@ -87,13 +93,13 @@ class RecordOptions(Command):
     """Options that describe a record."""
 
     record: Annotated[str | None, OF_MOTION] = None
-    """A file .AT2 or .csv, or "example" for the one that comes with jaxrock."""
+    """A file of a record, such as .AT2 or .csv, or "example" for the one of jaxrock."""
     unit: Annotated[str | None, OF_MOTION] = None
-    """Unit of the record."""
+    """Unit of the record: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if the file states none."""
     column: Annotated[str | None, OF_MOTION] = None
     """Column of the horizontal acceleration in a .csv."""
     vertical: Annotated[str | None, OF_MOTION] = None
-    """Column, or file .AT2, of the vertical acceleration."""
+    """Column or channel of the vertical acceleration, or another file with it."""
     time_step: Annotated[float | None, OF_MOTION] = None
     """Time between samples of a .csv without times [s]."""
     scale: Annotated[float, OF_MOTION] = 1.0
@@ -149,6 +155,22 @@ def refuse_stated_units(example: str, unit: str | None, time_step: float | None)
         raise ValueError(f"{example} unit and time step: leave out {' and '.join(given)}")
 
 
+def read_records(
+    records: str, unit: str | None, time_step: float | None, vertical: bool = False
+) -> Suite:
+    """Read the records of a folder, or take the suite of this name."""
+    fema_set = records.removeprefix("fema-")
+    named = records == "example" or (fema_set != records and fema_set in FEMA_SETS)
+    if not named:
+        return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
+    refuse_stated_units(f'records "{records}" have their', unit, time_step)
+    if records == "example":
+        return example_suite(vertical=vertical)
+    if vertical:
+        raise ValueError(f'records "{records}" have no vertical component')
+    return fema_p695_suite(fema_set)
+
+
 class MotionOptions(RecordOptions):
     """Options that describe a pulse or a record."""
 
@@ -190,35 +212,35 @@ class SuiteOptions(Command):
     """Options that describe a suite of records, and the hazard of a site."""
 
     records: str = "example"
-    """A folder of .AT2 and .csv files, or "example" for the twenty that come with jaxrock."""
+    """A folder of records, "example" for twenty, or a set of FEMA P695, as fema-far-field."""
     unit: str | None = None
-    """Unit of the records, where the files do not state it."""
+    """Unit of the records: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if files state none."""
     time_step: float | None = None
     """Time between samples of .csv files without times [s]."""
     with_vertical: bool = False
     """Include the vertical component of each record."""
     hazard: Path | None = None
-    """A .csv file with two columns, level of the measure and yearly rate of exceedance."""
+    """A .csv file: columns of levels and yearly rates, or a curve of OpenQuake or nshmp-haz."""
     hazard_unit: str | None = None
-    """Unit of these levels, where the file does not state it."""
+    """Unit of these levels: m/s, cm/s, m/s2, g ...; if the file states none."""
+    hazard_site: Grid | None = None
+    """Longitude and latitude of the curve, where the file has those of several sites [deg]."""
 
     def read_suite(self) -> Suite:
-        """Read the records of a folder, or take those that come with jaxrock."""
-        if self.records != "example":
-            options = {
-                "unit": self.unit,
-                "time_step": self.time_step,
-                "vertical": self.with_vertical,
-            }
-            return read_suite(self.records, **options)
-        refuse_stated_units('records "example" have their', self.unit, self.time_step)
-        return example_suite(vertical=self.with_vertical)
+        """Read the records of a folder, or take those of a name."""
+        return read_records(self.records, self.unit, self.time_step, self.with_vertical)
 
     def read_hazard(self, measure: str) -> Hazard | None:
         """Read the hazard, of this measure; None if none is given."""
         if self.hazard is None:
-            self.refuse("hazard_unit", only_with="a hazard")
+            self.refuse("hazard_unit", "hazard_site", only_with="a hazard")
             return None
         if measure not in ("pgv", "pga"):
             raise ValueError(f"hazard goes with the measures pgv and pga, not {measure}")
-        return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure)
+        site = None
+        if self.hazard_site is not None:
+            site = tuple(self.read_numbers("hazard_site"))
+            if len(site) != 2:
+                got = f"got {len(site)} numbers"
+                raise ValueError(f"hazard_site must be a longitude and a latitude, {got}")
+        return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)

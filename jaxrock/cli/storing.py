@@ -1,11 +1,14 @@
 """Base class of commands whose datasets can go to a Zarr store, computed by workers."""
 
 import contextlib
+import math
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from ..host import count_processors
 from .command import OF_STORE, Answer, Count, Writing
 from .signals import shield_from_interrupts
 
@@ -75,6 +78,7 @@ class Storing(Writing):
         from ..grids import write_zarr
 
         (store,) = self.targets
+        self._compare_with_workers(lazy)
         dataset = lazy.assign_attrs(self.about)
         with self._connect():
             stored = write_zarr(dataset, store)
@@ -88,6 +92,20 @@ class Storing(Writing):
             "taken_over": stored.taken_over,
         }
         return Answer(f"{said.text}\n{stored}", {**said.data, **data}, said.code, said.errors)
+
+    def _compare_with_workers(self, lazy: "xarray.Dataset") -> None:
+        """Remark on workers that have nothing to do, for want of chunks."""
+        # How many workers a scheduler has may change while they work.
+        if self.scheduler is not None:
+            return
+        workers = self.workers or count_processors()
+        chunks = math.prod(len(lengths) for lengths in lazy.chunks.values())
+        if chunks < workers:
+            count = "is 1 chunk" if chunks == 1 else f"are {chunks} chunks"
+            warnings.warn(
+                f"there {count} for {workers} workers: with --chunks there are more",
+                stacklevel=2,
+            )
 
     @contextlib.contextmanager
     def _connect(self) -> Iterator[None]:

@@ -1,8 +1,9 @@
 """``jaxrock run study.toml``: several commands from one file."""
 
+import difflib
 import functools
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import field, replace
 from pathlib import Path
 
@@ -104,9 +105,8 @@ def _make_jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
         kind = table.pop("command", None)
         if not isinstance(kind, str) or kind not in COMMANDS:
             got = f"only {', '.join(table) or 'nothing'}" if kind is None else repr(kind)[:60]
-            faults.append(
-                f"job {number}: command must be one of {', '.join(COMMANDS)}, got {got}"
-            )
+            must = f"command must be one of {', '.join(COMMANDS)}"
+            faults.append(f"job {number}: {must}, got {got}{_suggest_name(kind, COMMANDS)}")
             continue
         name = f"job {number} ({kind})"
         options = COMMANDS[kind].name_options()
@@ -118,8 +118,17 @@ def _make_jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
             jobs[name] = job
         except ValueError as error:
             faults.append(f"{name}: {error}")
-    faults += [f"common: {key} is an option of no job" for key in unused]
+    known = {name for kind in COMMANDS.values() for name in kind.name_options()}
+    for key in unused:
+        hint = _suggest_name(_name_option(key), known)
+        faults.append(f"common: {key} is an option of no job{hint}")
     return jobs
+
+
+def _suggest_name(given: object, known: Iterable[str]) -> str:
+    """Suggest the name that was likely meant, as the command line does; empty if none is near."""
+    near = difflib.get_close_matches(str(given), sorted(known), 1)
+    return f'. Did you mean "{near[0]}"?' if near else ""
 
 
 def _make_job(kind: str, common: Table, table: Table, folder: Path) -> Command:

@@ -95,21 +95,29 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
             "dispersion": curves["lognormal_dispersion"].values,
         }
         _, unit, _ = MEASURES[self.measure]
+        names = [str(name) for name in curves.threshold.values]
+        said = [_describe_threshold(name) for name in names]
+        unit = "" if unit == "1" else f" {unit}"
         lines = [
+            f"{suite}, {levels.size} levels of {self.measure}, {levels[0]:.4g} to"
+            f" {levels[-1]:.4g}{unit}",
             format_table(
-                f"{suite}, {levels.size} levels of {self.measure},"
-                f" {levels[0]:.4g} to {levels[-1]:.4g} {'' if unit == '1' else unit}".rstrip(),
-                [str(name) for name in curves.threshold.values],
-                **medians,
-            )
+                f"level of {self.measure} at which half of the records make the block ...",
+                said,
+                **{f"median{unit and f' [{unit.strip()}]'}": medians["median"]},
+                dispersion=medians["dispersion"],
+            ),
         ]
-        names = curves.threshold.values
-        lines += [f"{n}: {r}" for n, r in zip(names, curves.remark.values, strict=True) if r]
+        lines += [
+            f"{words}: {remark}"
+            for words, remark in zip(said, curves.remark.values, strict=True)
+            if remark
+        ]
         if chaotic:
             lines.append(f"{chaotic:.1%} of the responses are not within the tolerance")
         data: dict[str, object] = {
             "records": len(suite),
-            "thresholds": [str(name) for name in names],
+            "thresholds": names,
             **{name: values.tolist() for name, values in medians.items()},
             "remarks": curves.remark.values.tolist(),
             "share_within_tolerance": 1 - chaotic,
@@ -120,7 +128,7 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
                 for name in ("dispersion_of_records", "dispersion_of_parameters")
             }
             title = "dispersion that is due to the scatter"
-            lines.append(format_table(title, [str(name) for name in names], **parts))
+            lines.append(format_table(title, said, **parts))
             data |= {f"dispersion_{name}": part.tolist() for name, part in parts.items()}
         if hazard is not None:
             block = self.block
@@ -186,3 +194,10 @@ def _read_threshold(word: str) -> float | str:
         return float(word)
     except ValueError:
         return word
+
+
+def _describe_threshold(name: str) -> str:
+    """Describe what a block does beyond a threshold, in words that need no formula."""
+    words = {"uplift": "lift off an edge", "overturning": "overturn"}
+    words["1"] = "rock to the critical angle"
+    return words.get(name, f"rock to {name} of the critical angle")

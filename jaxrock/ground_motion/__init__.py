@@ -1,9 +1,18 @@
 """Ground motions: pulses, records and suites of them, and the files they are read from."""
 
-from .files import example_record, example_suite, from_obspy, read_record, read_suite
+from .files import FEMA_SETS as FEMA_SETS
+from .files import (
+    example_record,
+    example_suite,
+    fema_p695_suite,
+    from_obspy,
+    read_record,
+    read_suite,
+)
 from .files import find_speeds_in_name as find_speeds_in_name
 from .files import find_time_unit as find_time_unit
 from .files import find_units_in_name as find_units_in_name
+from .files import list_suffixes as list_suffixes
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
@@ -30,6 +39,7 @@ __all__ = [
     "Suite",
     "example_record",
     "example_suite",
+    "fema_p695_suite",
     "from_obspy",
     "intensity_measure",
     "read_record",

@@ -16,11 +16,13 @@ from ..validation import (
     Reals,
     as_array,
     as_real,
+    carries_unit,
     check,
     is_traced,
     quantity,
 )
 from .motion import Motion
+from .units import require_unit
 
 # Numbers of samples to which records are padded: the first, else a multiple of the second.
 # Each padded length costs the compilation of a program, each sample only a place in memory.
@@ -47,12 +49,15 @@ class Record(Motion):
         with respect to the samples as many as there are.
     start : array_like, optional
         Time of the first sample [s], at least 0.
+    unit : str, optional
+        Unit of both accelerations, as for `read_record`, if it is not m/s2. They are converted
+        here; the record itself is always in m/s2.
 
     Raises
     ------
     ValueError
         If a concrete value is outside of what is allowed, if the numbers of samples differ or
-        are less than two, or if an array is empty.
+        are less than two, if an array is empty, or if the unit is not understood.
 
     Examples
     --------
@@ -77,10 +82,14 @@ class Record(Motion):
         vertical: Numbers | None = None,
         scale: Number = 1.0,
         start: Number = 0.0,
+        *,
+        unit: str | None = None,
     ):
-        self.acceleration = as_real("acceleration", acceleration)
+        self.acceleration = _convert_samples("acceleration", acceleration, unit)
         self.time_step = as_real("time_step", time_step)
-        self.vertical = None if vertical is None else as_real("vertical", vertical)
+        self.vertical = (
+            None if vertical is None else _convert_samples("vertical", vertical, unit)
+        )
         self.scale = as_real("scale", scale)
         self.start = as_real("start", start)
         shape = self.acceleration.shape
@@ -192,6 +201,21 @@ class Record(Motion):
         factor = as_real("factor", factor)
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
+
+
+def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
+    """Make an array of accelerations [m/s2] of samples in a unit, the argument of that name."""
+    if unit is None:
+        return as_real(name, samples)
+    if carries_unit(samples):
+        raise ValueError(f"unit must be left out if {name} carries one, got {unit!r}")
+    factor = require_unit(unit)
+    samples = as_real(name, samples)
+    if is_traced(samples):
+        return factor * samples
+    # In NumPy: JAX would compile the product for every length. What overflows is refused.
+    with np.errstate(over="ignore"):
+        return as_real(name, factor * np.asarray(samples))
 
 
 @jax.jit

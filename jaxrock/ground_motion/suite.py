@@ -20,6 +20,7 @@ from ..validation import (
     describe,
     is_traced,
 )
+from .drift import warn_of_drift
 from .intensity import intensity_measure
 from .record import Record
 
@@ -231,10 +232,13 @@ class Suite(Printed, eqx.Module):
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
     """Measure the records, each of which has to be above 0, so that a factor can scale it.
 
-    Raises a `ValueError` otherwise.
+    Raises a `ValueError` otherwise, and warns where PGV is due to a drift.
     """
     measures = suite.measure(measure, block)
     if not is_traced(measures):
+        if measure.startswith("pgv"):
+            for name, record in zip(suite.names, suite.records, strict=True):
+                warn_of_drift(repr(name), record)
         for name, value in zip(suite.names, np.asarray(measures), strict=True):
             if not (value > 0).all():
                 must = f"every record must have a {measure} greater than 0 to be scaled"

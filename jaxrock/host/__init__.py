@@ -2,6 +2,7 @@
 
 from .datasets import add_names as add_names
 from .datasets import make_dataset as make_dataset
+from .extras import find_optional as find_optional
 from .extras import import_optional as import_optional
 from .files import CannotWrite as CannotWrite
 from .files import check_free as check_free
@@ -14,12 +15,17 @@ from .printing import format_derivatives as format_derivatives
 from .printing import format_fields as format_fields
 from .printing import format_number as format_number
 from .printing import format_table as format_table
+from .progress import announce as announce
 from .progress import hide_progress as hide_progress
 from .progress import show_clock as show_clock
 from .progress import show_progress as show_progress
+from .progress import speak_of_waits as speak_of_waits
+from .tables import Row as Row
+from .tables import TextTable as TextTable
 from .tables import format_heading as format_heading
 from .tables import is_number as is_number
 from .tables import read_numbered_lines as read_numbered_lines
+from .tables import read_text_table as read_text_table
 from .tables import write_csv as write_csv
 from .tables import write_inputs as write_inputs
 from .threads import apply_settings as apply_settings

@@ -1,6 +1,8 @@
-"""Modules of the package that need packages which not every user has installed."""
+"""Packages that not every user has installed, and modules of ours that need them."""
 
 import importlib
+import importlib.util
+from pathlib import Path
 from types import ModuleType
 
 
@@ -13,6 +15,22 @@ def import_optional(module: str, extra: str) -> ModuleType:
         # A module of this package that is missing is our own error.
         if str(error.name).startswith(package):
             raise
-        missing = str(error.name).partition(".")[0]
-        said = f"{missing} is not installed; pip install '{package}[{extra}]' brings it"
-        raise ModuleNotFoundError(said, name=error.name) from error
+        raise _make_error(str(error.name).partition(".")[0], extra) from error
+
+
+def find_optional(package: str, extra: str) -> Path:
+    """Find the folder of a package without importing it, for the data in it.
+
+    A `ModuleNotFoundError` says what to install.
+    """
+    found = importlib.util.find_spec(package)
+    if found is None or not found.submodule_search_locations:
+        raise _make_error(package, extra)
+    return Path(found.submodule_search_locations[0])
+
+
+def _make_error(missing: str, extra: str) -> ModuleNotFoundError:
+    """Make the error of a package that is not installed."""
+    package = __name__.partition(".")[0]
+    said = f"{missing} is not installed; pip install '{package}[{extra}]' brings it"
+    return ModuleNotFoundError(said, name=missing)

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Polygon
+from matplotlib.ticker import MaxNLocator
 
 from ..block import Block, is_rectangle
 from ..driven import TOPPLED_ROTATION, Equation, Response, uplift_acceleration
@@ -201,6 +202,8 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
     reach = min(1.5, 1.2 * float(np.max(np.abs(rotation))) / angle or 1.5)
     ax.set(xlim=(-reach, reach), ylim=(-limit, limit))
+    # Small ratios have long numbers, which would touch.
+    ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.legend(**ABOVE, ncols=2)
     return label_axes(ax, RATIO, r"velocity ratio $\dot\alpha/(p\,\alpha_c)$ [-]")
 

@@ -10,13 +10,15 @@ from ..calibration import FreeRockingFit
 from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, label_axes
 
 _SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
+_QUANTILE = 1.96  # of the normal distribution, for 95 %
 
 
 def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> Figure:
     """Draw measured and fitted half-cycle durations, and C of each impact over its velocity.
 
     Durations stand between the two impacts of their half-cycle, and impacts that are missing
-    or were left out at the foot. Of peaks without times only C is drawn. Where a constant C
+    or were left out at the foot. Of peaks without times only C is drawn. If C is constant, 95 %
+    of the impacts lie in the grey band: the slower, the wider it is. Where a constant C
     does not explain the data, the line of a C linear in the velocity goes through the points;
     if p is fitted too, only the legend says so, since with such a C p is another one.
 
@@ -101,9 +103,16 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     ax.errorbar(velocities, each, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2)
     constant = float(fit.restitution)
     error = float(fit.standard_errors["restitution"])
-    name = f"constant: {constant:.4g},\n$\\pm$ {error:.2g} in grey"
+    name = f"constant: {constant:#.4g}\n$\\pm$ {error:.2g}"
     ax.axhline(constant, color=ACCENT, label=name)
-    ax.axhspan(constant - error, constant + error, color=NEUTRAL, alpha=0.3, linewidth=0)
+    # By the errors of single impacts: the error of the constant is the least of all, by far,
+    # and a band as narrow would hide behind the line.
+    known = np.flatnonzero(np.isfinite(errors))
+    known = known[np.argsort(velocities[known])]
+    reach = _QUANTILE * errors[known]
+    name = "95 % of the impacts, if $C$\nis constant (noise alone)"
+    band = {"color": NEUTRAL, "alpha": 0.3, "linewidth": 0, "zorder": 0, "label": name}
+    ax.fill_between(velocities[known], constant - reach, constant + reach, **band)
     # A C that changes with the velocity alters p as well, so that where p was fitted there is
     # no line that belongs to the points: the legend says so.
     chance = float(fit.restitution_change_p_value)

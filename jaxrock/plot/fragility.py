@@ -25,8 +25,8 @@ _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw shares of a suite over the level: counted, with intervals, and lognormal curves.
 
-    A mark is the counted share, a bar its interval, a line the most likely lognormal curve.
-    The bars of several thresholds stand side by side around their level.
+    A mark is the counted share at its level, a band joins the ends of the intervals, a line
+    is the most likely lognormal curve.
 
     Parameters
     ----------
@@ -51,10 +51,6 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         )
     ax = get_axes(ax, figsize=(8.0, 4.5))
     levels = dataset.level.values
-    # On a logarithmic axis: the bars of all thresholds fit in between two levels. A single
-    # level has no neighbours; 0.2 takes their place.
-    count = dataset.threshold.size
-    step = np.diff(np.log(levels)).min(initial=0.2) / (count + 1)
     for k, threshold in enumerate(dataset.threshold.values):
         curves = dataset.sel(threshold=threshold)
         colour = _COLOURS[k % len(_COLOURS)]
@@ -66,15 +62,18 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             curves[variable].values
             for variable in ("exceedance", "exceedance_low", "exceedance_high")
         )
-        ax.errorbar(
-            levels * np.exp((k - (count - 1) / 2) * step),
-            middle,
-            (middle - low, high - middle),
-            fmt=_MARKERS[k % len(_MARKERS)],
-            color=colour,
-            markersize=4,
-            elinewidth=0.7,
-        )
+        # Hollow, so that equal shares of several thresholds are seen on one another.
+        mark = {
+            "marker": _MARKERS[k % len(_MARKERS)],
+            "markersize": 5,
+            "markerfacecolor": "none",
+        }
+        ax.plot(levels, middle, linestyle="", color=colour, **mark)
+        # Of a single level a band would have no width.
+        if levels.size > 1:
+            ax.fill_between(levels, low, high, color=colour, alpha=0.15, linewidth=0)
+        else:
+            ax.vlines(levels, low, high, color=colour, linewidth=1)
         # Without a fit, as where no record exceeds the threshold, the counted shares stand
         # alone.
         line = {"color": colour, "linestyle": look["linestyle"]}
@@ -84,8 +83,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
                 float(curves[f"lognormal_{n}"]) for n in ("median", "dispersion")
             )
             ax.plot(fine, LognormalFit(median, dispersion).at(fine), **line)
-        # One entry for mark, bar and line, which the legend would else list one by one.
-        mark = {"marker": _MARKERS[k % len(_MARKERS)], "markersize": 4}
+        # One entry for mark and line, which the legend would else list one by one.
         ax.plot([], [], label=name, **line, **mark)
     # A dataset that was made by hand has no attributes.
     about = dataset.attrs
@@ -99,5 +97,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
-    ax.legend(**BESIDE, title="counted, with interval,\nand lognormal curves")
+    confidence = f"{about['confidence']:.0%} " if "confidence" in about else ""
+    title = f"counted (marks), with\n{confidence}intervals (bands), and\nlognormal curves"
+    ax.legend(**BESIDE, title=title)
     return label_axes(ax, write_label(dataset.level), "share of the records [-]")

@@ -89,7 +89,9 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"
     if sized:
         numbers = rf"$2b$ = {about['width']:.3g} m, $2a$ = {about['height']:.3g} m, {numbers}"
-    ax.text(0.99, 0.02, numbers, transform=ax.transAxes, ha="right", fontsize="small")
+    ground = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 2}
+    place = {"transform": ax.transAxes, "ha": "right"}
+    ax.text(0.99, 0.02, numbers, fontsize="small", bbox=ground, **place)
     if sized:
         return label_axes(ax, "frequency of the floor [Hz]", "amplitude of the floor [m/s²]")
     angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"

@@ -22,7 +22,7 @@ def plot_outcome_shares(found: OutcomeShares, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
-    ax = get_axes(ax, figsize=(5.0, 2.6))
+    ax = get_axes(ax, figsize=(5.6, 2.6))
     rows = np.arange(len(found.outcomes))[::-1]
     ax.barh(rows, found.share, height=0.5, color=LIGHT, label="all samples")
     records = len(found.by_record)
@@ -91,6 +91,7 @@ def plot_sobol_indices(
     # An answer that does not vary has no indices, which is said where the bars would be.
     if not np.isfinite(found.first[k]).any():
         ax.text(0.5, 0.5, "does not vary", ha="center", va="center", transform=ax.transAxes)
-    ax.set_xlim(min(0.0, ax.get_xlim()[0]), 1.05)
+    # Estimates of an index near 1 have errors that reach beyond it.
+    ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.05, ax.get_xlim()[1]))
     ax.legend(**ABOVE, ncols=2, fontsize="small")
     return label_axes(ax, f"Sobol index: {answer} [-]", "", grid="x")

@@ -154,6 +154,7 @@ def plot_convergence(train: WorstTrain, ax: Axes | None = None) -> Axes:
     # A distance of 0 has no place on a logarithmic axis: half of the last digit stands for it.
     distances = np.maximum(np.abs(train.history / best - 1), 1e-16)
     ax.semilogy(distances.T, color=INK, alpha=0.5, linewidth=0.9)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))  # of whole steps
     ax.set_title(f"{len(distances)} starts of the search", fontsize="medium")
     return label_axes(ax, "step of the descent [-]", "distance from the best, relative [-]")
 

@@ -1,15 +1,18 @@
 """Dependence of an answer on numbers: tornado, maps of slopes, scatter."""
 
+import textwrap
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import matplotlib
 import matplotlib.patheffects
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import ListedColormap, Normalize, SymLogNorm
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.text import Annotation
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
 from ..sensitivity import MomentEstimate, TornadoBars, describe_input
 from .axes import (
@@ -26,6 +29,13 @@ from .axes import (
 
 # Without the darkest colours, on which neither lines nor numbers could be read.
 _SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
+# Half of it, for values of one sign, from pale to dark.
+_POSITIVE = ListedColormap(_SIGNED(np.linspace(0.5, 1, 255)))
+_NEGATIVE = ListedColormap(_SIGNED(np.linspace(0, 0.5, 255)))
+_MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
+_STEPS = (1, 2, 3, 5)  # of logarithmic levels
+_NAME_LENGTH = 28  # letters of a line of a name
+_NEAR = 3  # points between a number and the edge of the axes
 _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
@@ -47,11 +57,15 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     matplotlib.axes.Axes
         The axes drawn on.
     """
-    ax = get_axes(ax)
     rows = np.arange(len(bars.names))[::-1]
+    names = [_wrap_name(_label_number(name, bars.sides)) for name in bars.names]
+    lines = max(name.count("\n") + 1 for name in names)
+    # Room for the names of all bars, however many there are.
+    ax = get_axes(ax, figsize=(6.4, max(2.4, 1.4 + rows.size * (0.4 + 0.18 * lines))))
     middle = _place_middle(bars)
     lengths = np.nan_to_num([bars.at_low - middle, bars.at_high - middle])
     sides = _choose_sides(lengths)
+    texts = []
     for k, (ends, limits, colour, name) in enumerate(
         (
             (bars.at_low, bars.low, INK, "low"),
@@ -70,7 +84,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
             # On its own side at the end of the bar, else at the middle.
             place = middle + (length if length * side > 0 else 0.0)
             text = f"{limit:.4g}" if np.isfinite(end) else f"{limit:.4g}: overturns"
-            ax.annotate(
+            written = ax.annotate(
                 text,
                 (place, row),
                 (3 * side, 0),
@@ -79,15 +93,48 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
                 va="center",
                 fontsize="small",
             )
+            texts.append(written)
     ax.axvline(middle, color=LINE, linewidth=0.8)
-    if not np.isfinite(bars.value):
-        ax.set_title("it overturns with all numbers unchanged", fontsize="medium", pad=24)
-    ax.set_yticks(rows, [_label_number(name, bars.sides) for name in bars.names])
+    title = None if np.isfinite(bars.value) else "it overturns with all numbers unchanged"
+    ax.legend(**ABOVE, ncols=2, title=title)
+    ax.set_yticks(rows, names)
+    ax.set_ylim(-0.5, rows.size - 0.5)
+    ax.xaxis.set_major_locator(MaxNLocator(6))
+    label_axes(ax, label, "", grid="x")
+    _fit_texts(ax, texts, lines)
+    return ax
+
+
+def _fit_texts(ax: Axes, texts: Sequence[Annotation], lines: int) -> None:
+    """Make numbers as small as the rows ask for, and the axis so wide that they lie within."""
     # Bars would hold the axes to the line; the texts need room on both sides.
     ax.use_sticky_edges = False
-    ax.margins(x=0.2 if np.isfinite([bars.at_low, bars.at_high]).all() else 0.5)
-    ax.legend(**ABOVE, ncols=2)
-    return label_axes(ax, label, "", grid="x")
+    ax.margins(x=0.05)
+    figure: Any = ax.get_figure(root=True)
+    figure.draw_without_rendering()  # lays out the figure: before, nothing has its size
+    points = 72 / figure.dpi
+    row = ax.get_window_extent().height * points / (ax.get_ylim()[1] - ax.get_ylim()[0])
+    for text, most in [(label, row / lines) for label in ax.get_yticklabels()] + [
+        (text, row) for text in texts
+    ]:
+        text.set_fontsize(min(text.get_fontsize(), 0.7 * most))
+    figure.draw_without_rendering()
+    width = ax.get_window_extent().width
+    low, high = ax.get_xlim()
+    for _ in range(20):  # what makes room for a text makes all bars shorter
+        per_pixel = (high - low) / width
+        needs = [_measure_need(ax, text, per_pixel * _NEAR / points) for text in texts]
+        ends = min(low, *(need[0] for need in needs)), max(high, *(need[1] for need in needs))
+        if ends == (low, high):
+            break
+        low, high = ends
+        ax.set_xlim(low, high)
+
+
+def _measure_need(ax: Axes, text: Annotation, gap: float) -> tuple[float, float]:
+    """Measure from where to where a text reaches along the axis, with a gap on both sides."""
+    box = text.get_window_extent().transformed(ax.transData.inverted())
+    return box.x0 - gap, box.x1 + gap
 
 
 def _place_middle(bars: TornadoBars) -> float:
@@ -130,21 +177,30 @@ def _label_number(name: str, sides: Sequence[str]) -> str:
     return write_number_label(name)
 
 
+def _wrap_name(name: str) -> str:
+    """Wrap the name of a number, with its unit on the last line of the name."""
+    kept = textwrap.fill(name.replace(" [", "\N{NO-BREAK SPACE}["), _NAME_LENGTH)
+    return kept.replace("\N{NO-BREAK SPACE}", " ")
+
+
 def plot_sensitivity_map(
     slopes: xarray.DataArray, ax: Axes | None = None, limit: float | None = None
 ) -> Axes:
     """Draw a slope or an elasticity over two numbers, its sign by colour.
 
-    White and the thick line are zero; contours below it are dashed. Hatched where there is
-    no value, as beyond the overturning threshold: on a fine grid that ends in a smooth line.
+    Where both signs occur, white and the thick line are zero, and contours below it are
+    dashed. Values of one sign go from pale to dark, by their logarithms where they differ
+    much, so that all colours are used. Hatched where there is no value, as beyond the
+    overturning threshold: on a fine grid that ends in a smooth line.
 
     Parameters
     ----------
     slopes : xarray.DataArray
         With two dimensions, the second one the horizontal axis.
     limit : float, optional
-        End of the colours, so that several maps share them. By default 95 % of the values
-        are within: the steepest, at the overturning threshold, would hide all others.
+        End of the colours on both sides of 0, so that several maps share them. By default at
+        least the largest 5 % of values are beyond, and of one sign the smallest 2 % as well:
+        the steepest, at the overturning threshold, would hide all others.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -164,15 +220,13 @@ def plot_sensitivity_map(
     vertical, horizontal = (slopes[name] for name in slopes.dims)
     values = slopes.values
     finite = values[np.isfinite(values)]
-    # All slopes NaN or 0 make no range of colours.
-    limit = limit or (float(np.quantile(abs(finite), 0.95)) if finite.size else 0.0) or 1.0
+    chosen = _choose_colours(finite, limit)
     grid = (horizontal.values, vertical.values, values)
     # The mesh leaves cells without a value free, where the ground of the axes shows.
     ax.patch.set(**_HATCHED)
-    mesh = ax.pcolormesh(*grid, cmap=_SIGNED, vmin=-limit, vmax=limit, shading="nearest")
-    levels = MaxNLocator(9, symmetric=True).tick_values(-limit, limit)
+    mesh = ax.pcolormesh(*grid, cmap=chosen.colours, norm=chosen.range, shading="nearest")
     # Matplotlib warns of a contour that is nowhere.
-    levels = [level for level in levels if (finite < level).any() and (finite > level).any()]
+    levels = [x for x in chosen.levels if (finite < x).any() and (finite > x).any()]
     if levels and min(values.shape) > 1:
         widths = [2.0 if level == 0 else 0.7 for level in levels]
         lines = ax.contour(*grid, levels=levels, colors=LINE, linewidths=widths)
@@ -185,11 +239,59 @@ def plot_sensitivity_map(
         ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
     # A slope may bear the name of its answer, whose label would hide the long name.
     titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
-    extend = "both" if (abs(finite) > limit).any() else "neither"
+    below = bool((finite < chosen.low).any())
+    above = bool((finite > chosen.high).any())
+    extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
     # Above the map: beside it the label would be taken for the one of the next panel's axis.
-    ax.figure.colorbar(mesh, ax=ax, extend=extend, label=write_label(titled), location="top")
+    bar: dict[str, Any] = {"extend": extend, "label": write_label(titled), "location": "top"}
+    drawn = ax.figure.colorbar(mesh, ax=ax, **bar)
+    if isinstance(chosen.range, SymLogNorm):
+        drawn.set_ticks(levels, labels=[f"{level:g}" for level in levels])
+        drawn.ax.minorticks_off()
     ax.set(xlabel=write_label(horizontal), ylabel=write_label(vertical))
     return ax
+
+
+class _Colours(NamedTuple):
+    """Colours of a map: their range, the map itself, and the levels of contours within."""
+
+    range: Normalize
+    colours: ListedColormap
+    low: float
+    high: float
+    levels: list[float]
+
+
+def _choose_colours(finite: np.ndarray, limit: float | None) -> _Colours:
+    """Choose colours of which most of the values take many, by all values that are finite."""
+    # That signs matter is decided by more than a few values that rounding puts beyond 0.
+    low, high = np.quantile(finite, (0.02, 0.98)).tolist() if finite.size else (0.0, 0.0)
+    if limit is not None or low < 0 < high or low == high:
+        if limit is None and finite.size:
+            middle, most = np.quantile(abs(finite), (0.5, 0.95)).tolist()
+            # Half of the values must not be as pale as 0.
+            limit = min(most, _MANY_TIMES * middle) or most
+        limit = limit or 1.0  # all slopes NaN or 0 make no range of colours
+        range_ = Normalize(-limit, limit)
+        locator = MaxNLocator(9, symmetric=True)
+        return _Colours(range_, _SIGNED, -limit, limit, _list_levels(locator, -limit, limit))
+    sign = 1 if low >= 0 else -1
+    least, most = np.quantile(sign * finite, (0.02, 0.95)).tolist()
+    low, high = sorted((sign * least, sign * most))
+    colours = _POSITIVE if sign > 0 else _NEGATIVE
+    if most > _MANY_TIMES * least > 0:
+        # Linear below `least`, which is outside of the colours: logarithmic of either sign.
+        range_ = SymLogNorm(least, vmin=low, vmax=high)
+        levels = sorted(sign * x for x in _list_levels(LogLocator(subs=_STEPS), least, most))
+    else:
+        range_ = Normalize(low, high)
+        levels = _list_levels(MaxNLocator(9), low, high)
+    return _Colours(range_, colours, low, high, levels)
+
+
+def _list_levels(locator: Locator, low: float, high: float) -> list[float]:
+    """List the levels within a range: beyond the colours contours lie too close for numbers."""
+    return [x for x in np.asarray(locator.tick_values(low, high)).tolist() if low <= x <= high]
 
 
 def plot_distribution(

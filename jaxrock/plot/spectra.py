@@ -1,6 +1,7 @@
 """Spectra: one panel of curves, and whole figures of panels."""
 
 import itertools
+import textwrap
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -17,6 +18,16 @@ from ..resonance import critical_slenderness
 from .axes import BESIDE, CURVES, LINE, NEUTRAL, POINTS, get_axes, label_axes, write_label
 
 _Data = TypeVar("_Data", xarray.DataArray, xarray.Dataset)
+_POINTS = 500  # of a curve; more lie closer together than the width of its line
+# Least distance of two thresholds that are written, as a share of the axis.
+_LABEL_DISTANCE = 0.14
+# What is counted where not all values of a dimension are drawn.
+_COUNTED = {
+    "width": "widths",
+    "slenderness": "slenderness values",
+    "restitution": "restitutions",
+    "intensity": "intensities",
+}
 
 
 class _Curve(NamedTuple):
@@ -36,7 +47,9 @@ def plot_curves(
     ax: Axes | None = None,
     thresholds: xarray.DataArray | None = None,
 ) -> Axes:
-    """Draw one panel of a spectrum; a cross marks where a curve ends: the block overturns.
+    """Draw one panel of a spectrum, and mark where a curve ends: the block overturns.
+
+    A cross marks the end, of a period an arrow, since it grows without bound.
 
     Parameters
     ----------
@@ -46,8 +59,8 @@ def plot_curves(
     hue, along : str
         Dimensions that tell the curves apart, and of the horizontal axis.
     thresholds : xarray.DataArray, optional
-        For each `hue` the value from which on the block overturns, of a rotation ratio: the
-        curve is drawn up to there, where the ratio is 1, and the value is written beside it.
+        For each `hue` the value from which on the block overturns, which is written at the end
+        of the curve. A rotation ratio is drawn up to there, where it is 1.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -63,13 +76,19 @@ def plot_curves(
     """
     ax, curves = _draw_curves(variable, hue, along, ax)
     name = "overturns beyond" if thresholds is None else "overturning threshold"
+    marker = "x"
+    if variable.name == "period":
+        # Where its last value lies depends on the grid: the period itself has no end.
+        name = "grows without bound,\noverturns beyond"
+        marker = "^"
+    written: list[float] = []
     for level, colour, line, x, y in curves:
         last = _find_ends(y)
         if not last.any():
             continue
         ends = x[last], y[last]
         limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
-        if limit > x[last][-1]:
+        if limit > x[last][-1] and variable.name != "period":
             # Close to the threshold the ratio lacks of 1 the square root of what the
             # slenderness lacks of the threshold: the parabola that is drawn here.
             rest = np.linspace(0, 1, 30)[::-1]
@@ -77,23 +96,48 @@ def plot_curves(
             missing = limit - (limit - x[k]) * rest**2, 1 - (1 - y[k]) * rest
             line.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
             ends = [limit], [1.0]
-            label = f"{limit:#.3g}"
-            ax.text(limit, 1.03, label, ha="center", fontsize="small", color=colour)
+        least = _LABEL_DISTANCE * (x[-1] - x[0])
+        # Beside an end of the axis the text keeps within it.
+        place = float(np.clip(limit, x[0] + least / 2, x[-1] - least / 2))
+        if limit > x[last][-1] and all(abs(place - other) > least for other in written):
+            written.append(place)
+            # As the report on the paper rounds it. By points, since an axis may be of seconds.
+            ax.annotate(
+                f"{limit:#.3g}",
+                (place, ends[1][-1]),
+                (0, 4),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize="small",
+                color=colour,
+            )
             # A text is not part of what limits follow.
-            ax.update_datalim([(limit, 1.05)], updatex=False)
-        ax.plot(*ends, linestyle="", marker="x", color=colour)
-        ax.plot([], linestyle="", marker="x", color=LINE, label=name)
+            ax.update_datalim([(limit, 1.05 * ends[1][-1])], updatex=False)
+        ax.plot(*ends, linestyle="", marker=marker, color=colour)
+        ax.plot([], linestyle="", marker=marker, color=LINE, label=name)
         name = ""  # one entry in the legend for the crosses of all curves
-    # A curve without any value cannot be seen: the reason is written into the panel.
-    fallen = [f"{curve.level:g}" for curve in curves if not np.isfinite(curve.y).any()]
-    if fallen:
-        place = {"transform": ax.transAxes, "ha": "right", "va": "top"}
-        text = f"overturn throughout:\n{', '.join(fallen)}"
-        ax.text(0.98, 0.97, text, fontsize="small", color=LINE, **place)
+    empty = _write_fallen(ax, curves)
     ax = _finish_panel(ax, variable, hue)
-    if thresholds is not None and len(fallen) == len(curves):
+    if empty and thresholds is not None and variable.name != "period":
         ax.set_ylim(0, 1.1)
     return ax
+
+
+def _write_fallen(ax: Axes, curves: list[_Curve]) -> bool:
+    """Write into a panel which curves have no value; tell whether none has any."""
+    fallen = [
+        str(curve.line.get_label()) for curve in curves if not np.isfinite(curve.y).any()
+    ]
+    empty = len(fallen) == len(curves)
+    if fallen:
+        levels = "all" if empty else textwrap.fill(", ".join(fallen), 20)
+        # At the foot, where curves of ratios are rarely: they rise to the right.
+        place = {"transform": ax.transAxes, "ha": "right", "va": "bottom"}
+        ground = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 2}
+        text = f"overturn throughout:\n{levels}"
+        ax.text(0.98, 0.03, text, fontsize="small", color=LINE, bbox=ground, **place)
+    return empty
 
 
 def _draw_curves(
@@ -109,17 +153,24 @@ def _draw_curves(
     variable = variable.sortby(along)
     x = variable[along].values
     levels = variable[hue].values
+    names = _name_levels(levels)
     # From dark to light, stopping before colours too pale to read.
     colours = matplotlib.colormaps["cividis"](np.linspace(0, 0.85, levels.size))
     looks = itertools.cycle(CURVES if x.size > 1 else POINTS)
-    for level, colour, look in zip(levels, colours, looks, strict=False):
+    for level, name, colour, look in zip(levels, names, colours, looks, strict=False):
         y = variable.sel({hue: level}).values
-        (line,) = ax.plot(x, y, color=colour, label=f"{level:g}")
+        (line,) = ax.plot(x, y, color=colour, label=name)
         line.set(**look)
         curves.append(_Curve(level, colour, line, x, y))
     if x.size > 1:
         ax.set_xlim(x[0], x[-1])
     return label_axes(ax, write_label(variable[along]), write_label(variable)), curves
+
+
+def _name_levels(levels: np.ndarray) -> list[str]:
+    """Write levels in four digits; in as many as they have where four would make two alike."""
+    short = [f"{level:.4g}" for level in levels]
+    return short if len(set(short)) == len(short) else [f"{level:g}" for level in levels]
 
 
 def _finish_panel(ax: Axes, variable: xarray.DataArray, hue: str) -> Axes:
@@ -142,8 +193,9 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     """Draw a variable over slenderness: a column for a restitution, a row for an intensity.
 
     A curve for each width. Of a dimension with more values than can be told apart (4 panels
-    a side, 7 curves) some are drawn, evenly chosen. `plot_curves` draws a single panel.
-    Rotation ratios are drawn up to the overturning threshold, which is known in closed form.
+    a side, 7 curves, 500 points of a curve) some are drawn, evenly chosen, and a line at the
+    foot says how many of how many. `plot_curves` draws a single panel. Rotation ratios are
+    drawn up to the overturning threshold, which is known in closed form.
 
     Parameters
     ----------
@@ -162,7 +214,8 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     def draw(curves: xarray.DataArray, panel: Axes) -> None:
         """Draw the curves of one restitution and intensity."""
         thresholds = None
-        if variable == "rotation_ratio" and "intensity" in curves.coords:
+        # Closer to the threshold than any grid is the curve of the ratio, which reaches 1.
+        if variable in ("rotation_ratio", "period") and "intensity" in curves.coords:
             block = Block(
                 curves.width.values / 2, 1.0, about["gravity"], about["inertia_ratio"]
             )
@@ -173,9 +226,8 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
         pulses = f", $I$ = {curves.intensity:g} m/s" if "intensity" in curves.coords else ""
         panel.set_title(f"$C$ = {curves.restitution:g}{pulses}")
 
-    return _draw_panels(
-        spectrum[variable], draw, (3.2, 3.0), width=7, restitution=4, intensity=4
-    )
+    most = {"width": 7, "slenderness": _POINTS, "restitution": 4, "intensity": 4}
+    return _draw_panels(spectrum[variable], draw, (3.2, 3.0), **most)
 
 
 def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
@@ -242,7 +294,8 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     """Draw peak rotation over the period 2 pi / p, a panel for each restitution.
 
     Of more values than can be told apart (4 panels, 5 curves) some are drawn, evenly
-    chosen. `plot_rocking_curves` draws a single panel.
+    chosen, and a line at the foot says how many of how many. `plot_rocking_curves` draws a
+    single panel.
 
     Parameters
     ----------
@@ -272,10 +325,13 @@ def _draw_panels(
     most : int
         By the name of a dimension, the largest number of its values that are drawn.
     """
+    shown = []
     for name, number in most.items():
-        if data.sizes.get(name, 1) > number:
-            chosen = np.linspace(0, data.sizes[name] - 1, number).round().astype(int)
+        there = data.sizes.get(name, 1)
+        if there > number:
+            chosen = np.linspace(0, there - 1, number).round().astype(int)
             data = data.isel({name: chosen})
+            shown.append(f"{number} of {there:,} {_COUNTED[name]}")
     rows, columns = (data.sizes.get(name, 1) for name in ("intensity", "restitution"))
     # A panel has room for its legend and its title besides.
     figsize = (1.6 + size[0] * columns, 0.6 + size[1] * rows)
@@ -291,6 +347,8 @@ def _draw_panels(
     for (row, column), panel in np.ndenumerate(panels):
         draw(data.isel(intensity=row, restitution=column, missing_dims="ignore"), panel)
         panel.label_outer()
+    if shown:
+        figure.supxlabel(f"{', '.join(shown)} shown", fontsize="small", color=LINE)
     # One legend, from the panel with the most entries: crosses and bars are not in all of
     # them.
     legends = [panel.get_legend() for panel in panels.flat]

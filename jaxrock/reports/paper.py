@@ -189,13 +189,17 @@ def write(report: Report, folder: Path) -> None:
 
 
 def _find_thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
-    """Find the slenderness from which on a block overturns, if rotation ratios are drawn."""
-    if variable.name != "rotation_ratio":
+    """Find the slenderness from which on a block overturns, for each curve of a figure.
+
+    None for amplifications, which the thresholds are not written beside.
+    """
+    if variable.name == "amplification":
         return None
     blocks = Block(variable.width.values / 2, 1.0)
-    c = float(variable.restitution)
-    limits = resonance.critical_slenderness(blocks, c, INTENSITY)
-    return variable.width.copy(data=np.asarray(limits))
+    limits = resonance.critical_slenderness(blocks, variable.restitution.values, INTENSITY)
+    # One of the two is a single number: the other one tells the curves apart.
+    along = variable.width if variable.width.ndim else variable.restitution
+    return along.copy(data=np.asarray(limits))
 
 
 def summarize(report: Report) -> str:

@@ -61,7 +61,8 @@ def plan_counting(hazard: Callable[[AnyArray], AnyArray], levels: np.ndarray) ->
         return Counting(levels, rates, rates)
     # Halfway in logarithms, in which a hazard curve is straight.
     middle = np.asarray(hazard(np.sqrt(levels[1:] * levels[:-1])))
-    edges = np.concatenate([rates[:1], middle, [0.0]])
+    # Where the curve is level, rounding must not make it rise.
+    edges = np.minimum.accumulate(np.concatenate([rates[:1], middle, [0.0]]))
     return Counting(levels, rates, edges[:-1] - edges[1:])
 
 

@@ -17,7 +17,7 @@ Threshold = float | int | str
 _LazyOrNot = Any  # an array of NumPy, or of Dask, which not every user has
 # Characters of the longest remark, and a few more. Fixed, since a lazy dataset and a store
 # must know the type of a variable before there is any remark.
-_REMARK = 160
+_REMARK = 200
 
 
 class _CurveVariable(NamedTuple):
@@ -160,7 +160,8 @@ def _compute_curves(
         if beyond:
             words.append(f"outside of the intervals at {beyond} of {len(levels)} levels")
         if fall:
-            words.append(f"the counted share falls {fall} time{'s' * (fall > 1)}")
+            where = f"{fall} level{'s' * (fall > 1)}"
+            words.append(f"at {where} fewer records exceed it than at the one below")
         remarks.append("; ".join(words))
     medians, dispersions = (
         np.array([fit[k] for fit in fits], float).reshape(*shape, thresholds) for k in range(2)

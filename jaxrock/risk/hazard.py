@@ -7,6 +7,7 @@ import numpy as np
 
 from ..host import Printed
 from ..validation import (
+    NON_NEGATIVE,
     POSITIVE,
     Checked,
     Number,
@@ -24,14 +25,18 @@ HAZARD_MEASURES = ("pgv", "pga")
 class Hazard(Printed, Checked):
     """A hazard curve: the yearly rate at which levels of an intensity measure are exceeded.
 
-    Straight between its points in logarithms of both, and without a value beyond them.
+    Straight between its points in logarithms of both, and without a value beyond them. Curves
+    as they are computed may stay level for a while, and end with rates of 0. From the last rate
+    above 0 to the first 0 the rate falls in a straight line over the logarithm of the level;
+    from there on it is 0.
 
     Parameters
     ----------
     levels : array_like, shape (n,)
         Increasing levels of the measure, greater than 0 [m/s2 or m/s].
     rates : array_like, shape (n,)
-        Rates of exceedance [1/yr], greater than 0 and falling.
+        Rates of exceedance [1/yr], none greater than the one before; at least the first two
+        greater than 0, the last one less than the first.
     measure : {"pgv", "pga"}, optional
         The intensity measure of the curve; functions that take the curve refuse another one.
 
@@ -39,8 +44,8 @@ class Hazard(Printed, Checked):
     ------
     ValueError
         If the measure is another one, if there are less than two points or not as many rates
-        as levels, if a value is not greater than 0, if the levels do not increase or the rates
-        do not fall.
+        as levels, if a value is out of range, if the levels do not increase, or if the rates
+        rise or never fall.
 
     Examples
     --------
@@ -51,7 +56,7 @@ class Hazard(Printed, Checked):
     """
 
     levels: Reals = quantity(POSITIVE)
-    rates: Reals = quantity(POSITIVE)
+    rates: Reals = quantity(NON_NEGATIVE)
     measure: str | None = eqx.field(static=True, default=None)
 
     def __init__(self, levels: Numbers, rates: Numbers, measure: str | None = None):
@@ -70,21 +75,20 @@ class Hazard(Printed, Checked):
             raise ValueError(f"rates must be as many as levels, {shape[0]}, got {of_rates}")
         self.check()
         # Steps of traced curves cannot be looked at: these are taken as they are.
-        for name, values, sign, does in (
-            ("levels", self.levels, 1, "increase"),
-            ("rates", self.rates, -1, "fall"),
-        ):
-            if is_traced(values):
-                continue
-            steps = sign * np.diff(np.asarray(values))
-            if (steps <= 0).any():
-                at = int(np.argmax(steps <= 0))
-                got = f"got {values[at]:.6g} and then {values[at + 1]:.6g}"
-                raise ValueError(f"{name} must {does} from each to the next, {got}")
+        if not is_traced(self.levels):
+            _refuse_steps("levels", "increase", self.levels, np.diff(self.levels) <= 0)
+        if not is_traced(self.rates):
+            _refuse_steps("rates", "not rise", self.rates, np.diff(self.rates) > 0)
+            of_rates = np.asarray(self.rates)
+            if not of_rates[1]:
+                raise ValueError("the first two rates must be greater than 0, got 0")
+            if of_rates[0] == of_rates[-1]:
+                raise ValueError(f"rates must fall with the level, got only {of_rates[0]:.6g}")
 
     def __str__(self) -> str:
-        low, high = self.levels[:: len(self.levels) - 1]
-        often, seldom = self.rates[:: len(self.rates) - 1]
+        last = len(self.levels) - 1 if is_traced(self.rates) else find_last_point(self)
+        low, high = self.levels[::last][:2]
+        often, seldom = self.rates[::last][:2]
         of = f" of {self.measure}" if self.measure else ""
         return (
             f"hazard{of} from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
@@ -107,12 +111,31 @@ class Hazard(Printed, Checked):
         return _interpolate(self.levels, self.rates, level)
 
 
+def find_last_point(hazard: Hazard) -> int:
+    """Find the first point with a rate of 0, or the last point: beyond it nothing happens."""
+    return min(int(np.count_nonzero(np.asarray(hazard.rates))), len(hazard.rates) - 1)
+
+
+def _refuse_steps(name: str, must: str, values: Reals, wrong: np.ndarray) -> None:
+    """Raise `ValueError` if a step from one value to the next is wrong."""
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        got = f"got {values[at]:.6g} and then {values[at + 1]:.6g}"
+        raise ValueError(f"{name} must {must} from each to the next, {got}")
+
+
 @jax.jit
 def _interpolate(levels: Reals, rates: Reals, level: Reals) -> Reals:
     """Interpolate rates by straight lines between logarithms; NaN outside."""
     inside = (level >= levels[0]) & (level <= levels[-1])
-    # A level outside is replaced before the logarithm: the derivative of the branch that is
-    # not taken must not be NaN either.
+    # A level outside, and a rate of 0, are replaced before the logarithm: the derivative of the
+    # branch that is not taken must not be NaN either.
+    points = jnp.log(levels)
     at = jnp.log(jnp.where(inside, level, levels[0]))
-    rate = jnp.exp(jnp.interp(at, jnp.log(levels), jnp.log(rates)))
+    # What is not normal may be 0 to one operation and not to another.
+    positive = rates >= jnp.finfo(rates.dtype).tiny
+    # In logarithms the rate would never come down to 0, whatever the first level with 0 is.
+    falls_to_zero = (at >= points[positive.sum() - 1]) & ~positive[-1]
+    in_logarithms = jnp.exp(jnp.interp(at, points, jnp.log(jnp.where(positive, rates, 1))))
+    rate = jnp.where(falls_to_zero, jnp.interp(at, points, rates), in_logarithms)
     return jnp.where(inside, rate, jnp.nan)

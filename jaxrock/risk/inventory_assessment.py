@@ -16,7 +16,7 @@ from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_kind
 from .counted_rate import Counting, plan_counting
 from .exceedance import describe_variable
-from .hazard import Hazard
+from .hazard import Hazard, find_last_point
 from .inventory import Inventory
 from .inventory_outcomes import CONFIDENCE, PARAMETERS, ObjectRisk, follow_objects, follow_rows
 from .overturning_rate import check_hazard, choose_levels
@@ -194,7 +194,7 @@ def describe_need(found: "xarray.Dataset") -> str:
 
 def _plan_levels(hazard: Hazard, spacing: float) -> Counting:
     """Plan the levels at which outcomes are counted, over all of the hazard curve."""
-    low, high = np.asarray(hazard.levels, float)[[0, -1]].tolist()
+    low, high = np.asarray(hazard.levels, float)[[0, find_last_point(hazard)]].tolist()
     number = math.ceil(math.log(high / low) / spacing) + 1
     places = choose_levels(hazard, np.geomspace(low, high, max(3, number)))
     return plan_counting(hazard, np.asarray(places))
@@ -204,11 +204,12 @@ def _choose_shown_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
     """Choose the levels for probabilities; a `ValueError` if they are not allowed."""
     if levels is None:
         rates = np.asarray(hazard.rates, float)
+        rates = rates[rates > 0]
         of_codes = np.array([1 / years for years in _RETURN_PERIODS])
         inside = of_codes[(of_codes <= rates[0]) & (of_codes >= rates[-1])]
         # A hazard that ends before both: the middle of it.
         wanted = inside if inside.size else np.sqrt(rates[:1] * rates[-1:])
-        logarithms = np.log(np.asarray(hazard.levels, float))
+        logarithms = np.log(np.asarray(hazard.levels, float)[: rates.size])
         return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))
     check("levels", as_real("levels", levels), POSITIVE)
     places = np.asarray(levels, float)
@@ -221,12 +222,14 @@ def _choose_shown_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
 
 
 def _compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
-    """Compute return periods of levels; NaN outside of the hazard curve."""
+    """Compute return periods of levels: inf at a rate of 0, NaN outside of the hazard curve."""
     low, high = np.asarray(hazard.levels)[[0, -1]]
     # Levels that were found from the rates at the ends are outside by rounding.
     near = np.clip(levels, low, high)
     inside = np.isclose(near, levels, rtol=1e-6, atol=0)
-    return np.where(inside, 1 / np.asarray(hazard(near.astype(low.dtype))), np.nan)
+    with np.errstate(divide="ignore"):
+        periods = 1 / np.asarray(hazard(near.astype(low.dtype)))
+    return np.where(inside, periods, np.nan)
 
 
 def _require_widths(

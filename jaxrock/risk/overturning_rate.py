@@ -15,6 +15,7 @@ from ..host import Printed, format_fields, format_number
 from ..overturning import Boundaries
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
+    NON_NEGATIVE,
     POSITIVE,
     AnyArray,
     Booleans,
@@ -27,7 +28,7 @@ from ..validation import (
     is_traced,
 )
 from .counted_rate import Counting, count_rates, find_outcomes, plan_counting
-from .hazard import Hazard
+from .hazard import Hazard, find_last_point
 from .level_boundaries import (
     find_boundaries_in_levels,
     pad_boundaries,
@@ -82,6 +83,9 @@ class OverturningRate(Printed, eqx.Module):
             units = dict.fromkeys(("rate", "standard_error", "unseen"), "1/yr")
             return format_fields(self, **units, complete="")
         rate = format_number(self.rate, "1/yr")
+        often = ""
+        if not is_traced(self.rate) and self.rate > 0:
+            often = f", about once in {float(f'{1 / float(self.rate):.2g}'):,.0f} years"
         error = format_number(self.standard_error, "1/yr")
         unseen = format_number(self.unseen, "1/yr")
         records = f"standard error {error} from {len(self.contributions)} records"
@@ -91,7 +95,7 @@ class OverturningRate(Printed, eqx.Module):
             samples = np.asarray(self.sample_rates)
             deviation = format_number(samples.std(), "1/yr")
             return (
-                f"overturns at a rate of {rate}\n"
+                f"overturns at a rate of {rate}{often}\n"
                 f"{records}, standard deviation {deviation} by uncertain numbers"
                 f" ({samples.size} samples), up to {unseen} unseen{low}"
             )
@@ -99,7 +103,7 @@ class OverturningRate(Printed, eqx.Module):
         low = low if self.boundaries.overturns_first.any() else "\nnot complete"
         low = "" if self.complete else low
         return (
-            f"overturns at a rate of {rate}\n"
+            f"overturns at a rate of {rate}{often}\n"
             f"{records},"
             f" up to {unseen} unseen between {found} boundaries{low}"
         )
@@ -134,12 +138,13 @@ def overturning_rate(
         C [-], between 0 and 1; one, or one for each block.
     suite : Suite
     hazard : Hazard or callable
-        Rate of exceedance H [1/yr] of a level, falling.
+        Rate of exceedance H [1/yr] of a level, which does not rise with the level.
     measure : {"pgv", "pga"}
         The intensity measure of the hazard [m/s], [m/s2].
     levels : array_like, shape (n,), optional
         Increasing levels between which boundaries are sought, inside of the hazard curve. By
-        default over all of it, 1 % apart; needed with a hazard that is a function.
+        default over all of it, up to the first rate of 0, 1 % apart; needed with a hazard that
+        is a function.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
@@ -273,12 +278,21 @@ def _count_scattered(
 
 
 def check_falling(rates: AnyArray) -> None:
-    """Raise `ValueError` if the rates of a hazard at levels are concrete and do not fall."""
+    """Raise `ValueError` if the rates of a hazard at levels are concrete and rise, or are 0."""
     if is_traced(rates):
         return
-    check("the rates of the hazard", rates, POSITIVE)
-    if (np.diff(np.asarray(rates)) >= 0).any():
-        raise ValueError("the rates of the hazard must fall with the level, got others")
+    check("the rates of the hazard", rates, NON_NEGATIVE)
+    values = np.asarray(as_real("rates", rates))
+    if not values[0]:
+        raise ValueError(
+            "the rate of the hazard must be greater than 0 at the first level, got 0"
+        )
+    # Where a curve is level, its rates differ by what rounding makes of their logarithms.
+    slack = 64 * float(np.finfo(values.dtype).eps)
+    if (np.diff(values) > slack * values[:-1]).any():
+        raise ValueError(
+            "the rates of the hazard must fall with the level or stay, got others"
+        )
 
 
 def check_hazard(hazard: Hazard | Callable[..., Reals], measure: str) -> None:
@@ -353,6 +367,8 @@ def choose_levels(hazard: Hazard | Callable[..., Reals], levels: Numbers | None)
         if ends is None:
             raise ValueError("levels must be given, since the hazard is a function or traced")
         low, high = ends
+        if not is_traced(hazard) and isinstance(hazard, Hazard):
+            high = float(hazard.levels[find_last_point(hazard)])
         # The ends as they are: rounded ones could lie outside of the hazard curve.
         inner = np.geomspace(low, high, math.ceil(math.log(high / low) / _SPACING) + 1)
         return as_real("levels", np.concatenate([[low], inner[1:-1], [high]]))

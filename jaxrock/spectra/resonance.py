@@ -12,7 +12,7 @@ from jaxtyping import Array, PyTree
 
 from .. import resonance
 from ..accuracy import is_linearized_enough
-from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..block import RECTANGLE_INERTIA_RATIO, Block, warn_of_size
 from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
 from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
@@ -128,6 +128,7 @@ def resonance_spectrum(
     axes = {
         name: as_axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
     }
+    warn_of_size("width", axes["width"])
     dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
     variables = {
         name: GridVariable(

@@ -31,3 +31,4 @@ from .domains import quantity as quantity
 from .guarding import elementwise as elementwise
 from .guarding import guard_once as guard_once
 from .guarding import replace_invalid as replace_invalid
+from .units import carries_unit as carries_unit

@@ -7,7 +7,8 @@ the domain.
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
 import equinox as eqx
@@ -129,12 +130,31 @@ def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
     if not isinstance(value, kinds):
         names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
         must = " or ".join([", ".join(names[:-1]), names[-1]][len(names) == 1 :])
-        # The two slips that are likely, each with the way out.
-        if inspect.isclass(value) and issubclass(value, kinds):
-            hint = f"; {value.__name__}(...) makes one"
+        hint = _find_way_out(value, kinds) or hint
         if isinstance(value, list | tuple) and any(isinstance(each, kinds) for each in value):
             hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
         raise ValueError(f"{name} must be {must}, got {describe(value)}{hint}")
+
+
+# What is read from files, and by what.
+_READERS = {"Motion": "read_record", "Record": "read_record"}
+_READERS |= {"Suite": "read_suite", "Hazard": "read_hazard"}
+
+
+def _find_way_out(value: object, kinds: Sequence[type]) -> str:
+    """Find what a value of a wrong class was likely meant to be, in words; empty if unknown."""
+    names = [kind.__name__ for kind in kinds]
+    if inspect.isclass(value) and issubclass(value, tuple(kinds)):
+        return f"; {value.__name__}(...) makes one"
+    if isinstance(value, str | os.PathLike):
+        readers = [_READERS[name] for name in names if name in _READERS]
+        return f"; {' or '.join(readers)} reads one from files" if readers else ""
+    many = list(value) if isinstance(value, list | tuple) else [value]
+    # Records are told by name: they stand far below.
+    if "Suite" in names and {type(each).__name__ for each in many} == {"Record"}:
+        inside = "[...]" if isinstance(value, list | tuple) else "[record]"
+        return f"; Suite({inside}) makes one"
+    return ""
 
 
 def check_shapes(**arguments: object) -> None:

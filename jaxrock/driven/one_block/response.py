@@ -24,6 +24,8 @@ from .solver_steps import Segment, Stepper
 _TIMES = 512
 # Room for events in that program, at least, so that most responses share one.
 _EVENTS = 8192
+# Impacts slower than this share of the fastest one are tiny bounces.
+_TINY = 0.01
 
 
 class Status(enum.IntEnum):
@@ -170,7 +172,7 @@ class Response(Printed, eqx.Module):
             f" ({'' if self.margin < 0 else '1 at rest, '}below 0 it overturns)",
             f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
             f" alpha_c at {self.peak_time:.4g} s",
-            f"{self.impacts} impacts, {end} at the end",
+            f"{self._count_impacts()}, {end} at the end",
             f"the block leaves the ground at {self.contact_loss_time:.4g} s; the model ends there"
             if self.normal_force <= 0
             else f"friction demand {self.friction_demand:.4g}, smallest normal force"
@@ -185,6 +187,19 @@ class Response(Printed, eqx.Module):
         if self.overturned and jnp.isfinite(self.overturning_time):
             lines[0] += f", beyond return from {self.overturning_time:.4g} s"
         return "\n".join(lines)
+
+    def _count_impacts(self) -> str:
+        """Say how many impacts there were, and how many of them were not tiny."""
+        # Bounces that die out are most of them: in number, not in what they do.
+        count = int(self.impacts)
+        said = f"{count:,} impact{'' if count == 1 else 's'}"
+        speeds = abs(np.asarray(self.impact_velocities))
+        speeds = speeds[np.isfinite(speeds)]
+        fast = int((speeds >= _TINY * speeds.max(initial=0.0)).sum())
+        # A list may be full before the last impact.
+        if speeds.size < count or fast == count:
+            return said
+        return f"{said}, {fast:,} of them faster than {100 * _TINY:.0f} % of the fastest"
 
 
 @eqx.filter_jit

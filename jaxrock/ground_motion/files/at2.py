@@ -6,6 +6,8 @@ import re
 import numpy as np
 
 from .components import Component
+from .cut import refuse_cut
+from .directions import Stated, find_word_direction, settle_direction
 from .text import STEP, UNIT, RecordText, Statements, collect_statements, quote_word
 from .units import (
     NUMBER,
@@ -18,6 +20,8 @@ from .units import (
 
 # At most; usually there are four.
 _HEADER_LINES = 20
+# As many are enough to see how numbers are printed.
+_LAST_LINES = 200
 # "NPTS= 400, DT= .01 SEC", "DT= .01 NPTS= 400" and "400 .01 NPTS, DT". The third group is what
 # follows the name DT, perhaps a unit; in the first two forms that belongs to the step.
 _POINTS_AND_STEP = (
@@ -31,6 +35,8 @@ _QUANTITY = r"\b(acceleration|velocity|displacement)(\s+time\b)?"
 # by which they can be told apart.
 _FIELD = rf"(?=[-+]?\d*\.){NUMBER}"
 _FIELDS = re.compile(rf"{_FIELD}(?:(?=[-+]){_FIELD})*", re.I)
+# A line after the values, as OpenSees' elCentro.at2 has it.
+_END_OF_DATA = r"\W*end\s+(?:of\s+)?data\W*"
 
 
 def read_at2(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
@@ -53,6 +59,10 @@ def read_at2(text: RecordText, units: Statements, steps: Statements) -> list[Com
     step = text.require_agreement(
         STEP, steps + collect_statements(find_steps_in_text, header, "the header"), ""
     )
+    # Exactly one such line, at the end: anywhere else it is no number.
+    is_ended = re.fullmatch(_END_OF_DATA, text.lines[-1], re.I) is not None
+    if is_ended:
+        del text.lines[-1]
     values = text.read_values(
         top,
         lambda lines: np.array([*map(float, " ".join(lines).replace("_", "?").split())]),
@@ -60,10 +70,23 @@ def read_at2(text: RecordText, units: Statements, steps: Statements) -> list[Com
             value for word in line.split() for value in _split_word(text, word, n)
         ],
     )
+    if not is_ended:
+        refuse_cut(text, " ".join(text.lines[top:][-_LAST_LINES:]).split())
     text.refuse(
         values.size != points, f"NPTS is {points}, but {values.size} values follow", top
     )
-    return [Component(repr(str(text.path)), factor, values, step)]
+    direction = settle_direction("", find_title_direction(text.lines[:top])) or ""
+    return [Component(repr(str(text.path)), factor, values, step, direction)]
+
+
+def find_title_direction(lines: list[str]) -> Stated:
+    """Find the direction of the component in the second line, the title: UP, DWN, 140, ..."""
+    filled = [line for line in lines[:_HEADER_LINES] if line.strip()]
+    if len(filled) < 2:
+        return ""
+    # After the component the station's number may stand in brackets.
+    title = re.sub(r"\s*\([^()]*\)\s*$", "", filled[1])
+    return find_word_direction(title.rpartition(",")[2].strip()) if "," in title else ""
 
 
 def _read_points_and_step(text: RecordText) -> tuple[int, int, float]:

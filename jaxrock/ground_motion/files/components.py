@@ -5,8 +5,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ...validation import POSITIVE, as_real, check
+from ..drift import warn_of_drift
 from ..record import Record
-from .units import UNITS, parse_unit
+from ..units import require_unit as require_unit
+from .text import Statements
 
 Direction = Literal["level", "up", "down", ""]
 
@@ -39,7 +42,10 @@ class Component(NamedTuple):
 
 
 def make_record(horizontal: Component, *upward: Component) -> Record:
-    """Make the record of one or two components; a `ValueError` if they do not fit together."""
+    """Make the record of one or two components; a `ValueError` if they do not fit together.
+
+    A warning says if the peak ground velocity is due to a drift.
+    """
     name, _, values, step = horizontal[:4]
     for other in upward:
         if other.values.size != values.size:
@@ -53,18 +59,12 @@ def make_record(horizontal: Component, *upward: Component) -> Record:
     with np.errstate(over="ignore"):
         accelerations, *upwards = (each.factor * each.values for each in (horizontal, *upward))
     try:
-        return Record(accelerations, step, *upwards)
+        record = Record(accelerations, step, *upwards)
     # Too few samples, or accelerations too large for the precision of JAX.
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
-
-
-def require_unit(unit: str) -> float:
-    """Convert the argument `unit` to m/s2; a `ValueError` if it is not understood."""
-    factor = parse_unit(unit)
-    if math.isnan(factor):
-        raise ValueError(f"unit must be {UNITS}, got {unit!r}")
-    return factor
+    warn_of_drift(name, record)
+    return record
 
 
 def require_upward(component: Component) -> Component:
@@ -76,3 +76,18 @@ def require_upward(component: Component) -> Component:
     if component.direction == "level":
         raise ValueError(f"{component.name} is horizontal, a vertical component was expected")
     return component
+
+
+def collect_arguments(
+    unit: str | None, time_step: float | int | None
+) -> tuple[Statements, Statements]:
+    """Collect what the caller states, about the unit and about the time step."""
+    # It comes first, so that errors say that the file disagrees.
+    units = Statements()
+    steps = Statements()
+    if time_step is not None:
+        check("time_step", as_real("time_step", time_step), POSITIVE)
+        steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
+    if unit is not None:
+        units = [(0, f"unit is {unit!r}", require_unit(unit))]
+    return units, steps

@@ -1,21 +1,51 @@
-"""Directions of components, told by the names of columns and files."""
+"""Directions of components, told by the names of columns and files, and by titles in files."""
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Literal
 
 from .components import Direction
 
-# Words of names of columns, and the ends of names of .AT2 files, after the conventions of data
-# centres: the last letter of a channel of three, as in HNZ, is its direction.
+# "vertical" is a word such as V or Z, which does not say whether up or down.
+Stated = Literal["level", "up", "down", "vertical", ""]
+
+# Words of names of columns, after the conventions of data centres: the last letter of a
+# channel of three, as in HNZ, is its direction.
 _UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
 _DOWNWARD = r"do?w?n(?:ward)?"
 _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
-_AT2_UPWARD = r"up|ud|ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z"
-_AT2_DOWNWARD = r"dn|down|dwn"
+
+# The ends of names of files, and the last words of their titles.
+_ENDS: dict[Stated, str] = {
+    "up": r"up|u-?d[12]?|upward",
+    "down": r"dn|down|dwn|downward",
+    "vertical": r"ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z",
+    "level": r"[ns]\d{1,2}[ew]|n-?s[12]?|e-?w[12]?|[nsewlt]|h[12]|ln|tr|[a-z][hnlg][ne12]",
+}
 # The code of a location may follow that of the channel.
-_LOCATION = r"(?:[-_. ]\d\d)?$"
-# In the NGA databases such an end may follow the code of a station with nothing between.
+_LOCATION = r"(?:[-_. ]\d\d)?"
+# A separator has to stand before an end: the last letters of a word, as in "setup", say
+# nothing. No word ends in some of them, nor has others after a number.
+_APART = (
+    r"(?:^|[-_. ]+|(?=dwn$|vrt$)|(?<=\d)(?=ud[12]?$|up$|n-?s[12]?$|e-?w[12]?$)"
+    r"|(?<=[a-z])(?=[ns]\d\d[ew]$))"
+)
+_ANGLE = r"(?:^|[-_. a-z])(?:[0-2]\d\d|3[0-5]\d|360)|[-_. ]\d\d"
+# In the NGA databases an end may follow the code of a station with nothing between. Such
+# names are known elsewhere only beside another component of the station.
 _NGA_NAME = r"RSN\d+_"
+_GLUED = r"(?P<station>.+?)(?P<end>up|ud|dn|down|ve?rt|ver|v|[a-z][hnlg]z)"
+
+# In these parts the names of a horizontal and of a vertical component may differ: words as
+# above, angles, or digits of channels.
+_LEVEL_PART = (
+    rf"[-_. ]*(?:{_ENDS['level']}|[hlt]\d|[xyr]|long|trans?|north|south|east|west)"
+    r"|[-_. ]+\d{1,3}|\d{3}|"
+)
+_VERTICAL_PART = rf"[-_. ]*(?:{_ENDS['up']}|{_ENDS['down']}|{_ENDS['vertical']}|v\d|u)"
+# Of KiK-net's sensors in a borehole and at the surface, 1 and 2, each has its own vertical.
+_PARTS = rf"(?!.*[sw]1/.*d2|.*[sw]2/.*d1)(?:(?:{_LEVEL_PART})/(?:{_VERTICAL_PART})|[12]/[3z])"
 
 
 def find_column_direction(name: str) -> Direction | None:
@@ -33,44 +63,61 @@ def _has_word(pattern: str, words: str) -> bool:
     return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
 
 
-def _find_vertical_end(path: Path) -> tuple[str, bool]:
-    """Find the end of a name that marks a vertical component; tell whether it points down."""
-    # Elsewhere a separator has to stand before the end, or a number before the longer ones:
-    # the last letters of a word, as in "setup", say nothing.
-    apart = r"[-_. ]*"
-    if not re.match(_NGA_NAME, path.stem, re.I):
-        apart = r"(?:[-_. ]+|(?<=\d)(?=ud|up|dwn))"
-    for pattern, downward in ((_AT2_UPWARD, False), (_AT2_DOWNWARD, True)):
-        if match := re.search(f"{apart}(?:{pattern}){_LOCATION}", path.stem, re.I):
-            return match[0], downward
-    return "", False
+def find_name_direction(path: Path, paths: Iterable[Path]) -> Stated:
+    """Find the direction of a component by the name of its file, among those of others."""
+    stem = path.stem
+    of_nga = re.match(_NGA_NAME, stem, re.I) is not None
+    for direction, ends in _ENDS.items():
+        apart = r"[-_. ]*" if of_nga and direction != "level" else _APART
+        if re.search(rf"{apart}(?:{ends}){_LOCATION}$", stem, re.I):
+            return direction
+    if re.search(rf"(?:{_ANGLE})$", stem, re.I):
+        return "level"
+    glued = re.fullmatch(_GLUED, stem, re.I)
+    if glued is None:
+        return ""
+    beside = re.escape(glued["station"]) + r"(?:\d{3}|[ns]\d\d[ew]|[a-z][hnlg][ne12])"
+    known = any(
+        other.parent == path.parent and re.fullmatch(beside, other.stem, re.I)
+        for other in paths
+    )
+    return find_word_direction(glued["end"]) if known else ""
 
 
-def is_vertical(path: Path) -> bool:
-    """Tell whether the name of a file says that its component is vertical."""
-    return _find_vertical_end(path)[0] != ""
+def find_word_direction(word: str) -> Stated:
+    """Find the direction that a word says, such as UP, DWN, V, N90E, 140; "" for none."""
+    for direction, ends in _ENDS.items():
+        if re.fullmatch(ends, word, re.I):
+            return direction
+    return "level" if re.fullmatch(r"[0-2]\d\d|3[0-5]\d|360", word) else ""
 
 
-def find_vertical_file(path: Path, paths: list[Path]) -> Path:
-    """Find the vertical component beside a horizontal one, .AT2 files, by their names."""
-    found: dict[str, Path] = {}
-    for other in paths:
-        if (
-            other.suffix.lower() == ".at2"
-            and is_vertical(other)
-            and other.parent == path.parent
-        ):
-            stem = other.stem.removesuffix(_find_vertical_end(other)[0])
-            # Both names begin alike. In the horizontal one a separator, an angle or, in the
-            # NGA databases, a direction comes next: another letter is of another station.
-            rest = path.stem.removeprefix(stem) if path.stem.startswith(stem) else "?"
-            if re.match(r"[-_. ]|\d{3}$|$|(?:[ns]|[ew]|ns|ew|[hlt]\d?)$", rest, re.I):
-                found[stem] = other
-    if not found:
-        raise ValueError(f"{str(path)!r}: no file is its vertical component by the name")
-    # The longest common beginning: "A-STA" may stand beside "A-STA-2".
-    nearest = found[max(found, key=len)]
-    if _find_vertical_end(nearest)[1]:
-        points = f"{str(nearest)!r} points downward by its name"
-        raise ValueError(f"{points}, but a vertical component must be positive upward")
-    return nearest
+def settle_direction(name: Stated, title: Stated) -> Direction | None:
+    """Settle a direction by what the name of a file and its title say; None if they differ."""
+    said = {name, title} - {""}
+    if len(said - {"vertical"}) > 1 or {"level", "vertical"} <= said:
+        return None
+    for direction in ("level", "down", "up"):
+        if direction in said:
+            return direction
+    return "up" if said else ""
+
+
+def is_same_station(level: Path, vertical: Path) -> bool:
+    """Tell whether the names of two files differ only in the parts for their components."""
+    one = level.name.lower()
+    other = vertical.name.lower()
+    if level.parent != vertical.parent:
+        return False
+    # Separators belong to the parts, and the common end begins with one.
+    begin = len(one[: _count_common(one, other)].rstrip("-_. "))
+    end = _count_common(one[begin:][::-1], other[begin:][::-1])
+    end = len(re.sub(r"^[^-_. ]*", "", one[len(one) - end :]))
+    parts = f"{one[begin : len(one) - end]}/{other[begin : len(other) - end]}"
+    return re.fullmatch(_PARTS, parts) is not None
+
+
+def _count_common(one: str, other: str) -> int:
+    """Count the letters with which two words begin alike."""
+    pairs = zip(one, other, strict=False)
+    return next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))

@@ -9,6 +9,13 @@ from typing import NamedTuple
 
 from .at2 import read_at2
 from .components import Component
+from .cosmos import read_cosmos, recognize_cosmos
+from .csmip import read_csmip, recognize_csmip
+from .esm import read_esm, recognize_esm
+from .geonet import read_geonet, recognize_geonet
+from .knet import KNET_SUFFIXES, read_knet, recognize_knet
+from .obspy_files import TRACE_SUFFIXES, find_trace_format, read_traces
+from .smc import read_smc, recognize_smc
 from .text import RecordText, Statements
 
 # Takes a text, and what the caller states about unit and time step, which the file must not
@@ -37,23 +44,37 @@ class FileFormat(NamedTuple):
     read: Reader
 
 
-FORMATS: tuple[FileFormat, ...] = ()
+FORMATS: tuple[FileFormat, ...] = (
+    FileFormat("ESM/ITACA", (".asc",), recognize_esm, read_esm),
+    FileFormat("COSMOS", (".v1c", ".v2c"), recognize_cosmos, read_cosmos),
+    FileFormat("CSMIP", (".v1", ".v2", ".raw"), recognize_csmip, read_csmip),
+    FileFormat("GeoNet", (".v1a", ".v2a"), recognize_geonet, read_geonet),
+    FileFormat("SMC", (".smc",), recognize_smc, read_smc),
+    FileFormat("K-NET", KNET_SUFFIXES, recognize_knet, read_knet),
+)
 
 
 def list_suffixes() -> tuple[str, ...]:
     """List the ends of names, in lower case, of the files in a folder that are read."""
-    return (".at2", ".csv", *(suffix for each in FORMATS for suffix in each.suffixes))
+    return (
+        ".at2",
+        ".csv",
+        *TRACE_SUFFIXES,
+        *(suffix for each in FORMATS for suffix in each.suffixes),
+    )
 
 
 def read_components(path: Path, units: Statements, steps: Statements) -> list[Component]:
     """Read all components of a file that is no .csv file; a `ValueError` if it cannot be."""
+    if find_trace_format(path):
+        return read_traces(path, units, steps)
     text = RecordText(path)
     if path.suffix.lower() == ".at2":
         return read_at2(text, units, steps)
     for each in FORMATS:
         if each.recognize(text.lines):
             return each.read(text, units, steps)
-    names = ", ".join([".AT2", ".csv", *(each.name for each in FORMATS)])
+    names = ", ".join([".AT2", ".csv", "miniSEED", "SAC", *(each.name for each in FORMATS)])
     raise text.make_error(
         f"a file in one of these formats was expected: {names}; columns with commas, or one,"
         " are a .csv file"

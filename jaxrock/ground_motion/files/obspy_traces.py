@@ -45,9 +45,9 @@ def from_obspy(
         not the one that a trace states.
     """
     if vertical is None:
-        return make_record(_take_component("trace", trace, unit, calibrated))
+        return make_record(take_component("trace", trace, unit, calibrated))
     components = [
-        _take_component(name, each, unit, calibrated)
+        take_component(name, each, unit, calibrated)
         for name, each in (("trace", trace), ("vertical", vertical))
     ]
     starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
@@ -56,9 +56,7 @@ def from_obspy(
     return make_record(*components)
 
 
-def _take_component(
-    argument: str, trace: Any, unit: str, calibrated: bool | None
-) -> Component:
+def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None) -> Component:
     """Take the accelerations out of a trace, the `argument` of that name, and check them."""
     # By attributes, not by class: neither obspy nor gmprocess needs to be installed.
     stats: Any = getattr(trace, "stats", None)

@@ -1,4 +1,4 @@
-"""Recorded ground motions from PEER's .AT2 files, .csv files and obspy's traces.
+"""Recorded ground motions from files, one at a time.
 
 Nothing is guessed, corrected or resampled: the unit and the time step are stated by the file
 or by the caller, and may not contradict each other; signs are preserved. Any fault is a
@@ -8,12 +8,11 @@ or by the caller, and may not contradict each other; signs are preserved. Any fa
 import os
 from pathlib import Path
 
-from ...validation import POSITIVE, as_real, check
 from ..record import Record
-from .components import Component, make_record, require_unit, require_upward
+from .components import Component, collect_arguments, make_record, require_upward
 from .formats import read_components
 from .tables import read_csv
-from .text import Statements, quote_names
+from .text import quote_names
 
 StrPath = str | os.PathLike[str]
 
@@ -29,9 +28,17 @@ def read_record(
     """Read a recorded ground motion from a file.
 
     An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` file has
-    columns separated by commas below a line with their names, and perhaps lines that begin
-    with # above it; a column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or
-    the like. One column alone needs no name.
+    columns separated by commas or tabs below a line with their names, and perhaps lines that
+    begin with # above it; the last of these may be the line of names, as NumPy writes it. A
+    column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like. Its step
+    is uniform to a thousandth, or explains all times to the last digit printed. One column
+    alone needs no name.
+
+    Files of networks are told by their first lines, whatever their names are: ESM and ITACA,
+    COSMOS, CSMIP, GeoNet (V1A, V2A), SMC; and where obspy is installed (``pip install
+    "jaxrock[records]"``) K-NET and KiK-net, miniSEED and SAC. What these state about number of
+    samples, duration and peak has to be true of the samples. Velocities and displacements in
+    them are passed over.
 
     What a file states about its unit and its time step (in its header, in comments such as
     ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``) is used.
@@ -41,16 +48,18 @@ def read_record(
     Parameters
     ----------
     path : str or path
-        An ``.AT2`` or ``.csv`` file; neither a pipe nor a device.
+        A file; neither a pipe nor a device.
     unit : str, optional
-        Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"gal"``, ``"g"``,
-        ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on;
+        Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"nm/s2"``,
+        ``"gal"``, ``"g"``, ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on;
         g is standard gravity, 9.80665 m/s2.
     column : str, optional
-        Column of the horizontal acceleration in a .csv file. Needed unless it is the only one.
+        Column of a .csv file, or channel of another file, with the horizontal acceleration.
+        Needed unless it is the only one. ``"up"`` or ``"down"`` takes a vertical component as
+        if it were horizontal, for example to turn its sign.
     vertical : str or path, optional
-        Vertical acceleration, positive upward: a column of the .csv file, or a second .AT2
-        file.
+        Vertical acceleration, positive upward: a column of the .csv file, a channel of another
+        file or ``"up"`` for the one that points there, or a second file.
     time_step : float, optional
         Time from one sample to the next [s].
 
@@ -64,7 +73,7 @@ def read_record(
     ValueError
         With file and line: if the file cannot be read, is of another format or contradicts
         itself or the arguments, if anything is missing or not a finite number, if the time
-        step is not uniform, or if there are less than two samples.
+        step is not uniform, if the last number is cut, or if there are less than two samples.
 
     Examples
     --------
@@ -76,14 +85,7 @@ def read_record(
     6001 samples, 0.01 s apart
     """
     path = Path(path)
-    # What the caller states comes first: errors then say that the file disagrees.
-    units = Statements()
-    steps = Statements()
-    if time_step is not None:
-        check("time_step", as_real("time_step", time_step), POSITIVE)
-        steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
-    if unit is not None:
-        units = [(0, f"unit is {unit!r}", require_unit(unit))]
+    units, steps = collect_arguments(unit, time_step)
     if path.suffix.lower() == ".csv":
         upward = None if vertical is None else str(vertical)
         return make_record(*read_csv(path, units, steps, column, upward))
@@ -106,37 +108,46 @@ def read_record(
 
 
 def _find_channel(components: list[Component], name: str) -> Component | None:
-    """Find a component by the name of its channel, or the one that points "up"."""
-    found = [each for each in components if name.lower() in (each.channel.lower(), "up")]
-    found = [each for each in found if name.lower() != "up" or each.direction == "up"]
-    return found[0] if len(found) == 1 and found[0].channel else None
+    """Find the component whose channel, or vertical direction, has a name; None if none has."""
+    word = name.lower()
+    named = [each for each in components if each.channel and each.channel.lower() == word]
+    found = named or [
+        each for each in components if word in ("up", "down") and each.direction == word
+    ]
+    return found[0] if len(found) == 1 else None
 
 
 def _choose_horizontal(
     path: Path, components: list[Component], column: str | None
 ) -> Component:
-    """Choose the component of a name, or the only one; a `ValueError` if that is not clear."""
-    channels = quote_names(each.channel for each in components)
-    if column is None:
-        level = [each for each in components if each.direction in ("level", "")]
-        if len(level) == 1:
-            return level[0]
-        if not level:
-            raise ValueError(
-                f"{str(path)!r}: no component is horizontal, vertical is {channels}"
-            )
-        channels = quote_names(each.channel for each in level)
+    """Choose the component of a name, or the only horizontal one."""
+    if column is not None:
+        first = components[0]
+        if not first.channel and first.direction in ("", "level"):
+            raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
+        # A vertical one as well, if its name is given: it can be turned then.
+        found = _find_channel(components, column)
+        if found is None:
+            names = _name_components(components)
+            raise ValueError(f"{str(path)!r}: column is {column!r}, but there are {names}")
+        return found
+    level = [each for each in components if each.direction in ("level", "")]
+    if not level:
+        names = _name_components(components)
         raise ValueError(
-            f"{str(path)!r}: column must be given, the horizontal component: {channels}"
+            f"{str(path)!r}: no component is horizontal; column names a vertical one: {names}"
         )
-    if len(components) == 1 and not components[0].channel:
-        raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
-    found = _find_channel(components, column)
-    if found is None:
-        raise ValueError(f"{str(path)!r}: column is {column!r}, but there are {channels}")
-    if found.direction in ("up", "down"):
-        raise ValueError(f"{str(path)!r}: column is {column!r}, which is vertical")
-    return found
+    if len(level) > 1:
+        names = _name_components(level)
+        raise ValueError(
+            f"{str(path)!r}: column must be given, the horizontal component: {names}"
+        )
+    return level[0]
+
+
+def _name_components(components: list[Component]) -> str:
+    """Name components by their channels, or where they point."""
+    return quote_names(each.channel or each.direction for each in components)
 
 
 def _choose_vertical(path: Path, components: list[Component]) -> Component:

@@ -1,22 +1,47 @@
-"""Suites from folders and lists of files, and the one that comes with the library."""
+"""Suites from folders and lists of files."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from ...host import show_progress
 from ..record import Record
 from ..suite import Suite
-from .directions import find_column_direction, find_vertical_file, is_vertical
-from .records import StrPath, read_record
-from .tables import list_acceleration_columns
+from .at2 import find_title_direction, read_at2
+from .components import Component, collect_arguments, make_record, require_upward
+from .directions import (
+    find_column_direction,
+    find_name_direction,
+    find_word_direction,
+    is_same_station,
+    settle_direction,
+)
+from .formats import list_suffixes, read_components
+from .records import StrPath
+from .tables import SEARCH_REPORT, is_search_report, list_acceleration_columns, read_columns
+from .text import RecordText, Statements, quote_names
 from .units import find_units_in_name
 
-_SUFFIXES = (".at2", ".csv")
-# In a folder, the usual name of a table of the records.
+# In a folder, the usual name of a table of the records, and how texts to read first are named.
 _INDEX = "index.csv"
-# What a record is read from: its name, file, column and vertical component.
-_Part = tuple[str, Path, str | None, StrPath | None]
+_README = ("readme", "_readme")
+
+
+class _Motion(NamedTuple):
+    """A record of a suite; without `upward` its vertical component is in another file."""
+
+    name: str
+    path: Path
+    horizontal: Component
+    upward: tuple[Component, ...] | None
+
+
+class _Content(NamedTuple):
+    """Records in a file, or one vertical component for those in other files."""
+
+    motions: list[_Motion]
+    vertical: Component | None = None
 
 
 def read_suite(
@@ -29,10 +54,14 @@ def read_suite(
     """Read the records of a folder, or of several files, as one suite.
 
     Every horizontal component is a record of its own: one column or two of a ``.csv`` file,
-    each ``.AT2`` file. Columns named up, ud, z, vertical or the like, and .AT2 files whose
-    names end so, are vertical components; where some columns state a unit, the others are left
-    out. Of a folder, its .AT2 and .csv files are read in the order of their names, but not
-    hidden ones, those in folders within it, nor a table ``index.csv``.
+    each channel of a file that has several, and each file of one component. Vertical
+    components are told by the header of a file, and by names: of columns and files that end
+    in up, ud, dwn, ver, v, z or the like. Where some columns of a table state a unit, the
+    others are left out.
+
+    Of a folder, files whose names end as those of a format do are read in the order of their
+    names. Left out are folders within it, hidden files, pipes and devices, texts to read
+    first, a table ``index.csv``, and the report of a search that PEER puts beside records.
 
     Parameters
     ----------
@@ -41,44 +70,60 @@ def read_suite(
     unit, time_step : optional
         As in `read_record`, where the files do not state them: the same for all.
     vertical : bool
-        Whether each record has the vertical component that was recorded with it.
+        Whether each record has the vertical component that was recorded with it. It is in
+        the same file, or in another one of the folder whose name differs only in the part
+        for the component, as ``STA-UP.AT2`` and ``STA090.AT2`` do.
 
     Returns
     -------
     Suite
-        Named by the files, and by the columns where a file has several.
+        Named by the files, and by the columns or channels where a file has several.
 
     Raises
     ------
     ValueError
-        With one line for each file that cannot be read, or if there is none.
+        With one line for each file that cannot be read, or if there is none. Among the
+        reasons are a name and a header that disagree about the direction of a component, and
+        a vertical component that points downward.
 
     Examples
     --------
-    >>>     >>> import jaxrock as jr
+    >>> from importlib.resources import files
+    >>> import jaxrock as jr
     >>> path = str(files("jaxrock") / "data" / "ridgecrest_2019_clc.csv")
     >>> suite = jr.read_suite([path], unit="g", time_step=0.01)
     >>> print(suite.names)
     ('ridgecrest_2019_clc east', 'ridgecrest_2019_clc north')
     """
-    paths = _list_files(source)
+    units, steps = collect_arguments(unit, time_step)
+    paths, of_folder = _list_files(source)
     # All faults are collected: who repairs a folder of files wants to see each of them at
     # once.
     faults = []
-    parts: list[_Part] = []
-    for path in paths:
+    motions: list[_Motion] = []
+    verticals: dict[Path, Component] = {}
+    for path in show_progress(paths, "reading records"):
         try:
-            parts += _find_components(path, paths, vertical)
+            if path.suffix.lower() == ".csv":
+                content = _read_table(path, units, steps, vertical, of_folder)
+            elif path.suffix.lower() == ".at2":
+                content = _read_at2(path, paths, units, steps, vertical)
+            else:
+                content = _read_channels(path, paths, units, steps, vertical)
         except ValueError as error:
             faults.append(str(error))
+            continue
+        motions += content.motions
+        if content.vertical is not None:
+            verticals[path] = content.vertical
     records: dict[str, Record] = {}
-    for name, path, column, upward in show_progress(parts, "reading records"):
+    for motion in motions:
         try:
-            if name in records:
-                raise ValueError(f"{str(path)!r}: another record is named {name!r} as well")
-            records[name] = read_record(
-                path, unit=unit, column=column, vertical=upward, time_step=time_step
-            )
+            if motion.name in records:
+                raise ValueError(
+                    f"{str(motion.path)!r}: another record is named {motion.name!r} as well"
+                )
+            records[motion.name] = _make_record(motion, verticals)
         except ValueError as error:
             faults.append(str(error))
     if faults:
@@ -91,68 +136,77 @@ def read_suite(
     return Suite([*records.values()], [*records])
 
 
-def _list_files(source: StrPath | Iterable[StrPath]) -> list[Path]:
-    """List the files of a suite; a `ValueError` if there is none."""
+def _list_files(source: StrPath | Iterable[StrPath]) -> tuple[list[Path], bool]:
+    """List the files of a suite, and tell whether they are of a folder."""
     if isinstance(source, str | os.PathLike):
         folder = Path(source)
         if not folder.is_dir():
             if folder.exists():
-                return [folder]
+                return [folder], False
             raise ValueError(f"{str(folder)!r}: there is no such folder or file")
         paths = [
             path
             for path in sorted(folder.iterdir(), key=lambda path: path.name)
-            if path.suffix.lower() in _SUFFIXES
+            if path.name.lower().endswith(list_suffixes())
+            # Hidden files are left behind by editors, archives and macOS.
+            and not path.name.lower().startswith((".", *_README))
             and path.name.lower() != _INDEX
-            # Hidden files are left behind by editors and archives.
-            and not path.name.startswith(".")
-            and not path.is_dir()
+            # Velocities and displacements beside accelerations, as in COSMOS's files.
+            and not path.stem.lower().endswith((".vel", ".dis"))
+            # A link to nowhere is named when it is read.
+            and (path.is_file() or not path.exists())
         ]
         if not paths:
-            raise ValueError(
-                f"{str(folder)!r}: the folder has no .AT2 or .csv file of a record"
-            )
-        return paths
+            ends = ", ".join(list_suffixes())
+            raise ValueError(f"{str(folder)!r}: the folder has no file of a record: {ends}")
+        return paths, True
     if not isinstance(source, Iterable):
         raise ValueError(f"source must be a folder or a list of files, got {source!r:.60}")
     paths = [Path(path) for path in source]
     if not paths:
         raise ValueError("a suite needs at least one file, got none")
-    return paths
+    return paths, False
 
 
-def _find_components(path: Path, paths: list[Path], vertical: bool) -> Iterator[_Part]:
-    """Find the horizontal components in a file, each with its vertical one if wanted."""
-    if path.suffix.lower() == ".at2":
-        if not is_vertical(path):
-            yield path.stem, path, None, find_vertical_file(path, paths) if vertical else None
-        return
-    if path.suffix.lower() != ".csv":
-        raise ValueError(f"{str(path)!r}: .AT2 and .csv files are read, not {path.suffix!r}")
+def _read_table(
+    path: Path, units: Statements, steps: Statements, vertical: bool, of_folder: bool
+) -> _Content:
+    """Read the horizontal columns of a .csv file, each with the vertical one if wanted."""
+    text = RecordText(path)
+    if is_search_report(text.lines):
+        text.refuse(not of_folder, SEARCH_REPORT)
+        return _Content([])
     # Where some columns state a unit of acceleration, the others hold something else.
-    names = list_acceleration_columns(path)
+    names = list_acceleration_columns(text)
     names = [name for name in names if find_units_in_name(name)] or names
     plain = {name: _strip_unit(name) for name in names}
-    rises = []
-    level = []
-    for name, words in plain.items():
-        direction = find_column_direction(words)
-        if direction == "up":
-            rises.append(name)
-        elif direction == "level":
-            level.append(name)
-    if not level:
-        raise ValueError(f"{str(path)!r}: no column is a horizontal acceleration")
-    if len(level) > 2:
-        listed = ", ".join(map(repr, level[:6]))
-        raise ValueError(
-            f"{str(path)!r}: at most two horizontal columns were expected: {listed}"
-        )
-    if vertical and len(rises) != 1:
-        raise ValueError(f"{str(path)!r}: one vertical column was expected, got {len(rises)}")
-    for name in level:
-        of_several = f"{path.stem} {plain[name] or name}" if len(level) > 1 else path.stem
-        yield of_several, path, name, rises[0] if vertical else None
+    directions = {name: find_column_direction(words) for name, words in plain.items()}
+    level = [name for name, direction in directions.items() if direction == "level"]
+    rises = [name for name, direction in directions.items() if direction in ("up", "down")]
+    text.refuse(not level, "no column is a horizontal acceleration")
+    listed = ", ".join(map(repr, level[:6]))
+    text.refuse(len(level) > 2, f"at most two horizontal columns were expected: {listed}")
+    one = f"one vertical column was expected, got {len(rises)}"
+    text.refuse(vertical and len(rises) != 1, one)
+    wanted = [*level, *rises] if vertical else level
+    components = read_columns(text, units, steps, {name: "column" for name in wanted})
+    upward = tuple(
+        each._replace(direction=directions[name] or "")
+        for name, each in zip(wanted, components, strict=True)
+        if name in rises
+    )
+    return _Content(
+        [
+            _Motion(
+                f"{path.stem} {plain[name] or name}" if len(level) > 1 else path.stem,
+                path,
+                each,
+                upward,
+            )
+            for name, each in zip(wanted, components, strict=True)
+            if name in level
+        ]
+    )
 
 
 def _strip_unit(name: str) -> str:
@@ -163,3 +217,89 @@ def _strip_unit(name: str) -> str:
         at = name.rfind(stated[-1][0])
         name = f"{name[:at].rstrip('_ [(')} {name[at + len(stated[-1][0]) :].lstrip('_ ])')}"
     return name.strip("_ ")
+
+
+def _read_at2(
+    path: Path, paths: list[Path], units: Statements, steps: Statements, vertical: bool
+) -> _Content:
+    """Read an .AT2 file, unless it is a vertical component that is not wanted."""
+    text = RecordText(path)
+    name = find_name_direction(path, paths)
+    title = find_title_direction(text.lines)
+    direction = settle_direction(name, title)
+    if direction is None:
+        raise text.make_error(
+            f"the component is {name} by its name, but {title} by its header"
+        )
+    if direction in ("up", "down") and not vertical:
+        return _Content([])
+    (component,) = read_at2(text, units, steps)
+    return _sort_single(path, component._replace(direction=direction), vertical)
+
+
+def _read_channels(
+    path: Path, paths: list[Path], units: Statements, steps: Statements, vertical: bool
+) -> _Content:
+    """Read a file of another format, which may have several components."""
+    components = read_components(path, units, steps)
+    if len(components) == 1:
+        component = components[0]
+        if not component.direction:
+            stated = settle_direction(find_name_direction(path, paths), "")
+            component = component._replace(direction=stated or "")
+        return _sort_single(path, component, vertical)
+    unknown = [each.channel for each in components if not each.direction]
+    if unknown:
+        raise ValueError(
+            f"{str(path)!r}: the file does not say where {quote_names(unknown)} points,"
+            " read_record takes its channels one by one"
+        )
+    level = [each for each in components if each.direction == "level"]
+    rises = tuple(each for each in components if each.direction != "level")
+    if not level:
+        raise ValueError(f"{str(path)!r}: no component is horizontal")
+    if vertical and len(rises) != 1:
+        raise ValueError(
+            f"{str(path)!r}: one vertical component was expected, got {len(rises)}"
+        )
+    return _Content(
+        [
+            _Motion(
+                f"{path.stem} {each.channel}" if len(level) > 1 else path.stem,
+                path,
+                each,
+                rises if vertical else (),
+            )
+            for each in level
+        ]
+    )
+
+
+def _sort_single(path: Path, component: Component, vertical: bool) -> _Content:
+    """Tell whether the component of a file is a record or belongs to those in others."""
+    if component.direction in ("up", "down"):
+        return _Content([], component)
+    # The names of K-NET's files differ only in the suffix.
+    name = path.name if find_word_direction(path.suffix[1:]) else path.stem
+    return _Content([_Motion(name, path, component, None if vertical else ())])
+
+
+def _make_record(motion: _Motion, verticals: dict[Path, Component]) -> Record:
+    """Make a record, with a vertical component from another file if need be."""
+    upward = motion.upward
+    if upward is None:
+        found = [path for path in verticals if is_same_station(motion.path, path)]
+        at = repr(str(motion.path))
+        if not found:
+            raise ValueError(f"{at}: no file is its vertical component by the name")
+        if len(found) > 1:
+            names = quote_names(path.name for path in found)
+            raise ValueError(f"{at}: several files may be its vertical component: {names}")
+        upward = (verticals[found[0]],)
+    for each in upward:
+        if each.direction == "down":
+            raise ValueError(
+                f"{each.name} points downward by its name or header, but a vertical component"
+                " must be positive upward: give its values times -1 as Record(vertical=)"
+            )
+    return make_record(motion.horizontal, *map(require_upward, upward))

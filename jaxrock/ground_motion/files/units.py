@@ -8,59 +8,44 @@ ever guessed. The readers compare what is found with what the caller states.
 
 import math
 import re
-import unicodedata
 
-# The words of a statement, and its value in SI: NaN if they are not understood.
-Stated = tuple[str, float]
+from ..units import (
+    ACCELERATION,
+    GAP,
+    LENGTH,
+    PER,
+    SECOND,
+    SQUARED,
+    Stated,
+    interpret_unit,
+    normalize,
+)
+from ..units import UNITS as UNITS
+from ..units import parse_unit as parse_unit
 
-# Standard gravity, the unit g of records: not the gravity that acts on the block.
-_G = 9.80665
-# By the names of the groups in `_KNOWN`; a length without a group is recognized, but no unit
-# here.
-_FACTORS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "gal": 0.01}
-_FACTORS |= {"g": _G, "percent": 0.01 * _G, "milli": 0.001 * _G}
-UNITS = "one of 'm/s2', 'cm/s2', 'mm/s2', 'gal', 'g', '%g', 'mg'"
-
-# Accelerations: cm/s2, cm/sec/sec, cm s^-2, cm_s2, ... up to centimetres per second squared.
-_GAP = r"[\s_.*]*"
-_PER = r"(?:/|per|p)"
-_S = r"s(?:ec(?:ond)?s?)?"
-_LENGTH = (
-    r"(?:(?P<mm>mm|millimet(?:er|re)s?)|(?P<cm>cm|centimet(?:er|re)s?)|(?P<m>m|met(?:er|re)s?)"
-    r"|km|ft|foot|feet|in|inch(?:es)?)"
-)
-_SQUARED = (
-    rf"[({{]?(?:{_S}(?:{_GAP}{_PER}{_GAP}|[\s_.*]+){_S}|ss"
-    rf"|{_S}{_GAP}(?:\^?{_GAP}[({{]?-?2[)}}]?|squared))[)}}]?"
-)
-_KNOWN = (
-    rf"(?:{_LENGTH}{_GAP}(?:{_PER}{_GAP})?{_SQUARED}"
-    r"|(?P<percent>(?:%|pct|per[\s_]*cent)[\s_]*(?:of[\s_]*)?g)"
-    r"|(?P<milli>milli[\s_-]*g|mg)|(?P<g>g(?:'?s)?)|(?P<gal>gals?))"
-)
 # Also counts, volts, lengths and velocities, which are no accelerations: without a group, they
 # are NaN.
-_ANY = rf"(?:{_KNOWN}|counts?|volts?|mv|[ck]m|[mck]?m{_GAP}(?:/|per|p|_){_GAP}{_S})"
+_ANY = rf"(?:{ACCELERATION}|counts?|volts?|mv|[ckn]m|[mckn]?m{GAP}(?:/|per|p|_){GAP}{SECOND})"
 # A unit is a word of its own; an underscore may stand beside it, as in acc_g.
 _START = r"(?<![a-z0-9])"
 _END = r"(?![a-z0-9/^*])"
 _SPEED = (
-    rf"{_START}{_LENGTH}(?:{_GAP}{_PER}{_GAP}{_S}|_{_S}"
-    rf"|[\s_.*]+{_S}{_GAP}\^?{_GAP}[({{]?-1[)}}]?){_END}"
+    rf"{_START}{LENGTH}(?:{GAP}{PER}{GAP}{SECOND}|_{SECOND}"
+    rf"|[\s_.*]+{SECOND}{GAP}\^?{GAP}[({{]?-1[)}}]?){_END}"
 )
 
 # In running text g, gal and cm are units only in such places; an amount, "0.1 cm/s2", is none.
 _IN_TEXT = (
-    rf"{_START}(?P<unit>{_LENGTH}{_GAP}(?:/|per){_GAP}{_SQUARED}){_END}",
-    rf"[(\[{{]\s*(?P<unit>{_KNOWN})\s*[)\]}}]",
-    rf"\bin\s+(?P<unit>{_KNOWN}){_END}",
-    rf"\bacc[a-z]*\.?[\s,:=-]+(?P<unit>{_KNOWN})\s*\.?(?:$|[,;)])",
+    rf"{_START}(?P<unit>{LENGTH}{GAP}(?:/|per){GAP}{SQUARED}){_END}",
+    rf"[(\[{{]\s*(?P<unit>{ACCELERATION})\s*[)\]}}]",
+    rf"\bin\s+(?P<unit>{ACCELERATION}){_END}",
+    rf"\bacc[a-z]*\.?[\s,:=-]+(?P<unit>{ACCELERATION})\s*\.?(?:$|[,;)])",
     rf"\bacc[^,;()\[\]]*?(?:[(\[{{]\s*|\bin\s+)(?P<unit>{_ANY}){_END}",
 )
 # What stands before a unit of an amount: a number, "per", or a peak value, as in "PGA (g)".
 _AMOUNT = r"(?:\d[\d.]*(?:e[-+]?\d+)?\s*|\bper\s*|\b(?:pga|peak|max(?:imum)?)\b[^,;]*)$"
 _SECONDS = {
-    _S: 1.0,
+    SECOND: 1.0,
     r"m(?:illi)?s(?:ecs?|econds?)?": 1e-3,
     r"(?:u|\u03bc|micro)s(?:ecs?|econds?)?": 1e-6,
     r"n(?:ano)?s(?:ecs?|econds?)?": 1e-9,
@@ -94,46 +79,40 @@ _STEP = (
     rf"|sampl(?:e|ing)[\s_-]*(?:interval|period|step|spacing)){_VALUE}"
 )
 _RATE = rf"\bsampl(?:e|ing)[\s_-]*(?:rate|frequency){_VALUE}"
-_PER_SECOND = rf"(?:hz|hertz|sps|(?:samples?|1)\s*(?:/|per)\s*{_S})(?![a-z])"
+_PER_SECOND = rf"(?:hz|hertz|sps|(?:samples?|1)\s*(?:/|per)\s*{SECOND})(?![a-z])"
 _SAMPLES = rf"(?P<number>{NUMBER})\s*(?!hz|hertz|1){_PER_SECOND}"
 _UNIT_AFTER = rf"\s*[\[(]?\s*(?P<unit>{_WORD})(?!\s*[=:])(?:\s*/\s*{_WORD}(?!\s*[=:]))?"
 # In "DT= .01 NPTS= 400" the word belongs to what follows.
 _NO_UNIT_AFTER = rf"\s*(?:$|[(;)\]]|[,.](?!\d)|[\[(]?\s*{_WORD}\s*[=:])"
 
 
-def parse_unit(unit: str) -> float:
-    """Convert a unit of acceleration to m/s2; NaN if it is not understood."""
-    match = re.fullmatch(_KNOWN, _normalize(str(unit)).strip(), re.I)
-    return _interpret_unit(match)[1] if match else math.nan
-
-
 def find_units_in_name(name: str) -> list[Stated]:
     """Find the units that the name of a column states, for example acc_cm_s2 or acc [g]."""
     return [
-        _interpret_unit(match)
-        for match in re.finditer(_START + _ANY + _END, _normalize(name), re.I)
+        interpret_unit(match)
+        for match in re.finditer(_START + _ANY + _END, normalize(name), re.I)
     ]
 
 
 def find_speeds_in_name(name: str) -> list[Stated]:
     """Find the units of velocity that a column's name states, such as pgv [cm/s], in m/s."""
-    return [_interpret_unit(match) for match in re.finditer(_SPEED, _normalize(name), re.I)]
+    return [interpret_unit(match) for match in re.finditer(_SPEED, normalize(name), re.I)]
 
 
 def find_units_in_text(line: str) -> list[Stated]:
     """Return the units of acceleration that a line of text states, from left to right."""
-    line = _normalize(line)
+    line = normalize(line)
     # By where they begin, so that a unit that several patterns find counts once. Patterns run
     # in reverse order, so that an earlier one in the list overrides a later one.
     stated = {
-        match.start("unit"): _interpret_unit(match, "unit")
+        match.start("unit"): interpret_unit(match, "unit")
         for pattern in reversed(_IN_TEXT)
         for match in re.finditer(pattern, line, re.I)
         if not re.search(_AMOUNT, line[: match.start("unit")], re.I)
     }
     # A declaration may be of a unit that is not understood: only where nothing else is found.
     if not stated and (match := re.search(_DECLARED, line, re.I)):
-        return [_interpret_unit(match, "unit")]
+        return [interpret_unit(match, "unit")]
     return [stated[start] for start in sorted(stated)]
 
 
@@ -142,7 +121,7 @@ def find_time_unit(name: str) -> float | None:
 
     NaN if the unit is not understood.
     """
-    match = re.fullmatch(_TIMES, _normalize(name), re.I)
+    match = re.fullmatch(_TIMES, normalize(name), re.I)
     if match is None:
         return None
     if match["inside"] is not None:
@@ -154,7 +133,7 @@ def find_time_unit(name: str) -> float | None:
 
 def find_steps_in_text(line: str) -> list[Stated]:
     """Find the time steps [s] that a line states, also as a number of samples per second."""
-    line = _normalize(line)
+    line = normalize(line)
     stated = []
     for pattern in (_STEP, _RATE):
         if match := re.search(pattern, line, re.I):
@@ -187,21 +166,6 @@ def as_number(word: str) -> float:
     """Convert a `NUMBER`, as Fortran may write it: 1.5D-3, or 1.0-100 without any letter."""
     word = word.lower().replace("d", "e")
     return float(word if "e" in word else re.sub(r"(?<=[\d.])(?=[-+])", "e", word))
-
-
-def _normalize(text: str) -> str:
-    """Give one form to what looks alike: powers, minus signs, dots of products, micro."""
-    # NFKC turns a superscript 2 into 2 and the micro sign into a Greek letter, but leaves the
-    # minus sign, the middle dot and the dot operator.
-    return unicodedata.normalize("NFKC", text).translate({0x2212: "-", 0xB7: ".", 0x22C5: "."})
-
-
-def _interpret_unit(match: re.Match[str], group: str | int = 0) -> Stated:
-    """Return the words of a unit that has been found, and its factor; NaN without a group."""
-    # A bracket at the end belongs to the text around, unless one was opened inside.
-    words = match[group] if "(" in match[group] else match[group].rstrip(")]}")
-    named = (factor for name, factor in _FACTORS.items() if match.groupdict().get(name))
-    return words, next(named, math.nan)
 
 
 def _parse_time_unit(word: str) -> float:

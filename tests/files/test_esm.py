@@ -1,0 +1,157 @@
+"""Files of the European Strong-Motion database and ITACA, written here in their layout."""
+
+import re
+
+import numpy as np
+import pytest
+from references.mutations import read_mutations
+
+import jaxrock as jr
+
+pytestmark = pytest.mark.float64
+
+# In cm/s2, with as many digits as the files have; the ground comes to rest, as it should.
+PERIOD = [10.25, 66.123456, -0.5, -66.123456, -10.25, 0.5]
+EAST = np.array([0.0, *PERIOD, *(-x for x in PERIOD), *PERIOD, *(-x for x in PERIOD), 0.0])
+UPWARD = np.round(0.6 * EAST, 6)
+HEADER = {
+    "EVENT_NAME": "CENTRAL ITALY",
+    "EVENT_ID": "EMSC-20200101_0000001",
+    "EVENT_DATE_YYYYMMDD": "20200101",
+    "EVENT_TIME_HHMMSS": "013632",
+    "EVENT_LATITUDE_DEGREE": "42.7000",
+    "MAGNITUDE_W": "6.0",
+    "MAGNITUDE_L": "",
+    "NETWORK": "XX",
+    "STATION_CODE": "ABC",
+    "STATION_NAME": "Düzce: town hall",
+    "STATION_ELEVATION_M": "34",
+    "LOCATION": "",
+    "VS30_M/S": "",
+    "DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS": "20200101_013619.870",
+    "SAMPLING_INTERVAL_S": "0.005000",
+    "NDATA": "26",
+    "DURATION_S": "0.130",
+    "STREAM": "HNE",
+    "UNITS": "cm/s^2",
+    "INSTRUMENT": "sensor = ETNA [Unknown] | digitizer = ETNA [Unknown]",
+    "FULL_SCALE_G": "",
+    "PGA_CM/S^2": "-66.123456",
+    "TIME_PGA_S": "0.020000",
+    "BASELINE_CORRECTION": "BASELINE REMOVED",
+    "FILTER_TYPE": "BUTTERWORTH",
+    "LATE/NORMAL_TRIGGERED": "NT",
+    "DATABASE_VERSION": "DYNA 1.0",
+    "HEADER_FORMAT": "DYNA 1.2",
+    "DATA_TYPE": "ACCELERATION",
+    "PROCESSING": "manual (Paolucci et al., 2011)",
+    "DATA_CITATION": "",
+    "USER1": "/home/processing.py --le 0.100 --he 30.000 --rf 0.005 --tr NT",
+    "USER2": "",
+}
+NAME = "XX.ABC..HNE.D.20200101.013632.C.ACC.ASC"
+
+
+def write(values=EAST, **changes):
+    """Write a file; changes are by the first word of a key, and None leaves a line out."""
+    header = dict(HEADER)
+    for name, value in changes.items():
+        header[next((key for key in header if key.startswith(name)), name)] = value
+    lines = [f"{key}: {value}" for key, value in header.items() if value is not None]
+    return ("\n".join([*lines, *(f"{value:.6f}" for value in values)]) + "\n").encode()
+
+
+def read(path, content, **options):
+    path.write_bytes(content)
+    return jr.read_record(path, **options)
+
+
+def test_three_components(tmp_path):
+    upward = tmp_path / NAME.replace("HNE", "HNZ")
+    upward.write_bytes(write(UPWARD, STREAM="HNZ", PGA=f"{UPWARD.max():.6f}"))
+    path = tmp_path / NAME
+    record = read(path, write(), unit="gal", time_step=0.005, column="hne", vertical=upward)
+    np.testing.assert_allclose(record.acceleration, EAST / 100, rtol=1e-15)
+    np.testing.assert_allclose(record.vertical, UPWARD / 100, rtol=1e-15)
+    assert record.time_step == 0.005
+    with pytest.raises(
+        ValueError, match="no component is horizontal; column names a vertical one: 'HNZ'"
+    ):
+        jr.read_record(upward)
+    with pytest.raises(ValueError, match=r"HNE.*one vertical component was expected, got 0"):
+        jr.read_record(path, vertical=path)
+
+
+# Older headers, other units, what may be missing, and a duration from the first to the last.
+@pytest.mark.parametrize(
+    ("changes", "factor"),
+    [
+        ({"STREAM": None, "COMPONENT": "NS", "DATA_TYPE": "UNPROCESSED ACCELERATION"}, 0.01),
+        ({"UNITS": "m/s^2", "PGA": "6612.3456"}, 1.0),
+        ({"PGA": "", "DURATION": "", "DATA_TYPE": None, "EVENT_ID": None}, 0.01),
+        ({"DURATION": "0.125", "PGA": "66.12"}, 0.01),
+    ],
+)
+def test_variants(tmp_path, changes, factor):
+    record = read(tmp_path / "a.asc", write(**changes))
+    np.testing.assert_allclose(record.acceleration, EAST * factor, rtol=1e-15)
+
+
+def test_what_the_header_lacks_is_stated(tmp_path):
+    content = write(UNITS="", SAMPLING="")
+    record = read(tmp_path / NAME, content, unit="cm/s2", time_step=0.005)
+    np.testing.assert_allclose(record.acceleration, EAST / 100, rtol=1e-15)
+
+
+REFUSED = [
+    (
+        {"DATA_TYPE": "VELOCITY"},
+        {},
+        "line 29: acceleration was expected, DATA_TYPE is 'VELOCITY'",
+    ),
+    ({"DATA_TYPE": "ACCELERATION RESPONSE SPECTRUM"}, {}, "DATA_TYPE is 'ACCELERATION RESP"),
+    ({"UNITS": "cm/s"}, {}, "line 19: UNITS is 'cm/s', which is not one of 'm/s2'"),
+    ({"UNITS": "counts"}, {}, "line 19: UNITS is 'counts', which is not one of 'm/s2'"),
+    ({"UNITS": ""}, {}, "the header has no UNITS, so that unit must be given"),
+    ({}, {"unit": "g"}, "line 19: unit is 'g', but UNITS is 'cm/s^2'"),
+    ({"SAMPLING": ""}, {}, "no SAMPLING_INTERVAL_S, so that time_step must be given"),
+    ({"SAMPLING": "-0.005"}, {}, "line 15: SAMPLING_INTERVAL_S must be greater than 0"),
+    ({"SAMPLING": "0.010"}, {}, "line 17: the header states a duration of 0.130 s, but"),
+    ({}, {"time_step": 0.01}, "time_step is 0.01 s, but SAMPLING_INTERVAL_S is 0.005000"),
+    ({"NDATA": ""}, {}, "the header has no NDATA, the number of values"),
+    ({"NDATA": "27"}, {}, "line 16: NDATA is 27, but 26 values follow"),
+    ({"PGA": "67.1"}, {}, "line 22: the header states a peak of 67.1"),
+    ({"PGA": "much"}, {}, "line 22: PGA_CM/S^2 must be a number, got 'much'"),
+    ({" UNITS": "g"}, {}, "line 34: UNITS is 'cm/s^2' in line 19, but 'g'"),
+    ({"values": [*EAST[:-1], np.nan]}, {}, "line 59: a value must be finite, got 'nan'"),
+    ({}, {"column": "HNN"}, "column is 'HNN', but there are 'HNE'"),
+]
+
+
+@pytest.mark.parametrize(("changes", "options", "message"), REFUSED)
+def test_refused(tmp_path, changes, options, message):
+    with pytest.raises(ValueError, match=rf"HNE\.D.*{re.escape(message)}"):
+        read(tmp_path / NAME, write(**changes), **options)
+
+
+def test_two_values_in_a_line_are_refused(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"line 34: a value must be a number, got '0\.000000 1"
+    ):
+        read(tmp_path / NAME, write().replace(b"0.000000\n1", b"0.000000 1", 1))
+
+
+@pytest.mark.parametrize(
+    "number", [63, pytest.param(1000, marks=pytest.mark.thorough)], ids=["", "all"]
+)
+def test_mutations(tmp_path, number):
+    def same(record):
+        # Which of two lines of values was exchanged cannot be told.
+        found = np.sort(np.asarray(record.acceleration))
+        close = found.size == EAST.size and np.allclose(found, np.sort(EAST / 100), rtol=1e-14)
+        return record.time_step == 0.005 and close
+
+    faults, counts = read_mutations(write(), tmp_path / NAME, jr.read_record, same, number)
+    assert not faults
+    assert counts["read"] > 0.3 * number
+    assert counts["refused"] > 0.3 * number

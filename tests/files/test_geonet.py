@@ -1,0 +1,195 @@
+"""GeoNet's .V1A and .V2A: files written here, in their layout, from numbers that are known."""
+
+import numpy as np
+import pytest
+from references.mutations import read_mutations
+
+import jaxrock as jr
+from jaxrock.ground_motion.files.geonet import read_geonet
+from jaxrock.ground_motion.files.text import RecordText
+
+STEP = 0.02
+POINTS = 43
+RANDOM = np.random.default_rng(7)
+# As in the 2016 Kaikoura earthquake, some numbers fill their columns.
+ALONG, ACROSS, UP = np.round(RANDOM.normal(-9000, 3000, (3, POINTS)), 1)
+# Velocities and displacements.
+OTHERS = np.round(RANDOM.normal(0, 90, POINTS), 2)
+
+
+def columns(values, single="%8.1f"):
+    words = [single % value for value in values]
+    lines = ["".join(words[k : k + 10]) for k in range(0, len(words), 10)]
+    return "".join(line + "\n" for line in lines)
+
+
+def component(
+    values,
+    name="N28W",
+    azimuth=332,
+    *,
+    raw=False,
+    peak=None,
+    unit="mm/s/s",
+    scale=1.0,
+    step=STEP,
+    stated=None,
+    counted=POINTS,
+    duration=(POINTS - 1) * STEP,
+):
+    peak = values[np.argmax(abs(values))] if peak is None else peak
+    stated = step if stated is None else stated
+    others = 0 if raw else POINTS
+    counts = [65536, 250, 250, counted, others, others, 0, 0, 2, 19715]
+    place = [42, 37, 10, 173, 3, 13, 332, azimuth, 198, 9]
+    sensor = [200, 0.7, 0, 0, 0, 0, 0, scale, 0, 0]
+    times = [327.68, 5, 5, 163.82, 0.005, step, 0, 0, 0, 9806.6]
+    how = "Instrument corrected data at %.3f sec intervals\nBand-pass filter\n"
+    if raw:
+        how = "Raw readings in units of 1.00 mm/s/s  at intervals of %.3f s\nData is unfiltered\n"
+    return (
+        f"{'Unc' if raw else 'C'}orrected accelerogram 20161113_110256_MADE_20 GNS Science\n"
+        "Site MADE      42 37 10S  173 03 13E     Cusp file:  made\nMade for a test\n"
+        "Instrument Cusp_1\nResolution: 18-bit\nAccelerogram made\nnear here\n"
+        "2016 November 13         11:02:56 UT\nEpicentre  42 41 33S 173 01 19E\n"
+        f"Number of points  {POINTS}    Duration {duration:.2f} sec\n{how % stated}"
+        f"Component {name}  Longitudinal Accelerometer Axis\n"
+        f"Acceleration:  {'P' if raw else 'p'}eak {peak:9.1f} {unit} at  44.88 sec     rms  7.0\n"
+        "Velocity:\nDisplacement:\n"
+        + columns([2016, 11, 13, 11, 2, 560, 0, 0, 2016, 11], "%8d")
+        + columns([42, 41, 33, 173, 1, 19, 15, 0, 13, 11], "%8d")
+        + columns(place, "%8d")
+        + columns(counts, "%8d")
+        + columns(sensor, "%8.3f")
+        + columns(np.zeros(10), "%8.3f")
+        + columns(times, "%8.3f")
+        + columns(np.zeros(30), "%8.2f")
+        + columns(values)
+        + columns(OTHERS[:others], "%8.2f") * 2
+    )
+
+
+V2A = component(ALONG) + component(ACROSS, "S62W", 242) + component(UP, "Up", 0)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "made.V2A"
+
+
+def test_components_of_a_station(path):
+    path.write_text(V2A)
+    record = jr.read_record(path, column="S62W", vertical="up")
+    np.testing.assert_allclose(record.acceleration, ACROSS / 1000, rtol=1e-6)
+    np.testing.assert_allclose(record.vertical, UP / 1000, rtol=1e-6)
+    assert float(record.time_step) == pytest.approx(STEP, rel=1e-6)
+    with pytest.raises(ValueError, match=r"column must be given.*'N28W', 'S62W'"):
+        jr.read_record(path)
+
+
+def test_volume_1(path):
+    # Here the duration is that of the points, not of the steps between them.
+    path.write_text(component(ALONG, raw=True, duration=POINTS * STEP))
+    record = jr.read_record(path, unit="mm/s2")
+    np.testing.assert_allclose(record.acceleration, ALONG / 1000, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "azimuth", "direction"),
+    [
+        ("S90E", 90, "level"),
+        ("S14E", 166, "level"),
+        ("N05E", 5, "level"),
+        ("S62W", 242, "level"),
+        ("N", 0, "level"),
+        ("W", 270, "level"),
+        ("Up", 0, "up"),
+        ("Down", 0, "down"),
+    ],
+)
+def test_directions(path, name, azimuth, direction):
+    path.write_text(component(ALONG, name, azimuth))
+    (found,) = read_geonet(RecordText(path), [], [])
+    assert (found.direction, found.channel) == (direction, name)
+
+
+def test_same_components_are_told_apart_by_their_number(path):
+    path.write_text(component(ALONG) + component(ACROSS))
+    found = [each.channel for each in read_geonet(RecordText(path), [], [])]
+    assert found == ["1: N28W", "2: N28W"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (component(ALONG, peak=12345.6), "a peak of 12345.6, but that of the values is"),
+        (component(ALONG, peak=-ALONG.min()), None),
+        (component(ALONG, unit="units"), "the peak is in units, which is not one of"),
+        (component(ALONG, unit="cm/s/s", raw=True), "in cm/s/s.*, but the readings are in"),
+        (component(ALONG, scale=0.1), "multiplied by 0.1 are not read"),
+        (component(ALONG, raw=True).replace("of 1.00", "of 0.10"), "multiplied by 0.1 are"),
+        (
+            component(ALONG, stated=0.01),
+            "step of 0.02 s.*, but the file states a time step of 0.01 s",
+        ),
+        (component(ALONG, step=0.0), "must be greater than 0, got 0"),
+        (component(ALONG, duration=5), "a duration of 5.00 s, but 43 points"),
+        (component(ALONG, counted=42), "43 points are stated, but the line of counts has 42"),
+        (component(ALONG, azimuth=28), "states N28W, but the header an azimuth of 28"),
+        (component(ALONG, "North"), "a line with the component was expected"),
+        (component(np.round(ALONG[:-1], 1)), "3 values in columns of 8 characters"),
+        (component(np.append(ALONG[:-1], np.inf), peak=1), "must be finite|must be a number"),
+        (component(np.append(ALONG[:-1], 1e7)), "columns of 8 characters"),
+        (component(ALONG)[:-30], "columns of 8|the file ends"),
+        (component(ALONG) + "more\n", "a title with"),
+    ],
+)
+def test_what_is_refused(path, content, message):
+    path.write_text(content)
+    if message is None:  # a peak without its sign
+        assert jr.read_record(path).samples == POINTS
+        return
+    with pytest.raises(ValueError, match=message) as error:
+        jr.read_record(path)
+    assert path.name in str(error.value)
+
+
+def test_the_caller_may_not_contradict(path):
+    path.write_text(component(ALONG))
+    with pytest.raises(ValueError, match="unit is 'g', but the peak is in mm/s/s"):
+        jr.read_record(path, unit="g")
+    with pytest.raises(ValueError, match=r"time_step is 0.01 s, but the file states"):
+        jr.read_record(path, time_step=0.01)
+
+
+@pytest.mark.parametrize(
+    "number", [60, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
+)
+def test_mutations(path, number):
+    def rows(values):
+        return {tuple(values[k : k + 10]) for k in range(0, len(values), 10)}
+
+    # All lines with columns of eight characters, those of the header as well.
+    known = {
+        tuple(float(line[k : k + 8]) for k in range(0, len(line), 8))
+        for line in V2A.splitlines()
+        if len(line) % 8 == 0 and set(line) <= set("0123456789.- ")
+    }
+    assert rows(ALONG) | rows(ACROSS) | rows(UP) | rows(OTHERS) < known
+
+    def read(path):
+        jr.read_record(path, column="S62W", vertical="up")
+        return read_geonet(RecordText(path), [], [])
+
+    def same(components):
+        # Lines of numbers that changed places, perhaps with the header, cannot be told.
+        return [each.direction for each in components] == ["level", "level", "up"] and all(
+            each.values.size == POINTS
+            and rows(each.values) <= known
+            and (each.factor, each.step) == (0.001, STEP)
+            for each in components
+        )
+
+    faults, counts = read_mutations(V2A.encode(), path, read, same, number)
+    assert not faults
+    assert min(counts.values()) > number / 20

@@ -1,0 +1,167 @@
+"""Tables of impact times: names, units, counters, and what is refused."""
+
+import numpy as np
+import pytest
+from references.mutations import read_mutations
+
+from jaxrock.calibration import read_impact_times
+
+pytestmark = pytest.mark.float64
+DEGREE = np.pi / 180
+
+
+@pytest.mark.parametrize(
+    ("content", "times", "peaks"),
+    [
+        ("0\n0.5\n0.9\n", [0, 0.5, 0.9], None),
+        ("# phone\n\ntime\n 0\n# far\n.5\r\n9e-1", [0, 0.5, 0.9], None),
+        ("\ufeffZeit [s]\n-1.5\n+.5\n", [-1.5, 0.5], None),
+        ('"t","peak"\n"0.1","-0.02"\n"0.2"\n', [0.1, 0.2], [-0.02]),
+        ("0,0.1\n1,\n2,nan\n3\n4,-0.05\n", [0, 1, 2, 3, 4], [0.1, np.nan, np.nan, np.nan]),
+        ("time [ms]\n0\n250\n", [0, 0.25], None),
+        ("times of impacts (min),largest rotation\n0,0.1\n1,\n", [0, 60], [0.1]),
+        ("t_s,peak_mrad\n0,500\n1,\n", [0, 1], [0.5]),
+        ("Zeit [s],Winkel [deg]\n0,-45\n1,\n", [0, 1], [-np.pi / 4]),
+        ("impact,time\n0,1\n1,2\n", [1, 2], None),
+        ("time,velocity\n0,1\n1,2\n", [0, 1], None),
+        ("t,a,b\n0\n1\n", [0, 1], None),
+        ("#,time [ms],peak [deg]\n1,500,9\n2,900,\n", [0.5, 0.9], [9 * DEGREE]),
+        ("# time [ms],peak [mrad]\n500,90\n900,nan\n", [0.5, 0.9], [0.09]),
+        ("# time_ms\n500\n900\n", [0.5, 0.9], None),
+        ("peak [deg]\tNo.\ttime of impact [s]\n9\t1\t.5\n\t2\t.9\n", [0.5, 0.9], [9 * DEGREE]),
+        (
+            'sep=;\nn;notes;t [s];rotation [deg]\n1;a, b;.5;9\n2;"c;d";.9;\n',
+            [0.5, 0.9],
+            [9 * DEGREE],
+        ),
+        (
+            "No.,Zeit [s],half cycle [s],speed [deg/s]\n1,.5,.4,3\n2,.9,.3,2\n",
+            [0.5, 0.9],
+            None,
+        ),
+        ("impact,peak time [s],time [s],peak\n1,.6,.5,.1\n2,.9,.8,\n", [0.5, 0.8], [0.1]),
+        ("0,\n1,nan\n2,0.1\n", [0, 1, 2], None),  # the only peak is beyond the last impact
+    ],
+)
+def test_files_that_are_read(tmp_path, content, times, peaks):
+    path = tmp_path / "times.csv"
+    path.write_text(content, encoding="utf-8", newline="")
+    for found in (read_impact_times(path), read_impact_times(str(path))):
+        np.testing.assert_array_equal(found[0], times)
+        assert (found[1] is None) == (peaks is None)
+        if peaks is not None:
+            np.testing.assert_allclose(found[1], peaks, rtol=1e-15)
+
+
+PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, ": the file cannot be read: No such file or directory"),
+        (..., ": the file cannot be read: Is a directory"),
+        (b"1\n\xff\xfe\x00", ": a text file was expected, this one is binary"),
+        (b"", ": at least two lines, each with the time of an impact, were expected, got 0"),
+        (b"time\n# none\n", ": at least two lines, each with the time of an impact, .* got 0"),
+        (b"0.5\n", ": at least two lines, each with the time of an impact, .* got 1"),
+        (b"0;0.1\n1;0.1\n", ", line 1: columns were expected .* by commas .* got '0;0.1'"),
+        (b"0,5;0,1\n", ", line 1: .* and decimals by points, got '0,5;0,1'"),
+        (b"0\n1,0.1,3\n", ", line 2: without names .* at most one peak .* got '1,0.1,3'"),
+        (b"t\n0\n1,0.1,3\n", ", line 3: 1 fields were expected at most, got '1,0.1,3'"),
+        (b"counter\n0\n1\n", ", line 1: one column must be times, .* got 'counter'"),
+        (b"time [furlong]\n0\n1\n", ", line 1: one column must be times, .* got 'time"),
+        (b"time,t\n0,1\n1,2\n", ", line 1: one column must be times, .* got 'time,t'"),
+        (b"interval [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'interval"),
+        (b"time,\n0,1\n1,2\n", ", line 1: every column must have a name, .* got 'time,'"),
+        (
+            b"time,peak [cm]\n0,1\n1,2\n",
+            ", line 1: rotations must have a name and a unit, .* got",
+        ),
+        (
+            b"time,tilt_angle_deg_left\n0,1\n",
+            ", line 1: rotations must have a name and a unit, .* got",
+        ),
+        (b"t,a [deg],b [rad]\n0,1,1\n", ", line 1: at most one column .* got 2 in"),
+        (b"# time [s]\n# t [ms]\n0\n9\n", ", line 2: one comment with the names .* another"),
+        (b"1,0.52\n2,0.94\n3,1.27\n", ", line 1: names of the columns .* may be a counter"),
+        (b"0,0.52\n1,0.94\n2,\n", ", line 1: names of the columns .* may be a counter"),
+        (b"500\n900\n1200\n", ", line 1: names of the columns .* are 350 s apart"),
+        (b"0.512\n0.987\n1.2", ", line 3: the file seems to be cut within a number, .* '1.2'"),
+        (b"0.5s\n1\n", ", line 1: the time of an impact was expected, .* got '0.5s'"),
+        (b"t\n0\nsoon\n", ", line 3: the time of an impact was expected, .* got 'soon'"),
+        (b"0\n1 2\n", ", line 2: the time of an impact was expected, .* got '1 2'"),
+        (b"0\n1_0\n", ", line 2: the time of an impact was expected, .* got '1_0'"),
+        (b"0,0.1\n,0.1\n", ", line 2: the time of an impact was expected, .* got ',0.1'"),
+        (b"0,high\n1\n", ", line 1: the time of an impact was expected, .* got '0,high'"),
+        (b"0\nnan\n", ", line 2: a time must be finite, got 'nan'"),
+        (b"0\ninf,1\n", ", line 2: a time must be finite, got 'inf,1'"),
+        (b"0,0\n1\n", f", line 1: {PEAK}, or empty if unknown, got '0,0'"),
+        (b"0,0.1\n1,-3\n2\n", f", line 2: {PEAK}, or empty if unknown, got '1,-3'"),
+        (b"0,inf\n1\n", f", line 1: {PEAK}, or empty if unknown, got '0,inf'"),
+        (b"0,574\n1,066\n", f", line 1: {PEAK}, or empty if unknown, got '0,574'"),
+        (b"t\n0\n# x\n1\n1\n", ", line 5: a time after 1 s was expected, got 1 s"),
+        (b"1700000000.25\n1700000000.125\n", ", line 2: .* 1700000000 s was expected, got"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, content, message):
+    path = tmp_path / "times.csv"
+    if content is ...:
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match=f"^'[^']*times.csv'{message}") as caught:
+        read_impact_times(path)
+    assert "\n" not in str(caught.value)
+
+
+TIMES = np.array([0.5123, 1.4471, 2.2310, 2.9014, 3.4875])
+PEAKS = np.array([9.1234, 7.5012, 6.2345, 5.1876])  # [deg]
+COLUMNS = [[f"{t:.4f}" for t in TIMES], [f"{p:.4f}" for p in PEAKS] + [""]]
+MILLISECONDS = [f"{1000 * t:.1f}" for t in TIMES]
+LAYOUTS = {
+    "times": ["time [s]", *COLUMNS[0]],
+    "without names": COLUMNS[0],
+    "peaks": ["time [s],peak rotation [deg]", *map(",".join, zip(*COLUMNS, strict=True))],
+    "counter": [
+        "# a test of a cabinet",
+        "impact,time [ms],velocity [m/s],peak rotation [deg],notes",
+        *(
+            f"{n},{t},{0.5 - 0.1 * n:.2f},{p},{'phone, moved'[:5]}"
+            for n, t, p in zip(range(5), MILLISECONDS, COLUMNS[1], strict=True)
+        ),
+    ],
+    "tabs": [
+        "No.\ttime [ms]\tpeak [deg]",
+        *map("\t".join, zip("12345", MILLISECONDS, COLUMNS[1], strict=True)),
+    ],
+    "semicolons": [
+        "sep=;",
+        "peak [deg];time [s]",
+        *map(";".join, zip(*COLUMNS[::-1], strict=True)),
+    ],
+}
+
+
+@pytest.mark.parametrize("number", [90, pytest.param(1000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_mutations(tmp_path, layout, number):
+    """A table that lost a line has the same times and peaks, as it would of a missed impact."""
+
+    def same(found):
+        times, peaks = found
+        at = abs(times[:, None] - TIMES).argmin(axis=1)
+        right = (times == TIMES[at]).all() or np.allclose(times, TIMES[at], rtol=1e-12)
+        if peaks is None:
+            return right and layout in ("times", "without names")
+        expected = np.append(PEAKS, np.nan)[at[:-1]] * DEGREE
+        near = np.isclose(peaks, expected, rtol=1e-12, atol=0)
+        return right and len(np.unique(at)) == len(at) and near.all()
+
+    path = tmp_path / "times.csv"
+    content = "".join(line + "\n" for line in LAYOUTS[layout]).encode()
+    path.write_bytes(content)
+    assert same(read_impact_times(path))
+    faults, counts = read_mutations(content, path, read_impact_times, same, number)
+    assert not faults, (len(faults), faults[:3])
+    assert min(counts.values()) > number / 10, counts

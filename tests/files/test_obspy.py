@@ -1,0 +1,302 @@
+"""miniSEED, SAC and K-NET: written by obspy, or here in their layout, and read through obspy."""
+
+import io
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from references.mutations import read_mutations
+from tools.command import run
+
+import jaxrock as jr
+from jaxrock.cli.options import read_motion
+
+with warnings.catch_warnings():
+    # As the library does: one of obspy's imports is deprecated in Python 3.11.
+    warnings.simplefilter("ignore")
+    import obspy
+
+pytestmark = pytest.mark.float64
+
+RANDOM = np.random.default_rng(7)
+# Samples in cm/s2, which float32 holds exactly: no rounding stands between file and record.
+GALS = {
+    channel: RANDOM.normal(0, 100, 400).round().astype(np.float32) + np.float32(0.25)
+    for channel in ("HNE", "HNN", "HNZ")
+}
+COUNTS = -4000 + RANDOM.integers(-30000, 30000, 200)
+KNET_FACTOR = 2000 / 8388608 * 0.01
+
+
+def make_trace(channel="HNE", data=None, start=0.0, step=0.005, **more):
+    header = {"network": "XX", "station": "ABC", "channel": channel, "delta": step}
+    header["starttime"] = obspy.UTCDateTime(2020, 1, 1) + start
+    return obspy.Trace(GALS[channel] if data is None else data, header | more)
+
+
+def pack(kind, *traces, **more):
+    buffer = io.BytesIO()
+    options = {"reclen": 512} if kind == "MSEED" else {}
+    obspy.Stream(list(traces)).write(buffer, kind, **options, **more)
+    return buffer.getvalue()
+
+
+def pack_sac(data=None, step=0.005, **header):
+    trace = make_trace(data=data, step=step, **header.pop("stats", {}))
+    trace.stats.sac = header
+    return pack("SAC", trace)
+
+
+def knet(direction="E-W", **changes):
+    """A file of K-NET: 17 lines with names in 18 columns, then 8 numbers in each."""
+    gals = COUNTS * KNET_FACTOR * 100
+    header = {
+        "Origin Time": "2003/09/26 04:50:00",
+        "Lat.": "41.780",
+        "Long.": "144.079",
+        "Depth. (km)": "42",
+        "Mag.": "8.0",
+        "Station Code": "HKD100",
+        "Station Lat.": "42.1321",
+        "Station Long.": "143.1331",
+        "Station Height(m)": "14",
+        "Record Time": "2003/09/26 04:50:40",
+        "Sampling Freq(Hz)": "100Hz",
+        "Duration Time(s)": "2",
+        "Dir.": direction,
+        "Scale Factor": "2000(gal)/8388608",
+        "Max. Acc. (gal)": f"{np.abs(gals - gals.mean()).max():.3f}",
+        "Last Correction": "2003/09/26 04:00:00",
+        "Memo.": "",
+    }
+    lines = [f"{name:18}{value}" for name, value in (header | changes).items()]
+    lines += ["".join(f"{x:8d} " for x in row) for row in COUNTS.reshape(-1, 8)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def read(path, content, **options):
+    path.write_bytes(content)
+    return jr.read_record(path, **options)
+
+
+@pytest.mark.parametrize("name", ["a.mseed", "station.001"])
+def test_miniseed(tmp_path, name):
+    content = pack("MSEED", *(make_trace(channel) for channel in GALS))
+    record = read(
+        tmp_path / name, content, unit="cm/s2", column="HNN", vertical="HNZ", time_step=0.005
+    )
+    assert record.time_step == 0.005
+    np.testing.assert_allclose(
+        record.acceleration, 0.01 * GALS["HNN"].astype(float), rtol=1e-14
+    )
+    np.testing.assert_allclose(record.vertical, 0.01 * GALS["HNZ"].astype(float), rtol=1e-14)
+    alone = read(tmp_path / name, pack("MSEED", make_trace()), unit="gal")
+    np.testing.assert_allclose(
+        alone.acceleration, 0.01 * GALS["HNE"].astype(float), rtol=1e-14
+    )
+
+
+def test_sac(tmp_path):
+    # obspy makes 0.003906 s of this step, and says so.
+    path = tmp_path / "a.SAC"
+    record = read(path, pack_sac(step=1 / 256), unit="mm/s2")
+    assert record.time_step == 1 / 256
+    np.testing.assert_allclose(
+        record.acceleration, 0.001 * GALS["HNE"].astype(float), rtol=1e-14
+    )
+    record = read(tmp_path / "HNE", pack_sac(idep=8, cmpinc=90), unit="mm/s2")
+    assert record.time_step == 0.005
+    assert record.samples == 400
+
+
+@pytest.mark.parametrize(("direction", "axis"), [("E-W", "EW"), ("U-D", "UD"), ("6", "UD2")])
+def test_knet(tmp_path, direction, axis):
+    # A record needs a horizontal component: a vertical one goes with the other direction.
+    path = tmp_path / f"HKD100.{axis}"
+    path.write_bytes(knet(direction))
+    right = COUNTS * KNET_FACTOR
+    if direction == "E-W":
+        record = jr.read_record(path, unit="gal", time_step=0.01, column=axis)
+        np.testing.assert_allclose(record.acceleration, right, rtol=1e-14)
+        assert record.time_step == 0.01
+        return
+    with pytest.raises(
+        ValueError, match=f"no component is horizontal; column names a vertical one: '{axis}'"
+    ):
+        jr.read_record(path)
+    record = read(tmp_path / "HKD100.EW", knet("N-S"), vertical=path)
+    np.testing.assert_allclose(record.vertical, right, rtol=1e-14)
+
+
+INTEGERS = np.arange(400, dtype=np.int32)
+WRONG_BLOCKETTES = bytearray(pack("MSEED", make_trace()))
+WRONG_BLOCKETTES[39] = 5
+REFUSED = {
+    "unit must be given": ("a.mseed", pack("MSEED", make_trace()), {}),
+    "column must be given": (
+        "a.mseed",
+        pack("MSEED", *(make_trace(channel) for channel in GALS)),
+        {"unit": "gal"},
+    ),
+    "time_step is 0.01 s, but the file states 0.005 s": (
+        "a.mseed",
+        pack("MSEED", make_trace()),
+        {"unit": "gal", "time_step": 0.01},
+    ),
+    "counts of an instrument: remove the response": (
+        "a.mseed",
+        pack("MSEED", make_trace(data=INTEGERS)),
+        {"unit": "gal"},
+    ),
+    "whole numbers, as counts": (
+        "a.mseed",
+        pack("MSEED", make_trace(data=INTEGERS.astype(float))),
+        {"unit": "gal"},
+    ),
+    "XX.ABC..HNE is in 2 pieces, with gaps": (
+        "a.mseed",
+        pack("MSEED", make_trace(), make_trace(start=2.1)),
+        {"unit": "gal"},
+    ),
+    "XX.ABC..HNN starts 0.0025 s apart": (
+        "a.mseed",
+        pack("MSEED", make_trace(), make_trace("HNN", start=0.0025)),
+        {"unit": "gal", "column": "HNE"},
+    ),
+    "miniSEED of version 3": ("a.bin", b"MS\x03" + bytes(600), {"unit": "gal"}),
+    "a record of miniSEED was expected": ("a.mseed", b"time,acc\n" * 100, {"unit": "gal"}),
+    "a record in it is damaged": (
+        "a.mseed",
+        pack("MSEED", make_trace()) + b"?" * 512,
+        {"unit": "gal"},
+    ),
+    "obspy warns: .*Number of blockettes": (
+        "a.mseed",
+        WRONG_BLOCKETTES,
+        {"unit": "gal"},
+    ),
+    "IDEP says velocity": ("a.sac", pack_sac(idep=7), {"unit": "gal"}),
+    "a factor of 2 is stated": ("a.sac", pack_sac(stats={"calib": 2.0}), {"unit": "gal"}),
+    "HNE: all samples are whole": ("a.sac", pack_sac(data=INTEGERS), {"unit": "gal"}),
+    "obspy cannot read it as SAC": ("a.sac", pack_sac()[:-4], {"unit": "gal"}),
+    "unit is 'g', but the file is in gal": ("a.ew", knet(), {"unit": "g"}),
+    "time_step is 0.02 s, but the file states 100 samples": (
+        "a.ew",
+        knet(),
+        {"time_step": 0.02},
+    ),
+    "2 s were expected at 62 samples per second": (
+        "a.ew",
+        knet(**{"Sampling Freq(Hz)": "62.5Hz"}),
+        {},
+    ),
+    r"line 15: Max. Acc. \(gal\) is 7.177, but": (
+        "a.ew",
+        knet(**{"Scale Factor": "2001(gal)/8388608", "Max. Acc. (gal)": "7.177"}),
+        {},
+    ),
+    "Dir. is no direction of K-NET, got 'X'": ("a.ew", knet("X"), {}),
+    "obspy cannot read it as K-NET: .*Scale": ("a.ew", knet().replace(b"Scale", b"Scala"), {}),
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED)
+def test_refused(tmp_path, capfd, reason):
+    name, content, options = REFUSED[reason]
+    with pytest.raises(ValueError, match=rf"(?s)^'[^']*{name}.*{reason}") as caught:
+        read(tmp_path / name, content, **options)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_samples_behind_the_end(tmp_path):
+    """A last record that states more samples than it holds: obspy reads other memory."""
+    content = bytearray(pack("MSEED", make_trace()))
+    content[1536 + 30 : 1536 + 32] = (65000).to_bytes(2, "big")
+    with pytest.raises(ValueError, match=r"a\.mseed': a record in it is damaged"):
+        read(tmp_path / "a.mseed", content, unit="gal")
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.ew", knet()), ("a.sac", pack_sac())])
+def test_without_obspy(tmp_path, monkeypatch, name, content):
+    monkeypatch.setitem(sys.modules, "obspy", None)
+    brings = rf"{name}': obspy is not installed; pip install 'jaxrock\[records\]' brings it"
+    with pytest.raises(ValueError, match=brings):
+        read(tmp_path / name, content, unit="gal")
+
+
+def test_commands(tmp_path, capsys):
+    """They take such a file as they take others."""
+    path = tmp_path / "a.mseed"
+    path.write_bytes(pack("MSEED", make_trace()))
+    block = ("--width", 0.4, "--slenderness", 5)
+    code, _, said = run(capsys, "respond", *block, "--record", path)
+    assert code == 2
+    assert "miniSEED states no unit" in said
+    options = dict.fromkeys(("column", "vertical", "time_step"))
+    record = read_motion(str(path), unit="cm/s2", **options)
+    assert is_same(record, GALS["HNE"], 0.005)
+
+
+@pytest.mark.parametrize("number", [90, pytest.param(1000, marks=pytest.mark.thorough)])
+def test_mutations_of_knet(tmp_path, number):
+    content = knet()
+    right = COUNTS * KNET_FACTOR
+
+    def same(record):
+        # That lines or columns of numbers have changed places cannot be known, nor that the
+        # last number has lost digits.
+        found = np.sort(np.asarray(record.acceleration))
+        close = np.isclose(found, np.sort(right), rtol=1e-13, atol=0)
+        return record.time_step == 0.01 and found.size == right.size and close.all()
+
+    faults, counts = read_mutations(content, tmp_path / "a.ew", jr.read_record, same, number)
+    assert not faults
+    assert counts["read"] > number / 6
+    assert counts["refused"] > number / 3
+
+
+def is_same(record, data, step):
+    return (
+        record.samples == data.size
+        and abs(record.time_step / step - 1) < 1e-3
+        and np.allclose(record.acceleration, 0.01 * data.astype(float), rtol=1e-14, atol=0)
+    )
+
+
+@pytest.mark.parametrize("kind", ["MSEED", "SAC"])
+def test_cut_files(tmp_path, kind):
+    content = pack(kind, make_trace()) if kind == "MSEED" else pack_sac()
+    path = tmp_path / "a.bin"
+    for size in np.random.default_rng(1).integers(1, len(content), 60).tolist():
+        # A miniSEED file that ends after a record of 512 bytes is a shorter one.
+        if kind == "SAC" or size % 512:
+            with pytest.raises(ValueError, match=r"a\.bin"):
+                read(path, content[:size], unit="cm/s2")
+
+
+@pytest.mark.parametrize(("kind", "header"), [("MSEED", 55), ("SAC", 440)])
+def test_mutated_headers(tmp_path, kind, header):
+    """A byte in the header, of miniSEED in that of the first record, is another."""
+    content = pack(kind, make_trace()) if kind == "MSEED" else pack_sac()
+    path = tmp_path / "a.bin"
+    random = np.random.default_rng(2)
+    counts = {"read": 0, "refused": 0}
+    faults = []
+    for _ in range(150):
+        at = int(random.integers(header))
+        mutated = bytearray(content)
+        mutated[at] = int(random.integers(256))
+        try:
+            record = read(path, bytes(mutated), unit="cm/s2")
+        except ValueError as error:
+            counts["refused"] += 1
+            if "a.bin" not in str(error):
+                faults.append((at, mutated[at], error))
+            continue
+        counts["read"] += 1
+        if not is_same(record, GALS["HNE"], 0.005):
+            faults.append((at, mutated[at], record))
+    assert not faults
+    assert min(counts.values()) > 10

@@ -1,0 +1,185 @@
+"""Tables of samples as programs write them: heads, separators, digits, and files cut short."""
+
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from tests.references.mutations import read_mutations
+
+G = 9.80665
+
+
+@pytest.fixture
+def read(tmp_path):
+    def from_text(content, name="a.csv", **options):
+        path = tmp_path / name
+        path.write_text(content)
+        return jr.read_record(path, **options)
+
+    return from_text
+
+
+ROWS = "0,1\n0.5,-2.5\n1,0.25\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time,acc_g\n" + ROWS,
+        "# time,acc_g\n" + ROWS,
+        "# a station, in Italy\n#time [s], acc [g]\n" + ROWS,
+        "# time,acc_g\n\n\n" + ROWS,
+        "time,acc_g\n\n \n" + ROWS,
+        "sep=,\ntime,acc_g\n" + ROWS,
+        '"sep=,"\r\ntime,acc_g\r\n' + ROWS,
+        "SEP=,\n# time,acc_g\n" + ROWS,
+        ("time,acc_g\n" + ROWS).replace(",", "\t"),
+        ("# time [s],acc [g]\n" + ROWS).replace(",", "\t"),
+        "sep=\t\n" + ("time,acc_g\n" + ROWS).replace(",", "\t"),
+        ("time,acc_g\n" + ROWS).replace(",", ",\t"),
+        "time,acc_g\n0,1.0D+00\n.5d0,-25.0d-1\n1.0D0,2.5D-01\n",
+        "time,acc_g\n0,1.0D+00\n0.5,-2.5\n1,.25\n",
+    ],
+)
+def test_heads_and_separators(read, content):
+    record = read(content)
+    np.testing.assert_allclose(record.acceleration, G * np.array([1, -2.5, 0.25]), rtol=1e-6)
+    assert float(record.time_step) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (ROWS, "line 1: names of the columns were expected, got '0,1'"),
+        ("# accelerations, in g\n" + ROWS, "line 2: names of the columns were expected"),
+        ("# time,acc_g,up_g\n" + ROWS, "line 2: names of the columns were expected"),
+        ("# 0.0,acc_g\n" + ROWS, "line 2: names of the columns were expected"),
+        ("# time,acc_g\n# of a station\n" + ROWS, "line 3: names of the columns were"),
+        (
+            "sep=;\ntime;acc_g\n0;1\n1;2\n",
+            "line 1: columns must be separated by commas or tabs",
+        ),
+        (
+            "sep=|\ntime|acc_g\n0|1\n1|2\n",
+            "line 1: columns must be separated by commas or tabs",
+        ),
+        ("time;acc_g\n0;1,5\n1;2,5\n", "line 1: columns must be separated by commas, got"),
+        (
+            "time\tacc_g\n0,0\t1,5\n0,5\t2,5\n",
+            "line 2: column 'acc_g' must be a number, got '1,5'",
+        ),
+        ("time\tacc_g\n0\t1\n1\n", "line 3: 2 fields separated by tabs were expected, got 1"),
+        ("time,acc_g\n0,1\n\n1,2\n", "line 3: 2 fields separated by commas were expected"),
+        (
+            "time,acc_g\n0,1.0-02\n1,2\n",
+            "line 2: column 'acc_g' must be a number, got '1.0-02'",
+        ),
+        ("time,acc_g\n0,1.0D\n1,2\n", "line 2: column 'acc_g' must be a number, got '1.0D'"),
+        ("time,acc_g\n0,1.0D999\n1,2\n", "line 2: column 'acc_g' must be finite"),
+    ],
+)
+def test_tables_that_are_refused(read, content, message):
+    with pytest.raises(ValueError, match=r"a\.csv', ") as caught:
+        read(content)
+    assert message in str(caught.value)
+
+
+def make_table(steps, form, first=0.0):
+    times = first + np.asarray(steps)
+    return "time,acc_g\n" + "".join(f"{form % t},{(-1) ** k}\n" for k, t in enumerate(times))
+
+
+@pytest.mark.parametrize(
+    ("samples", "step", "form", "given"),
+    [
+        (8, 1 / 256, "%.3f", 1 / 256),
+        (1000, 1 / 256, "%.3f", 1 / 256),
+        (1000, 1 / 256, "%.3f", None),  # no other step, to a thousandth, explains them
+        (20000, 1 / 120, "%.3f", None),
+        (300, 1 / 75, "%.4g", 1 / 75),
+        (500, 1 / 75, "%.3e", 1 / 75),
+    ],
+)
+def test_times_printed_with_few_digits(read, samples, step, form, given):
+    content = make_table(step * np.arange(1, samples + 1), form)
+    record = read(content, time_step=given)
+    assert float(record.time_step) == pytest.approx(step, rel=1e-6 if given else 1e-3)
+    stated = "" if given is None else f"# sampling rate {1 / step:.9g} Hz\n"
+    assert float(read(stated + content).time_step) == pytest.approx(step, rel=1e-3)
+
+
+def test_times_that_no_step_explains(read):
+    right = np.arange(1, 1001) / 256
+    lost = np.delete(right, 500)
+    late = right + 0.002 * (np.arange(1000) > 500)
+    for times, options, message in (
+        (right[:6], {}, "must have a uniform step"),  # 0.0036 to 0.004 s explain them
+        (right, {"time_step": 0.004}, "time_step is 0.004 s, but column 'time' has a step"),
+        (right[:6], {"time_step": 0.0045}, "must have a uniform step"),
+        (lost, {"time_step": 1 / 256}, "must have a uniform step"),
+        (lost, {}, "must have a uniform step"),
+        (late, {"time_step": 1 / 256}, "must have a uniform step"),
+        (late, {}, "must have a uniform step"),
+        # Times that are printed twice may as well have been repeated.
+        (right / 4, {"time_step": 1 / 1024}, "must increase"),
+    ):
+        with pytest.raises(ValueError, match=f"a.csv'.*{message}"):
+            read(make_table(times, "%.3f"), **options)
+
+
+def test_a_table_that_is_cut_in_its_last_number(read):
+    random = np.random.default_rng(0)
+    values = random.normal(size=50)
+    for form in ("%.6f", "%.18e", "%12.5E"):
+        rows = [f"{k / 100:.2f},{form % value}" for k, value in enumerate(values)]
+        whole = "\n".join(["time,acc_g", *rows])
+        assert read(whole).samples == read(whole + "\n").samples == 50
+        for cut in range(1, len(form % values[-1])):
+            with pytest.raises(ValueError, match=r"a\.csv'"):
+                read(whole[:-cut])
+        with pytest.raises(ValueError, match="line 51: the file seems to be cut within its"):
+            read(whole[:-1])
+
+
+@pytest.mark.parametrize(
+    "form", [repr, lambda value: f"{value:g}", lambda value: f"{value:.3g}"]
+)
+def test_varying_digits_are_no_sign_of_a_cut(read, form):
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        values = [form(float(value)) for value in random.normal(size=30).round(4)]
+        rows = [f"{k / 100},{value}" for k, value in enumerate(values)]
+        assert read("\n".join(["time,acc_g", *rows])).samples == 30
+    # A number so much shorter than all others is one.
+    with pytest.raises(ValueError, match="the file seems to be cut"):
+        read("time,acc_g\n0.00,0.12345\n0.01,-0.3456\n0.02,0.2")
+
+
+SAMPLES = np.random.default_rng(2).normal(size=40).round(6)
+TIMES = 0.01 * np.arange(40)
+PRINTED = [f"{t:.2f},{value:.6f}" for t, value in zip(TIMES, SAMPLES, strict=True)]
+SCIENTIFIC = [f"{t:.18e},{value:.18e}" for t, value in zip(TIMES, SAMPLES, strict=True)]
+TABLES = {
+    "csv": "# a station, 1999\ntime [s],acc_g\n" + "\n".join(PRINTED) + "\n",
+    "numpy": "# a station, 1999\n# time,acc_g\n" + "\n".join(SCIENTIFIC) + "\n",
+    "tabs": ("time,acc_g\n" + "\n".join(PRINTED) + "\n").replace(",", "\t"),
+    "sep": "sep=,\ntime,acc_g\n" + "\n".join(PRINTED) + "\n",
+}
+
+
+@pytest.mark.parametrize("number", [60, pytest.param(1000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("kind", TABLES)
+def test_mutations(tmp_path, kind, number):
+    """A table that is cut between two lines is a shorter one, which no table can say."""
+
+    def same(record):
+        found = np.asarray(record.acceleration)
+        first = int(np.argmin(np.abs(G * SAMPLES - found[0])))
+        right = SAMPLES[first : first + found.size]
+        fits = right.size == found.size and np.allclose(found, G * right, rtol=1e-5)
+        return fits and abs(float(record.time_step) - 0.01) < 1e-6
+
+    path = tmp_path / "a.csv"
+    faults, counts = read_mutations(TABLES[kind].encode(), path, jr.read_record, same, number)
+    assert not faults, faults[:3]
+    assert min(counts.values()) > number / 20

@@ -1,0 +1,129 @@
+"""What is computed as it stands, but said: drifts of the ground, and sizes hardly meant."""
+
+import warnings
+from types import SimpleNamespace
+
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock.cli import main
+from jaxrock.ground_motion import Suite, from_obspy
+
+G = 9.80665
+BLOCK = jr.Block(0.3, 4.0)
+STEP = 0.01
+# A push and its reverse: PGV is (2 / pi) / 2 m/s, at 0.5 s, and the ground is at rest at 1 s.
+CORRECTED = np.zeros(1001)
+CORRECTED[:101] = np.sin(2 * np.pi * np.linspace(0, 1, 101))
+# 0.3 m/s2 for 10 s leave 3 m/s, and without this line PGV is 1 / pi again.
+RAW = CORRECTED + 0.3
+SAID = "moves at 3 m/s at the end, and PGV is 3 m/s; without this drift it is 0.318 m/s"
+
+
+def write(folder, name, samples):
+    path = folder / name
+    path.write_text("acc_g\n" + "\n".join(f"{a / G:.9f}" for a in samples), encoding="utf-8")
+    return path
+
+
+def test_a_drift_is_said_where_a_record_is_read(tmp_path):
+    good, bad = write(tmp_path, "good.csv", CORRECTED), write(tmp_path, "raw.csv", RAW)
+    jr.read_record(good, time_step=STEP)
+    with pytest.warns(UserWarning, match=rf"raw\.csv'.* {SAID}"):
+        record = jr.read_record(bad, time_step=STEP)
+    np.testing.assert_allclose(record.acceleration, RAW, atol=1e-6)
+    with pytest.warns(UserWarning, match=SAID) as said:
+        jr.read_suite(tmp_path, time_step=STEP)
+    assert len(said) == 1
+
+    def trace(samples):
+        return SimpleNamespace(data=samples, stats=SimpleNamespace(delta=STEP))
+
+    from_obspy(trace(CORRECTED), unit="m/s2", vertical=trace(RAW))
+    with pytest.warns(UserWarning, match=f"trace: the ground still {SAID}"):
+        from_obspy(trace(RAW), unit="m/s2")
+
+
+def test_a_drift_is_said_where_pgv_scales_a_record():
+    suite = Suite([jr.Record(samples, STEP) for samples in (CORRECTED, RAW)], ["good", "raw"])
+    suite.factors(1.0, "pga")
+    with pytest.warns(UserWarning, match=f"'raw': the ground still {SAID}") as said:
+        suite.factors([0.1, 0.2], "pgv")
+    assert len(said) == 1
+    half = suite.scaled(0.5)
+    with pytest.warns(UserWarning, match=r"moves at 1\.5 m/s at the end, and PGV is 1\.5 m/s"):
+        half.factors([0.1, 0.2], "pgv_ratio", BLOCK)
+    # A drift that hides from PGV, pulses, and traced records are as they are.
+    slight = jr.Record(CORRECTED + 0.005, STEP)
+    pulse = jr.Record(np.sin(np.linspace(0, np.pi, 400)), STEP)
+    jr.Suite([slight, pulse]).factors(1.0, "pgv")
+    jax.jit(lambda suite: suite.factors(1.0, "pgv"))(suite)
+
+
+@pytest.mark.thorough
+def test_a_command_prints_a_drift_once_for_each_use(tmp_path, capsys):
+    write(tmp_path, "raw.csv", RAW)
+    words = [
+        "fragility",
+        "--records",
+        str(tmp_path),
+        "--time-step",
+        str(STEP),
+        "--levels",
+        "0.1",
+    ]
+    size = ["--width", "0.6", "--height", "2.4", "--restitution", "0.8"]
+    for measure, uses in (("pga", ["raw.csv'"]), ("pgv", ["raw.csv'", "'raw'"])):
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            main([*words, *size, "--out", str(tmp_path / measure), "--measure", measure])
+        said = [line for line in capsys.readouterr().err.splitlines() if SAID in line]
+        assert len(said) == len(uses)
+        for line, name in zip(said, uses, strict=True):
+            assert line.startswith("jaxrock: warning: ")
+            assert name in line
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("g", G), ("%g", 0.01 * G), ("cm/s^2", 0.01), ("m/s2", 1.0)]
+)
+def test_a_record_in_another_unit(unit, factor):
+    samples, upward = np.array([0.0, 0.5, -0.25]), np.array([0.1, 0.0, 0.2])
+    record = jr.Record(samples, 0.1, upward, unit=unit)
+    np.testing.assert_allclose(record.acceleration, factor * samples, rtol=1e-6)
+    np.testing.assert_allclose(record.vertical, factor * upward, rtol=1e-6)
+    assert record.scale == 1
+    traced = jax.jit(lambda a: jr.Record(a, 0.1, unit=unit).acceleration)(samples)
+    np.testing.assert_allclose(traced, record.acceleration, rtol=1e-6)
+    assert not hasattr(record, "unit")
+
+
+def test_a_unit_that_is_none():
+    with pytest.raises(ValueError, match=r"unit must be one of 'm/s2', .*, got 'mm'"):
+        jr.Record([0.0, 1.0], 0.1, unit="mm")
+    with pytest.raises(ValueError, match="acceleration must be finite"):
+        jr.Record([0.0, 1e308, np.inf], 0.1, unit="g")
+
+
+def test_a_unit_beside_one_that_the_samples_carry(monkeypatch):
+    # The types that tests check take no quantities.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    carries = type("Quantity", (), {"units": "m/s2"})()
+    with pytest.raises(ValueError, match="unit must be left out if acceleration carries one"):
+        jr.Record(carries, 0.1, unit="g")
+    with pytest.raises(ValueError, match="unit must be left out if vertical carries one"):
+        jr.Record([0.0, 1.0], 0.1, carries, unit="g")
+
+
+def test_sizes_that_are_hardly_meant_in_metres():
+    with pytest.warns(UserWarning, match="width is 600 m: sizes are in metres"):
+        jr.Block.from_size(width=600.0, height=50.0)
+    with pytest.warns(UserWarning, match="height is 2400 m: sizes are in metres"):
+        jr.Block.from_size(width=6.0, height=np.array([2.4, 2400.0]))
+    with pytest.warns(UserWarning, match="width is 80 m: sizes are in metres"):
+        jr.resonance_spectrum(5.0, [40.0, 80.0], 0.6, 0.15)
+    jr.Block.from_size(width=30.0, height=100.0)
+    jax.jit(lambda width: jr.Block.from_size(width=width, height=1.0).half_width)(600.0)
