@@ -84,6 +84,11 @@ LIBRARY = {
         "acceleration must be samples along the last axis, got an array of shape (200, 2), which"
         " would be records of two samples; pass the column of accelerations alone",
     ),
+    "times and samples as rows": (
+        lambda: jr.Record(np.stack([0.01 * np.arange(200), np.ones(200)]), 0.01),
+        "acceleration must be samples, got an array of shape (2, 200) whose first row are times;"
+        " pass the row of accelerations alone",
+    ),
     "a list of records for a suite": (
         lambda: jr.fragility(BLOCK, 0.7, [RECORD], [0.1]),
         "suite must be a Suite, got a list of 1 Records; Suite([...]) makes one",

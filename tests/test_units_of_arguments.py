@@ -1,5 +1,7 @@
 """Numbers that carry a unit: converted as their own package says, or refused, never stripped."""
 
+import re
+
 import astropy.units as u
 import jaxtyping
 import numpy as np
@@ -80,9 +82,8 @@ def test_a_unit_is_converted(carry, make, read, expected, eps):
     ],
 )
 def test_another_unit_is_refused(carry, make, said):
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}"):
         make(carry)
-    assert str(refused.value).startswith(said)
 
 
 def test_labels_of_xarray_are_not_stripped(eps):

@@ -107,6 +107,11 @@ class Record(Motion):
             raise ValueError(
                 f"acceleration must be samples along the last axis, {got} {shape}, {hint}"
             )
+        if _begins_with_times(self.acceleration, self.time_step):
+            raise ValueError(
+                f"acceleration must be samples, {got} {shape} whose first row are times;"
+                " pass the row of accelerations alone"
+            )
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
                 raise ValueError(f"{name} must not be empty, {got} {value.shape}")
@@ -216,6 +221,20 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     # In NumPy: JAX would compile the product for every length. What overflows is refused.
     with np.errstate(over="ignore"):
         return as_real(name, factor * np.asarray(samples))
+
+
+def _begins_with_times(acceleration: Reals, time_step: Reals) -> bool:
+    """Tell whether the first of two rows holds the times of samples: one step after another."""
+    if is_traced((acceleration, time_step)) or acceleration.ndim != 2 or time_step.ndim:
+        return False
+    # Accelerations that always rise by just the number of the time step do not occur.
+    rows = np.asarray(acceleration)
+    steps = np.diff(rows[0])
+    return (
+        len(rows) == 2
+        and steps.size > 1
+        and bool(np.allclose(steps, float(time_step), rtol=1e-2, atol=0))
+    )
 
 
 @jax.jit

@@ -51,8 +51,8 @@ def read_record(
         A file; neither a pipe nor a device.
     unit : str, optional
         Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"nm/s2"``,
-        ``"gal"``, ``"g"``, ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``, ``"cm/sec/sec"`` and so on;
-        g is standard gravity, 9.80665 m/s2.
+        ``"gal"``, ``"g"``, ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``,
+        ``"cm/sec/sec"`` and so on; g is standard gravity, 9.80665 m/s2.
     column : str, optional
         Column of a .csv file, or channel of another file, with the horizontal acceleration.
         Needed unless it is the only one. ``"up"`` or ``"down"`` takes a vertical component as
