@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import doctest
 import functools
 import inspect
 import re
@@ -109,6 +110,15 @@ def test_signature_shows_names_and_not_what_they_stand_for(name):
     shown = str(inspect.signature(getattr(jr, name)))
     assert not re.search(r"jaxtyping|Array, '", shown), shown
     assert "Union[" not in shown.replace("Union[ModelLike, Literal['auto']]", ""), shown
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in jr.__all__ if not inspect.ismodule(getattr(jr, n))]
+)
+def test_docstring_shows_an_example_and_its_output(name):
+    examples = doctest.DocTestParser().get_examples(getattr(jr, name).__doc__)
+    run = [example for example in examples if doctest.SKIP not in example.options]
+    assert any(example.want for example in run), f"{name} has no example that prints"
 
 
 def guarded():

@@ -30,6 +30,14 @@ class DrivenScene(Printed, Checked):
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
         A pulse, a `Harmonic` or a `Record`.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(jr.DrivenScene(jr.Block(0.1, 5.0), 0.9, jr.Sine(amplitude=4.0, duration=0.5)))
+    half-width 0.1 m, slenderness 5, gravity 9.81 m/s2
+    restitution 0.9
+    one-sine pulse of 4 m/s2, duration 0.5 s, from 0 s on
     """
 
     block: Block

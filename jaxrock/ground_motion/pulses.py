@@ -139,7 +139,14 @@ def check_pulse_class(shape: object) -> type[Pulse]:
 
 
 class Rectangular(Pulse):
-    """Constant acceleration, of intensity ``a_p duration``; see `Pulse` for the parameters."""
+    """Constant acceleration, of intensity ``a_p duration``; see `Pulse` for the parameters.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.Rectangular(amplitude=3.0, duration=0.5).intensity:.3f} m/s")
+    1.500 m/s
+    """
 
     __init__ = Pulse.__init__
     name = "rectangular pulse"
@@ -151,7 +158,14 @@ class Rectangular(Pulse):
 
 
 class HalfSine(Pulse):
-    """Half a period of a sine, of intensity ``2 a_p duration / pi``; see `Pulse`."""
+    """Half a period of a sine, of intensity ``2 a_p duration / pi``; see `Pulse`.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.HalfSine(amplitude=3.0, duration=0.5).frequency:.3f} rad/s")
+    6.283 rad/s
+    """
 
     __init__ = Pulse.__init__
     name = "half-sine pulse"
@@ -163,7 +177,14 @@ class HalfSine(Pulse):
 
 
 class Sine(Pulse):
-    """A period of a sine (type A, forward), of intensity 0; see `Pulse`."""
+    """A period of a sine (type A, forward), of intensity 0; see `Pulse`.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.Sine(amplitude=3.0, duration=0.5).horizontal(0.375):.3f} m/s2")
+    -3.000 m/s2
+    """
 
     __init__ = Pulse.__init__
     name = "one-sine pulse"
@@ -175,7 +196,14 @@ class Sine(Pulse):
 
 
 class Cosine(Pulse):
-    """A period of a cosine (type B, forward and back), of intensity 0; see `Pulse`."""
+    """A period of a cosine (type B, forward and back), of intensity 0; see `Pulse`.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.Cosine(amplitude=3.0, duration=0.5).horizontal(0.25):.3f} m/s2")
+    -3.000 m/s2
+    """
 
     __init__ = Pulse.__init__
     name = "one-cosine pulse"
@@ -193,6 +221,13 @@ class Ricker(Pulse):
     before and after its peak, where it has fallen to 1e-15 of it. The duration is T_p, the
     period at which its Fourier spectrum is largest; the wavelet acts for four of them. Its
     intensity is 0.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> pulse = jr.Ricker(amplitude=3.0, duration=0.5)
+    >>> print(f"{pulse.horizontal(1.0):.3f} m/s2 at its peak, ends at {pulse.end:.1f} s")
+    3.000 m/s2 at its peak, ends at 2.0 s
     """
 
     __init__ = Pulse.__init__

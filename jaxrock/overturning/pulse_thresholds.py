@@ -232,6 +232,14 @@ def survival_windows(
     ------
     ValueError
         If an argument is outside of what is allowed, or a motion could not be followed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block, pulse = jr.Block(half_width=0.1, slenderness=5.0), jr.Sine(1.0, 0.5)
+    >>> found = jr.survival_windows(block, 0.9, pulse, [2.0, 5.0, 7.9, 9.0])
+    >>> print(f"{found.first_overturning:.3f}", found.windows.round(3))
+    2.928 [[7.706 8.085]]
     """
     found = overturning_boundaries(block, restitution, motion, "factor", factors, model=model)
     if found.count.ndim:

@@ -48,6 +48,11 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> axes = jr.plot.plot_block(jr.Block(half_width=0.4, slenderness=3.0))
     """
     critical = float(block.critical_angle)
     rotation = 0.5 * critical if rotation is None else float(rotation)

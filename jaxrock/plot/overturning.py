@@ -61,6 +61,12 @@ def plot_boundaries(
     ------
     ValueError
         If `found` is of several blocks, or not complete.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> found = jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0))
+    >>> axes = jr.plot.plot_boundaries(found, (0.01, 1.0))
     """
     if np.ndim(found.count):
         raise ValueError(
@@ -160,6 +166,11 @@ def plot_critical_intensity(
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> axes = jr.plot.plot_critical_intensity(jr.Block(0.4, 5.0), 0.7, intensity=0.3)
     """
     ax = get_axes(ax, figsize=(6.4, 4.2))
     count = np.arange(1.0, _MOST_HALF_CYCLES + 1)

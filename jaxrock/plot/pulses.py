@@ -56,6 +56,11 @@ def plot_resonance(
     ------
     ValueError
         If `half_cycles` is less than 1, or the scene rests for lack of pulses.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> axes = jr.plot.plot_resonance(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15), half_cycles=3)
     """
     model = resonance.as_model(model)
     if half_cycles < 1:
@@ -176,6 +181,12 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> found = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
+    >>> axes = jr.plot.plot_overturning_map(found)
     """
     ax = get_axes(ax, figsize=(7.2, 4.4))
     found = found.sortby("frequency_ratio")

@@ -33,7 +33,7 @@ _SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 25
 _POSITIVE = ListedColormap(_SIGNED(np.linspace(0.5, 1, 255)))
 _NEGATIVE = ListedColormap(_SIGNED(np.linspace(0, 0.5, 255)))
 _MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
-_STEPS = (1, 2, 3, 5)  # of logarithmic levels
+_STEPS = (1.0, 3.0)  # of logarithmic levels: the numbers of closer ones would meet
 _NAME_LENGTH = 28  # letters of a line of a name
 _NEAR = 3  # points between a number and the edge of the axes
 _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
@@ -56,6 +56,13 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
+    >>> bars = jr.tornado(jr.rotation_ratio, wall, {"restitution": (0.6, 0.8)})
+    >>> axes = jr.plot.plot_tornado(bars, label="rotation ratio [-]")
     """
     rows = np.arange(len(bars.names))[::-1]
     names = [_wrap_name(_label_number(name, bars.sides)) for name in bars.names]
@@ -321,6 +328,11 @@ def plot_distribution(
     ------
     ValueError
         If no sample has an answer.
+
+    Examples
+    --------
+    >>> import jaxrock as jr, numpy as np
+    >>> axes = jr.plot.plot_distribution(np.array([0.1, 0.2, 0.3]), label="rotation [rad]")
     """
     samples = np.asarray(samples)
     finite = samples[np.isfinite(samples)]
@@ -367,6 +379,13 @@ def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
+    >>> scatter = {"intensity": 0.1, "restitution": 0.05}
+    >>> axes = jr.plot.plot_shares(jr.sensitivity.propagate(jr.rotation_ratio, wall, scatter))
     """
     ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
     shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])

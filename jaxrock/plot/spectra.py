@@ -73,6 +73,13 @@ def plot_curves(
     ------
     ValueError
         If `variable` has other dimensions.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
+    >>> curves = spectrum.rotation_ratio.sel(restitution=0.6)
+    >>> axes = jr.plot.plot_curves(curves, hue="width")
     """
     ax, curves = _draw_curves(variable, hue, along, ax)
     name = "overturns beyond" if thresholds is None else "overturning threshold"
@@ -205,6 +212,12 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
+    >>> figure = jr.plot.plot_spectrum(spectrum)
     """
     about = spectrum.attrs
     # Spectra to a tolerance have the model "auto": the threshold of the nonlinear equation is
@@ -252,6 +265,12 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
     ------
     ValueError
         If there are several restitutions.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> spectrum = jr.rocking_spectrum(jr.Sine(4.0, 0.5), [2.0, 4.0], slenderness=5.0)
+    >>> axes = jr.plot.plot_rocking_curves(spectrum)
     """
     standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
     ax, curves = _draw_curves(standing, hue="slenderness", along="period", ax=ax)
@@ -305,6 +324,12 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> spectrum = jr.rocking_spectrum(jr.Sine(4.0, 0.5), [2.0, 4.0], slenderness=5.0)
+    >>> figure = jr.plot.plot_rocking_spectrum(spectrum)
     """
     return _draw_panels(
         spectrum, plot_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4

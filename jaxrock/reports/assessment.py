@@ -95,6 +95,13 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     ------
     ValueError
         If `scene` holds arrays.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> answers = jr.assess(jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15))
+    >>> print(f"{answers['models']['nonlinear']['stabilized']['period']:.3f} s")
+    1.111 s
     """
     check_kind("scene", scene, Scene)
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))

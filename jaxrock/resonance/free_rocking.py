@@ -35,6 +35,13 @@ class Linearized(RockingModel):
 
     At slenderness 3 its critical velocity is 0.43 % too large, its peak and duration 1.5
     to 1.9 % too small up to 0.9 of that velocity; the error falls as 1 / lambda^2.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.4, slenderness=5.0)
+    >>> print(f"{jr.Linearized().critical_velocity(block):.4f} rad/s")
+    0.3749 rad/s
     """
 
     name = "linearized"
@@ -89,6 +96,13 @@ class Nonlinear(RockingModel):
 
     Durations are Carlson's elliptic integral R_F (Carlson 1995,
     https://doi.org/10.1007/BF02198293), rotations over time Jacobi's functions.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.4, slenderness=5.0)
+    >>> print(f"{jr.Nonlinear().critical_velocity(block):.4f} rad/s")
+    0.3743 rad/s
     """
 
     name = "nonlinear"

@@ -44,6 +44,13 @@ class Scene(Printed, Checked):
     -----
     To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
     if leaf.ndim else None, scene)``.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, intensity=0.15))
+    half-width 0.4 m, slenderness 5, gravity 9.81 m/s2
+    restitution 0.7, pulses of 0.15 m/s
     """
 
     block: Block
@@ -74,6 +81,12 @@ def launch_velocity(scene: Scene) -> Reals:
     -------
     Array, shape (...)
         `Block.pulse_velocity` of the intensity [rad/s].
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.launch_velocity(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)):.4f} rad/s")
+    0.0541 rad/s
     """
     return scene.block.pulse_velocity(scene.intensity)
 
@@ -100,6 +113,12 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
     ------
     ValueError
         If a concrete `velocity` is out of range. A traced one gives NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.next_velocity(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15), 0.1):.4f} rad/s")
+    0.1241 rad/s
     """
     after = velocity_after_impact(scene.restitution, jnp.asarray(velocity))
     return after + launch_velocity(scene)
@@ -129,11 +148,9 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 
     Examples
     --------
-    >>> import jax.numpy as jnp
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
-    >>> velocities = jr.half_cycle_velocity(wall, jnp.array([1.0, 2.0, 3.0]))
-    >>> print(*(f"{velocity:.3f}" for velocity in velocities), "rad/s")
+    >>> print(*(f"{jr.half_cycle_velocity(wall, i):.3f}" for i in (1.0, 2.0, 3.0)), "rad/s")
     0.054 0.092 0.118 rad/s
     """
     share = share_of_one(scene.restitution, half_cycle)
@@ -152,6 +169,12 @@ def stabilized_velocity(scene: Scene) -> Reals:
     -------
     Array, shape (...)
         ``launch_velocity / (1 - C)`` [rad/s]; inf for C = 1, and 0 without pulses.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.stabilized_velocity(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)):.4f} rad/s")
+    0.1803 rad/s
     """
     return quotient_or_infinite(launch_velocity(scene), 1 - scene.restitution)
 
@@ -171,6 +194,12 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     -------
     Array, shape (...)
         T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.stabilized_period(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)):.3f} s")
+    1.104 s
     """
     half = _compute_where_stabilized(scene, model, lambda m, *at: m._half_cycle_duration(*at))
     return 2 * half
@@ -191,6 +220,12 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     -------
     Array, shape (...)
         alpha*_max [rad]; NaN where the block overturns.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.stabilized_rotation(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)):.4f} rad")
+    0.0243 rad
     """
     return _compute_where_stabilized(scene, model, lambda m, *at: m._peak_rotation(*at))
 
@@ -239,6 +274,12 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     Array, shape (...)
         zeta = alpha*_max / alpha_1max [-]; NaN where the block overturns. For weak pulses it
         tends to ``1 / (1 - C)^2``.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.amplification(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)):.2f}")
+    11.78
     """
     model = as_model(model)
     x_limit, limited = _stabilized_ratio(scene, model)
@@ -270,6 +311,12 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     Array, shape (...)
         ``1 - (v* / v_c)^2`` [-]: 1 without pulses, at most 0 where the block overturns, -inf
         for C = 1.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.overturning_margin(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)):.3f}")
+    0.769
     """
     x, limited = _stabilized_ratio(scene, as_model(model))
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
@@ -291,6 +338,12 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
     Array, shape (...)
         Smallest whole i with ``half_cycle_velocity(i) >= critical_velocity``, as a
         floating-point number; inf where there is none. Its derivative is zero.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.overturning_half_cycle(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.4)):.0f}")
+    5
     """
     # The answer is a whole number: its derivative is zero, whatever those on the way are.
     scene = jax.lax.stop_gradient(scene)

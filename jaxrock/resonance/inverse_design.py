@@ -214,6 +214,12 @@ def critical_slenderness(
     ValueError
         If a concrete `restitution`, `intensity` or `half_cycles` is out of range. A traced one
         gives NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.critical_slenderness(jr.Block(0.4, 5.0), 0.7, intensity=0.15):.2f}")
+    20.97
     """
     pulse = _equivalent_intensity(restitution, intensity, half_cycles)
     half_width = block.half_width
@@ -284,6 +290,12 @@ def critical_restitution(
     ------
     ValueError
         If a concrete `intensity` or `half_cycles` is out of range. A traced one gives NaN.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(f"{jr.critical_restitution(jr.Block(0.4, 5.0), intensity=0.3):.3f}")
+    0.711
     """
     single = _single_pulse_intensity(block, model)
     share = intensity / single

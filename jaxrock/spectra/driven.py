@@ -211,6 +211,13 @@ def overturning_spectrum(
     ------
     ValueError
         If an argument is out of range, or a motion could not be followed.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> spectrum = jr.overturning_spectrum(jr.Sine, [2.0, 4.0], [1.5, 6.0])
+    >>> print(spectrum.overturned.values.tolist())
+    [[1, 1], [0, 1]]
     """
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
     axes = {name: as_axis(name, values) for name, values in given.items()}

@@ -79,6 +79,13 @@ def overturning_map(
     ------
     ValueError
         If an argument is out of range.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> found = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
+    >>> print(found.amplitude_ratio.values.round(2), found.overturns_beyond.values)
+    [[1.8  4.93 5.29]] [[1 0 1]]
     """
     model = as_model(model)
     ratios = as_axis("frequency_ratio", frequency_ratio)

@@ -121,6 +121,14 @@ def critical_pulsed_amplitude(
     ------
     ValueError
         If `shape` is no class of pulses, or a concrete argument is out of range.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block = jr.Block(half_width=0.1, slenderness=5.0)
+    >>> found = jr.critical_pulsed_amplitude(block, 0.9, jr.HalfSine, 0.1, half_cycles=2)
+    >>> print(f"{found.amplitude:.3f} m/s2, intensity {found.intensity:.3f} m/s")
+    5.526 m/s2, intensity 0.352 m/s
     """
     pulse = check_pulse_class(shape)(1.0, duration)
     scene, _ = check_pulsed_arguments(block, restitution, pulse, 0.0, rtol)

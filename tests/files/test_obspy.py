@@ -15,7 +15,7 @@ from jaxrock.cli.options import read_motion
 with warnings.catch_warnings():
     # As the library does: one of obspy's imports is deprecated in Python 3.11.
     warnings.simplefilter("ignore")
-    import obspy
+    obspy = pytest.importorskip("obspy")
 
 pytestmark = pytest.mark.float64
 

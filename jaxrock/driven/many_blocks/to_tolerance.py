@@ -87,6 +87,14 @@ def respond_within(
     through the impacts. It cannot see what all tolerances have in common: the model itself,
     and the rule by which a block comes to rest. The tests compare it with an integrator of
     another kind.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> block, pulse = jr.Block(half_width=0.1, slenderness=5.0), jr.Sine(2.5, 0.5)
+    >>> found = jr.respond_within(block, 0.9, pulse, tolerance=1e-3)
+    >>> print(f"{found.response.peak_rotation:.4f} rad", bool(found.within_tolerance))
+    0.0439 rad True
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     restitution, duration = check_batch(blocks, restitution, motion, duration)

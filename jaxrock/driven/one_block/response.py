@@ -29,7 +29,14 @@ _TINY = 0.01
 
 
 class Status(enum.IntEnum):
-    """The end of a computation."""
+    """The end of a computation.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(jr.Status(2).name)
+    STOPPED
+    """
 
     COMPLETE = 0  # nothing ran out
     LIST_FULL = 1  # all is right, but not all impacts are listed
