@@ -12,6 +12,7 @@ them.
 import ctypes
 import gc
 import os
+import sys
 from pathlib import Path
 
 # Before JAX is imported; workers and the commands that tests start inherit it.
@@ -58,8 +59,19 @@ def pytest_configure(config):
     jax.config.update("jax_compilation_cache_dir", folder)
     if not hasattr(config, "workerinput"):
         drop_oldest(Path(folder))
+    # Registered, since hooks of this file are not called for examples in docstrings.
+    config.pluginmanager.register(OpenPictures())
     if config.getoption("--devices") > 1:
         jax.config.update("jax_num_cpu_devices", config.getoption("--devices"))
+
+
+class OpenPictures:
+    """Matplotlib warns of too many that are open."""
+
+    @staticmethod
+    def pytest_runtest_teardown():
+        if "matplotlib.pyplot" in sys.modules:
+            sys.modules["matplotlib.pyplot"].close("all")
 
 
 def drop_oldest(folder):

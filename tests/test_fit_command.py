@@ -22,12 +22,6 @@ BLOCK = jr.Block.from_parameters(P, ANGLE)
 SIZE = ("--width", 2 * float(BLOCK.half_width), "--height", 2 * float(BLOCK.half_height))
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 def decay(count, launch=0.9, restitution=0.9, change=0.0, noise=1e-4):
     """Impact times and peaks of the linearized equation, in closed form, C linear in velocity."""
     ratios = [launch]

@@ -247,7 +247,6 @@ def test_picture():
     assert {"0.1", "0.2"} & levels
     one = plot_harmonic(found.isel(frequency_ratio=[0], amplitude_ratio=[0, 1]))
     assert one is not given
-    plt.close("all")
 
 
 @pytest.mark.thorough

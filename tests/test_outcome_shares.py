@@ -404,4 +404,3 @@ def test_pictures_of_shares():
     )
     with pytest.raises(ValueError, match="answer must be one of peak, rocks"):
         plot_sobol_indices(found, "sways")
-    plt.close("all")

@@ -4,7 +4,6 @@ import math
 import re
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -136,4 +135,3 @@ def test_picture_and_report_print_the_same_thresholds(report):
     variable, hue, _ = paper.select_figures()["figure_5"]
     ax = plot_curves(variable, hue, thresholds=paper._find_thresholds(variable))
     assert [text.get_text() for text in ax.texts] == ["9.39"]
-    plt.close("all")

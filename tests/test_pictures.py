@@ -20,12 +20,6 @@ from jaxrock.plot import (
 from jaxrock.sensitivity import arrange_bars
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 def spectrum_of(slenderness, widths=(0.4,), restitutions=(0.6,), intensities=(0.1,)):
     """A resonance spectrum whose ratio is the slenderness over 10, whatever the block."""
     axes = {

@@ -53,12 +53,6 @@ from jaxrock.resonance.train_through_impacts import Train, follow_phased_train
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def spectrum():
     return jr.resonance_spectrum(np.linspace(3, 10, 29), [0.4, 1.2], [0.6, 0.8], 0.15)
