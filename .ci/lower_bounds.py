@@ -6,6 +6,7 @@ import tomllib
 with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
 extras = project["optional-dependencies"]
-optional = [each for name in ("cluster", "fema", "notebooks", "records") for each in extras[name]]
+tested = ("cluster", "fema", "notebooks", "records")
+optional = [requirement for name in tested for requirement in extras[name]]
 for requirement in project["dependencies"] + optional:
     print(re.sub(r"\[.*\]", "", requirement).replace(">=", "=="))

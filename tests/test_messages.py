@@ -27,6 +27,11 @@ REAL = "must be a real number or an array of them"
 MANY = "; one Block of arrays stands for many"
 
 
+WAVE = np.sin(np.arange(200.0))
+ROWS = "acceleration must be samples along the last axis, got an array of shape"
+TIMES = "are times by their rise; pass the rows of accelerations alone, as rows"
+
+
 class Quantity(float):
     """As pint, astropy and unyt have them."""
 
@@ -85,9 +90,42 @@ LIBRARY = {
         " would be records of two samples; pass the column of accelerations alone",
     ),
     "times and samples as rows": (
-        lambda: jr.Record(np.stack([0.01 * np.arange(200), np.ones(200)]), 0.01),
-        "acceleration must be samples, got an array of shape (2, 200) whose first row are times;"
-        " pass the row of accelerations alone",
+        lambda: jr.Record(np.stack([0.01 * np.arange(200), WAVE]), 0.01),
+        f"{ROWS} (2, 200) whose row 1 {TIMES}",
+    ),
+    "times and samples as rows in g": (
+        lambda: jr.Record(np.stack([WAVE, 0.01 * np.arange(200)]), 0.02, unit="g"),
+        f"{ROWS} (2, 200) whose row 2 {TIMES}",
+    ),
+    "times of few digits above two components": (
+        lambda: jr.Record(np.stack([np.round(np.arange(200) / 256, 2), WAVE, -WAVE]), 1 / 256),
+        f"{ROWS} (3, 200) whose row 1 {TIMES}",
+    ),
+    "times and two components as columns": (
+        lambda: jr.Record(np.stack([np.arange(200), WAVE, -WAVE], 1), 0.01),
+        f"{ROWS} (200, 3) whose column 1 {TIMES.replace('the rows', 'the columns')}",
+    ),
+    "times for a time step": (
+        lambda: jr.Record(WAVE, 0.01 * np.arange(1, 201)),
+        "time_step must be one number, the time from one sample to the next, got an array of"
+        " shape (200,): as many as samples, as times are",
+    ),
+    "a range of one number": (
+        lambda: jr.tornado(jr.rotation_ratio, SCENE, {"restitution": 0.1}),
+        "ranges of restitution must be two numbers without a unit, got 0.1",
+    ),
+    "a misspelled parameter": (
+        lambda: jr.tornado(jr.rotation_ratio, SCENE, {"widht": (0.1, 0.2)}),
+        "ranges has 'widht', which is none of half_width, slenderness, gravity, inertia_ratio,"
+        " restitution, intensity, width, height; did you mean 'width'?",
+    ),
+    "a truth for a vertical component": (
+        lambda: jr.read_record("a.AT2", vertical=True),
+        "vertical must be one name of a file or column, got True",
+    ),
+    "files for a file": (
+        lambda: jr.read_record(["a.AT2"]),
+        "path must be one name of a file or column, got ['a.AT2']",
     ),
     "a list of records for a suite": (
         lambda: jr.fragility(BLOCK, 0.7, [RECORD], [0.1]),

@@ -90,3 +90,13 @@ def test_what_is_compiled_is_said():
     assert progress._doing.compiled > compiled
     assert not progress._doing.compiling
     assert any(words.startswith("compiling program ") for words in seen)
+
+
+def test_a_process_without_stderr_prints_nothing(quick, monkeypatch, capsys):
+    monkeypatch.setattr(progress, "_EVERY", 0.05)
+    monkeypatch.setattr("sys.stderr", None)
+    with progress.speak_of_waits(), progress.show_clock("clock"):
+        for _ in progress.show_progress(range(3), "steps"):
+            time.sleep(0.1)
+        progress.announce("words")
+    assert capsys.readouterr().out == ""

@@ -437,7 +437,7 @@ SAID = {  # the unit, and how headers, comments and names of columns say it
         ["ACCELERATION (CM/S2)", "TIME SERIES IN UNITS OF CM/SEC/SEC", "CM/S/S", "acc [gal]"],
         ["acc_cm_s2", "acc_cm_s_2", "a (cm/sec^2)", "acc_gal", "ns / (cm/s2)", "acc_cmss"],
     ),
-    "mm/s2": (["UNITS=MM/S2", "acceleration in mm/s/s, filtered"], ["x [mm/s2]", "up_mm_s2"]),
+    "mm/s2": (["UNITS=MM/S2", "acceleration in mm/s/s, filtered"], ["x [mm/s2]", "top_mm_s2"]),
     "g": (
         [
             IN_G.strip(),
@@ -447,7 +447,7 @@ SAID = {  # the unit, and how headers, comments and names of columns say it
             "units are g's",
             "(g)",
         ],
-        ["acc_g", "north [g]", "090_g", "G", "acc_g_north", "up (g)"],
+        ["acc_g", "north [g]", "090_g", "G", "acc_g_north", "top (g)"],
     ),
     "%g": (["UNITS OF %G", "ACCELERATION (% G)"], ["acc_%g", "a [percent of g]", "acc_pct_g"]),
     "mg": (["ACCELERATION IN MG"], ["acc_mg", "acc [milli-g]"]),

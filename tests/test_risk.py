@@ -11,6 +11,7 @@ from scipy import optimize, stats
 from tools.selection import first_by_default
 
 import jaxrock as jr
+from jaxrock.risk.hazard import find_last_point
 from jaxrock.risk.lognormal import fit_lognormal
 
 DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
@@ -90,6 +91,17 @@ def test_a_hazard_with_level_stretches_and_zeros(eps):
     np.testing.assert_allclose(of_rates @ BENT, exact, rtol=100 * eps, atol=1e-5 * eps)
     assert np.isfinite(np.asarray(jax.vmap(jax.grad(hazard))(jnp.asarray(BENDS)))).all()
     assert str(hazard) == "hazard from 0.01 1/yr at 0.5 to 0 1/yr at 6"
+
+
+def test_rates_too_small_for_normal_numbers():
+    """They count as 0, in single precision sooner; interpolated they would be 1."""
+    tiny = 0.1 * np.finfo(jnp.ones(()).dtype).tiny
+    hazard = jr.Hazard([0.1, 1.0, 3.0, 5.0], [1e-2, 1e-4, tiny, tiny / 10])
+    assert find_last_point(hazard) == 2
+    assert "at 3" in str(hazard)
+    assert hazard(4.0) < 1e-30
+    message = "the first two rates must be greater than 0, got .* which counts as 0 in float"
+    assert refuses(message, jr.Hazard, [0.1, 0.3], [tiny, tiny / 10])
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from jaxrock.cli import main
 from jaxrock.cli import study as study_file
 from jaxrock.cli.command import Answer
 from jaxrock.cli.commands import Critical, RockingSpectrum
-from jaxrock.cli.study import Run
+from jaxrock.cli.study import Run, _make_job
 from jaxrock.ground_motion.files import text as record_text
 
 pytestmark = pytest.mark.float64
@@ -123,6 +123,19 @@ def test_every_fault_is_said_before_anything_runs(tmp_path, capsys):
     ):
         assert words in error
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
+
+
+def test_paths_start_at_the_folder_of_the_study(tmp_path):
+    """Also files of any name, and folders; words that are no paths stay."""
+    given = {"record": "quake.dat", "vertical": "b.UD", "column": "a.raw"}
+    job = _make_job("respond", {}, given, tmp_path)
+    assert job.record == str(tmp_path / "quake.dat")
+    assert job.vertical == str(tmp_path / "b.UD")
+    assert job.column == "a.raw"
+    for word in ("example", "fema-far-field"):
+        assert _make_job("fragility", {}, {"records": word}, tmp_path).records == word
+    job = _make_job("fragility", {}, {"records": "recs"}, tmp_path)
+    assert job.records == str(tmp_path / "recs")
 
 
 def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypatch):

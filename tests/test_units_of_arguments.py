@@ -49,7 +49,7 @@ def labelled(value, unit):
         (lambda q: jr.Record(q([0.0, 2.0], "cm/s**2"), 0.01), "acceleration", [0.0, 0.02]),
         (lambda q: jr.Record([0.0, 2.0], q(10, "ms")), "time_step", 0.01),
         (lambda q: jr.Sine(3.0, q(0.01, "min")), "duration", 0.6),
-        (lambda q: jr.Harmonic(3.0, q(0.002, "kHz")), "frequency", 2.0),
+        (lambda q: jr.Harmonic(3.0, q(0.002, "rad/ms")), "frequency", 2.0),
         (lambda q: jr.Scene(BLOCK, q(80.0, "percent"), 0.1), "restitution", 0.8),
         (lambda q: jr.Scene(BLOCK, 0.8, q(36.0, "cm/s")), "intensity", 0.36),
         (lambda q: jr.Block([q(30.0, "cm"), q(0.4, "m")], 5.0), "half_width", [0.3, 0.4]),
@@ -76,6 +76,17 @@ def test_a_unit_is_converted(carry, make, read, expected, eps):
             "acceleration must be a number in SI, or one with a unit like m/s2, got [0",
         ),
         (
+            lambda q: jr.Harmonic(3.0, q(2.0, "Hz")),
+            "frequency must be in rad/s, got 2.0",
+        ),
+        (lambda q: jr.Block(0.2, q(5.0, "deg")), "slenderness must be in 1, got 5.0 deg"),
+        (
+            lambda q: jr.tornado(
+                jr.rotation_ratio, jr.Scene(BLOCK, 0.7, 0.1), {"width": q([30.0, 50.0], "cm")}
+            ),
+            "ranges of width must be two numbers without a unit, got ",
+        ),
+        (
             lambda q: jr.Hazard([q(0.1, "m/s"), q(0.2, "m/s")], [1e-2, 1e-3]),
             "levels must be a number without a unit, in SI, got 0.1 m",
         ),
@@ -96,3 +107,11 @@ def test_labels_of_xarray_are_not_stripped(eps):
         jr.Block(labelled([10.0, 20.0], "cm"), 5.0)
     with pytest.raises(ValueError, match=r"acceleration must be in m/s2, got .* units is 'g'"):
         jr.Record(labelled([0.0, 1.0], "g"), 0.01)
+
+
+def test_axes_of_spectra_are_converted():
+    plain = jr.resonance_spectrum([3.0, 5.0], [0.04, 0.08], [0.6], 0.15)
+    widths = u.Quantity([4.0, 8.0], "cm")
+    found = jr.resonance_spectrum([3.0, 5.0], widths, [0.6], u.Quantity(15.0, "cm/s"))
+    np.testing.assert_allclose(found.width, plain.width, rtol=1e-15)
+    np.testing.assert_allclose(found.rotation_ratio, plain.rotation_ratio, rtol=1e-6)

@@ -14,19 +14,30 @@ from ..host import Row, TextTable, is_number, read_text_table
 
 # Names of rotations, and their units in radians, in brackets or behind the name. A unit that
 # is guessed wrong would only show as another block: a name that is not understood is refused.
+_PEAK = r"(?:peaks?|max(?:imum)?|largest)"
 _ROTATION = (
-    r"(?:(?:peak|max(?:imum)?|largest)\s*)?(?:rotations?|angles?|alpha|theta|tilts?|peaks?)"
+    rf"(?:{_PEAK}|(?:{_PEAK}\s*)?(?:rotations?|(?:(?:rotation|tilt)\s+)?angles?|alpha|theta"
+    r"|\u03b1|\u03b8|tilts?)(?:\s+max)?(?:\s+after\s+(?:the\s+)?impacts?)?)"
 )
 _ANGLES = {
     r"rad(?:ians?)?": 1.0,
     r"m(?:illi)?rad": 1e-3,
-    r"deg(?:rees?)?|\u00b0": math.pi / 180,
+    r"(?:deg(?:rees?)?|\u00b0)": math.pi / 180,
 }
 # Words that only names of rotations have, and such with which they are of something else; the
 # same of times.
-_OF_ROTATION = rf"peak|rotation|angle|tilt|theta|alpha|\b(?:{'|'.join(_ANGLES)})[\])\s]*$"
+_OF_ROTATION = rf"peak|rotation|angle|tilt|theta|alpha|\u03b1|\u03b8|^{_PEAK}$"
+_IN_ANGLES = rf"(?<![^\W_])(?:{'|'.join(_ANGLES)})[\])\s]*$"
+# Rotations that are not the largest ones after an impact.
+_NO_PEAK = (
+    r"\b(?:min(?:imum)?|smallest|at|before|impact|initial|first|mean|average|rms|critical"
+    r"|error|sigma|std|noise)\b|[^\W\d_]0\b"
+)
 _NO_ROTATION = r"veloc|speed|accel|time|/\s*s"
-_NO_TIME = r"duration|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
+_NO_TIME = (
+    r"duration|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
+    r"|peak|rotation|angle|tilt"
+)
 # Without names times are in s. No block that stands on the earth takes so long between impacts.
 _LONGEST = 60.0
 
@@ -49,11 +60,12 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         A text file, as .csv, with a line for each impact. A line with the names of the columns
         may come first, such as ``impact,time [ms],peak rotation [deg]``. The column of times,
         and the one of the largest rotations between an impact and the next, to either side, are
-        found by their names and converted from their units; other columns, such as a counter,
-        are ignored. A rotation is empty or NaN where unknown, and what stands in the last line
-        is not used. Without names the time comes first [s], and perhaps the rotation after it
-        [rad]. Fields are separated by commas, by tabs, or by what a first line ``sep=;`` says;
-        lines that begin with # are comments, unless they name the columns.
+        found by their names and converted from their units; rotations must state theirs. Other
+        columns, such as a counter, are ignored. A rotation is empty or NaN where unknown, and
+        what stands in the last line is not used. Without names the time comes first [s], and
+        perhaps the rotation after it [rad]. Fields are separated by commas, by tabs, or by what
+        a first line ``sep=;`` says; lines that begin with # are comments, unless they name the
+        columns.
 
     Returns
     -------
@@ -147,15 +159,18 @@ def _find_columns(table: TextTable, head: Row) -> _Columns:
     table.refuse(not understood, f"{must}, {got}", number)
     ((time, seconds),) = times.items()
     peaks = {}
+    unclear = []
+    others = []
     for k, name in enumerate(names):
         plain = name.replace("_", " ").strip()
         radians = None if k == time else _read_angle_unit(plain)
         if radians is not None:
             peaks[k] = radians
-        elif k != time and not re.search(_NO_ROTATION, plain, re.I):
-            must = "rotations must have a name and a unit, such as 'peak rotation [deg]'"
-            wrong = re.search(_OF_ROTATION, plain, re.I) is not None
-            table.refuse(wrong, f"{must}, {got}", number)
+        elif k != time and _is_rotation(plain):
+            (others if _matches(_NO_PEAK, plain) else unclear).append(name)
+    # A column of other rotations is ignored only beside one that is clear.
+    must = "rotations must be peaks with their unit, 'peak rotation [deg]' or [rad]"
+    table.refuse(bool(unclear or (others and not peaks)), f"{must}, {got}", number)
     must = "at most one column must be rotations"
     table.refuse(len(peaks) > 1, f"{must}, got {len(peaks)} in {line[:60]!r}", number)
     return _Columns(time, seconds, *next(iter(peaks.items()), (None, 1.0)))
@@ -168,17 +183,23 @@ def _find_in_brackets(name: str) -> str:
 
 
 def _read_angle_unit(name: str) -> float | None:
-    """Tell the unit of a column of rotations; None if it is none, or in an unknown one."""
-    inside = _find_in_brackets(name)
+    """Tell the unit of a column of peak rotations; None if it is none, or states no unit."""
+    # Small degrees would pass for radians: without a unit the name is not enough.
     for unit, radians in _ANGLES.items():
-        # Within brackets the unit stands alone; behind the name it needs a name in front,
-        # since a column called "deg" may be anything.
-        pattern, text = (
-            (unit, inside) if inside else (rf"{_ROTATION}(?:\s+max)?\s+(?:{unit})", name)
-        )
-        if re.fullmatch(pattern, text, re.I):
+        if re.fullmatch(rf"{_ROTATION}\s*(?:[\[(]\s*{unit}\s*[\])]|\s{unit})", name, re.I):
             return radians
-    return 1.0 if re.fullmatch(rf"{_ROTATION}(?:\s+max)?", name, re.I) else None
+    return None
+
+
+def _is_rotation(name: str) -> bool:
+    """Tell whether a name may be one of rotations, whatever their unit."""
+    words = _matches(_OF_ROTATION, name) and not _matches(_NO_ROTATION, name)
+    return words or _matches(_IN_ANGLES, name)
+
+
+def _matches(pattern: str, name: str) -> bool:
+    """Tell whether a pattern is found in a name."""
+    return re.search(pattern, name, re.I) is not None
 
 
 def _parse_time_and_peak(table: TextTable, row: Row, columns: _Columns) -> tuple[float, float]:

@@ -152,20 +152,23 @@ class Command(abc.ABC):
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def find_paths(self) -> dict[str, Path | str]:
-        """Find the options that are paths: values of type Path, and names of record files.
-
-        An option such as `record` takes a word or a file. Its ending tells them apart.
-        """
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if isinstance(value, Path) or str(value).lower().endswith(list_suffixes())
-        }
+        """Find the options that are paths: those of type Path, and files of records."""
+        return {name: value for name, value in vars(self).items() if _is_path(name, value)}
 
     @classmethod
     def name_options(cls) -> list[str]:
         """Name the options that a job of a study may have."""
         return [field.name for field in fields(cls) if not hasattr(Command, field.name)]
+
+
+def _is_path(name: str, value: object) -> bool:
+    """Tell whether the value of an option is a path, and not a number or a word."""
+    if not isinstance(value, str):
+        return isinstance(value, Path)
+    if name in ("record", "records"):
+        return value != "example" and not value.startswith("fema-")
+    # A component of the same file, or another file.
+    return name == "vertical" and value.lower().endswith(list_suffixes())
 
 
 def _parse_numbers(name: str, value: GridValue) -> list[float]:

@@ -116,9 +116,18 @@ def _prepare_surroundings() -> Iterator[None]:
     backend = os.environ.get("MPLBACKEND")
     os.environ["MPLBACKEND"] = "agg"
     try:
-        # Without the path and the line of code, with which a user can do nothing.
+        # Without the path and the line of code, with which a user can do nothing; and once,
+        # however often something is asked for.
+        said = set[str]()
+
+        def show_once(message: Warning | str, *_: object, **__: object) -> None:
+            """Print a warning that was not printed before."""
+            if str(message) not in said:
+                said.add(str(message))
+                _complain(f"warning: {message}")
+
         with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_, **__: _complain(f"warning: {message}")
+            warnings.showwarning = show_once
             yield
     finally:
         del os.environ["MPLBACKEND"]

@@ -97,11 +97,11 @@ class RecordOptions(Command):
     unit: Annotated[str | None, OF_MOTION] = None
     """Unit of the record: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if the file states none."""
     column: Annotated[str | None, OF_MOTION] = None
-    """Column of the horizontal acceleration in a .csv."""
+    """Column or channel of the horizontal acceleration, where a file has several."""
     vertical: Annotated[str | None, OF_MOTION] = None
     """Column or channel of the vertical acceleration, or another file with it."""
     time_step: Annotated[float | None, OF_MOTION] = None
-    """Time between samples of a .csv without times [s]."""
+    """Time between samples [s], where the file states none."""
     scale: Annotated[float, OF_MOTION] = 1.0
     """Factor on the ground motion."""
 
@@ -216,7 +216,7 @@ class SuiteOptions(Command):
     unit: str | None = None
     """Unit of the records: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if files state none."""
     time_step: float | None = None
-    """Time between samples of .csv files without times [s]."""
+    """Time between samples [s], where files state none."""
     with_vertical: bool = False
     """Include the vertical component of each record."""
     hazard: Path | None = None

@@ -14,7 +14,9 @@ from ..validation import (
     Domain,
     Number,
     as_real,
+    carries_unit,
     check,
+    convert_to_si,
 )
 
 Values = TypeAliasType("Values", Number | Sequence[float | int])
@@ -50,6 +52,8 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 
 def as_axis(name: str, value: Values) -> np.ndarray:
     """Check the values along an axis: one or more, different, and all in its domain."""
+    if carries_unit(value):
+        value = convert_to_si(name, value)
     # This only raises for anything but numbers. Its array has the precision of JAX; the axis
     # stays in float64, since coordinates are compared with the values that were asked for.
     as_real(name, value)

@@ -1,6 +1,8 @@
 """Remarks on records whose ground does not come to rest, since their baseline is off."""
 
 import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,41 +19,65 @@ _LEAST_SAMPLES = 100
 _LEAST_DURATION = 5.0
 
 
-def warn_of_drift(name: str, record: Record) -> None:
-    """Warn if the peak ground velocity of a record is due to a drift of its velocity.
+_WAY_OUT = (
+    "Correct the baseline, by obspy or gmprocess for example, or subtract the mean before the"
+    " event"
+)
+_LISTED = 3  # records of a suite that are named
 
-    An offset of the acceleration lets the velocity grow until the end. Nothing is corrected.
-    The drift is taken to be a straight line from rest to the velocity at the end.
 
-    Parameters
-    ----------
-    name : str
-        Of the record, as the warning calls it.
-    record : Record
-        Concrete, with one-dimensional samples; nothing is said of others.
+class Drift(NamedTuple):
+    """Velocity at the end, PGV, and PGV without the drift [m/s], of a record of scale 1."""
+
+    end: float
+    peak: float
+    steady: float
+
+
+def find_drift(record: Record) -> Drift | None:
+    """Find out whether the peak ground velocity of a record is due to a drift; None if not.
+
+    An offset of the acceleration lets the velocity grow until the end. The drift is taken to be
+    a straight line from rest to the velocity at the end. Nothing is said of traced records, or
+    of arrays of them.
     """
     if is_traced(record) or record.acceleration.ndim > 1:
-        return
+        return None
     step = float(record.time_step)
     if record.samples < _LEAST_SAMPLES or record.samples * step < _LEAST_DURATION:
-        return
+        return None
     # In NumPy: JAX would compile a program for every number of samples.
     samples = np.asarray(record.acceleration, float)
-    largest = float(np.max(np.abs(np.asarray(record.scale))))
     with np.errstate(over="ignore", invalid="ignore"):
-        velocity = np.cumsum(0.5 * (samples[1:] + samples[:-1]))
-        velocity *= step * largest
-        end = velocity[-1]
-        peak = np.abs(velocity).max()
-        drift = end * np.arange(1, samples.size) / (samples.size - 1)
-        steady = np.abs(velocity - drift).max()
-        drifts = abs(peak - steady) > _TOLERANCE * min(peak, steady)
-    if not drifts:
-        return
-    # From this line, whoever asks: Python shows the same text from one line once.
-    warnings.warn(
-        f"{name}: the ground still moves at {end:.3g} m/s at the end, and PGV is {peak:.3g} m/s;"
-        f" without this drift it is {steady:.3g} m/s. Correct the baseline, by obspy or"
-        " gmprocess for example, or subtract the mean before the event",
-        stacklevel=1,
-    )
+        velocity = step * np.cumsum(0.5 * (samples[1:] + samples[:-1]))
+        end = float(velocity[-1])
+        peak = float(np.abs(velocity).max())
+        line = end * np.arange(1, samples.size) / (samples.size - 1)
+        steady = float(np.abs(velocity - line).max())
+    return Drift(end, peak, steady) if peak > (1 + _TOLERANCE) * steady else None
+
+
+def warn_of_drift(name: str, record: Record) -> None:
+    """Warn if the peak ground velocity of a record, called `name`, is due to a drift."""
+    if drift := find_drift(record):
+        warnings.warn(
+            f"{name}: the ground still moves at {drift.end:.3g} m/s at the end, and PGV is"
+            f" {drift.peak:.3g} m/s; without this drift it is {drift.steady:.3g} m/s. {_WAY_OUT}",
+            stacklevel=2,
+        )
+
+
+def warn_of_drifts(names: Sequence[str], records: Sequence[Record]) -> None:
+    """Warn, in one sentence, of records of a suite whose PGV is due to a drift."""
+    found = [
+        f"{name!r} ({drift.peak:.3g} m/s, without the drift {drift.steady:.3g} m/s)"
+        for name, record in zip(names, records, strict=True)
+        if (drift := find_drift(record))
+    ]
+    if found:
+        listed = ", ".join(found[:_LISTED]) + (", ..." if found[_LISTED:] else "")
+        warnings.warn(
+            f"PGV of {len(found)} of {len(records)} records is due to a drift: {listed}."
+            f" {_WAY_OUT}",
+            stacklevel=2,
+        )

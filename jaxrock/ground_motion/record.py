@@ -28,6 +28,10 @@ from .units import require_unit
 # Each padded length costs the compilation of a program, each sample only a place in memory.
 _LEAST_LENGTH = 2**14
 _LENGTH_STEP = 2**16
+# So many samples of an acceleration do not rise all the way.
+_RISING = 8
+# Columns of a table: times, three components.
+_FEW = 4
 
 
 class Record(Motion):
@@ -107,11 +111,15 @@ class Record(Motion):
             raise ValueError(
                 f"acceleration must be samples along the last axis, {got} {shape}, {hint}"
             )
-        if _begins_with_times(self.acceleration, self.time_step):
-            raise ValueError(
-                f"acceleration must be samples, {got} {shape} whose first row are times;"
-                " pass the row of accelerations alone"
-            )
+        if self.time_step.shape == shape:
+            must = "time_step must be one number, the time from one sample to the next"
+            raise ValueError(f"{must}, {got} {shape}: as many as samples, as times are")
+        for name, samples in (
+            ("acceleration", self.acceleration),
+            ("vertical", self.vertical),
+        ):
+            if samples is not None and samples.ndim == 2 and not is_traced(samples):
+                _refuse_times(name, np.asarray(samples))
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
                 raise ValueError(f"{name} must not be empty, {got} {value.shape}")
@@ -223,18 +231,21 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
         return as_real(name, factor * np.asarray(samples))
 
 
-def _begins_with_times(acceleration: Reals, time_step: Reals) -> bool:
-    """Tell whether the first of two rows holds the times of samples: one step after another."""
-    if is_traced((acceleration, time_step)) or acceleration.ndim != 2 or time_step.ndim:
-        return False
-    # Accelerations that always rise by just the number of the time step do not occur.
-    rows = np.asarray(acceleration)
-    steps = np.diff(rows[0])
-    return (
-        len(rows) == 2
-        and steps.size > 1
-        and bool(np.allclose(steps, float(time_step), rtol=1e-2, atol=0))
-    )
+def _refuse_times(name: str, rows: np.ndarray) -> None:
+    """Raise `ValueError` if one of several rows, or of few columns, holds times of samples."""
+    # Times never fall; by few printed digits they may repeat. In any unit, since a factor has
+    # been multiplied to them as well. No ground accelerates ever more.
+    for word, lines in (("row", rows), ("column", rows.T)):
+        # Of columns there are few: many are samples of as many records.
+        if lines.shape[1] < _RISING or (word == "column" and len(lines) > _FEW):
+            continue
+        rises = (np.diff(lines, axis=1) >= 0).all(axis=1) & (lines[:, -1] > lines[:, 0])
+        if rises.any() and not rises.all():
+            raise ValueError(
+                f"{name} must be samples along the last axis, got an array of shape"
+                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} are times by their rise;"
+                f" pass the {word}s of accelerations alone, as rows"
+            )
 
 
 @jax.jit

@@ -20,7 +20,7 @@ from ..validation import (
     describe,
     is_traced,
 )
-from .drift import warn_of_drift
+from .drift import warn_of_drifts
 from .intensity import intensity_measure
 from .record import Record
 
@@ -237,8 +237,7 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
     measures = suite.measure(measure, block)
     if not is_traced(measures):
         if measure.startswith("pgv"):
-            for name, record in zip(suite.names, suite.records, strict=True):
-                warn_of_drift(repr(name), record)
+            warn_of_drifts(suite.names, suite.records)
         for name, value in zip(suite.names, np.asarray(measures), strict=True):
             if not (value > 0).all():
                 must = f"every record must have a {measure} greater than 0 to be scaled"

@@ -82,13 +82,14 @@ def speak_of_waits() -> Iterator[None]:
 
 def announce(text: str) -> None:
     """Say how long something will take, in a line on stderr; only from commands."""
-    if _doing.spoken and not _silent.get():
+    if _doing.spoken and not _silent.get() and sys.stderr is not None:
         print(f"jaxrock: {text}", file=sys.stderr, flush=True)
 
 
 def show_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
     """Iterate over `items`, with a progress bar if it takes long and stderr is a terminal."""
-    if _silent.get():
+    # Where a process was started without stderr, `print` and tqdm would write to stdout, or fail.
+    if _silent.get() or sys.stderr is None:
         return items
     from tqdm import tqdm
 
@@ -115,7 +116,7 @@ def show_clock(label: str) -> Iterator[None]:
     Of several nested clocks only the outermost is shown.
     """
     terminal = sys.stderr is not None and sys.stderr.isatty()
-    hidden = _silent.get() or not (terminal or _doing.spoken)
+    hidden = _silent.get() or sys.stderr is None or not (terminal or _doing.spoken)
     if hidden or not _showing.acquire(blocking=False):
         yield
         return

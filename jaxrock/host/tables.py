@@ -35,9 +35,9 @@ class TextTable(NamedTuple):
         word = row[2][column]
         last = not self.ends and row == self.rows[-1] and column == len(row[2]) - 1
         cut = last and _is_cut(word, others)
-        self.refuse(
-            cut, f"the file seems to be cut within a number, it ends in {word!r}", row[0]
-        )
+        seems = f"the file seems to be cut within a number, it ends in {word!r}"
+        way = "end the last line with a line end if the number is whole"
+        self.refuse(cut, f"{seems}: {way}", row[0])
 
 
 def read_numbered_lines(path: Path) -> list[tuple[int, str]]:

@@ -28,7 +28,7 @@ class Hazard(Printed, Checked):
     Straight between its points in logarithms of both, and without a value beyond them. Curves
     as they are computed may stay level for a while, and end with rates of 0. From the last rate
     above 0 to the first 0 the rate falls in a straight line over the logarithm of the level;
-    from there on it is 0.
+    from there on it is 0. Rates too small for a normal number of their precision count as 0.
 
     Parameters
     ----------
@@ -80,8 +80,11 @@ class Hazard(Printed, Checked):
         if not is_traced(self.rates):
             _refuse_steps("rates", "not rise", self.rates, np.diff(self.rates) > 0)
             of_rates = np.asarray(self.rates)
-            if not of_rates[1]:
-                raise ValueError("the first two rates must be greater than 0, got 0")
+            second = of_rates[1]
+            if second < np.finfo(of_rates.dtype).tiny:
+                counts = f", which counts as 0 in {of_rates.dtype}" if second else ""
+                must = "the first two rates must be greater than 0"
+                raise ValueError(f"{must}, got {second:.6g}{counts}")
             if of_rates[0] == of_rates[-1]:
                 raise ValueError(f"rates must fall with the level, got only {of_rates[0]:.6g}")
 
@@ -113,7 +116,9 @@ class Hazard(Printed, Checked):
 
 def find_last_point(hazard: Hazard) -> int:
     """Find the first point with a rate of 0, or the last point: beyond it nothing happens."""
-    return min(int(np.count_nonzero(np.asarray(hazard.rates))), len(hazard.rates) - 1)
+    rates = np.asarray(hazard.rates)
+    positive = rates >= np.finfo(rates.dtype).tiny
+    return min(int(np.count_nonzero(positive)), len(rates) - 1)
 
 
 def _refuse_steps(name: str, must: str, values: Reals, wrong: np.ndarray) -> None:

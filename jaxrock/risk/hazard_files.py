@@ -7,8 +7,17 @@ import numpy as np
 
 from ..host import TextTable, is_number, read_text_table
 from .hazard import HAZARD_MEASURES, Hazard
-from .hazard_columns import Points, choose_columns, find_factor, parse_frequency
+from .hazard_columns import (
+    Frequency,
+    Levels,
+    Points,
+    choose_columns,
+    find_contradiction,
+    find_factor,
+)
 from .hazard_sites import has_sites, read_site
+
+_ORDER = "levels must increase from each to the next, or all fall"
 
 
 def read_hazard(
@@ -30,7 +39,8 @@ def read_hazard(
           ``pgv [m/s],rate [1/yr]``. One column is the level of the intensity measure; another
           one a yearly rate of exceedance, a probability of exceedance in a number of years
           (``probability of exceedance in 50 years [%]``), or a ``return period [yr]``. Other
-          columns are ignored.
+          columns are ignored. Levels may rise or fall. A comment must not name a probability
+          above rates, nor spectral acceleration above levels without a measure in their name.
         - A hazard curve of OpenQuake, such as ``hazard_curve-mean-PGA_1.csv``: a line for each
           site, columns ``poe-0.005`` and so on, measure and years in the comment above.
         - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``: a line for each site, columns
@@ -42,7 +52,8 @@ def read_hazard(
         PGV in cm/s.
     measure : {"pgv", "pga"}, optional
         Which measure is expected: the curve must not be of another one. Of a table with a
-        column for each, it chooses one.
+        column for each, it chooses one. Needed where neither the name of the levels nor a
+        comment says the measure: ``level [g]`` may be spectral acceleration.
     site : pair of float, optional
         Longitude and latitude of one of several sites [degrees], to 1e-4.
 
@@ -77,7 +88,8 @@ def read_hazard(
     # NumPy writes names behind a #.
     if table.rows and all(map(is_number, table.rows[0][2])):
         above = [row for row in table.comments if row[0] < table.rows[0][0]][-1:]
-        table = table._replace(rows=above + table.rows)
+        comments = [row for row in table.comments if row not in above]
+        table = table._replace(rows=above + table.rows, comments=comments)
     table.refuse(not table.rows, "a table of levels and rates was expected, got no lines")
     number, line, names = table.rows[0]
     must = "a line with the names of the columns was expected"
@@ -88,7 +100,11 @@ def read_hazard(
         else:
             table.refuse(site is not None, "site goes with a table of several sites only")
             points = _read_rows(table, *choose_columns(names, measure))
-        factor, found = find_factor(points.level, unit, measure)
+        for at, line, _ in table.comments:
+            other = find_contradiction(points.level, points.frequency, line)
+            table.refuse(bool(other), f"a comment names {other}, got {line[:60]!r}", at)
+        said = [line for _, line, _ in table.comments]
+        factor, found = find_factor(points.level, unit, measure, said)
     except ValueError as error:
         # One that says the line by itself, or that is about the names.
         known = str(error).startswith(repr(str(path)))
@@ -101,8 +117,12 @@ def read_hazard(
         raise ValueError(f"{str(path)!r}: {error}") from None
 
 
-def _read_rows(table: TextTable, level: int, often: int) -> Points:
+def _read_rows(
+    table: TextTable, of_levels: tuple[int, Levels], of_rates: tuple[int, Frequency]
+) -> Points:
     """Read the columns of levels and of how often they are exceeded, by their numbers."""
+    level, found = of_levels
+    often, frequency = of_rates
     (_, _, names), *rows = table.rows
     must = "at least two lines of a level and a rate below their names were expected"
     table.refuse(len(rows) < 2, f"{must}, got {len(rows)}")
@@ -115,26 +135,30 @@ def _read_rows(table: TextTable, level: int, often: int) -> Points:
     for k in (level, often):
         table.refuse_cut(rows[-1], k, [fields[k] for _, _, fields in rows[:-1]])
     columns = [[float(fields[k]) for _, _, fields in rows] for k in (level, often)]
-    frequency = parse_frequency(names[often])
-    assert frequency is not None
     lines = [number for number, _, _ in rows]
-    return Points(names[level], frequency, lines, *map(np.array, columns))
+    return Points(found, frequency, lines, *map(np.array, columns))
 
 
 def _check_points(table: TextTable, points: Points) -> tuple[np.ndarray, np.ndarray]:
     """Convert what a table states to rates; an error names the first line that is wrong."""
-    levels = points.levels
-    rates = np.array([points.frequency.convert(float(value)) for value in points.values])
+    # Some tables begin with the highest level.
+    order = -1 if (np.diff(points.levels) < 0).all() else 1
+    levels = points.levels[::order]
+    values = points.values[::order]
+    lines = points.lines[::order]
+    rates = np.array([points.frequency.convert(float(value)) for value in values])
     # A probability of 1 has a rate of inf.
     must = f"a {points.frequency.kind} must be {points.frequency.allowed}"
     for wrong, reason in (
         (~((levels > 0) & (levels < np.inf)), "a level must be finite and greater than 0"),
         (np.isnan(rates), must),
-        (np.append(False, levels[1:] <= levels[:-1]), "levels must increase"),
+        (np.append(False, levels[1:] <= levels[:-1]), _ORDER),
         (np.append(False, rates[1:] > rates[:-1]), "rates must not rise with the level"),
     ):
         at = int(np.argmax(wrong))
-        got = f"got {levels[at]:.6g} and {points.values[at]:.6g}"
-        table.refuse(bool(wrong[at]), f"{reason}, {got}", points.lines[at])
+        got = f"{levels[at]:.6g} and {values[at]:.6g}"
+        if reason == _ORDER:
+            got = f"{levels[at - 1]:.6g} and then {levels[at]:.6g}"
+        table.refuse(bool(wrong[at]), f"{reason}, got {got}", lines[at])
     certain = np.isinf(rates)
     return levels[~certain], rates[~certain]

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ..host import Row, TextTable, is_number
-from .hazard_columns import Frequency, Points
+from .hazard_columns import Frequency, Levels, Points, find_units
 
 # The unit of levels is no part of these files, but the convention of the programs: OpenQuake's
 # hazard library and USGS's nshmp-haz both take PGA in g and PGV in cm/s.
-_CONVENTIONS = {"pga": "PGA [g]", "pgv": "PGV [cm/s]"}
+_CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
 # Columns beside those of levels.
 _ABOUT_SITES = r"custom_site_id|site_id|id|name|lon|lat|longitude|latitude|depth|vs30"
 _PLACE = ((r"lon(?:gitude)?", 360.0), (r"lat(?:itude)?", 90.0))
@@ -86,7 +86,7 @@ def _find_place(table: TextTable, names: Sequence[str], row: Row) -> list[float]
     return place
 
 
-def _read_comments(table: TextTable) -> tuple[str, Frequency]:
+def _read_comments(table: TextTable) -> tuple[Levels, Frequency]:
     """Read the measure, and in how many years probabilities are, from OpenQuake's comment."""
     said = {}
     for key in ("imt", "investigation_time"):
@@ -101,13 +101,13 @@ def _read_comments(table: TextTable) -> tuple[str, Frequency]:
     years = said["investigation_time"]
     wrong = not is_number(years) or not 0 < float(years) < math.inf
     table.refuse(wrong, f"investigation_time must be greater than 0, got {years!r:.60}")
-    name = _CONVENTIONS.get(said["imt"].lower(), "")
+    measure = said["imt"].lower()
     must = "a hazard of pga or pgv was expected"
-    table.refuse(not name, f"{must}, got one of {said['imt']!r:.60}")
-    return name, Frequency("probability", float(years))
+    table.refuse(measure not in _CONVENTIONS, f"{must}, got one of {said['imt']!r:.60}")
+    return _follow_convention("OpenQuake", measure), Frequency("probability", float(years))
 
 
-def _find_measure(table: TextTable, measure: str | None) -> str:
+def _find_measure(table: TextTable, measure: str | None) -> Levels:
     """Find the measure of a table of nshmp-haz, which only its folder or its name may state."""
     # PGA/curves.csv, or PGA.csv.
     path = Path(table.path).absolute()
@@ -125,4 +125,14 @@ def _find_measure(table: TextTable, measure: str | None) -> str:
     must = "measure and unit must be given"
     table.refuse(not stated and measure is None, f"{silent}, so that {must}")
     # Without a unit the caller has to state one.
-    return _CONVENTIONS[stated.pop()] if stated else "level"
+    if not stated:
+        return Levels("level", set(), "", [], "")
+    return _follow_convention("nshmp-haz", stated.pop())
+
+
+def _follow_convention(program: str, measure: str) -> Levels:
+    """Describe levels in the unit that a program has for their measure."""
+    unit = _CONVENTIONS[measure]
+    name = f"{measure.upper()} [{unit}]"
+    reason = f"{program} has {measure.upper()} in {unit} by its convention"
+    return Levels(name, {measure}, *find_units(unit), reason)

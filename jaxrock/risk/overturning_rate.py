@@ -102,6 +102,8 @@ class OverturningRate(Printed, eqx.Module):
         found = int(np.asarray(self.boundaries.count).sum())
         low = low if self.boundaries.overturns_first.any() else "\nnot complete"
         low = "" if self.complete else low
+        if not found and not self.boundaries.overturns_first.any():
+            low = f"{low}\nno record overturns it within the levels of the hazard"
         return (
             f"overturns at a rate of {rate}{often}\n"
             f"{records},"

@@ -1,6 +1,7 @@
 """An answer as a compiled function of the parameters that it depends on, and their scatter."""
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -20,8 +21,10 @@ from ..validation import (
     AnyArray,
     Number,
     as_real,
+    carries_unit,
     check,
     check_kind,
+    describe,
 )
 
 Answer = Callable[..., Number]  # of a pytree of numbers
@@ -120,12 +123,21 @@ def make_parametric(
                 f"at must consist of single numbers, got an array in {keystr(path)}"
             )
     paths = [path for path, _ in leaves]
+    if isinstance(varied, Mapping):
+        _check_numbers(argument, varied)
     varied = None if varied is None else tuple(varied)
     widths = _find_widths_of_blocks(at, paths, varied, argument, sides)
     names = _name_parameters(paths, widths)
     for name in varied or ():
         if name not in names:
-            raise ValueError(f"{argument} has {name!r}, which is none of {', '.join(names)}")
+            # A block has these as well, in place of half-width and slenderness.
+            block = any(each.endswith("half_width") for each in names)
+            allowed = dict.fromkeys((*names, *(("width", "height") if block else ())))
+            near = difflib.get_close_matches(name, allowed, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise ValueError(
+                f"{argument} has {name!r}, which is none of {', '.join(allowed)}{hint}"
+            )
     numbers = [float(leaf) for _, leaf in leaves]
     for k in widths:
         width = 2 * numbers[k]
@@ -133,6 +145,17 @@ def make_parametric(
     values = jnp.asarray(np.array(numbers))
     places = tuple(map(names.index, names if varied is None else varied))
     return ParametricAnswer(answer, values, names, jax.tree.structure(at), places, widths)
+
+
+def _check_numbers(argument: str, varied: Mapping[str, object]) -> None:
+    """Raise `ValueError` if what is given for a name is not a number, or two for a range."""
+    wanted = (2,) if argument == "ranges" else ()
+    must = "two numbers" if wanted else "a number"
+    for name, value in varied.items():
+        # A unit would be lost: a name of a parameter does not tell its own.
+        if carries_unit(value) or np.shape(as_real(name, value)) != wanted:
+            got = describe(value)
+            raise ValueError(f"{argument} of {name} must be {must} without a unit, got {got}")
 
 
 def _name_parameters(paths: Sequence[KeyPath], widths: Sequence[int]) -> tuple[str, ...]:

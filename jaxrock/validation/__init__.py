@@ -32,3 +32,4 @@ from .guarding import elementwise as elementwise
 from .guarding import guard_once as guard_once
 from .guarding import replace_invalid as replace_invalid
 from .units import carries_unit as carries_unit
+from .units import convert_to_si as convert_to_si

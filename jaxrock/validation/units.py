@@ -1,5 +1,6 @@
 """Units of arguments: numbers that carry a unit, as those of pint, astropy and unyt do."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,11 +16,16 @@ _UNITS = {
     **dict.fromkeys(("intensity", "intensities"), "m/s"),
     **dict.fromkeys(("rotation", "initial_rotation", "rotation_noise"), "rad"),
     **dict.fromkeys(("peak_rotations", "critical_angle"), "rad"),
-    **dict.fromkeys(("velocity", "initial_velocity", "angular_frequency"), "rad/s"),
-    "frequency": "Hz",
+    **dict.fromkeys(("velocity", "initial_velocity"), "rad/s"),
+    **dict.fromkeys(("frequency", "angular_frequency"), "rad/s"),
+    "period": "s",
     **dict.fromkeys(("slenderness", "restitution", "inertia_ratio", "damping_ratio"), ""),
     **dict.fromkeys(("scale", "factor", "factors"), ""),
 }
+
+
+# Angles in names of units.
+_ANGLES = r"rad|deg|\u00b0|arcmin|arcsec|rev|turn|rpm|cycle"
 
 
 def carries_unit(value: object) -> bool:
@@ -52,6 +58,13 @@ def convert_to_si(name: str, value: Any) -> Any:
             must = f"{name} must be in {_show(unit)}"
             raise ValueError(f"{must}, got an array whose attribute units is {label!r}")
         return np.asarray(value)
+    # Packages take angles for plain numbers: to them a frequency of 1 Hz is 1 rad/s, and 1
+    # degree a slenderness of 0.017.
+    carried = str(getattr(value, "units", "") or getattr(value, "unit", ""))
+    angular = re.search(_ANGLES, carried, re.I) is not None
+    if angular != (unit in ("rad", "rad/s")) and (angular or unit == "rad/s"):
+        hint = "; a frequency f in Hz is 2 pi f rad/s" if unit == "rad/s" else ""
+        raise ValueError(f"{name} must be in {_show(unit)}, got {got}{hint}")
     try:
         if hasattr(value, "to_value"):  # astropy, unyt
             return value.to_value(unit)
@@ -73,7 +86,9 @@ def _spell(unit: str) -> str:
     """Spell a unit in one way of many: m/s**2, m/s2 and m s-2 are the same."""
     if unit in ("", "1", "-"):
         return "1"
-    spelled = unit.replace("**", "").replace("^", "").replace(" s-", "/s")
+    spelled = (
+        unit.replace("\u00b2", "2").replace("**", "").replace("^", "").replace(" s-", "/s")
+    )
     return spelled.removesuffix("1")
 
 

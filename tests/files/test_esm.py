@@ -12,7 +12,9 @@ pytestmark = pytest.mark.float64
 
 # In cm/s2, with as many digits as the files have; the ground comes to rest, as it should.
 PERIOD = [10.25, 66.123456, -0.5, -66.123456, -10.25, 0.5]
-EAST = np.array([0.0, *PERIOD, *(-x for x in PERIOD), *PERIOD, *(-x for x in PERIOD), 0.0])
+HALF = [*PERIOD, *(-x for x in PERIOD)]
+# The last one has digits for a cut to take away.
+EAST = np.array([0.0, *HALF, *HALF, -0.123456])
 UPWARD = np.round(0.6 * EAST, 6)
 HEADER = {
     "EVENT_NAME": "CENTRAL ITALY",
@@ -132,6 +134,27 @@ REFUSED = [
 def test_refused(tmp_path, changes, options, message):
     with pytest.raises(ValueError, match=rf"HNE\.D.*{re.escape(message)}"):
         read(tmp_path / NAME, write(**changes), **options)
+
+
+def test_a_cut_last_number(tmp_path):
+    content = write().rstrip()
+    assert read(tmp_path / NAME, content).samples == EAST.size
+    for cut in range(1, 6):
+        seems = f"line 59: the file seems to be cut within its last number, '{EAST[-1]}'"
+        with pytest.raises(ValueError, match=seems.replace("123456", "123456"[:-cut])):
+            read(tmp_path / NAME, content[:-cut])
+
+
+def test_what_is_no_acceleration_in_a_folder(tmp_path):
+    """Each quantity is a file beside the others; VEL may be a station's code as well."""
+    for station in ("ABC", "VEL"):
+        for quantity in ("ACC", "VEL", "DIS", "SA", "SD"):
+            for processed in (".MP", ""):
+                name = f"XX.{station}..HNE.D.INT-2023_08.{quantity}{processed}.ASC"
+                kind = "ACCELERATION" if quantity == "ACC" else "VELOCITY"
+                (tmp_path / name).write_bytes(write(DATA_TYPE=kind))
+    found = [f"XX.{s}..HNE.D.INT-2023_08.ACC" for s in ("ABC", "VEL")]
+    assert {*jr.read_suite(tmp_path).names} == {*found, *(f"{name}.MP" for name in found)}
 
 
 def test_two_values_in_a_line_are_refused(tmp_path):

@@ -37,7 +37,16 @@ def test_a_table_of_levels_and_rates(tmp_path):
         ("peak ground velocity [m s^-1],\u03bb [yr^-1]", {}, 1.0, "pgv"),
         ("pgv,rate", {"unit": "mm/s"}, 1e-3, "pgv"),
         ("level,rate", {"unit": "g", "measure": "pga"}, G, "pga"),
-        ("intensity measure [gal],rate per year", {"unit": "cm/s2"}, 0.01, "pga"),
+        (
+            "intensity measure [gal],rate per year",
+            {"unit": "cm/s2", "measure": "pga"},
+            0.01,
+            "pga",
+        ),
+        # A comment may name the measure; below a name it may be about other columns.
+        ("# PGA at the site\nIML [g],annual rate", {}, G, "pga"),
+        ("# PGV, or SA(1.0)\nPGA [g],annual rate", {}, G, "pga"),
+        ("# PGA and PGV\nlevel [cm/s],annual rate", {"measure": "pgv"}, 0.01, "pgv"),
         ("# PGA [g],rate [1/yr]", {}, G, "pga"),
     ],
 )
@@ -65,6 +74,15 @@ TEN = 50 / -np.log(0.9)
             [1 / TEN] * 2 + [0],
         ),
         ("PoE (50 yr) [%],PGA [g]\n10,.1\n10.0,1\n0,2\n", {}, [1 / TEN] * 2 + [0]),
+        (
+            "PGA [g],probability_of_exceedance_in_50_years\n.1,.1\n1,.1\n2,0\n",
+            {},
+            [1 / TEN] * 2 + [0],
+        ),
+        ("pga_g,poe_50yr\n.1,0.1\n1,0.1\n2,0\n", {}, [1 / TEN] * 2 + [0]),
+        # From the highest level down.
+        ("return period [yr],PGA [g]\n1000,1\n475,.1\n", {}, [1 / 475, 1e-3]),
+        ("PGA [g],rate\n2,0\n1,1e-3\n.1,1e-3\n", {}, [1e-3, 1e-3, 0]),
         ("pga [g],annual probability\n.1,1e-9\n1,1e-12\n", {}, [1.0000000005e-9, 1e-12]),
         ("n,return period [yr],PGA [g]\n1,475,.1\n2,1000,1\n", {}, [1 / 475, 1e-3]),
         (
@@ -103,7 +121,12 @@ def test_columns_by_their_names(tmp_path, content, options, rates):
         (b"level,rate\n1,often\n2,1e-3\n", ", line 2: a level and a rate .* got '1,often'"),
         (b"# site\nlevel,rate\n1,2\n2,1,0\n", ", line 4: 2 fields were .* got '2,1,0'"),
         (b"pgv [m/s],rate\n1,1e-3\n2,2e-3\n", ", line 3: rates must not rise .* 2 and 0.002"),
-        (b"pgv [m/s],rate\n1,1e-3\n1,2e-4\n", ", line 3: levels must increase"),
+        (
+            b"pgv [m/s],rate\n1,1e-3\n1,2e-4\n",
+            ", line 3: levels must increase .* 1 and then 1",
+        ),
+        (b"pgv [m/s],rate\n3,0\n1,1e-3\n2,2e-4\n", ", line 3: levels .* 3 and then 1$"),
+        (b"pgv [m/s],rate\n3,1\n2,1e-3\n1,2\n", ", line 2: rates must not rise .* 3 and 1$"),
         (b"pgv [m/s],rate\n1,1e-3\n2,nan\n", ", line 3: a rate must be finite and at least 0"),
         (b"pgv [m/s],rate\n1,1e-3\n2,-1\n", ", line 3: a rate must be finite and at least 0"),
         (b"pgv [m/s],rate\n0,1e-3\n2,0\n", ", line 2: a level must be finite and greater"),
@@ -128,6 +151,7 @@ def test_tables_that_are_refused(tmp_path, content, message):
 
 OFTEN = "one column must be a rate of exceedance per year"
 LEVEL = "one column must be pgv or pga with its unit"
+SILENT = "the head does not say which measure .* so that measure must be given"
 
 
 @pytest.mark.parametrize(
@@ -138,12 +162,20 @@ LEVEL = "one column must be pgv or pga with its unit"
         ("pga [g],ln(rate)", {}, OFTEN),
         ("pga [g],rate [1/day]", {}, OFTEN),
         ("pga [g],rate in 50 years", {}, OFTEN),
+        ("pga [g],rate [yr]", {}, OFTEN),
+        ("pga [g],1/rate [yr]", {}, OFTEN),
         ("pga [g],probability", {}, OFTEN),
         ("pga [g],probability of exceedance in years", {}, OFTEN),
         ("pga [g],probability of non-exceedance in 50 years", {}, OFTEN),
         ("pga [g],1 - probability in 50 years", {}, OFTEN),
         ("pga [g],annual probability in 50 years", {}, OFTEN),
         ("pga [g],poe in 50 days", {}, OFTEN),
+        ("pga [g],poe_50", {}, OFTEN),
+        # Spectral acceleration is in g as well, Arias intensity in m/s.
+        ("level [g],rate", {}, SILENT),
+        ("intensity [m/s],rate", {}, SILENT),
+        ("level,rate", {"unit": "g"}, SILENT),
+        ("level [g],rate", {"measure": "pgv"}, "'g' is not understood as a unit of pgv"),
         ("pga [g],return period", {}, OFTEN),
         ("pga [g],return period [days]", {}, OFTEN),
         ("rate [1/yr],rate [1/yr]", {}, OFTEN),
@@ -165,6 +197,25 @@ def test_heads_that_are_refused(tmp_path, head, options, message):
     path.write_text(f"{head}\n0.05,1e-2\n2,1e-4\n", encoding="utf-8")
     message = f", line 1: {message}" if "site" not in message else f": {message}"
     assert refuses(message, path, **options)
+
+
+@pytest.mark.parametrize(
+    ("above", "options", "message"),
+    [
+        ("# SA(1.0 s), 5 % damping\nIML [g],annual rate", {}, "1: a comment names another"),
+        ("# IMT: SA(1.0)\nlevel [g],rate", {"measure": "pga"}, "1: a comment names another"),
+        ("# a\n# spectral acceleration\nx [g],rate", {}, "2: a comment names another measure"),
+        ("# Arias\nx [m/s],rate", {"measure": "pgv"}, "1: a comment names another measure"),
+        ("# probabilities in 50 years\nPGA [g],rate", {}, "1: a comment names a probability"),
+        ("# PoE, 50 yr\n# PGA [g],annual rate", {}, "1: a comment names a probability"),
+        ("# PGV\nlevel [m/s],rate", {"measure": "pga"}, "2: a hazard of pga was expected"),
+        ("# PGV\nlevel [g],rate", {}, "2: 'g' is not understood as a unit of pgv"),
+    ],
+)
+def test_comments_that_contradict_the_names(tmp_path, above, options, message):
+    path = tmp_path / "hazard.csv"
+    path.write_text(f"{above}\n0.05,1e-2\n2,1e-4\n")
+    assert refuses(f", line {message}", path, **options)
 
 
 def test_measures_that_no_hazard_is_about(tmp_path):
@@ -207,7 +258,9 @@ def test_openquake(tmp_path, measure, factor):
     np.testing.assert_array_equal(same.levels, hazard.levels)
     other = "pgv" if measure == "PGA" else "pga"
     assert refuses(f", line 2: a hazard of {other} was expected, got", path, measure=other)
-    assert refuses(", line 2: unit is 'm/s2', but the head states", path, unit="m/s2")
+    has = {"PGA": "PGA in g", "PGV": "PGV in cm/s"}[measure]
+    message = f", line 2: unit is 'm/s2', but OpenQuake has {has} by its convention"
+    assert refuses(message, path, unit="m/s2")
 
 
 def test_one_of_several_sites(tmp_path):
@@ -267,7 +320,7 @@ def test_usgs(tmp_path):
     assert refuses(", line 1: a hazard of pgv was expected", named, measure="pgv")
     assert refuses(": neither the table nor its folder names the measure", silent, unit="g")
     assert refuses(", line 1: the head states no unit", silent, measure="pgv")
-    assert refuses(", line 1: a hazard of pgv was expected", silent, measure="pgv", unit="g")
+    assert refuses(", line 1: 'g' is not .* unit of pgv", silent, measure="pgv", unit="g")
     spectral = tmp_path / "SA0P2.csv"
     spectral.write_text(NSHMP)
     assert refuses(": a hazard of pga .* sa0p2", spectral, measure="pga", unit="g")

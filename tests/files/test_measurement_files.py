@@ -16,12 +16,12 @@ DEGREE = np.pi / 180
         ("0\n0.5\n0.9\n", [0, 0.5, 0.9], None),
         ("# phone\n\ntime\n 0\n# far\n.5\r\n9e-1", [0, 0.5, 0.9], None),
         ("\ufeffZeit [s]\n-1.5\n+.5\n", [-1.5, 0.5], None),
-        ('"t","peak"\n"0.1","-0.02"\n"0.2"\n', [0.1, 0.2], [-0.02]),
+        ('"t","peak [rad]"\n"0.1","-0.02"\n"0.2"\n', [0.1, 0.2], [-0.02]),
         ("0,0.1\n1,\n2,nan\n3\n4,-0.05\n", [0, 1, 2, 3, 4], [0.1, np.nan, np.nan, np.nan]),
         ("time [ms]\n0\n250\n", [0, 0.25], None),
-        ("times of impacts (min),largest rotation\n0,0.1\n1,\n", [0, 60], [0.1]),
+        ("times of impacts (min),largest rotation (rad)\n0,0.1\n1,\n", [0, 60], [0.1]),
         ("t_s,peak_mrad\n0,500\n1,\n", [0, 1], [0.5]),
-        ("Zeit [s],Winkel [deg]\n0,-45\n1,\n", [0, 1], [-np.pi / 4]),
+        ("Zeit [s],\u03b8 max [deg]\n0,-45\n1,\n", [0, 1], [-np.pi / 4]),
         ("impact,time\n0,1\n1,2\n", [1, 2], None),
         ("time,velocity\n0,1\n1,2\n", [0, 1], None),
         ("t,a,b\n0\n1\n", [0, 1], None),
@@ -39,7 +39,14 @@ DEGREE = np.pi / 180
             [0.5, 0.9],
             None,
         ),
-        ("impact,peak time [s],time [s],peak\n1,.6,.5,.1\n2,.9,.8,\n", [0.5, 0.8], [0.1]),
+        ("impact,peak time [s],time [s],max (rad)\n1,.6,.5,.1\n2,.9,.8,\n", [0.5, 0.8], [0.1]),
+        # Other rotations are ignored beside peaks.
+        (
+            "t,min rotation [rad],peak rotation after impact [rad],theta0 [rad],rms tilt\n"
+            "0,7,.1,8,9\n1,7,,8,9\n",
+            [0, 1],
+            [0.1],
+        ),
         ("0,\n1,nan\n2,0.1\n", [0, 1, 2], None),  # the only peak is beyond the last impact
     ],
 )
@@ -72,22 +79,26 @@ PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
         (b"counter\n0\n1\n", ", line 1: one column must be times, .* got 'counter'"),
         (b"time [furlong]\n0\n1\n", ", line 1: one column must be times, .* got 'time"),
         (b"time,t\n0,1\n1,2\n", ", line 1: one column must be times, .* got 'time,t'"),
+        (b"peak time [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'peak time"),
         (b"interval [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'interval"),
         (b"time,\n0,1\n1,2\n", ", line 1: every column must have a name, .* got 'time,'"),
         (
             b"time,peak [cm]\n0,1\n1,2\n",
-            ", line 1: rotations must have a name and a unit, .* got",
+            ", line 1: rotations must be peaks with their unit, .* got",
         ),
         (
             b"time,tilt_angle_deg_left\n0,1\n",
-            ", line 1: rotations must have a name and a unit, .* got",
+            ", line 1: rotations must be peaks with their unit, .* got",
         ),
-        (b"t,a [deg],b [rad]\n0,1,1\n", ", line 1: at most one column .* got 2 in"),
+        (b"t,peak [deg],theta [rad]\n0,1,1\n", ", line 1: at most one column .* got 2 in"),
         (b"# time [s]\n# t [ms]\n0\n9\n", ", line 2: one comment with the names .* another"),
         (b"1,0.52\n2,0.94\n3,1.27\n", ", line 1: names of the columns .* may be a counter"),
         (b"0,0.52\n1,0.94\n2,\n", ", line 1: names of the columns .* may be a counter"),
         (b"500\n900\n1200\n", ", line 1: names of the columns .* are 350 s apart"),
-        (b"0.512\n0.987\n1.2", ", line 3: the file seems to be cut within a number, .* '1.2'"),
+        (
+            b"0.512\n0.987\n1.2",
+            ", line 3: the file seems to be cut within a number, .* '1.2': end the last",
+        ),
         (b"0.5s\n1\n", ", line 1: the time of an impact was expected, .* got '0.5s'"),
         (b"t\n0\nsoon\n", ", line 3: the time of an impact was expected, .* got 'soon'"),
         (b"0\n1 2\n", ", line 2: the time of an impact was expected, .* got '1 2'"),
@@ -113,6 +124,34 @@ def test_files_that_are_refused(tmp_path, content, message):
     with pytest.raises(ValueError, match=f"^'[^']*times.csv'{message}") as caught:
         read_impact_times(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "peak rotation",
+        "theta",
+        "max",
+        "min rotation [rad]",
+        "rotation at impact [rad]",
+        "theta0 [rad]",
+        "initial_angle_deg",
+        "mean peak [mrad]",
+        "rms tilt [deg]",
+        "slope [\u00b0]",
+        "peak time [deg]",
+        "Winkel [deg]",
+    ],
+)
+def test_rotations_without_a_unit_or_of_another_kind(tmp_path, name):
+    """Degrees would pass for radians, and other rotations for peaks: both give another block."""
+    path = tmp_path / "times.csv"
+    path.write_text(f"time [s],{name}\n0.5,0.9\n1.2,0.7\n1.7,0.5\n", encoding="utf-8")
+    must = (
+        r"'[^']*times.csv', line 1: rotations must be peaks with their unit, .* \[rad\], got"
+    )
+    with pytest.raises(ValueError, match=must):
+        read_impact_times(path)
 
 
 TIMES = np.array([0.5123, 1.4471, 2.2310, 2.9014, 3.4875])

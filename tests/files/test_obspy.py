@@ -110,6 +110,44 @@ def test_sac(tmp_path):
     assert record.samples == 400
 
 
+@pytest.mark.parametrize(
+    ("channel", "angle", "message"),
+    [
+        ("HNZ", 0.0, None),
+        ("HNZ", -12345.0, None),
+        ("V", 0.0, None),
+        ("HNZ", 180.0, "a.sac' HNZ points downward"),
+        ("V", 180.0, "a.sac' V points downward"),
+        ("V", 90.0, "a.sac': one vertical component was expected, got 0"),
+        ("HNZ", 90.0, "a.sac': CMPINC is 90, but KCMPNM is 'HNZ': 0 is upward, 90 horizontal"),
+        ("HNZ", 45.0, "a.sac': CMPINC must be 0, 90 or 180, .* got 45"),
+        ("HNE", 0.0, "a.sac': CMPINC is 0, but KCMPNM is 'HNE'"),
+        ("V", -90.0, "a.sac': CMPINC must be 0, 90 or 180, .* got -90"),
+    ],
+)
+def test_directions_of_sac(tmp_path, channel, angle, message):
+    path = tmp_path / "a.sac"
+    data = GALS["HNE"]
+    path.write_bytes(pack_sac(data, cmpinc=angle, stats={"channel": channel}))
+    options = {"unit": "gal", "vertical": path}
+    if message:
+        with pytest.raises(ValueError, match=message):
+            read(tmp_path / "b.sac", pack_sac(), **options)
+        return
+    record = read(tmp_path / "b.sac", pack_sac(), **options)
+    np.testing.assert_allclose(record.vertical, record.acceleration, rtol=1e-14)
+
+
+def test_knet_that_is_cut_in_its_last_number(tmp_path):
+    content = knet().rstrip()
+    digits = len(str(abs(COUNTS[-1])))
+    assert read(tmp_path / "a.ew", content).samples == COUNTS.size
+    for cut in range(1, digits):
+        seems = rf"a\.ew', line 42: .* cut within its last number, '{str(COUNTS[-1])[:-cut]}'"
+        with pytest.raises(ValueError, match=seems):
+            read(tmp_path / "a.ew", content[:-cut])
+
+
 @pytest.mark.parametrize(("direction", "axis"), [("E-W", "EW"), ("U-D", "UD"), ("6", "UD2")])
 def test_knet(tmp_path, direction, axis):
     # A record needs a horizontal component: a vertical one goes with the other direction.
@@ -245,8 +283,7 @@ def test_mutations_of_knet(tmp_path, number):
     right = COUNTS * KNET_FACTOR
 
     def same(record):
-        # That lines or columns of numbers have changed places cannot be known, nor that the
-        # last number has lost digits.
+        # That lines or columns of numbers have changed places cannot be known.
         found = np.sort(np.asarray(record.acceleration))
         close = np.isclose(found, np.sort(right), rtol=1e-13, atol=0)
         return record.time_step == 0.01 and found.size == right.size and close.all()

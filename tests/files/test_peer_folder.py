@@ -255,6 +255,48 @@ def test_files_of_other_formats(write):
             jr.read_suite(folder, vertical=True)
 
 
+AT2 = "PEER\n{}\nACCELERATION IN UNITS OF G\nNPTS= 3, DT= .5 SEC\n.1 .2 -.3\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "title", "message"),
+    [
+        ("S-DWN", "E, Site", "S-DWN.AT2' points downward"),
+        ("SDN", "E, Site", "SDN.AT2' points downward"),  # beside S090
+        ("S180", "E, Site", "S180.AT2': one vertical component was expected, got 0"),
+        (
+            "S-UP",
+            "E, Site, 180",
+            "S-UP.AT2': the component is up by its name, but level by its",
+        ),
+        ("S-UP", "E, Site", None),
+        ("S-V", "E, Site, UP", None),
+        ("other", "E, Site", None),
+    ],
+)
+def test_one_vertical_file(write, name, title, message):
+    folder = write({"S090.AT2": AT2.format("E, Site, 090"), f"{name}.AT2": AT2.format(title)})
+    if message:
+        with pytest.raises(ValueError, match=message):
+            jr.read_record(folder / "S090.AT2", vertical=folder / f"{name}.AT2")
+        return
+    record = jr.read_record(folder / "S090.AT2", vertical=folder / f"{name}.AT2")
+    assert float(record.vertical[0]) == pytest.approx(0.1 * G)
+
+
+def test_a_vertical_file_is_no_horizontal_one_by_itself(write):
+    path = write({"S-UP.AT2": AT2.format("E, Site")}) / "S-UP.AT2"
+    with pytest.raises(ValueError, match="no component is horizontal; column names a vert"):
+        jr.read_record(path)
+    assert jr.read_record(path, column="up").samples == 3
+
+
+def test_two_files_of_one_name(write):
+    folder = write({"S.AT2": AT2.format("E, Site"), "S.csv": "time,a [g]\n0,1\n1,2\n"})
+    with pytest.raises(ValueError, match=r"S\.csv': another .* 'S' as well, from '.*S\.AT2'"):
+        jr.read_suite(folder)
+
+
 ELCENTRO = """\
 Data for El Centro 1940 North South Component (Peknold Version)
 11 points at equal spacing of 0.02 sec Points are listed in the format of 8F10.5

@@ -84,6 +84,78 @@ def test_tables_that_are_refused(read, content, message):
     assert message in str(caught.value)
 
 
+LETTERS = "time [s],N [g],E [g],up [g],down [g],b [g]\n0,1,2,3,4,5\n.5,6,7,8,9,0\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "right"),
+    [
+        ({"vertical": "up [g]"}, (1, 3)),
+        ({"vertical": "up"}, (1, 3)),
+        ({"vertical": "b [g]"}, (1, 5)),
+        ({"column": "b [g]", "vertical": "up"}, (5, 3)),
+        ({"column": "up [g]"}, (3, None)),
+        ({"column": "down"}, (4, None)),
+    ],
+)
+def test_columns_by_where_they_point(read, options, right):
+    record = read(LETTERS, **{"column": "N [g]", **options})
+    assert float(record.acceleration[0]) == pytest.approx(G * right[0])
+    assert (record.vertical is None) == (right[1] is None)
+    if right[1] is not None:
+        assert float(record.vertical[0]) == pytest.approx(G * right[1])
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "message"),
+    [
+        (LETTERS, {"vertical": "down [g]"}, "'down [g]' points downward"),
+        (LETTERS, {"vertical": "down"}, "'down [g]' points downward"),
+        (LETTERS, {"vertical": "E [g]"}, "'E [g]' is horizontal, a vertical component was"),
+        (LETTERS.replace("E [", "HNE ["), {"vertical": "HNE [g]"}, "'HNE [g]' is horizontal"),
+        (
+            LETTERS.replace("b [", "Z ["),
+            {"vertical": "up"},
+            "line 1: one column that points up was expected, got 'up [g]', 'Z [g]'",
+        ),
+        (
+            "time,N [g],E [g]\n0,1,2\n.5,3,4\n",
+            {"vertical": "up"},
+            "line 1: one column that points up was expected, got none",
+        ),
+        (
+            "time,up [g]\n0,1\n.5,2\n",
+            {"column": None},
+            "line 1: no component is horizontal; column names a vertical one: 'up [g]'",
+        ),
+    ],
+)
+def test_columns_that_point_elsewhere(read, content, options, message):
+    with pytest.raises(ValueError, match=r"a\.csv', ") as caught:
+        read(content, **{"column": "N [g]", **options})
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("heads", "right"),
+    [
+        # A transverse component in g, not the times.
+        ("time [s],L [g],T [g],V [g]", {"a L": (1, 3), "a T": (2, 3)}),
+        # A velocity and a displacement beside an acceleration.
+        ("time [s],a [g],v [cm/s],d [cm]", {"a": (1, None)}),
+    ],
+)
+def test_columns_of_a_suite(tmp_path, heads, right):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{heads}\n0,1,2,3\n.5,4,5,6\n")
+    suite = jr.read_suite([path], vertical="V" in heads)
+    assert suite.names == (*right,)
+    for record, (level, rising) in zip(suite, right.values(), strict=True):
+        assert float(record.acceleration[0]) == pytest.approx(G * level)
+        if rising is not None:
+            assert float(record.vertical[0]) == pytest.approx(G * rising)
+
+
 def make_table(steps, form, first=0.0):
     times = first + np.asarray(steps)
     return "time,acc_g\n" + "".join(f"{form % t},{(-1) ** k}\n" for k, t in enumerate(times))
@@ -137,7 +209,11 @@ def test_a_table_that_is_cut_in_its_last_number(read):
         for cut in range(1, len(form % values[-1])):
             with pytest.raises(ValueError, match=r"a\.csv'"):
                 read(whole[:-cut])
-        with pytest.raises(ValueError, match="line 51: the file seems to be cut within its"):
+        seems = (
+            "line 51: the file seems to be cut within its.*: other numbers have more digits;"
+        )
+        way = "end the last line with a line end if the number is whole"
+        with pytest.raises(ValueError, match=f"{seems} {way}"):
             read(whole[:-1])
 
 

@@ -2,12 +2,14 @@
 
 import math
 import re
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
-from .components import Component
+from .components import Component, Direction
 from .cut import refuse_cut
-from .directions import Stated, find_word_direction, settle_direction
+from .directions import Stated, find_name_direction, find_word_direction, settle_direction
 from .text import STEP, UNIT, RecordText, Statements, collect_statements, quote_word
 from .units import (
     NUMBER,
@@ -39,8 +41,14 @@ _FIELDS = re.compile(rf"{_FIELD}(?:(?=[-+]){_FIELD})*", re.I)
 _END_OF_DATA = r"\W*end\s+(?:of\s+)?data\W*"
 
 
-def read_at2(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
-    """Read the component in an .AT2 file, where the caller states `units` and `steps`."""
+def read_at2(
+    text: RecordText, units: Statements, steps: Statements, paths: Iterable[Path] = ()
+) -> list[Component]:
+    """Read the component in an .AT2 file, which may lie beside other files, the `paths`.
+
+    The caller states `units` and `steps`.
+    """
+    direction = find_at2_direction(text, paths)
     top, points, step = _read_points_and_step(text)
     header = list(enumerate(text.lines[:top], 1))
     # Headers of accelerations may mention velocities or displacements, which are computed from
@@ -75,11 +83,25 @@ def read_at2(text: RecordText, units: Statements, steps: Statements) -> list[Com
     text.refuse(
         values.size != points, f"NPTS is {points}, but {values.size} values follow", top
     )
-    direction = settle_direction("", find_title_direction(text.lines[:top])) or ""
     return [Component(repr(str(text.path)), factor, values, step, direction)]
 
 
-def find_title_direction(lines: list[str]) -> Stated:
+def find_at2_direction(text: RecordText, paths: Iterable[Path]) -> Direction:
+    """Find the direction by the name of the file among others, and by the title.
+
+    Raises a `ValueError` if they disagree.
+    """
+    name = find_name_direction(text.path, paths)
+    title = _find_title_direction(text.lines)
+    direction = settle_direction(name, title)
+    if direction is None:
+        raise text.make_error(
+            f"the component is {name} by its name, but {title} by its header"
+        )
+    return direction
+
+
+def _find_title_direction(lines: list[str]) -> Stated:
     """Find the direction of the component in the second line, the title: UP, DWN, 140, ..."""
     filled = [line for line in lines[:_HEADER_LINES] if line.strip()]
     if len(filled) < 2:

@@ -86,8 +86,10 @@ def collect_arguments(
     units = Statements()
     steps = Statements()
     if time_step is not None:
-        check("time_step", as_real("time_step", time_step), POSITIVE)
-        steps = [(0, f"time_step is {float(time_step)} s", float(time_step))]
+        step = as_real("time_step", time_step)
+        check("time_step", step, POSITIVE)
+        seconds = time_step if isinstance(time_step, float | int) else float(step)
+        steps = [(0, f"time_step is {float(seconds)} s", float(seconds))]
     if unit is not None:
         units = [(0, f"unit is {unit!r}", require_unit(unit))]
     return units, steps

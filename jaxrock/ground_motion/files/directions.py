@@ -15,6 +15,8 @@ Stated = Literal["level", "up", "down", "vertical", ""]
 _UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
 _DOWNWARD = r"do?w?n(?:ward)?"
 _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
+# What can only be horizontal. The axes x and y may be any, in two dimensions too.
+_CLEARLY_LEVEL = r"[ne]|ns|sn|ew|we|north|east|south|west|[behls][hnlg][ne]"
 
 # The ends of names of files, and the last words of their titles.
 _ENDS: dict[Stated, str] = {
@@ -55,6 +57,14 @@ def find_column_direction(name: str) -> Direction | None:
     if _has_word(_DOWNWARD, name):
         return "down"
     return None if _has_word(_NO_ACCELERATION, name) else "level"
+
+
+def find_clear_direction(name: str) -> Direction:
+    """Find the direction that the name of a column, without a unit, says; "" for none."""
+    direction = find_column_direction(name)
+    if direction == "level" and not _has_word(_CLEARLY_LEVEL, name):
+        return ""
+    return direction or ""
 
 
 def _has_word(pattern: str, words: str) -> bool:

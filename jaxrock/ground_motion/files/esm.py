@@ -9,6 +9,7 @@ import re
 import numpy as np
 
 from .components import Component, Direction
+from .cut import refuse_cut
 from .fixed_columns import Numbers, require_duration, require_peak
 from .text import STEP, UNIT, RecordText, Statements, quote_word
 from .units import UNITS, parse_unit
@@ -17,6 +18,8 @@ from .units import UNITS, parse_unit
 _ACCELERATION = r"(?:(?:un)?processed )?acceleration"
 # Ends of the names of channels; COMPONENT, in old files, is WE, NS or UP.
 _DIRECTIONS: dict[str, Direction] = {r".*Z|U|UP": "up", r".*[NE12XY]|NS|WE|EW": "level"}
+# As many are enough to see how numbers are printed.
+_LAST_LINES = 200
 # Number of the line and what stands in it, by the key.
 _Fields = dict[str, tuple[int, str]]
 
@@ -45,6 +48,7 @@ def read_esm(text: RecordText, units: Statements, steps: Statements) -> list[Com
         lambda lines: np.array([float(each.replace("_", "?")) for each in lines]),
         lambda each, n: [text.parse_number(each.strip(), n)] if each.strip() else [],
     )
+    refuse_cut(text, [each.strip() for each in text.lines[top:][-_LAST_LINES:]])
     wrong = values.size != text.parse_number(points, line, "NDATA")
     text.refuse(wrong, f"NDATA is {points}, but {values.size} values follow", line)
     if "DURATION_S" in fields:

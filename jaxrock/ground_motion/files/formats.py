@@ -3,7 +3,7 @@
 Tables in .csv files are read beside it, since a caller picks columns of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ from .at2 import read_at2
 from .components import Component
 from .cosmos import read_cosmos, recognize_cosmos
 from .csmip import read_csmip, recognize_csmip
+from .directions import find_name_direction, settle_direction
 from .esm import read_esm, recognize_esm
 from .geonet import read_geonet, recognize_geonet
 from .knet import KNET_SUFFIXES, read_knet, recognize_knet
@@ -64,13 +65,30 @@ def list_suffixes() -> tuple[str, ...]:
     )
 
 
-def read_components(path: Path, units: Statements, steps: Statements) -> list[Component]:
-    """Read all components of a file that is no .csv file; a `ValueError` if it cannot be."""
+def read_components(
+    path: Path, units: Statements, steps: Statements, paths: Iterable[Path] = ()
+) -> list[Component]:
+    """Read all components of a file that is no .csv file; a `ValueError` if it cannot be.
+
+    Its name, among those of other files, the `paths`, says where a single one points, if the
+    file does not.
+    """
+    components = _read_format(path, units, steps, paths)
+    if len(components) == 1 and not components[0].direction:
+        stated = settle_direction(find_name_direction(path, paths), "")
+        return [components[0]._replace(direction=stated or "")]
+    return components
+
+
+def _read_format(
+    path: Path, units: Statements, steps: Statements, paths: Iterable[Path]
+) -> list[Component]:
+    """Read all components of a file, of a format told by its content or its name."""
     if find_trace_format(path):
         return read_traces(path, units, steps)
     text = RecordText(path)
     if path.suffix.lower() == ".at2":
-        return read_at2(text, units, steps)
+        return read_at2(text, units, steps, paths)
     for each in FORMATS:
         if each.recognize(text.lines):
             return each.read(text, units, steps)

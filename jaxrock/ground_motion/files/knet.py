@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from .components import Component
+from .cut import refuse_cut_column
 from .obspy_files import find_channel_direction, read_by_obspy
 from .obspy_traces import take_component
 from .text import STEP, UNIT, RecordText, Statements, quote_word
@@ -13,6 +14,9 @@ from .text import STEP, UNIT, RecordText, Statements, quote_word
 KNET_SUFFIXES = tuple(
     f".{axis}{place}" for axis in ("ns", "ew", "ud") for place in ("", "1", "2")
 )
+# As many are enough to see where columns end.
+_LAST_LINES = 200
+_HEADER_LINES = 17
 _PEAK = "Max. Acc. (gal)"
 
 
@@ -40,6 +44,7 @@ def read_knet(text: RecordText, units: Statements, steps: Statements) -> list[Co
         not math.isclose(samples, duration * rate),
         f"{duration:g} s were expected at {rate:g} samples per second, got {samples} samples",
     )
+    refuse_cut_column(text, text.lines[_HEADER_LINES:][-_LAST_LINES:])
     _check_peak(text, found.factor * found.values / 0.01)
     direction = find_channel_direction(channel)
     text.refuse(not direction, f"Dir. is no direction of K-NET, got {quote_word(channel)}")

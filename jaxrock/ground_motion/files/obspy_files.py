@@ -33,6 +33,10 @@ _SAC_QUANTITIES = {6: "displacement", 7: "velocity", 50: "volts"}
 _SAC_UNKNOWN = 5
 _SAC_ACCELERATION = 8
 _SAC_OVER_TIME = 1
+_SAC_UNDEFINED = -12345.0
+# Degrees from upward, and how far components may be off, as in SEED.
+_SAC_ANGLES: dict[Direction, float] = {"up": 0.0, "level": 90.0, "down": 180.0}
+_SAC_TILT = 5.0
 
 # Channels of SEED, by the last letter, and of K-NET. Where 3, U or V point varies.
 _LEVEL = r"(?:[A-Z]{2})?[NE12RT]|(?:NS|EW)[12]?"
@@ -85,6 +89,8 @@ def read_traces(path: Path, units: Statements, steps: Statements) -> list[Compon
                 raise make_error(path, f"{words}, but the file states {step:g} s")
             step = given
         direction = find_channel_direction(trace.stats.channel)
+        if kind == "SAC":
+            direction = _find_sac_direction(path, trace.stats.sac, channel, direction)
         if not units:
             said = "states no unit that can be relied on, so that unit must be given"
             raise make_error(path, f"{_NAMES[kind]} {said}: {UNITS}")
@@ -163,6 +169,25 @@ def _refuse_counts(name: str, trace: Any) -> None:
     if trace.stats.calib != 1:
         factor = f"a factor of {trace.stats.calib:g} is stated, but not whether it is applied"
         raise ValueError(f"{name}: {factor}: use obspy and jaxrock.from_obspy")
+
+
+def _find_sac_direction(path: Path, header: Any, channel: str, named: Direction) -> Direction:
+    """Find the direction that CMPINC states, on which the name of the channel has to agree."""
+    angle = float(header.get("cmpinc", _SAC_UNDEFINED))
+    if angle == _SAC_UNDEFINED:
+        return named
+    near: list[Direction] = [
+        d for d, at in _SAC_ANGLES.items() if abs(angle - at) <= _SAC_TILT
+    ]
+    stated = near[0] if near else ""
+    if not stated:
+        must = "CMPINC must be 0, 90 or 180, for upward, horizontal or downward"
+        raise make_error(path, f"{must}, got {angle:g}")
+    # A channel Z may point downward: the letter says that it is vertical.
+    if named and (named == "level") != (stated == "level"):
+        says = f"CMPINC is {angle:g}, but KCMPNM is {channel!r}"
+        raise make_error(path, f"{says}: 0 is upward, 90 horizontal, 180 downward")
+    return stated
 
 
 def _check_sac(path: Path, header: Any, found: Component) -> float:

@@ -59,7 +59,8 @@ def read_record(
         if it were horizontal, for example to turn its sign.
     vertical : str or path, optional
         Vertical acceleration, positive upward: a column of the .csv file, a channel of another
-        file or ``"up"`` for the one that points there, or a second file.
+        file or ``"up"`` for the one that points there, or a second file. One that its name or
+        its header says to be horizontal, or to point downward, is refused.
     time_step : float, optional
         Time from one sample to the next [s].
 
@@ -84,16 +85,21 @@ def read_record(
     >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
     6001 samples, 0.01 s apart
     """
+    for name, value in (("path", path), ("vertical", "" if vertical is None else vertical)):
+        if not isinstance(value, str | os.PathLike):
+            raise ValueError(f"{name} must be one name of a file or column, got {value!r:.60}")
     path = Path(path)
     units, steps = collect_arguments(unit, time_step)
     if path.suffix.lower() == ".csv":
         upward = None if vertical is None else str(vertical)
-        return make_record(*read_csv(path, units, steps, column, upward))
+        level, *rising = read_csv(path, units, steps, column, upward)
+        return make_record(level, *map(require_upward, rising))
+    beside = [path] if vertical is None else [path, Path(vertical)]
     if path.is_dir():
         raise ValueError(
             f"{str(path)!r} is a folder: one file is read, read_suite takes folders"
         )
-    components = read_components(path, units, steps)
+    components = read_components(path, units, steps, beside)
     horizontal = _choose_horizontal(path, components, column)
     if vertical is None:
         return make_record(horizontal)
@@ -102,7 +108,7 @@ def read_record(
         if not Path(vertical).suffix and not Path(vertical).exists():
             must = "vertical must be a component of the file, or another file"
             raise ValueError(f"{must}, got {str(vertical)!r} for {str(path)!r}")
-        others = read_components(Path(vertical), units, [])
+        others = read_components(Path(vertical), units, [], beside)
         upward = _choose_vertical(Path(vertical), others)
     return make_record(horizontal, require_upward(upward))
 

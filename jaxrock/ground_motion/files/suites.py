@@ -1,6 +1,7 @@
 """Suites from folders and lists of files."""
 
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -8,24 +9,26 @@ from typing import NamedTuple
 from ...host import show_progress
 from ..record import Record
 from ..suite import Suite
-from .at2 import find_title_direction, read_at2
+from .at2 import find_at2_direction, read_at2
 from .components import Component, collect_arguments, make_record, require_upward
-from .directions import (
-    find_column_direction,
-    find_name_direction,
-    find_word_direction,
-    is_same_station,
-    settle_direction,
-)
+from .directions import find_column_direction, find_word_direction, is_same_station
 from .formats import list_suffixes, read_components
 from .records import StrPath
-from .tables import SEARCH_REPORT, is_search_report, list_acceleration_columns, read_columns
+from .tables import (
+    SEARCH_REPORT,
+    is_search_report,
+    list_acceleration_columns,
+    read_columns,
+    strip_unit,
+)
 from .text import RecordText, Statements, quote_names
-from .units import find_units_in_name
 
 # In a folder, the usual name of a table of the records, and how texts to read first are named.
 _INDEX = "index.csv"
 _README = ("readme", "_readme")
+# Velocities, displacements and spectra beside accelerations, as COSMOS and ESM name them. ESM's
+# names have the station in front, whose code may be one of these words.
+_NO_ACCELERATIONS = r".*\.(?:vel|dis)\.[^.]+|(?!.*\.acc\.).*\.(?:vel|dis|sa|sd)\.(?:.*\.)?asc"
 
 
 class _Motion(NamedTuple):
@@ -56,12 +59,13 @@ def read_suite(
     Every horizontal component is a record of its own: one column or two of a ``.csv`` file,
     each channel of a file that has several, and each file of one component. Vertical
     components are told by the header of a file, and by names: of columns and files that end
-    in up, ud, dwn, ver, v, z or the like. Where some columns of a table state a unit, the
-    others are left out.
+    in up, ud, dwn, ver, v, z or the like. Where some columns of a table state a unit of
+    acceleration, the others are left out.
 
     Of a folder, files whose names end as those of a format do are read in the order of their
     names. Left out are folders within it, hidden files, pipes and devices, texts to read
-    first, a table ``index.csv``, and the report of a search that PEER puts beside records.
+    first, a table ``index.csv``, the report of a search that PEER puts beside records, and
+    velocities, displacements and spectra, told by names such as ``....VEL.MP.ASC`` of ESM.
 
     Parameters
     ----------
@@ -120,9 +124,9 @@ def read_suite(
     for motion in motions:
         try:
             if motion.name in records:
-                raise ValueError(
-                    f"{str(motion.path)!r}: another record is named {motion.name!r} as well"
-                )
+                other = next(each.path for each in motions if each.name == motion.name)
+                named = f"another record is named {motion.name!r} as well"
+                raise ValueError(f"{str(motion.path)!r}: {named}, from {str(other)!r}")
             records[motion.name] = _make_record(motion, verticals)
         except ValueError as error:
             faults.append(str(error))
@@ -151,8 +155,7 @@ def _list_files(source: StrPath | Iterable[StrPath]) -> tuple[list[Path], bool]:
             # Hidden files are left behind by editors, archives and macOS.
             and not path.name.lower().startswith((".", *_README))
             and path.name.lower() != _INDEX
-            # Velocities and displacements beside accelerations, as in COSMOS's files.
-            and not path.stem.lower().endswith((".vel", ".dis"))
+            and not re.fullmatch(_NO_ACCELERATIONS, path.name.lower())
             # A link to nowhere is named when it is read.
             and (path.is_file() or not path.exists())
         ]
@@ -176,10 +179,7 @@ def _read_table(
     if is_search_report(text.lines):
         text.refuse(not of_folder, SEARCH_REPORT)
         return _Content([])
-    # Where some columns state a unit of acceleration, the others hold something else.
-    names = list_acceleration_columns(text)
-    names = [name for name in names if find_units_in_name(name)] or names
-    plain = {name: _strip_unit(name) for name in names}
+    plain = {name: strip_unit(name) for name in list_acceleration_columns(text)}
     directions = {name: find_column_direction(words) for name, words in plain.items()}
     level = [name for name, direction in directions.items() if direction == "level"]
     rises = [name for name, direction in directions.items() if direction in ("up", "down")]
@@ -209,45 +209,25 @@ def _read_table(
     )
 
 
-def _strip_unit(name: str) -> str:
-    """Strip the unit that it states from the name of a column."""
-    # So that a word of the unit is not taken for a direction, and the record has a short name.
-    stated = find_units_in_name(name)
-    if stated:
-        at = name.rfind(stated[-1][0])
-        name = f"{name[:at].rstrip('_ [(')} {name[at + len(stated[-1][0]) :].lstrip('_ ])')}"
-    return name.strip("_ ")
-
-
 def _read_at2(
     path: Path, paths: list[Path], units: Statements, steps: Statements, vertical: bool
 ) -> _Content:
     """Read an .AT2 file, unless it is a vertical component that is not wanted."""
     text = RecordText(path)
-    name = find_name_direction(path, paths)
-    title = find_title_direction(text.lines)
-    direction = settle_direction(name, title)
-    if direction is None:
-        raise text.make_error(
-            f"the component is {name} by its name, but {title} by its header"
-        )
-    if direction in ("up", "down") and not vertical:
+    # Before the values, which cost time and may be at fault where nobody wants them.
+    if find_at2_direction(text, paths) in ("up", "down") and not vertical:
         return _Content([])
-    (component,) = read_at2(text, units, steps)
-    return _sort_single(path, component._replace(direction=direction), vertical)
+    (component,) = read_at2(text, units, steps, paths)
+    return _sort_single(path, component, vertical)
 
 
 def _read_channels(
     path: Path, paths: list[Path], units: Statements, steps: Statements, vertical: bool
 ) -> _Content:
     """Read a file of another format, which may have several components."""
-    components = read_components(path, units, steps)
+    components = read_components(path, units, steps, paths)
     if len(components) == 1:
-        component = components[0]
-        if not component.direction:
-            stated = settle_direction(find_name_direction(path, paths), "")
-            component = component._replace(direction=stated or "")
-        return _sort_single(path, component, vertical)
+        return _sort_single(path, components[0], vertical)
     unknown = [each.channel for each in components if not each.direction]
     if unknown:
         raise ValueError(

@@ -10,6 +10,7 @@ import numpy as np
 
 from .components import Component
 from .cut import refuse_cut
+from .directions import find_clear_direction, find_column_direction
 from .printed_times import explain_times, find_printed_halves, find_printed_step
 from .text import (
     STEP,
@@ -59,12 +60,16 @@ class _TableHead(NamedTuple):
 def read_csv(
     path: Path, units: Statements, steps: Statements, column: str | None, vertical: str | None
 ) -> list[Component]:
-    """Read one or two columns, where the caller states `units` and `steps`."""
+    """Read a horizontal column, and perhaps a vertical one.
+
+    The caller states `units` and `steps`, and the columns by their names or where they point.
+    """
     text = RecordText(path)
     text.refuse(is_search_report(text.lines), SEARCH_REPORT)
     head = _read_head(text)
     _require_unit(text, head, units)
     times = _find_times(text, head)
+    vertical = vertical and _find_column(text, head, vertical)
     if column is None:
         others = [name for name in head.names if name not in (*times, vertical)]
         which = "column must be given, the name of the horizontal acceleration: "
@@ -74,6 +79,10 @@ def read_csv(
             head.line_of_names,
         )
         column = others[0]
+        known = find_clear_direction(strip_unit(column)) in ("up", "down")
+        no_level = "no component is horizontal; column names a vertical one: "
+        text.refuse(known, no_level + quote_names(others), head.line_of_names)
+    column = _find_column(text, head, column)
     same = f"column and vertical are the same, {column!r}"
     text.refuse(column == vertical, same, head.line_of_names)
     arguments = {column: "column"} | ({} if vertical is None else {vertical: "vertical"})
@@ -90,12 +99,18 @@ def read_columns(
 
 
 def list_acceleration_columns(text: RecordText) -> list[str]:
-    """Name the columns of a .csv file, without those of times, velocities, displacements."""
-    return [
-        n
-        for n in _read_head(text).names
-        if find_time_unit(n) is None and not re.search(_NOT_ACCELERATION, n, re.I)
-    ]
+    """Name the columns of a .csv file that may be accelerations."""
+    return _list_accelerations(_read_head(text))
+
+
+def strip_unit(name: str) -> str:
+    """Strip the unit that it states from the name of a column."""
+    # So that a word of the unit is not taken for a direction, and the record has a short name.
+    stated = find_units_in_name(name)
+    if stated:
+        at = name.rfind(stated[-1][0])
+        name = f"{name[:at].rstrip('_ [(')} {name[at + len(stated[-1][0]) :].lstrip('_ ])')}"
+    return name.strip("_ ")
 
 
 def is_search_report(lines: list[str]) -> bool:
@@ -104,6 +119,30 @@ def is_search_report(lines: list[str]) -> bool:
     return (
         re.match(r'[\s"]*(?:PEER Ground Motion Database\b|-- Summary of )', first) is not None
     )
+
+
+def _list_accelerations(head: _TableHead) -> list[str]:
+    """Name the columns that are neither times, nor velocities or displacements."""
+    names = [
+        n
+        for n in head.names
+        if find_time_unit(n) is None and not re.search(_NOT_ACCELERATION, n, re.I)
+    ]
+    # Where some columns state a unit of acceleration, the others hold something else.
+    known = [n for n in names if any(math.isfinite(u) for _, u in find_units_in_name(n))]
+    return known or names
+
+
+def _find_column(text: RecordText, head: _TableHead, name: str) -> str:
+    """Find the column of a name, or the one that points "up" or "down" if none has it."""
+    word = name.lower()
+    if name in head.names or word not in ("up", "down"):
+        return name
+    columns = _list_accelerations(head)
+    found = [each for each in columns if find_column_direction(strip_unit(each)) == word]
+    one = f"one column that points {word} was expected, got "
+    text.refuse(len(found) != 1, one + (quote_names(found) or "none"), head.line_of_names)
+    return found[0]
 
 
 def _require_unit(text: RecordText, head: _TableHead, units: Statements) -> None:
@@ -149,8 +188,15 @@ def _read_named(
     )
     step = text.require_agreement(STEP, steps + said, no_step, top)
     # Not strict: the row of times, if there is one, comes last.
-    rows = zip(factors.values(), values, strict=False)
-    return [Component(repr(str(text.path)), factor, row, step) for factor, row in rows]
+    rows = zip(factors.items(), values, strict=False)
+    components = []
+    for (name, factor), row in rows:
+        direction = find_clear_direction(strip_unit(name))
+        # Errors about where it points have to tell it from the horizontal one.
+        where = f", column {name!r}" if arguments[name] == "vertical" else ""
+        title = f"{str(text.path)!r}{where}"
+        components.append(Component(title, factor, row, step, direction))
+    return components
 
 
 def _find_factor(

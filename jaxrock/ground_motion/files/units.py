@@ -122,7 +122,8 @@ def find_time_unit(name: str) -> float | None:
     NaN if the unit is not understood.
     """
     match = re.fullmatch(_TIMES, normalize(name), re.I)
-    if match is None:
+    # T [g] is an acceleration: the transverse one beside L [g].
+    if match is None or any(math.isfinite(unit) for _, unit in find_units_in_name(name)):
         return None
     if match["inside"] is not None:
         return _parse_time_unit(match["inside"].strip())
