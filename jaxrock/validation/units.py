@@ -30,9 +30,10 @@ _ANGLES = r"rad|deg|\u00b0|arcmin|arcsec|rev|turn|rpm|cycle"
 
 def carries_unit(value: object) -> bool:
     """Tell whether a value, or one in a list, carries a unit."""
-    # By the class: a module of ours, or a Python number, has no such attribute.
+    # By the class: a module of ours, or a Python number, has no such attribute. Of a list one
+    # of each class, since it may be a million numbers.
     if isinstance(value, list | tuple):
-        return any(carries_unit(each) for each in value)
+        return any(map(carries_unit, {type(each): each for each in value}.values()))
     return hasattr(type(value), "units") or hasattr(type(value), "unit") or bool(_label(value))
 
 
