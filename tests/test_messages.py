@@ -127,6 +127,10 @@ LIBRARY = {
         lambda: jr.read_record(["a.AT2"]),
         "path must be one name of a file or column, got ['a.AT2']",
     ),
+    "arguments in another order": (
+        lambda: jr.respond(BLOCK, RECORD, 0.7),
+        "motion must be a Motion, got 0.7",
+    ),
     "a list of records for a suite": (
         lambda: jr.fragility(BLOCK, 0.7, [RECORD], [0.1]),
         "suite must be a Suite, got a list of 1 Records; Suite([...]) makes one",
@@ -384,6 +388,10 @@ WORDS = {
     "the step of the examples": (
         "fragility --unit g --time-step 0.01",
         'records "example" have their unit and time step: leave out --unit and --time-step',
+    ),
+    "a set that is none": (
+        "fragility --records fema-farfield",
+        "records must be a folder, example, or one of fema-far-field, fema-near-field,",
     ),
     "a column of the example": (
         "respond --record example --column up",

@@ -162,6 +162,11 @@ def read_records(
     fema_set = records.removeprefix("fema-")
     named = records == "example" or (fema_set != records and fema_set in FEMA_SETS)
     if not named:
+        if fema_set != records and not Path(records).exists():
+            sets = ", ".join(f"fema-{name}" for name in FEMA_SETS)
+            raise ValueError(
+                f"records must be a folder, example, or one of {sets}, got {records!r}"
+            )
         return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
     refuse_stated_units(f'records "{records}" have their', unit, time_step)
     if records == "example":

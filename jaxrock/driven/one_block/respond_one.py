@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...block import Block
-from ...ground_motion import Motion, Record, Still
+from ...ground_motion import Motion, Record, Still, Suite
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     Number,
@@ -115,7 +115,8 @@ def respond(
     False 0
     """
     check_kind("block", block, Block)
-    check_kind("motion", motion, Motion, hint="; respond_batch takes several")
+    many = isinstance(motion, Suite | list | tuple)
+    check_kind("motion", motion, Motion, hint="; respond_batch takes several" if many else "")
     if duration is None and isinstance(motion, Still):
         raise ValueError("duration must be given for still ground, which has no end")
     duration = motion.end if duration is None else duration
