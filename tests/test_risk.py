@@ -386,7 +386,7 @@ def test_what_a_rate_says():
     assert bool(found.complete)
     assert str(found) == (
         f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr,"
-        " about once in 320 years\n"
+        " about once in 17,000 years\n"
         f"standard error {error:.6g} 1/yr from 3 records, up to {unseen:.6g} 1/yr unseen"
         " between 3 boundaries"
     )
