@@ -52,7 +52,7 @@ def test_hazard_is_straight_in_logarithms(eps):
         ([1.0, 2.0, 3.0], [3.0, 0.0, 1.0], "rates must not rise .* got 0 and then 1"),
         ([1.0, 2.0, 3.0], [3.0, 3.0, 3.0], "rates must fall with the level, got only 3"),
         ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], "the first two rates must be greater than 0, got"),
-        ([1.0, 2.0], [3.0, -1e-9], "rates must be finite and at least 0, got -1e-09"),
+        ([1.0, 2.0], [3.0, -0.5], "rates must be finite and at least 0, got -0.5"),
         ([0.0, 2.0], [3.0, 2.0], "levels must be finite and greater than 0, got 0"),
         ([1.0, 2.0], [3.0, 0.0], "the first two rates must be greater than 0, got 0"),
         ([1.0, NAN], [3.0, 2.0], "levels must be finite and greater than 0, got nan"),
