@@ -85,7 +85,8 @@ def run(page, capsys, before="", after=""):
     assert list(pictures) == NAMES.findall(TEXTS[page])
     for name, picture in pictures.items():
         if page != "suites":
-            assert find_difference(picture, name) < 1, name
+            # Another version of Matplotlib makes up to 2, another number in the code 5 or more.
+            assert find_difference(picture, name) < 3, name
     for printed, expected in said:
         assert printed == expected
     return namespace, capsys.readouterr().out
