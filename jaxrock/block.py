@@ -27,7 +27,7 @@ from .validation import (
 
 # kappa of a homogeneous rectangle; its reciprocal rounds to 0.75 in every precision.
 RECTANGLE_INERTIA_RATIO = 4 / 3
-# Full sizes [m] beyond those of what stands free on two edges, and is asked about.
+# Larger full sizes [m] are hardly those of a free-standing object.
 LARGEST_SIZES = {"width": 30.0, "height": 100.0}
 
 

@@ -126,7 +126,7 @@ def _make_jobs(study: Table, folder: Path, faults: list[str]) -> Jobs:
 
 
 def _suggest_name(given: object, known: Iterable[str]) -> str:
-    """Suggest the name that was likely meant, as the command line does; empty if none is near."""
+    """Suggest the name that was likely meant; empty if none is near."""
     near = difflib.get_close_matches(str(given), sorted(known), 1)
     return f'. Did you mean "{near[0]}"?' if near else ""
 

@@ -217,7 +217,7 @@ class Record(Motion):
 
 
 def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
-    """Make an array of accelerations [m/s2] of samples in a unit, the argument of that name."""
+    """Convert the samples of an argument from a unit to an array in m/s2."""
     if unit is None:
         return as_real(name, samples)
     if carries_unit(samples):

@@ -1,4 +1,4 @@
-"""Signs of life of computations that take long: on a terminal bars, from commands lines as well."""
+"""Signs of life of long computations: bars on a terminal, and lines from commands."""
 
 import contextlib
 import contextvars
@@ -88,7 +88,7 @@ def announce(text: str) -> None:
 
 def show_progress(items: Iterable[_Item], label: str) -> Iterable[_Item]:
     """Iterate over `items`, with a progress bar if it takes long and stderr is a terminal."""
-    # Where a process was started without stderr, `print` and tqdm would write to stdout, or fail.
+    # In a process without stderr `print` would write to stdout, and tqdm would fail.
     if _silent.get() or sys.stderr is None:
         return items
     from tqdm import tqdm

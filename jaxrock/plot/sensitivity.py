@@ -270,7 +270,7 @@ class _Colours(NamedTuple):
 
 
 def _choose_colours(finite: np.ndarray, limit: float | None) -> _Colours:
-    """Choose colours of which most of the values take many, by all values that are finite."""
+    """Choose colours so that the finite values use many of them."""
     # That signs matter is decided by more than a few values that rounding puts beyond 0.
     low, high = np.quantile(finite, (0.02, 0.98)).tolist() if finite.size else (0.0, 0.0)
     if limit is not None or low < 0 < high or low == high:
@@ -297,7 +297,7 @@ def _choose_colours(finite: np.ndarray, limit: float | None) -> _Colours:
 
 
 def _list_levels(locator: Locator, low: float, high: float) -> list[float]:
-    """List the levels within a range: beyond the colours contours lie too close for numbers."""
+    """List the levels within a range; beyond it contours lie too close for numbers."""
     return [x for x in np.asarray(locator.tick_values(low, high)).tolist() if low <= x <= high]
 
 

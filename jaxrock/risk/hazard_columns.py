@@ -1,4 +1,4 @@
-"""Names of the columns of a hazard curve: what the levels are, and how often they are exceeded."""
+"""Names of the columns of a hazard curve: levels, and how often they are exceeded."""
 
 import math
 import re
@@ -36,7 +36,7 @@ _SPAN = rf"(?<![^\W_])(?<![.-])(\d+(?:\.\d+)?)[\s_-]*(?:{_YEARS})(?![^\W_])"
 
 
 class Frequency(NamedTuple):
-    """A kind of column that states how often levels are exceeded: rate, probability, period."""
+    """A column of how often levels are exceeded: a rate, probability or return period."""
 
     kind: str
     years: float = 1.0  # of a probability

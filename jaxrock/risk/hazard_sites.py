@@ -21,7 +21,7 @@ _POE = "poe-"
 
 
 def has_sites(names: Sequence[str]) -> bool:
-    """Tell whether columns are those of a table with a line for each site."""
+    """Tell by its columns whether a table has a line for each site."""
     return any(re.fullmatch(_PLACE[0][0], name, re.I) for name in names) and any(
         name.startswith(_POE) or is_number(name) for name in names
     )

@@ -142,7 +142,7 @@ _READERS |= {"Suite": "read_suite", "Hazard": "read_hazard"}
 
 
 def _find_way_out(value: object, kinds: Sequence[type]) -> str:
-    """Find what a value of a wrong class was likely meant to be, in words; empty if unknown."""
+    """Name the function that was likely meant for a value of a wrong class; empty if unknown."""
     names = [kind.__name__ for kind in kinds]
     if inspect.isclass(value) and issubclass(value, tuple(kinds)):
         return f"; {value.__name__}(...) makes one"

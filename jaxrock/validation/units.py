@@ -1,4 +1,4 @@
-"""Units of arguments: numbers that carry a unit, as those of pint, astropy and unyt do."""
+"""Arguments that carry a unit, as quantities of pint, astropy and unyt do."""
 
 import re
 from collections.abc import Mapping

@@ -68,7 +68,7 @@ def make_record(horizontal: Component, *upward: Component) -> Record:
 
 
 def require_upward(component: Component) -> Component:
-    """Return a vertical component as it is; a `ValueError` if it is known to point elsewhere."""
+    """Return a vertical component; a `ValueError` if it is known to point elsewhere."""
     if component.direction == "down":
         raise ValueError(
             f"{component.name} points downward, but a vertical component must be positive upward"

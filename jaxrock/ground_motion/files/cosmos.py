@@ -1,5 +1,6 @@
 """Files in the COSMOS format, volumes 1 and 2, of strong-motion networks in America."""
 
+import functools
 import math
 import re
 
@@ -7,8 +8,8 @@ from .components import Component, Direction
 from .fixed_columns import (
     Numbers,
     match_line,
-    name_channels,
     parse_format,
+    read_channels,
     read_numbers,
     refuse_counts,
     require_duration,
@@ -48,18 +49,15 @@ def recognize_cosmos(lines: list[str]) -> bool:
 
 def read_cosmos(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
     """Read the accelerations of all channels, where the caller states `units` and `steps`."""
-    found: list[tuple[str, Component]] = []
-    at = 0
-    while at < len(text.lines):
-        at = _read_channel(text, at, units, steps, found)
-    return name_channels(text, found, "COSMOS")
+    read_channel = functools.partial(_read_channel, units, steps)
+    return read_channels(text, read_channel, "COSMOS")
 
 
 def _read_channel(
-    text: RecordText,
-    top: int,
     units: Statements,
     steps: Statements,
+    text: RecordText,
+    top: int,
     found: list[tuple[str, Component]],
 ) -> int:
     """Read a channel into `found`, unless it is a velocity; return the index after it."""

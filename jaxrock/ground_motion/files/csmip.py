@@ -1,5 +1,6 @@
 """Files of California's strong-motion program, volumes 1 and 2, as CESMD delivers them."""
 
+import functools
 import math
 import re
 from typing import NamedTuple
@@ -9,8 +10,8 @@ from .fixed_columns import (
     Columns,
     get_line,
     match_line,
-    name_channels,
     parse_format,
+    read_channels,
     read_numbers,
     refuse_counts,
     require_duration,
@@ -85,18 +86,15 @@ def recognize_csmip(lines: list[str]) -> bool:
 
 def read_csmip(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
     """Read the accelerations of all channels, where the caller states `units` and `steps`."""
-    found: list[tuple[str, Component]] = []
-    at = 0
-    while at < len(text.lines):
-        at = _read_channel(text, at, units, steps, found)
-    return name_channels(text, found, "CSMIP")
+    read_channel = functools.partial(_read_channel, units, steps)
+    return read_channels(text, read_channel, "CSMIP")
 
 
 def _read_channel(
-    text: RecordText,
-    top: int,
     units: Statements,
     steps: Statements,
+    text: RecordText,
+    top: int,
     found: list[tuple[str, Component]],
 ) -> int:
     """Read a channel into `found`; return the index of the line after it."""

@@ -74,7 +74,7 @@ def _has_word(pattern: str, words: str) -> bool:
 
 
 def find_name_direction(path: Path, paths: Iterable[Path]) -> Stated:
-    """Find the direction of a component by the name of its file, among those of others."""
+    """Find the direction of a component by the names of its file and of others beside it."""
     stem = path.stem
     of_nga = re.match(_NGA_NAME, stem, re.I) is not None
     for direction, ends in _ENDS.items():

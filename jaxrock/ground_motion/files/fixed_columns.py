@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,11 @@ class Numbers(NamedTuple):
     words: list[str]
     values: np.ndarray
     end: int
+
+
+# Takes a text, the index of the first line of a channel and a list, to which it appends number
+# and component of the channel if this is an acceleration; returns the index of the line after it.
+ChannelReader = Callable[[RecordText, int, list[tuple[str, Component]]], int]
 
 
 def get_line(text: RecordText, at: int, name: str) -> str:
@@ -134,6 +140,15 @@ def refuse_counts(text: RecordText, wrong: bool, line: int) -> None:
         " with obspy or gmprocess",
         line,
     )
+
+
+def read_channels(text: RecordText, read_channel: ChannelReader, kind: str) -> list[Component]:
+    """Read channels that stand one below the other, each by `read_channel`."""
+    found: list[tuple[str, Component]] = []
+    at = 0
+    while at < len(text.lines):
+        at = read_channel(text, at, found)
+    return name_channels(text, found, kind)
 
 
 def name_channels(

@@ -100,7 +100,7 @@ def _find_unit(
     peak: re.Match[str],
     units: Statements,
 ) -> float:
-    """Find the unit of the values: that of the peak, and of raw readings."""
+    """Find the unit of the values, as the lines of the peak and of raw readings state it."""
     at, column = _SCALE
     scale = _read_header(text, top + at)[column]
     scales = [(top + at + 1, scale), (top + _STEP[0] + 1, float(sampling["scale"] or 1))]
