@@ -16,7 +16,7 @@ from ..overturning_criterion import TOPPLED_ROTATION
 from .compiler_options import choose_compiler_options
 from .ground_input import GroundInput
 from .ground_motions import convert_motion
-from .step import BatchArguments, Lanes, max_steps, prepare_blocks, take_step
+from .step import BatchArguments, Lanes, StepControl, max_steps, prepare_blocks, take_step
 
 _LANES = 64
 # As `respond_batch` has them in float64 at its default tolerance.
@@ -76,6 +76,7 @@ def _follow_groups(
         case, unit, valid = prepare_blocks(ground, arguments, model)
         dtype = time.dtype
         tolerance = jnp.asarray(max(_TOLERANCE, float(jnp.finfo(dtype).eps)), dtype)
+        control = StepControl(tolerance, (1.0, 1.0))
         resting = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)
         begin = replace(
             resting,
@@ -85,7 +86,7 @@ def _follow_groups(
         )
         end = jax.lax.while_loop(
             lambda lanes: lanes.are_active(case).any(),
-            lambda lanes: take_step(lanes, case, ground, tolerance, _ORDER),
+            lambda lanes: take_step(lanes, case, ground, control, _ORDER),
             begin,
         )
         followed = valid & (end.steps < max_steps(case))

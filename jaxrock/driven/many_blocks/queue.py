@@ -26,6 +26,8 @@ class FinalStates(NamedTuple):
     end_velocity: Reals
     end_impacts: Reals
     impacts: Reals
+    impact_energy: Reals
+    impact_moment: Reals
     followed: Reals  # 1 if to the end, otherwise 0
 
     @classmethod
@@ -39,6 +41,8 @@ class FinalStates(NamedTuple):
             end_velocity=lanes.end_velocity,
             end_impacts=lanes.end_impacts.astype(lanes.peak.dtype),
             impacts=lanes.impacts.astype(lanes.peak.dtype),
+            impact_energy=lanes.impact_energy,
+            impact_moment=lanes.impact_moment,
             followed=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
 
