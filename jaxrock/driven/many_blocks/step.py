@@ -80,14 +80,16 @@ class BatchArguments(NamedTuple):
 
 
 class StepControl(NamedTuple):
-    """How exact each step is.
+    """The exactness of each step.
 
     A step ends at the next sample of a record, however loose the tolerance. So a tolerance
     alone does not make two motions whose steps differ; leaving out terms does.
     """
 
-    tolerance: Reals  # of the last two terms of a polynomial, relative to its first ones
-    last_terms: tuple[Reals | float, Reals | float]  # factors on these two, 1 unless changed
+    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
+    last_terms: tuple[
+        HostNumbers | float, HostNumbers | float
+    ]  # factors on these two, 1 unless changed
 
 
 class Case(eqx.Module):

@@ -194,7 +194,7 @@ def _estimate(
         return jax.tree.map(lambda leaf: leaf.reshape(-1), simulated)
 
     best = simulate(batch, rtol)
-    companion = simulate(batch.perturbed(slip), looser, _WITHOUT_TERMS)
+    companion = simulate(batch.scaled(slip), looser, _WITHOUT_TERMS)
     apart = _compare_sums(companion, best)
     first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
     error = np.maximum(first_bound, slip - 1)
@@ -205,7 +205,7 @@ def _estimate(
     grown = ~(apart <= min(_GROWTH, 10 * looser))
     (places,) = np.nonzero((error > tolerance) | grown)
     if places.size:
-        part = batch.select(places).perturbed(1 / slip, restitution=1 / slip)
+        part = batch.select(places).scaled(1 / slip, restitution=1 / slip)
         companion = simulate(part, rtol, _CHANGED_TERMS)
         better = jax.tree.map(lambda leaf: leaf[places], best)
         least = max(_LEAST * rtol, slip - 1)
