@@ -76,7 +76,7 @@ def _follow_groups(
         case, unit, valid = prepare_blocks(ground, arguments, model)
         dtype = time.dtype
         tolerance = jnp.asarray(max(_TOLERANCE, float(jnp.finfo(dtype).eps)), dtype)
-        control = StepControl(tolerance, (1.0, 1.0))
+        control = StepControl(tolerance, 1.0, (1.0, 1.0))
         resting = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)
         begin = replace(
             resting,

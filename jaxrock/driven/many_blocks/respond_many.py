@@ -54,6 +54,17 @@ class _Program(NamedTuple):
     order: int  # of the Taylor polynomials
 
 
+class StepChange(NamedTuple):
+    """Factors that change steps, for a simulation that another one is compared with."""
+
+    tolerance: float = 1.0
+    longest: float = 1.0
+    last_terms: tuple[float, float] = (1.0, 1.0)
+
+
+_AS_USUAL = StepChange()
+
+
 class ImpactSums(NamedTuple):
     """Sums over the impacts while the input acts, by which two motions of a block are compared.
 
@@ -278,16 +289,21 @@ def simulate_batch(
     model: RockingModel,
     rtol: float | None = None,
     count: Integers | int | None = None,
-    last_terms: tuple[float, float] = (1.0, 1.0),
+    change: StepChange = _AS_USUAL,
 ) -> SimulatedBatch:
-    """Follow a batch and compute `ImpactSums`, with factors on the last two terms of each step."""
+    """Follow a batch and compute `ImpactSums`, with steps as usual or changed."""
     dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
     share = _SHARE if rtol >= _TIGHT else _SHARE_OF_TIGHT
+    share *= change.tolerance
     control = StepControl(
         tolerance=np.asarray(max(share * rtol, float(jnp.finfo(dtype).eps)), dtype),
-        last_terms=(np.asarray(last_terms[0], dtype), np.asarray(last_terms[1], dtype)),
+        longest=np.asarray(change.longest, dtype),
+        last_terms=(
+            np.asarray(change.last_terms[0], dtype),
+            np.asarray(change.last_terms[1], dtype),
+        ),
     )
     rows, form = batch.flatten()
     # The order follows from precision and kind of input alone: a program for each tolerance

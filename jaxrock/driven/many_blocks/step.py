@@ -87,9 +87,9 @@ class StepControl(NamedTuple):
     """
 
     tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
-    last_terms: tuple[
-        HostNumbers | float, HostNumbers | float
-    ]  # factors on these two, 1 unless changed
+    longest: HostNumbers | float  # factor on the longest step, 1 unless changed
+    # Factors on the last two terms, once the step is chosen; 1 unless changed.
+    last_terms: tuple[HostNumbers | float, HostNumbers | float]
 
 
 class Case(eqx.Module):
@@ -277,7 +277,7 @@ def take_step(
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
+    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step) * control.longest
     step = jnp.minimum(jnp.minimum(time_left, longest), lanes.step_limit)
     step = materialize(
         jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, control.tolerance)), 0)

@@ -35,7 +35,13 @@ from ...host import Printed, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
 from .batch import Batch
-from .respond_many import BatchResponse, SimulatedBatch, check_batch, simulate_batch
+from .respond_many import (
+    BatchResponse,
+    SimulatedBatch,
+    StepChange,
+    check_batch,
+    simulate_batch,
+)
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
@@ -47,15 +53,18 @@ _ROUNDING = 256  # by how much the numbers of a companion are off, in eps
 # Two terms of order n - 1 and n exceed what follows by (r / h)^2, with steps h and the radius r
 # of convergence; and (h / r)^n is about the tolerance of a step, 5e-5 at the loosest: by 7.
 _LARGER = 4
-_WITHOUT_TERMS = 0.0, 0.0
-_CHANGED_TERMS = 2.0, 0.0
+# Steps of the companions. Without both terms, or with twice the first of them, so that what
+# cancels in one companion adds in the other; and the second takes shorter steps where no
+# sample ends them, so that a step whose last terms are small by chance shows as well.
+_FIRST_CHANGE = StepChange(last_terms=(0.0, 0.0))
+_SECOND_CHANGE = StepChange(tolerance=0.25, longest=0.75, last_terms=(2.0, 0.0))
 # Sums over impacts of motions that went the same way differ by less than this, in units of
 # what the highest rotation contributes. Those of motions that parted differ by a hundred times
 # as much, unless all that came after was small.
-_SAME_WAY = 0.01
+_SAME_WAY = 0.001
 # The same difference shows that errors grow, if it is more than this or than ten times the
 # looser tolerance.
-_GROWTH = 1e-5
+_GROWTH = 3e-7
 
 
 class EstimatedResponse(Printed, eqx.Module):
@@ -189,12 +198,12 @@ def _estimate(
     """Simulate a batch at `rtol`, and estimate its error by companions there and at `looser`."""
     slip = 1 + _ROUNDING * float(np.finfo(batch.dtype).eps)
 
-    def simulate(blocks: Batch, rtol: float, *terms: tuple[float, float]) -> SimulatedBatch:
-        simulated = simulate_batch(blocks, model, rtol, None, *terms)
+    def simulate(blocks: Batch, rtol: float, *change: StepChange) -> SimulatedBatch:
+        simulated = simulate_batch(blocks, model, rtol, None, *change)
         return jax.tree.map(lambda leaf: leaf.reshape(-1), simulated)
 
     best = simulate(batch, rtol)
-    companion = simulate(batch.scaled(slip), looser, _WITHOUT_TERMS)
+    companion = simulate(batch.scaled(slip), looser, _FIRST_CHANGE)
     apart = _compare_sums(companion, best)
     first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
     error = np.maximum(first_bound, slip - 1)
@@ -206,7 +215,7 @@ def _estimate(
     (places,) = np.nonzero((error > tolerance) | grown)
     if places.size:
         part = batch.select(places).scaled(1 / slip, restitution=1 / slip)
-        companion = simulate(part, rtol, _CHANGED_TERMS)
+        companion = simulate(part, rtol, _SECOND_CHANGE)
         better = jax.tree.map(lambda leaf: leaf[places], best)
         least = max(_LEAST * rtol, slip - 1)
         second_bound = np.maximum(_bound_error(companion, better), least)
