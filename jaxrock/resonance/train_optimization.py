@@ -1,25 +1,31 @@
 """The search for the worst train: descents, and moves to other sequences of impacts.
 
-A descent is SciPy's sequential quadratic programming (SLSQP; Kraft 1988, report DFVLR-FB
-88-28, and 1994, TOMS algorithm 733, https://doi.org/10.1145/192115.192124). It takes the
-limits as constraints: on the times and, where the smallest pulses are sought, that the block
-overturns.
+Without limits on the times trains descend by gradient steps (`train_descent`), and what they
+come to is polished. With limits, and to polish, a descent is SciPy's sequential quadratic
+programming (SLSQP; Kraft 1988, report DFVLR-FB 88-28, and 1994, TOMS algorithm 733,
+https://doi.org/10.1145/192115.192124). It takes the limits as constraints: on the times and,
+where the smallest pulses are sought, that the block overturns. Fifty times as much computing,
+but gradient steps with penalties stop at worse trains.
 """
 
 import functools
+import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
+import jax
 import numpy as np
 
 from .pulse_train import Rocker
-from .train_through_impacts import MAX_IMPACTS, Outcome, evaluate_with_slopes
+from .train_descent import Descended, Descents, descend_all
+from .train_through_impacts import MAX_IMPACTS, Evaluation, Outcome, evaluate_with_slopes
 
 Goal = Literal["smallest largest", "smallest total", "most rotation"]
 
 MOST_IMPACTS = 3  # between two pulses, as long as they need not be apart
 _STEPS = 50  # of a descent, far more than most take
+_AT_ONCE = 16  # trains in a program: start and moves of a pulse
 # Phases of a pulse early and late in its half-cycle. No descent begins closer to the ends,
 # where the slope is 0: the energy depends on the cosine of pi times the phase.
 _EARLY = 0.1
@@ -132,11 +138,18 @@ class Candidate(NamedTuple):
     def compute_outcome(self, problem: TrainProblem, raised: float = 0.0) -> Outcome:
         """Compute the outcome if the pulses are raised by a factor exp(`raised`)."""
         numbers = np.append(self.numbers[:-1], self.numbers[-1] + raised)
-        return _evaluate_candidate(self._replace(numbers=numbers), problem)[0]
+        return _evaluate_candidate(self._replace(numbers=numbers), problem).outcome
 
     def is_feasible(self, problem: TrainProblem) -> bool:
         """Tell whether the train keeps the constraints."""
         return self.violation < problem.tolerance
+
+    def identify(self, problem: TrainProblem) -> tuple[int, bytes, float]:
+        """Return what two candidates share that have come to one train.
+
+        It is the way through the impacts, and the loss.
+        """
+        return self.used, self.impacts.tobytes(), round(self.merit(problem), 6)
 
     def merit(self, problem: TrainProblem) -> float:
         """Compute the number by which candidates are compared; lower is better.
@@ -176,21 +189,47 @@ class _Measurement(NamedTuple):
     objective: float
 
 
-def _evaluate_candidate(
-    candidate: Candidate, problem: TrainProblem
-) -> tuple[Outcome, np.ndarray, np.ndarray]:
+def _evaluate_candidate(candidate: Candidate, problem: TrainProblem) -> Evaluation:
     """Compute outcome, limited values and their slopes; see `evaluate_with_slopes`."""
     numbers, impacts, used, *_ = candidate
-    outcome, *limited = evaluate_with_slopes(
-        numbers, impacts, used, problem.rocker, problem.spacing
+    if problem.constrained:
+        return evaluate_with_slopes(
+            numbers, impacts, used, problem.rocker, problem.spacing, problem.most_impacts
+        )
+    # By the program that is there already.
+    last = _run_descents([candidate], problem, steps=1).last
+    return jax.tree.map(lambda part: part[0], last)
+
+
+def _run_descents(
+    candidates: Sequence[Candidate], problem: TrainProblem, steps: int
+) -> Descended:
+    """Let at most `_AT_ONCE` trains descend by gradient steps."""
+    dtype = problem.rocker.restitution.dtype
+    bounds = [_compute_bounds(candidate, problem) for candidate in candidates]
+    descents = Descents(
+        numbers=np.array([candidate.numbers for candidate in candidates], dtype),
+        impacts=np.array([candidate.impacts for candidate in candidates], np.int32),
+        lows=np.array([low for low, _ in bounds], dtype),
+        highs=np.array([high for _, high in bounds], dtype),
+        steps=np.full(len(candidates), steps, np.int32),
     )
-    values, slopes = (np.asarray(part, float) for part in limited)
-    return outcome, values, slopes
+    # One program for any number of trains: the padding takes no step.
+    spare = _AT_ONCE - len(candidates)
+    padded = jax.tree.map(
+        lambda part: np.pad(part, [(0, spare)] + [(0, 0)] * (part.ndim - 1)), descents
+    )
+    seeks = np.asarray(problem.seeks_pulses)
+    total = np.asarray(problem.goal == "smallest total")
+    return jax.device_get(
+        descend_all(padded, problem.rocker, seeks, total, problem.most_impacts)
+    )
 
 
 def _measure_candidate(candidate: Candidate, problem: TrainProblem) -> _Measurement:
     """Compute the loss and the constraints of a problem at a train."""
-    _, values, slopes = _evaluate_candidate(candidate, problem)
+    _, *limited = _evaluate_candidate(candidate, problem)
+    values, slopes = (np.asarray(part, float) for part in limited)
     log_x = values[0]
     log_x_slope = slopes[0]
 
@@ -222,13 +261,11 @@ def _measure_candidate(candidate: Candidate, problem: TrainProblem) -> _Measurem
 
 
 def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
-    """Find the best train through the same impacts, by a descent from a candidate."""
+    """Find the best train through the same impacts, by SLSQP from a candidate."""
     from scipy.optimize import minimize  # which loads slowly
 
     lows, highs = _compute_bounds(candidate, problem)
-    pulses = candidate.impacts.size
-    begin = np.clip(candidate.numbers, lows, highs)
-    begin[:pulses] = np.clip(begin[:pulses], _EARLY, _LATE)
+    begin = _begin_descent(candidate, problem).numbers
     path = list(candidate.path)
 
     @functools.lru_cache(maxsize=2)
@@ -271,6 +308,14 @@ def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
     )
 
 
+def _begin_descent(candidate: Candidate, problem: TrainProblem) -> Candidate:
+    """Bring a candidate within its bounds, and its pulses to where their phases matter."""
+    numbers = np.clip(candidate.numbers, *_compute_bounds(candidate, problem))
+    pulses = candidate.impacts.size
+    numbers[:pulses] = np.clip(numbers[:pulses], _EARLY, _LATE)
+    return candidate._replace(numbers=numbers)
+
+
 def _compute_bounds(
     candidate: Candidate, problem: TrainProblem
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -291,23 +336,60 @@ def _compute_bounds(
     return np.concatenate([0 * ones, lows, [least]]), np.concatenate([ones, highs, [most]])
 
 
+def _descend_by_gradient(
+    candidates: Sequence[Candidate], problem: TrainProblem
+) -> list[Candidate]:
+    """Find the best trains through the same impacts, without limits, by gradient steps."""
+    ends = []
+    for first in range(0, len(candidates), _AT_ONCE):
+        starts = [
+            _begin_descent(candidate, problem)
+            for candidate in candidates[first : first + _AT_ONCE]
+        ]
+        descended = _run_descents(starts, problem, _STEPS)
+        for number, start in enumerate(starts):
+            numbers = descended.numbers[number].astype(float)
+            loss = float(descended.loss[number])
+            path = descended.path[number].astype(float)
+            path = path[np.isfinite(path)]
+            if problem.goal == "smallest total":
+                # Only the pulses count, not how they are split into a bound and weights.
+                numbers[start.impacts.size : -1] *= np.exp(numbers[-1])
+                numbers[-1] = 0
+                loss = math.exp(loss)
+            objectives = np.exp(path if problem.seeks_pulses else -path)
+            ends.append(
+                start._replace(
+                    numbers=numbers,
+                    loss=loss,
+                    violation=0.0,
+                    path=start.path + tuple(objectives),
+                )
+            )
+    return ends
+
+
+def _descend_within_limits(
+    candidates: Sequence[Candidate], problem: TrainProblem
+) -> list[Candidate]:
+    """Find the best trains with limits on the times, by SLSQP."""
+    return [descend(_space_apart(candidate, problem), problem) for candidate in candidates]
+
+
 def search(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate]:
     """Find the best train that each candidate leads to, by descents and moves between them."""
+    improve = _descend_within_limits if problem.constrained else _descend_by_gradient
     # Different starts come to the same trains, whose moves need not be tried again.
     best_after_move: dict[tuple, Candidate] = {}
 
     def make_best_move(candidate: Candidate, k: int) -> Candidate:
         """Move pulse k to where it leads to the best train, if that is better."""
-        # Through the same impacts to the same loss: two starts have come to one train.
         merit = candidate.merit(problem)
-        key = k, candidate.used, candidate.impacts.tobytes(), round(merit, 6)
+        key = k, *candidate.identify(problem)
         if key not in best_after_move:
-            descended = (
-                descend(_space_apart(move, problem), problem)
-                for move in _generate_moves(candidate, problem, k)
-            )
+            ends = improve(list(_generate_moves(candidate, problem, k)), problem)
             best_after_move[key] = min(
-                descended, key=lambda each: each.merit(problem), default=candidate
+                ends, key=lambda end: end.merit(problem), default=candidate
             )
         if best_after_move[key].merit(problem) >= merit - _NO_GAIN:
             return candidate
@@ -318,17 +400,29 @@ def search(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate
     # descended | no train nearby, through the same impacts, | a pass: each pulse in turn makes
     #           | is better                                  | its best move, if that is better
     # improved  | the last pass has made it better           | another pass
-    # settled   | the last pass has changed nothing          | found
-    found = []
-    for start in candidates:
-        candidate = descend(_space_apart(start, problem), problem)
+    # settled   | the last pass has changed nothing          | ends, polished
+    ends = []
+    for candidate in improve(candidates, problem):
         before = np.inf
         while candidate.merit(problem) < before:
             before = candidate.merit(problem)
-            for k in range(1, start.used):
+            for k in range(1, candidate.impacts.size):
                 candidate = make_best_move(candidate, k)
-        found.append(candidate)
-    return found
+        ends.append(candidate)
+    return ends if problem.constrained else _polish(ends, problem)
+
+
+def _polish(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate]:
+    """Bring trains to the last digits by SLSQP, each only once."""
+    polished: dict[tuple, Candidate] = {}
+    ends = []
+    for candidate in candidates:
+        key = candidate.identify(problem)
+        if key not in polished:
+            polished[key] = descend(candidate._replace(path=()), problem)
+        path = candidate.path + polished[key].path
+        ends.append(polished[key]._replace(path=path))
+    return ends
 
 
 def _space_apart(candidate: Candidate, problem: TrainProblem) -> Candidate:
