@@ -209,10 +209,10 @@ def _run_descents(
     bounds = [_compute_bounds(candidate, problem) for candidate in candidates]
     descents = Descents(
         numbers=np.array([candidate.numbers for candidate in candidates], dtype),
-        impacts=np.array([candidate.impacts for candidate in candidates], np.int32),
+        impacts=np.array([candidate.impacts for candidate in candidates]),
         lows=np.array([low for low, _ in bounds], dtype),
         highs=np.array([high for _, high in bounds], dtype),
-        steps=np.full(len(candidates), steps, np.int32),
+        steps=np.full(len(candidates), steps),
     )
     # One program for any number of trains: the padding takes no step.
     spare = _AT_ONCE - len(candidates)
