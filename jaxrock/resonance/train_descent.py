@@ -11,7 +11,7 @@ compiles in two thirds of the time. With one step the same program evaluates a t
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,15 +48,15 @@ class Descents(NamedTuple):
 
 
 class Descended(NamedTuple):
-    """Where descents have led, in arrays of shape (trains, ...).
+    """The best trains of descents, in arrays of shape (trains, ...).
 
     Attributes
     ----------
     numbers
         The best train on the way.
     loss
-        What it was best in: the logarithm of the size of the pulses once they just overturn
-        the block, or of the critical velocity over the one in the end.
+        The number that is minimised: the logarithm of the size of the pulses once they just
+        overturn the block, or of the critical velocity over the one in the end.
     path
         The same in each step; NaN after the last.
     last
@@ -75,7 +75,7 @@ class _State(NamedTuple):
     step: Integers
     moved: Reals
     numbers: Reals
-    optimizer: tuple
+    optimizer: Any
     so_far: Descended
 
 
@@ -120,7 +120,8 @@ def descend_all(
                 state.numbers, evaluation, seeks_pulses, seeks_total
             )
             updates, optimizer_state = optimizer.update(slope, state.optimizer, state.numbers)
-            numbers = jnp.clip(state.numbers + updates, lows, highs)
+            moved_to = jnp.asarray(optax.apply_updates(state.numbers, updates))
+            numbers = jnp.clip(moved_to, lows, highs)
             # A step of Newton's method towards pulses that just overturn.
             correction = jnp.clip(excess, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)
             numbers = numbers.at[-1].set(state.numbers[-1] - correction)

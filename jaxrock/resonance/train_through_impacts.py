@@ -68,7 +68,7 @@ class Outcome(NamedTuple):
 
 
 class Evaluation(NamedTuple):
-    """What limits a train, with derivatives.
+    """The outcome of a train and its limited values, with derivatives.
 
     Attributes
     ----------

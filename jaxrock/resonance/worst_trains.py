@@ -22,7 +22,8 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow_timed_train
-from .train_optimization import MOST_IMPACTS, Candidate, Goal, TrainProblem, descend, search
+from .train_candidates import MOST_IMPACTS, Candidate, Goal, TrainProblem
+from .train_optimization import descend, search
 from .train_through_impacts import MAX_IMPACTS
 
 
