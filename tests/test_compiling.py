@@ -359,6 +359,40 @@ def test_twenty_lengths_of_record_take_two_programs(call, compiled):
     assert compiled == []
 
 
+@pytest.mark.parametrize(
+    "question",
+    [
+        lambda motion: jr.respond_within(STOUT, 0.3, motion, 1e-6, 2.0),
+        pytest.param(
+            lambda motion: jr.fragility(
+                STOUT, 0.3, jr.Suite([motion, motion]), [0.1, 0.2], measure="pga"
+            ),
+            marks=SLOW,
+        ),
+        lambda motion: jax.jvp(
+            lambda c: jr.respond_batch(STOUT, c, motion, 2.0).peak_rotation, (0.3,), (1.0,)
+        ),
+        lambda motion: jax.jacfwd(lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation)(
+            0.3
+        ),
+        pytest.param(
+            lambda motion: jax.grad(lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation)(
+                0.3
+            ),
+            marks=SLOW,
+        ),
+    ],
+    ids=["respond_within", "fragility", "jvp_of_respond_batch", "jacfwd_of_respond", "grad"],
+)
+def test_another_length_of_record_takes_no_program(question, compiled):
+    """Derivatives included, where the samples themselves are not traced."""
+    question(record(300))
+    compiled.clear()
+    for samples in (301, 400):
+        question(record(samples))
+    assert compiled == []
+
+
 def programs_of_the_batch(compiled):
     """How many programs of the batch, whose names differ between versions of JAX."""
     return sum("_follow_rows" in name for name in compiled)

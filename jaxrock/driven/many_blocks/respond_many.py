@@ -144,6 +144,11 @@ def _follow_rows(
     )
 
 
+# Inside of transformations, where options of the compiler are not allowed. Without this, the
+# loop would be compiled for every derivative again.
+_follow_rows_jitted = jax.jit(_follow_rows, static_argnames=("program", "lanes"))
+
+
 @functools.cache
 def _compile(platform: str) -> Callable[..., BatchResponse]:
     """Jit `_follow_rows` for a platform, once in a process."""
@@ -260,7 +265,9 @@ def follow_batch(
         # The samples of a record may be all that is traced.
         part, rows = jax.tree.map(jnp.asarray, (part, rows))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows(part, rows, number, jnp.asarray(tolerance), program, _LANES)
+        result = _follow_rows_jitted(
+            part, rows, number, jnp.asarray(tolerance), program=program, lanes=_LANES
+        )
     else:
         result = _follow_groups(batch.ground, rows, tolerance, program)
     shape = batch.shape
