@@ -27,7 +27,7 @@ from ...validation import (
 )
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
 from .batch import Batch
-from .compiler_options import choose_compiler_options
+from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
 from .ground_motions import GroundMotions
 from .queue import work_off
@@ -152,11 +152,7 @@ _follow_rows_jitted = jax.jit(_follow_rows, static_argnames=("program", "lanes")
 @functools.cache
 def _compile(platform: str) -> Callable[..., BatchResponse]:
     """Jit `_follow_rows` for a platform, once in a process."""
-    return jax.jit(
-        _follow_rows,
-        static_argnames=("program", "lanes"),
-        compiler_options=choose_compiler_options(platform),
-    )
+    return jit_steps(_follow_rows, platform, ("program", "lanes"))
 
 
 def respond_batch(
