@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import numpy as np
@@ -10,10 +10,12 @@ import numpy as np
 from .single_kernels import needs_calls, write_as_calls
 
 _Option = bool | int
-_F = TypeVar("_F", bound=Callable[..., Any])
+_R = TypeVar("_R")
 
 
-def jit_steps(function: _F, platform: str, static_argnames: tuple[str, ...]) -> _F:
+def jit_steps(
+    function: Callable[..., _R], platform: str, static_argnames: tuple[str, ...]
+) -> Callable[..., _R]:
     """Jit a function that takes steps, so that it is as fast on a platform as it can be."""
     write = write_as_calls(function) if needs_calls(platform) else function
     return jax.jit(

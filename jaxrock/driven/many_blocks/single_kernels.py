@@ -15,6 +15,7 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 from jax.experimental.xla_metadata import set_xla_metadata
+from jaxtyping import PyTree
 
 _Tree = TypeVar("_Tree")
 # Attributes of a call that XLA reads: it stays a call, and becomes one function.
@@ -54,7 +55,7 @@ def call_as_one_function(function: Callable[..., _Tree], *arguments: object) -> 
     arrays, static = eqx.partition((closed, arguments), eqx.is_array)
 
     @jax.jit
-    def call(arrays: _Tree) -> tuple[_Tree, _Tree]:
+    def call(arrays: PyTree) -> tuple[_Tree, PyTree]:
         # The attributes are those of the call, not of what is in it.
         with set_xla_metadata(**{_STAYS: None, _IS_ONE_FUNCTION: None}):
             closed, arguments = eqx.combine(arrays, static)
