@@ -27,7 +27,7 @@ from ...validation import (
 )
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
 from .batch import Batch
-from .compiler_options import choose_compiler_options
+from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
 from .ground_motions import GroundMotions
 from .queue import work_off
@@ -179,14 +179,15 @@ def _follow_rows(
     return SimulatedBatch(response, jax.lax.stop_gradient(sums))
 
 
+# Inside of transformations, where options of the compiler are not allowed. Without this, the
+# loop would be compiled for every derivative again.
+_follow_rows_jitted = jax.jit(_follow_rows, static_argnames=("program", "lanes"))
+
+
 @functools.cache
 def _compile(platform: str) -> Callable[..., SimulatedBatch]:
     """Jit `_follow_rows` for a platform, once in a process."""
-    return jax.jit(
-        _follow_rows,
-        static_argnames=("program", "lanes"),
-        compiler_options=choose_compiler_options(platform),
-    )
+    return jit_steps(_follow_rows, platform, ("program", "lanes"))
 
 
 def respond_batch(
@@ -314,7 +315,9 @@ def simulate_batch(
         # The samples of a record may be all that is traced.
         part, rows, control = jax.tree.map(jnp.asarray, (part, rows, control))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows(part, rows, number, control, program, _LANES)
+        result = _follow_rows_jitted(
+            part, rows, number, control, program=program, lanes=_LANES
+        )
     else:
         result = _follow_groups(batch.ground, rows, control, program)
     shape = batch.shape

@@ -146,7 +146,9 @@ def respond(
         if jax.config.jax_check_tracer_leaks:
             stack.enter_context(jax.check_tracer_leaks(False))
         if is_traced(driven):
-            return _follow(driven, settings, max_impacts)
+            # A motion of concrete numbers can be padded all the same, as below.
+            response = _follow(driven.bucketed(), settings, max_impacts)
+            return eqx.tree_at(lambda r: r.scene, response, driven)
         return _respond_with_full_lists(driven, settings)
 
 
