@@ -27,7 +27,13 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .counted_rate import Counting, count_rates, find_outcomes, plan_counting
+from .counted_rate import (
+    Counting,
+    count_rates,
+    estimate_error_of_mean,
+    find_outcomes,
+    plan_counting,
+)
 from .hazard import Hazard, find_last_point
 from .level_boundaries import (
     find_boundaries_in_levels,
@@ -270,8 +276,7 @@ def _count_scattered(
         "standard_error": spread,
         "unseen": unseen,
         "sample_rates": counted.rate,
-        # Samples are counted at the same levels, and their errors may go together.
-        "counting_error": counted.error.mean(axis=-1),
+        "counting_error": estimate_error_of_mean(outcomes, counting),
     }
     dtype = np.asarray(objects.restitution).dtype
     real = {name: np.asarray(value, dtype) for name, value in real.items()}
