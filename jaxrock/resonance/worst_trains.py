@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import get_args
+from typing import cast, get_args
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
     Number,
+    as_name,
     as_real,
     check,
     check_kind,
@@ -177,10 +178,7 @@ def worst_train(
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:
             raise ValueError(f"{name} must be at least 1, got {value}")
-    if goal not in get_args(Goal):
-        raise ValueError(
-            f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
-        )
+    goal = cast("Goal", as_name("goal", goal, get_args(Goal)))
     if (largest is None) == (goal == "most rotation"):
         raise ValueError('largest must be given for the goal "most rotation", and only for it')
     if largest is not None:

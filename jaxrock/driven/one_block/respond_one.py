@@ -15,6 +15,7 @@ from ...validation import (
     Number,
     Reals,
     as_array,
+    as_name,
     as_real,
     check_kind,
     describe,
@@ -127,8 +128,7 @@ def respond(
     _check_scalar(block, motion, numbers)
     dtype = driven.restitution.dtype
     rtol, atol = _choose_tolerances(rtol, atol, dtype)
-    if solver not in _SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
+    solver = as_name("solver", solver, _SOLVERS)
     if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
         got = describe(max_impacts)
         raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
