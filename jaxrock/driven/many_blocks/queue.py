@@ -27,8 +27,7 @@ class FinalStates(NamedTuple):
     end_velocity: Reals
     end_impacts: Reals
     impacts: Reals
-    impact_energy: Reals
-    impact_moment: Reals
+    impact_sum: Reals
     followed: Reals  # 1 if to the end, otherwise 0
 
     @classmethod
@@ -42,8 +41,7 @@ class FinalStates(NamedTuple):
             end_velocity=lanes.end_velocity,
             end_impacts=lanes.end_impacts.astype(lanes.peak.dtype),
             impacts=lanes.impacts.astype(lanes.peak.dtype),
-            impact_energy=lanes.impact_energy,
-            impact_moment=lanes.impact_moment,
+            impact_sum=lanes.impact_sum,
             followed=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
 

@@ -65,23 +65,24 @@ class StepChange(NamedTuple):
 _AS_USUAL = StepChange()
 
 
-class ImpactSums(NamedTuple):
-    """Sums over the impacts while the input acts, by which two motions of a block are compared.
+class ImpactSum(NamedTuple):
+    """A sum over the impacts while the input acts, by which two motions of a block are compared.
 
-    Times and velocities are in the unit of the batch, which depends on the block and the kind
-    of input alone.
+    Of the squared velocities that impacts have left, each weighted with 1 to 2 in proportion to
+    its time: two motions that part sum up other impacts, or the same ones at other times.
+    Velocities are in the unit of the batch, which depends on the block and the kind of input
+    alone.
     """
 
-    energy: Reals  # of the squares of the velocities that impacts have left
-    moment: Reals  # the same, each of them times its time over the duration
-    peak_energy: Reals  # square of the velocity from the ground to the peak, or to overturning
+    energy: Reals
+    unit: Reals  # square of the velocity from the ground to the peak, or to overturning
 
 
 class SimulatedBatch(NamedTuple):
     """Responses, and what compares them with those at other tolerances."""
 
     response: "BatchResponse"
-    sums: ImpactSums
+    impact_sum: ImpactSum
 
 
 class BatchResponse(Printed, eqx.Module):
@@ -134,7 +135,7 @@ def _follow_rows(
     ground: GroundInput,
     rows: Reals,
     count: Integers | int,
-    control: StepControl,
+    control: Reals,
     program: _Program,
     lanes: int,
 ) -> SimulatedBatch:
@@ -142,8 +143,11 @@ def _follow_rows(
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
     case, unit, valid = prepare_blocks(ground, arguments, program.model)
 
+    tolerance, longest, *last_terms = control
+    step_control = StepControl(tolerance, longest, (last_terms[0], last_terms[1]))
+
     def step(lanes: Lanes, case: Case) -> Lanes:
-        return take_step(lanes, case, ground, control, program.order)
+        return take_step(lanes, case, ground, step_control, program.order)
 
     ends = work_off(ground, case, count, lanes, step)
     complete = valid & (ends.followed > 0)
@@ -175,8 +179,8 @@ def _follow_rows(
     # From beyond the critical angle a block has no velocity of free motion.
     highest = jnp.minimum(ends.peak, case.equation.critical_angle)
     landing = case.equation.landing_velocity(highest, jnp.zeros_like(highest))
-    sums = ImpactSums(ends.impact_energy, ends.impact_moment, landing * landing)
-    return SimulatedBatch(response, jax.lax.stop_gradient(sums))
+    impact_sum = ImpactSum(ends.impact_sum / case.duration, landing * landing)
+    return SimulatedBatch(response, jax.lax.stop_gradient(impact_sum))
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -292,20 +296,15 @@ def simulate_batch(
     count: Integers | int | None = None,
     change: StepChange = _AS_USUAL,
 ) -> SimulatedBatch:
-    """Follow a batch and compute `ImpactSums`, with steps as usual or changed."""
+    """Follow a batch and compute `ImpactSum`, with steps as usual or changed."""
     dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
     share = _SHARE if rtol >= _TIGHT else _SHARE_OF_TIGHT
     share *= change.tolerance
-    control = StepControl(
-        tolerance=np.asarray(max(share * rtol, float(jnp.finfo(dtype).eps)), dtype),
-        longest=np.asarray(change.longest, dtype),
-        last_terms=(
-            np.asarray(change.last_terms[0], dtype),
-            np.asarray(change.last_terms[1], dtype),
-        ),
-    )
+    tolerance = max(share * rtol, float(jnp.finfo(dtype).eps))
+    # One array, since each argument of a program takes time.
+    control = np.asarray([tolerance, change.longest, *change.last_terms], dtype)
     rows, form = batch.flatten()
     # The order follows from precision and kind of input alone: a program for each tolerance
     # would have to be compiled.
@@ -325,7 +324,7 @@ def simulate_batch(
 
 
 def _follow_groups(
-    ground: GroundMotions, rows: HostReals, control: StepControl, program: _Program
+    ground: GroundMotions, rows: HostReals, control: np.ndarray, program: _Program
 ) -> SimulatedBatch:
     """Follow all columns, under one group of records after the other; NumPy arrays."""
     if not ground.begins[1:]:
@@ -345,7 +344,7 @@ def _follow_groups(
 
 
 def _share_out(
-    ground: GroundInput, rows: HostReals, control: StepControl, program: _Program
+    ground: GroundInput, rows: HostReals, control: np.ndarray, program: _Program
 ) -> SimulatedBatch:
     """Follow all columns, on all devices or processors; NumPy arrays."""
     default = jax.config.jax_default_device

@@ -100,6 +100,7 @@ class Case(eqx.Module):
     ground_cosine: PerBlock
     longest_free_step: PerBlock  # behind the end of the input
     restitution: PerBlock
+    bounces: PerBlock  # sum of 1 + C^2 + C^4 + ..., or 1 where that is infinite
     start: PerBlock  # of the motion
     duration: PerBlock
     excitation: Excitation
@@ -175,6 +176,7 @@ def prepare_blocks(
         ground_cosine=ground_cosine,
         longest_free_step=LONGEST_STEP / (natural * unit),
         restitution=restitution,
+        bounces=1 / jnp.where(restitution < 1, (1 - restitution) * (1 + restitution), 1),
         start=start,
         duration=duration,
         excitation=excitation,
@@ -195,10 +197,9 @@ class Lanes(eqx.Module):
     peak: PerBlock  # rotation
     impacts: CountPerBlock
     steps: CountPerBlock  # in motion
-    impact_energy: (
-        PerBlock  # sum of the squared velocities after impacts, while the input acts
-    )
-    impact_moment: PerBlock  # the same, each of them times its time over the duration
+    # Of the squared velocities after impacts while the input acts, weighted by time; see
+    # `ImpactSum`.
+    impact_sum: PerBlock
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
     end_velocity: PerBlock
     end_impacts: CountPerBlock
@@ -219,8 +220,7 @@ class Lanes(eqx.Module):
             peak=zero,
             impacts=count,
             steps=count,
-            impact_energy=zero,
-            impact_moment=zero,
+            impact_sum=zero,
             end_rotation=zero,
             end_velocity=zero,
             end_impacts=count,
@@ -310,13 +310,15 @@ def take_step(
     rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
     impacts = lanes.impacts + flight.lands.astype(jnp.int32)
     taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
-    # What compares two motions has no derivatives.
-    square, c, when = jax.lax.stop_gradient(
-        (leaving * leaving, case.restitution, begin + lanes.elapsed + taken)
+    # What compares two motions has no derivatives. Bounces that are not computed any more are a
+    # geometric series.
+    square, bounces, weight = jax.lax.stop_gradient(
+        (leaving * leaving, case.bounces, case.duration + begin + lanes.elapsed + taken)
     )
-    # Bounces that are not computed any more are a geometric series.
-    series = jnp.where(settles & (c < 1), 1 / jnp.where(c < 1, (1 - c) * (1 + c), 1), 1)
-    energy = jnp.where(flight.lands & acts, square * series, 0)
+    counts = flight.lands & acts
+    energy = materialize(
+        jnp.where(counts, weight * jnp.where(settles, bounces, 1), 0) * square
+    )
     return materialize(
         Lanes(
             interval=jnp.where(ended, intervals, interval),
@@ -329,9 +331,7 @@ def take_step(
             peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
             impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
-            impact_energy=lanes.impact_energy + energy,
-            impact_moment=lanes.impact_moment
-            + energy * (when / jax.lax.stop_gradient(case.duration)),
+            impact_sum=lanes.impact_sum + energy,
             end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
             end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
             end_impacts=jnp.where(acts, impacts, lanes.end_impacts),

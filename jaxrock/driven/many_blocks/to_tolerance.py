@@ -18,7 +18,7 @@ rounding shows as well.
     (where 1 fails)
 
 Two motions agree if outcome and peak do, and if they went the same way until the end: if the
-sums over their impacts (`ImpactSums`) differ by little. Two chaotic motions have the same
+sums over their impacts (`ImpactSum`) differ by little. Two chaotic motions have the same
 outcome by chance in half of all cases, and the same peak wherever it was reached before they
 parted.
 """
@@ -64,7 +64,7 @@ _SECOND_CHANGE = StepChange(tolerance=0.25, longest=0.75, last_terms=(2.0, 0.0))
 _SAME_WAY = 0.001
 # The same difference shows that errors grow, if it is more than this or than ten times the
 # looser tolerance.
-_GROWTH = 3e-7
+_GROWTH = 1e-6
 
 
 class EstimatedResponse(Printed, eqx.Module):
@@ -239,8 +239,7 @@ def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
 
 def _compare_sums(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
     """Compute the difference of sums over impacts, in units of what the peak contributes."""
-    unit = better.sums.peak_energy
-    energy = np.abs(worse.sums.energy - better.sums.energy)
-    moment = np.abs(worse.sums.moment - better.sums.moment)
+    difference = np.abs(worse.impact_sum.energy - better.impact_sum.energy)
+    unit = better.impact_sum.unit
     # Where nothing moves, 0 / 1.
-    return np.maximum(energy, moment) / np.where(unit > 0, unit, 1)
+    return difference / np.where(unit > 0, unit, 1)
