@@ -6,7 +6,7 @@ answer the same questions, those of this file, on the same Python. In each repea
 process of its own, where nothing is compiled. The two take turns, so that a ratio is of the same
 seconds, whatever else the machine does. Processor time counts, of all threads of a process; that
 of a first call includes the imports. What takes longer than the margin allows, and longer in most
-turns, is marked. Float64.
+repeats, is marked; with one repeat that may be chance. Float64.
 """
 
 import argparse
@@ -151,9 +151,12 @@ def compare(python, trees, name, repeats):
                 processes[k] = Process(python, trees[k], name)
             wall.append([processes[k].wall for k in (0, 1)])
             first.append([processes[k].first for k in (0, 1)])
+            turns = []
             for _ in range(TURNS):
                 seconds = {k: processes[k].take_turn() for k in order}
-                following.append([seconds[0], seconds[1]])
+                turns.append([seconds[0], seconds[1]])
+            # One pair: how a process lies in memory may make 15 % for all of its turns.
+            following.append(medians(turns))
         finally:
             for process in processes.values():
                 process.stop()

@@ -1,4 +1,4 @@
-"""What is computed once, and in one function of the processor: values, and loops.
+"""Values that are computed once, and loops that are one function of the processor.
 
 XLA fuses the elementwise operations of a step into a hundred loops over lanes, each of which is
 a function. By itself it calls one after the other through a scheduler, which for 64 lanes takes
