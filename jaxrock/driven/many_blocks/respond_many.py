@@ -223,8 +223,13 @@ def respond_batch(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     rtol : float, optional
-        Relative error of peak rotations that is aimed at; 1e-9 by default, 1e-5 in float32.
-        Where impacts amplify errors, more is left: `respond_within` says of which blocks.
+        Tolerance of each step, 1e-9 by default, 1e-5 in float32: the last two terms of its
+        polynomial are at most a twentieth of that beside the first ones. It controls the error
+        of a step, not of an answer: impacts amplify errors, up to a million times and more. And
+        no step is longer than from sample to sample of a record. Where samples are close, which
+        they are in most records, the steps for 1e-3 and 1e-7 are the same, and so are the
+        answers: that two tolerances agree says nothing there. `respond_within` says how good
+        an answer is.
 
     Returns
     -------
