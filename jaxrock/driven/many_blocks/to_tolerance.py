@@ -126,8 +126,8 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
         return np.maximum(_SAFETY * _compare(before, after), max(_LEAST * rtol, slip - 1))
 
     error = bound(looser, best, levels[first + 1])
-    rtol = np.full(error.shape, levels[first + 1])
-    cheapest = np.full(error.shape, levels[-1])
+    rtol = np.full(error.shape, levels[first + 1], batch.dtype)
+    cheapest = np.full(error.shape, levels[-1], batch.dtype)
     cheapest[error <= tolerance] = levels[first]
 
     # Where these two do not agree well enough, once more at the tightest one.

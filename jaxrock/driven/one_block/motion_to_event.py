@@ -82,13 +82,19 @@ class Integration:
 def add_forces_until(
     integration: Integration, state: State, until: Reals, acts: Booleans
 ) -> ForceExtremes | None:
-    """Add the forces under a block that does not rock, from its last event to some time."""
+    """Add the forces under a block that does not rock, from its last event to some time.
+
+    A block that the input lifts at its last event turns from then on and has not stood still:
+    a wait of length 0 adds nothing.
+    """
     if state.forces is None:
         return None
+    waits = until > state.time
     demand, normal = integration.uplifts.find_force_extremes(state.time, until, acts)
     # Where nothing presses any longer, the input also lifts the block, which ends the wait.
     loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
-    return state.forces.combine(demand, normal, loss_time)
+    forces = state.forces.combine(demand, normal, loss_time)
+    return jax.tree.map(lambda a, b: jnp.where(waits, a, b), forces, state.forces)
 
 
 def _wait_in_balance(
