@@ -62,7 +62,9 @@ SINGLE_MOTIONS = {
 
 def list_precisions(answer):
     """Names of the types of all real numbers in an answer."""
-    leaves = [leaf for leaf in jax.tree.leaves(answer) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
+    leaves = [
+        leaf for leaf in jax.tree.leaves(answer) if jnp.issubdtype(leaf.dtype, jnp.inexact)
+    ]
     return {str(leaf.dtype) for leaf in leaves}
 
 

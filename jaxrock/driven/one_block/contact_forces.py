@@ -84,7 +84,7 @@ def add_step(
     lighter = 1.5 * normal.min() - 0.5 * normal.max() <= least
 
     def combine_with_step() -> ForceExtremes:
-        demand, normal = _find_extremes_of_step(segment, times, states)
+        demand, normal = _find_extremes_of_step(segment, times, states, accelerations)
         loss_time = jnp.where(normal > 0, jnp.inf, segment.origin + _find_loss_time(*step))
         return extremes.combine(demand, normal, loss_time)
 
@@ -92,7 +92,7 @@ def add_step(
 
 
 def _find_extremes_of_step(
-    segment: Segment, times: Reals, states: Reals
+    segment: Segment, times: Reals, states: Reals, accelerations: Reals
 ) -> tuple[Reals, Reals]:
     """Find the largest friction demand and smallest normal force within a step.
 
@@ -100,7 +100,6 @@ def _find_extremes_of_step(
     nodes, once for the demand and once for the normal force.
     """
     nodes = jnp.asarray(_NODES, times.dtype)
-    accelerations = segment.field(times, states)[1]
     # In the shortest steps, which change nothing, the quintic's velocity between the ends is a
     # quotient of rounding errors: only their ends count. A step is short if p times its length
     # is less than sqrt(eps) times the rotation.

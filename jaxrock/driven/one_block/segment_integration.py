@@ -266,12 +266,10 @@ def _add_forces(
 ) -> tuple[Reals, ForceExtremes | None]:
     """Add the forces in a step, if it counts; return the acceleration where the next begins."""
     forces = before.forces
-    # The acceleration only limits the next step, which needs no derivative.
-    fixed = jax.lax.stop_gradient(segment)
     # The forces need both ends of the step: the same evaluation serves the limit.
     times = jnp.stack([before.elapsed, end])
     states = jnp.stack([before.y, last], axis=1)
-    accelerations = fixed.field(*jax.lax.stop_gradient((times, states)))[1]
+    accelerations = segment.field(times, states)[1]
     acceleration = jnp.where(advances, accelerations[1], accelerations[0])
     if forces is not None:
         forces = add_step(forces, segment, times, states, accelerations, counts)

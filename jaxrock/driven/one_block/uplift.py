@@ -23,7 +23,7 @@ class UpliftTable(eqx.Module):
     equation: Equation
     motion: Motion
     knots: Reals
-    lifted: Booleans  # (2, knots): whether the motion lifts the block there, to each side
+    excess: Reals  # (2, knots): push beyond the one that lifts the block there, to each side
     next_lifting: Integers  # index of the first knot, from each one on, that lifts the block
     demand: Reals  # friction demand of the block at rest
     normal: Reals  # normal force on the block at rest, over the weight
@@ -34,9 +34,9 @@ class UpliftTable(eqx.Module):
         """Make the table of a motion."""
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
-        lifted = jnp.stack([equation.uplift_excess(side * push, lift) > 0 for side in _SIDES])
+        excess = jnp.stack([equation.uplift_excess(side * push, lift) for side in _SIDES])
         # A knot behind the last one stands for none.
-        indices = jnp.where(lifted.any(axis=0), jnp.arange(knots.size), knots.size)
+        indices = jnp.where((excess > 0).any(axis=0), jnp.arange(knots.size), knots.size)
         next_lifting = jax.lax.cummin(indices, reverse=True)
         # Little beside the block's own time and the time in which the input changes: in it a
         # block that has just been lifted only rises, whatever rounding makes of it. Records
@@ -46,7 +46,7 @@ class UpliftTable(eqx.Module):
         grace_time = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
         forces = friction_demand(push, 1 + lift), 1 + lift
         grace_time = jax.lax.stop_gradient(grace_time)
-        return cls(equation, motion, knots, lifted, next_lifting, *forces, grace_time)
+        return cls(equation, motion, knots, excess, next_lifting, *forces, grace_time)
 
     def next_knot(self, time: Reals, stop: Reals) -> Reals:
         """Return the first knot after a time, or `stop` if that is earlier."""
@@ -76,7 +76,8 @@ class UpliftTable(eqx.Module):
         lifts = (after <= last) & (index <= last)
         index = jnp.minimum(index, last)
         upper = self.knots[index]
-        lower = pick_larger(time, self.knots[jnp.maximum(index - 1, 0)])
+        before = jnp.maximum(index - 1, 0)
+        lower = pick_larger(time, self.knots[before])
         sides = jnp.asarray(_SIDES, self.knots.dtype)
         both = jnp.ones_like(sides)
         inputs = (self.equation, self.motion)
@@ -97,8 +98,9 @@ class UpliftTable(eqx.Module):
         bits = jnp.finfo(self.knots.dtype).nmant
         ends = jnp.zeros_like(excess_now), jnp.ones_like(excess_now)
         bracket = jax.lax.fori_loop(0, bits, halve, ends)
-        first = jnp.argmin(jnp.where(self.lifted[:, index], bracket[1], jnp.inf))
-        is_inside = lifts & (_excess_to_both_sides(*fixed, both * begin)[first] < 0) & ~at_once
+        first = jnp.argmin(jnp.where(self.excess[:, index] > 0, bracket[1], jnp.inf))
+        excess_begin = jnp.where(begin > now, self.excess[:, before], excess_now)
+        is_inside = lifts & (excess_begin[first] < 0) & ~at_once
 
         def excess(share: Reals) -> Reals:
             return _excess_to_both_sides(*inputs, both * (lower + share * (upper - lower)))[
