@@ -27,6 +27,7 @@ from .motion_to_event import (
     add_forces_since,
     move_to_event,
 )
+from .packed_loop import repeat_packed
 from .response import Events, Response, Status
 from .solver_steps import Stepper, estimate_time_rounding
 from .uplift import UpliftTable
@@ -109,7 +110,7 @@ def follow_driven(
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
     begin = first, (unknown, unknown[: max_impacts + 1, :2])
-    state, lists = jax.lax.while_loop(goes_on, take_turn, begin)
+    state, lists = repeat_packed(goes_on, take_turn, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
     response = _make_response(integration, state, lists, valid, full)
     return FollowedMotion(response, response.peak_rotation, state.last_impact)

@@ -27,6 +27,7 @@ from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from .contact_forces import ForceExtremes, add_step
+from .packed_loop import repeat_packed
 from .solver_steps import Segment, Step, Stepper, choose_first_step, limit_step
 
 # How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
@@ -152,7 +153,7 @@ def integrate_segment(
         steps=none,
         solver_state=solver_state,
     )
-    return jax.lax.while_loop(
+    return repeat_packed(
         lambda state: ~state.done & (state.steps < _MAX_STEPS),
         lambda state: _advance(stepper, segment, length, event_functions, state),
         begin,

@@ -23,7 +23,6 @@ from ...ground_motion import Motion
 from ...validation import Booleans, Reals
 from ..equation import Equation
 
-
 # A first step that is to end just behind the end of the arc overshoots its estimate by this
 # share. Half of the reach of `segment_integration`, so that the event is within it.
 _OVERSHOOT = 1e-3
