@@ -1,10 +1,14 @@
 """Fits to free and driven rocking: independent data, statistics of simulated tests, bad input."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import jaxtyping
+import mpmath
 import numpy as np
 import pytest
+from references import closed_forms
 from scipy import stats
 
 import jaxrock as jr
@@ -54,13 +58,13 @@ def launches(launch, restitution, count, change=0.0):
     return np.array(ratios)
 
 
-def impacts(launch, restitution, count, model="linearized", p=P, angle=ANGLE, change=0.0):
+def impacts(launch, restitution, count, model="nonlinear", p=P, angle=ANGLE, change=0.0):
     """Times of impacts, the first at 1 s."""
     ratios = launches(launch, restitution, count, change)
     return np.cumsum(np.append(1.0, durations(model, p, angle, ratios)))
 
 
-def true_errors(noise, launch, restitution, count, model="linearized", p=P, angle=ANGLE):
+def true_errors(noise, launch, restitution, count, model="nonlinear", p=P, angle=ANGLE):
     """Of C where p is known, of C and p where not: normal equations, by differences."""
     full, columns = np.array([launch, restitution, p]), [np.ones(count)]
     for k, step in enumerate(1e-4 * np.array([1 - launch, restitution, p])):
@@ -190,7 +194,7 @@ def several(times, shapes, **options):
 def test_bias_and_errors_of_many_tests(frequency_known):
     """Of nine impacts each; where p is hardly known, C is not linear in the times."""
     rng = np.random.default_rng(5)
-    cases = [drawn(rng, "linearized", 9) for _ in range(200)]
+    cases = [drawn(rng, "nonlinear", 9) for _ in range(200)]
     errors = [true_errors(*case[0]) for case in cases]
     steady = [
         frequency_known or e[1][1] < 0.2 * c[0][5] for e, c in zip(errors, cases, strict=True)
@@ -304,6 +308,58 @@ def test_nothing_to_repair(model):
     assert repaired <= 2
 
 
+def exact_times(half_width, slenderness, launch, restitution, count):
+    """Impacts of a nonlinear block, by elliptic integrals in mpmath."""
+    shape = [mpmath.mpf(number) for number in (half_width, slenderness, "9.81")]
+    critical = closed_forms.Nonlinear.critical_velocity(*shape)
+    velocities = [launch * critical * restitution**k for k in range(count - 1)]
+    halves = [closed_forms.Nonlinear.half_cycle_duration(*shape, v) for v in velocities]
+    return np.cumsum([0.0, *map(float, halves)])
+
+
+@DOUBLE
+def test_the_model_is_nonlinear_and_says_where_it_matters():
+    """Of a stocky block; the number that a remark names is that of the other fit."""
+    stocky = jr.Block(0.3, 2.0)
+    exact = exact_times(0.3, 2.0, 0.8, 0.85, 12)
+    rng = np.random.default_rng(0)
+    off = []
+    for _ in range(20):
+        times = exact + rng.normal(0, 1e-3, exact.size)
+        fit = fit_free_rocking(times, stocky, repair=False)
+        other = fit_free_rocking(times, stocky, repair=False, model="linearized")
+        assert (fit.model, other.model) == ("nonlinear", "linearized")
+        for one, another in ((fit, other), (other, fit)):
+            (remark,) = [text for text in one.remarks if "the model matters" in text]
+            assert f"the {another.model} one" in remark
+            named = float(re.search(r"a C of about ([\d.]+),", remark)[1])
+            error = float(one.standard_errors["restitution"])
+            # By one step, and of four digits.
+            assert abs(named - float(another.restitution)) < 0.5 * error + 5e-5
+            away = float(re.search(r"([\d.]+) standard errors", remark)[1])
+            assert away == pytest.approx(abs(named - float(one.restitution)) / error, rel=0.2)
+        off.append((float(fit.restitution) - 0.85) / float(fit.standard_errors["restitution"]))
+        assert float(other.restitution) - 0.85 > 6 * float(
+            other.standard_errors["restitution"]
+        )
+        assert "by the nonlinear model\nthe model matters" in str(fit)
+    assert abs(np.mean(off)) < 3 * np.std(off) / 20**0.5
+
+
+@DOUBLE
+def test_models_that_agree_and_a_block_that_is_not_known():
+    slender = exact_times(0.3, 12.0, 0.5, 0.85, 12)
+    assert fit_free_rocking(slender, jr.Block(0.3, 12.0), time_noise=1e-3).notes == ()
+    fit = fit_free_rocking(slender)
+    assert fit.model == "linearized"
+    assert "by the linearized model, the only one without a block" in str(fit)
+    # Without a block peaks tell the shape.
+    times = exact_times(0.3, 2.0, 0.8, 0.85, 12)
+    peaks = peaks_of("nonlinear", np.arctan(0.5), launches(0.8, 0.85, 12))
+    fit = fit_free_rocking(times, peak_rotations=peaks, time_noise=1e-4, rotation_noise=1e-4)
+    assert any("the model matters: the nonlinear one" in text for text in fit.remarks)
+
+
 @pytest.mark.thorough
 @DOUBLE
 def test_ordinary_tests_are_not_refused():
@@ -401,8 +457,9 @@ def test_what_measurements_leave_in_doubt():
     times = times + np.random.default_rng(4).normal(0, 1e-3, 5)
     guess = "2 degrees of freedom: the noise, and with it every standard error, is a guess"
     assert guess in fit_free_rocking(times, BLOCK).remarks
-    assert not fit_free_rocking(times, BLOCK, time_noise=1e-3).notes
-    peaks = peaks_of("linearized", ANGLE, launches(0.9, 0.9, 10)) * np.array([3] + [1] * 8)
+    known = fit_free_rocking(times, BLOCK, time_noise=1e-3).notes
+    assert not any("freedom" in text for text in known)
+    peaks = peaks_of("nonlinear", ANGLE, launches(0.9, 0.9, 10)) * np.array([3] + [1] * 8)
     above = fit_free_rocking(impacts(0.9, 0.9, 10), BLOCK, peak_rotations=peaks)
     assert any("1 peak rotation is at or above the critical angle" in s for s in above.remarks)
 
@@ -427,7 +484,7 @@ def test_another_block(model):
 
 
 TIMES = impacts(0.9, 0.9, 10)
-PEAKS = peaks_of("linearized", ANGLE, launches(0.9, 0.9, 10))
+PEAKS = peaks_of("nonlinear", ANGLE, launches(0.9, 0.9, 10))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,9 @@ from scenes import record, suite
 from tools.selection import some_by_default
 
 import jaxrock as jr
+from jaxrock.driven.many_blocks import respond_many, single_kernels
 
+_WHOLE = 'xla_cpu_small_call="true"'  # an attribute of a call that is one function
 _EVENT = "/jax/core/compile/backend_compile_duration"
 STOUT = jr.Block(1.5, 1.0)
 SLOW = pytest.mark.thorough
@@ -359,6 +361,40 @@ def test_twenty_lengths_of_record_take_two_programs(call, compiled):
     assert compiled == []
 
 
+@pytest.mark.parametrize(
+    "question",
+    [
+        lambda motion: jr.respond_within(STOUT, 0.3, motion, 1e-6, 2.0),
+        pytest.param(
+            lambda motion: jr.fragility(
+                STOUT, 0.3, jr.Suite([motion, motion]), [0.1, 0.2], measure="pga"
+            ),
+            marks=SLOW,
+        ),
+        lambda motion: jax.jvp(
+            lambda c: jr.respond_batch(STOUT, c, motion, 2.0).peak_rotation, (0.3,), (1.0,)
+        ),
+        lambda motion: jax.jacfwd(lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation)(
+            0.3
+        ),
+        pytest.param(
+            lambda motion: jax.grad(lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation)(
+                0.3
+            ),
+            marks=SLOW,
+        ),
+    ],
+    ids=["respond_within", "fragility", "jvp_of_respond_batch", "jacfwd_of_respond", "grad"],
+)
+def test_another_length_of_record_takes_no_program(question, compiled):
+    """Derivatives included, where the samples themselves are not traced."""
+    question(record(300))
+    compiled.clear()
+    for samples in (301, 400):
+        question(record(samples))
+    assert compiled == []
+
+
 def programs_of_the_batch(compiled):
     """How many programs of the batch, whose names differ between versions of JAX."""
     return sum("_follow_rows" in name for name in compiled)
@@ -463,6 +499,51 @@ def test_driven_fits_of_all_parameters_take_one_program(compiled):
     for names in (("slenderness",), ("restitution", "half_width"), ("inertia_ratio",)):
         jr.fit_driven_rocking(time[:-9], rotation[:-9], slim, pulse, 0.85, parameters=names)
     assert compiled == []
+
+
+@pytest.mark.parametrize("motion", [pulse(0), record()], ids=["pulse", "record"])
+def test_xla_makes_one_function_of_the_steps(motion, monkeypatch):
+    """Not one of each of its hundred fused loops: to call these takes longer than they do."""
+    texts = []
+
+    def compile_and_note(platform):
+        program = compile_batch(platform)
+
+        def call(*arguments, **options):
+            texts.append(program.lower(*arguments, **options).compile().as_text())
+            return program(*arguments, **options)
+
+        return call
+
+    compile_batch = respond_many._compile
+    monkeypatch.setattr(respond_many, "_compile", compile_and_note)
+    jr.respond_batch(block(0), 0.9, motion, 2.0)
+    (text,) = texts
+    calls = [line for line in text.splitlines() if " call(" in line and _WHOLE in line]
+    assert len(calls) == 1
+
+
+def test_barriers_and_loops_may_be_calls():
+    """As before JAX 0.12, with arguments that are not used, which had XLA break off."""
+
+    def take_steps(x, unused, count):
+        def step(x):
+            y, z = single_kernels.materialize((x * closed, x + 1))
+            return y * z - count
+
+        return jax.lax.while_loop(lambda x: x[0] < 10, step, x), unused * 2
+
+    def follow(x, unused, count):
+        result, _ = single_kernels.call_as_one_function(take_steps, x, unused, count)
+        return result
+
+    closed = np.linspace(1.0, 2.0, 8)
+    arguments = np.linspace(2.0, 3.0, 8), np.ones(8), np.asarray(1.0)
+    as_calls = jax.jit(single_kernels.write_as_calls(follow))
+    text = as_calls.lower(*arguments).compile().as_text()
+    assert _WHOLE in text
+    assert " opt-barrier(" not in text
+    np.testing.assert_array_equal(as_calls(*arguments), jax.jit(follow)(*arguments))
 
 
 def respond(restitution):

@@ -16,6 +16,9 @@ from jaxrock.reports import conformance
 
 pytestmark = pytest.mark.float64
 SCRIPT = Path(__file__).parent / "references" / "conformance_with_scipy.py"
+# Numbers that are computed again, by a program that was compiled in another way: some thousand
+# operations, each rounded by up to 1.1e-16.
+ROUNDING = 1e-12
 QUICK = (
     "_geometry",
     "_free_rocking",
@@ -54,6 +57,10 @@ def checked(folder, *arguments):
 def test_well_formed(folder):
     assert sorted(path.name for path in folder.iterdir()) == sorted(conformance.FILES)
     table, cases = whole(folder), cases_in(folder)
+    header = ("version", "conventions", "equations", "inputs", "quantities", "fields")
+    assert tuple(table) == (*header, "cases")
+    assert all(f"``{key}``" in conformance.__doc__ for key in table)
+    assert table["version"] == jr.__version__
     ids = [case["id"] for case in cases]
     assert len(set(ids)) == len(ids)
     kinds = {case["kind"] for case in cases}
@@ -166,9 +173,13 @@ def test_computed_again(folder, part):
         frozen = known[case["id"]]
         off = abs(case.pop("value") - frozen["value"])
         assert off <= 0.1 * tolerance(frozen), case["id"]
-        assert frozen == case | {
-            key: frozen[key] for key in ("value", "spread", "what", "source")
-        }
+        assert set(case) < set(frozen), case["id"]
+        for key in set(case) - {"spread", "what", "source"}:
+            expected = frozen[key]
+            if isinstance(expected, float):
+                # Ends of a range follow from boundaries that are searched anew.
+                expected = pytest.approx(expected, rel=ROUNDING, abs=0)
+            assert case[key] == expected, (case["id"], key)
 
 
 @pytest.mark.thorough

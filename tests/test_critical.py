@@ -200,7 +200,9 @@ def test_edges_of_the_width_at_this_height():
     assert slopes[1] == 0
     assert np.isfinite(slopes).all()
     assert (slopes[jnp.asarray([0, 3])] > 0).all()
-    with pytest.raises(ValueError, match="fixed must be slenderness or height, got 'area'"):
+    with pytest.raises(
+        ValueError, match="fixed must be one of slenderness, height, got 'area'"
+    ):
         jr.critical_width(jr.Block(0.4, 5.0), 0.7, 0.1, fixed="area")
     # At the width that the block has, both say the same.
     block = jr.Block(0.4, 5.0)

@@ -52,8 +52,8 @@ def test_of_an_unknown_block(capsys, tmp_path, monkeypatch):
     times, peaks = read_impact_times("times.csv")
     assert peaks is None
     fit = fit_free_rocking(times)
-    model = "by the linearized model, the only one without a width"
-    assert text == f"{fit}\n{model}\nfit/fit.csv\nfit/fit.png\n"
+    assert text == f"{fit}\nfit/fit.csv\nfit/fit.png\n"
+    assert "\nby the linearized model, the only one without a block\n" in text
     assert "frequency parameter" in text
     with open("fit/fit.csv", encoding="utf-8") as file:
         lines = [line for line in file if not line.startswith("#")]
@@ -87,7 +87,9 @@ def test_of_a_block_as_json(capsys, tmp_path):
     assert found["time_noise"] == pytest.approx(1e-4, rel=0.6)
     assert found["rotation_noise"] is None
     assert 0 < found["frequency_p_value"] < 1
-    assert (found["impacts"], found["used"], found["remarks"]) == (12, 12, [])
+    assert (found["impacts"], found["used"], found["model"]) == (12, 12, "linearized")
+    (remark,) = found["remarks"]
+    assert remark.startswith("the model matters: the nonlinear one")
     assert len(found["rows"]) == 12
     assert found["rows"][0]["restitution"] is None
     assert [path.rpartition("/")[2] for path in found["files"]] == ["fit.csv", "fit.png"]
@@ -239,7 +241,7 @@ def lines_of(ax):
 
 @pytest.mark.thorough
 def test_picture_of_a_constant_restitution():
-    fit = fit_free_rocking(decay(12)[0], BLOCK)
+    fit = fit_free_rocking(decay(12)[0], BLOCK, model="linearized")
     durations, restitutions = plot_free_rocking_fit(fit).axes
     of = lines_of(durations)
     assert of.shown == ["measured", "fitted"]
@@ -284,7 +286,7 @@ def test_picture_of_a_restitution_that_changes():
     """The line lies on the C that was put in; with p fitted there is only the p-value."""
     change, launch = 0.1, 0.9
     times = decay(12, launch, 0.9, change, noise=1e-5)[0]
-    fit = fit_free_rocking(times, BLOCK)
+    fit = fit_free_rocking(times, BLOCK, model="linearized")
     line = lines_of(plot_free_rocking_fit(fit).axes[1]).linear
     velocities = np.asarray(line.get_xdata())
     true = 0.9 + change * (velocities - launch / 2)
@@ -303,7 +305,7 @@ def test_picture_of_what_was_repaired():
     clean = decay(24)[0]
     faulty = np.insert(np.delete(clean, [5, 6]), 10, clean[11] + 0.005)
     faulty[16] += 0.02
-    fit = fit_free_rocking(faulty, BLOCK)
+    fit = fit_free_rocking(faulty, BLOCK, model="linearized")
     assert len(fit.repairs) == 4
     ax = plot_free_rocking_fit(fit).axes[0]
     of = lines_of(ax)
@@ -318,12 +320,12 @@ def test_picture_of_what_was_repaired():
 
 @pytest.mark.thorough
 def test_picture_of_peaks_alone_and_of_few_points():
-    fit = fit_free_rocking(None, BLOCK, peak_rotations=decay(10)[1])
+    fit = fit_free_rocking(None, BLOCK, peak_rotations=decay(10)[1], model="linearized")
     figure = plot_free_rocking_fit(fit)
     assert len(figure.axes) == 1
     np.testing.assert_allclose(lines_of(figure.axes[0]).each.get_ydata(), 0.9, rtol=1e-6)
     given = plt.figure()
-    fit = fit_free_rocking(decay(4)[0], BLOCK)
+    fit = fit_free_rocking(decay(4)[0], BLOCK, model="linearized")
     assert plot_free_rocking_fit(fit, given) is given
     assert len(given.axes) == 2
     labels = [text.get_text() for text in given.axes[0].get_yticklabels()]
@@ -333,7 +335,7 @@ def test_picture_of_peaks_alone_and_of_few_points():
 
 @pytest.mark.thorough
 def test_several_fits_are_no_picture():
-    one = fit_free_rocking(decay(12)[0], BLOCK)
+    one = fit_free_rocking(decay(12)[0], BLOCK, model="linearized")
     fits = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)
     assert "restitution" in str(fits)
     with pytest.raises(

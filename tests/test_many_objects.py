@@ -8,6 +8,7 @@ from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, v
 from scipy import optimize, stats
 
 import jaxrock as jr
+from jaxrock.risk.counted_rate import count_rates, estimate_error_of_mean, plan_counting
 
 DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
 HALF_WIDTHS = np.array([0.2, 0.25, 0.32])
@@ -106,6 +107,75 @@ def test_a_count_is_right_on_average_and_knows_its_error():
     assert abs(np.mean(wrong)) < 0.005
     assert 0.6 < np.std(wrong) / np.sqrt(np.mean(np.square(errors))) < 1.3
     assert np.std(wrong) > 0.03
+
+
+def draw_boundaries(kind, rng, records, samples):
+    """Draw boundaries of every record and sample, in increasing order."""
+    first = rng.uniform(0.0, 1.5, (records, 1, 1)) * np.ones((1, samples, 1))
+    noise = rng.standard_normal((records, samples, 6))
+    windows = np.exp(first + 0.3 + 0.3 * abs(noise))
+    boundaries = {
+        "one sample": np.exp(first[:, :1]),
+        "equal": np.exp(first),
+        "about as far apart as levels": np.exp(first + 0.02 * noise[..., :1]),
+        "far apart": np.exp(first + 0.2 * noise[..., :1]),
+        "equal, and windows far apart": np.concatenate([np.exp(first), windows], axis=-1),
+        "narrow windows": np.concatenate([windows[..., :3], windows[..., :3] * 1.01], axis=-1),
+    }
+    return np.sort(boundaries[kind], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "largest"),
+    [
+        ("one sample", 1.3),
+        ("equal", 1.3),
+        ("about as far apart as levels", 4.0),
+        ("far apart", 1.3),
+        ("equal, and windows far apart", 1.3),
+        ("narrow windows", 1.7),
+    ],
+)
+def test_samples_share_their_counting_error_as_far_as_they_go_together(kind, largest):
+    """Beside the deviations over levels that are moved, in scenes drawn anew."""
+    rng = np.random.default_rng(5)
+    squares = []
+    stated = []
+    for _ in range(12):
+        boundaries = draw_boundaries(kind, rng, records=8, samples=64)
+        signs = (-1.0) ** np.arange(boundaries.shape[-1])
+        exact = (hazard(boundaries) * signs).sum(axis=-1).mean()
+        for share in (np.arange(8) + 0.5) / 8:
+            levels = 0.3 * np.exp(0.05 * (np.arange(100) + share))
+            counting = plan_counting(hazard, levels)
+            outcomes = (boundaries[..., None, :] < levels[:, None]).sum(axis=-1) % 2 == 1
+            rate = count_rates(outcomes, counting).rate.mean()
+            squares.append((rate - exact) ** 2)
+            stated.append(estimate_error_of_mean(outcomes, counting) ** 2)
+    assert 0.75 < np.sqrt(np.mean(stated) / np.mean(squares)) < largest
+
+
+@pytest.mark.thorough
+@DOUBLE
+@pytest.mark.parametrize(("variation", "largest"), [(1e-6, 1.5), (0.1, 8.0), (0.3, 2.5)])
+def test_counting_error_of_an_uncertain_size(variation, largest):
+    """From equal samples to very different ones, which Sobol points spread more evenly."""
+    rates, errors = [], []
+    for share in (np.arange(16) + 0.5) / 16:
+        levels = 0.5 * (8.0 / 0.5) ** ((np.arange(30) + share) / 29)
+        counted = jr.overturning_rate(
+            jr.Block(0.25, 4.0),
+            0.85,
+            pulses(50),
+            hazard,
+            levels=np.concatenate([[0.5], levels]),
+            scatter={"half_width": variation},
+            samples=64,
+            **LINEARIZED,
+        )
+        rates.append(float(counted.rate))
+        errors.append(float(counted.counting_error))
+    assert 0.75 < np.sqrt(np.mean(np.square(errors))) / np.std(rates) < largest
 
 
 def find_half_width(level, duration):

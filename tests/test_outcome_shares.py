@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy import integrate, optimize, special, stats
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.cli import main
@@ -151,6 +152,45 @@ def test_sobol_indices_with_records():
     total = np.array([5 / 3 + 1, 1 + 1, 6 + 2 / 3]) / whole
     np.testing.assert_allclose(found.total[0], total, atol=0.015)
     assert np.isnan(found.first[1]).all()
+
+
+# Answers at samples (2, n) under records, as a block gives them: it rarely overturns, or often,
+# or with a heavy tail.
+ANSWERS = {
+    "stands or overturns": lambda x: np.where(x[1] > 1.6, 1.0, 0.4 + 0.05 * np.sign(x[0]))[
+        None
+    ],
+    "overturns": lambda x: (x[0] + 0.5 * x[1] + np.sin(20 * x[0] * x[1]) > 0.5).astype(float)[
+        None
+    ],
+    "a sum": lambda x: (x[0] + 0.7 * x[1])[None],
+    "a heavy tail": lambda x: (x[0] + np.exp(0.8 * x[1]))[None],
+    "several records": lambda x: np.stack(
+        [(x[0] + 0.5 * x[1] > limit).astype(float) for limit in (-0.5, 0.3, 1.5)]
+    ),
+    "records and a tail": lambda x: np.stack(
+        [x[0] + a * np.exp(0.7 * x[1]) for a in (0, 1, 2)]
+    ),
+}
+
+
+@float64
+@pytest.mark.parametrize("name", first_by_default(ANSWERS))
+def test_errors_of_sobol_indices_are_those_of_repetitions(name):
+    """With independent samples: those of Sobol points have errors that are mostly smaller."""
+    answer = ANSWERS[name]
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(800):
+        first, second = rng.standard_normal((2, 2, 512))
+        mixed = [np.stack([second[0], first[1]]), np.stack([first[0], second[1]])]
+        parts = [answer(x)[None] for x in (first, second, *mixed)]
+        indices = compute_sobol_indices(parts[0], parts[1], np.stack(parts[2:]))
+        found.append([index[0] for index in indices])
+    first, first_error, total, total_error = np.swapaxes(found, 0, 1)
+    for index, error in ((first, first_error), (total, total_error)):
+        stated = np.sqrt(np.mean(error**2, axis=0))
+        np.testing.assert_allclose(stated / index.std(axis=0), 1, atol=0.13)
 
 
 def direct_shares(block, c, record, variations, count, seed, ratio=0.5):

@@ -264,7 +264,7 @@ def test_under_a_hazard_with_zeros():
         ({"target": 1.5, "hazard": 0.5}, "target must be less than 1 for a probability"),
         ({"hazard": -0.5}, "hazard must be finite and greater than 0, got -0.5"),
         ({"hazard": "often"}, "hazard must be a Hazard or a function"),
-        ({"side": "left"}, "side must be above or below, got 'left'"),
+        ({"side": "left"}, "side must be one of above, below, got 'left'"),
         ({"resolution": 0.5}, "resolution must be at least 1e-6 and less than 0.1, got 0.5"),
         ({"resolution": 1e-17}, "resolution must be at least 1e-6 and less than 0.1"),
         ({"hazard": lambda x: x}, "the rates of the hazard must fall with the level"),

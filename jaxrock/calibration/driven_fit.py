@@ -21,6 +21,7 @@ from ..validation import (
     Reals,
     as_array,
     as_real,
+    as_text,
     check,
     check_kind,
     unify_precision,
@@ -205,6 +206,7 @@ def _check_test(
     # A string is a sequence of its letters, which are no names.
     if isinstance(parameters, str) or not parameters:
         raise ValueError(f"parameters must be one or more names, got {parameters!r}")
+    parameters = [as_text(name) for name in parameters]
     for name in parameters:
         if name not in _PARAMETERS or list(parameters).count(name) > 1:
             allowed = ", ".join(_PARAMETERS)

@@ -13,7 +13,7 @@ from .free_rocking_motion import NUMBERS
 # p-values below which there is a remark.
 _SIGNIFICANT = 0.05
 OTHER_BLOCK = 0.01
-_NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any change so
+NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any change so
 
 
 class FreeRockingFit(Printed, eqx.Module):
@@ -55,6 +55,8 @@ class FreeRockingFit(Printed, eqx.Module):
         Whether the search has; it has in every fit that is returned.
     block : Block or None
         The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
+    model : str
+        The equation of motion, ``"linearized"`` or ``"nonlinear"``.
     repairs : tuple of str
         Which impacts are missing, which times were left out.
     notes : tuple of str
@@ -85,6 +87,7 @@ class FreeRockingFit(Printed, eqx.Module):
     degrees_of_freedom: Reals
     converged: Booleans
     block: Block | None
+    model: str = eqx.field(static=True)
     repairs: tuple[str, ...] = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
@@ -98,7 +101,7 @@ class FreeRockingFit(Printed, eqx.Module):
         """Sentences to know before the numbers are used."""
         # What was done to the measurements comes first: all other numbers follow from it.
         said = [*self.repairs, *self.notes]
-        change = abs(float(self.restitution_change)) > _NEGLIGIBLE
+        change = abs(float(self.restitution_change)) > NEGLIGIBLE
         if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
             said.append(
                 f"one constant C does not explain the data: from the largest to the smallest"
@@ -133,4 +136,5 @@ class FreeRockingFit(Printed, eqx.Module):
         for name, unit in (("time_noise", "s"), ("rotation_noise", "rad")):
             if np.isfinite(float(getattr(self, name))):
                 lines.append(format_fields(self, **{name: unit}))
-        return "\n".join([*lines, *self.remarks])
+        why = ", the only one without a block" if self.block is None else ""
+        return "\n".join([*lines, f"by the {self.model} model{why}", *self.remarks])

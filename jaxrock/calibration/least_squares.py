@@ -61,14 +61,15 @@ def minimize(
     returns residuals and their Jacobians; a number that is held has a column of zeros. Sums of
     squares that differ by `negligible` are the same.
     """
-    # The state of each set:
+    # A set is in one of these states; every turn of the loop moves each of those in `places`.
     #
-    #   state      | known                                | next
-    #   searching  | numbers, residuals there, a damping  | try a damped step
-    #   better     | the sum of squares fell              | take it; less damping if as
-    # expected   worse      | it did not, or is not a number       | stay; four times the
-    # damping   arrived    | an undamped step would gain nothing  | leave `places`
-    #   lost       | residuals infinite, damping too high | leave `places`
+    # state     | how it is told                                 | what happens next
+    # searching | an undamped step would still lower the sum     | it tries a damped step
+    # better    | the trial has a lower sum of squares           | it goes there
+    #           | ... and by at least 0.9 of what was expected   | and damping falls to a tenth
+    # worse     | the trial has no lower sum, or is no number    | it stays, damping times four
+    # arrived   | an undamped step would lower nothing           | it leaves `places`
+    # lost      | its sum is infinite, or its damping too high   | it leaves `places`
     numbers = start.copy()
     places = np.arange(len(start))
     residuals, jacobian = evaluate(numbers, places)

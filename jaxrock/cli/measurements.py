@@ -64,14 +64,11 @@ class Fit(Writing):
         folder = yield "fit.csv", "fit.png"
         from ..plot import plot_free_rocking_fit
 
-        # Without the block its shape is unknown, which only the linearized equation can spare.
-        known = block is not None
-        model = self.model or ("nonlinear" if known else "linearized")
         fit = fit_free_rocking(
             times,
             block,
             peak_rotations=peaks,
-            model=model,
+            model=self.model,
             frequency_known=not self.frequency_unknown,
             time_noise=self.time_noise,
             rotation_noise=self.rotation_noise,
@@ -83,9 +80,7 @@ class Fit(Writing):
         rows = [
             dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
         ]
-        why = "" if known else ", the only one without a width"
-        text = f"{fit}\nby the {model} model{why}"
-        return Answer(text, {"model": model, **_collect_data(fit), "rows": rows})
+        return Answer(str(fit), {"model": fit.model, **_collect_data(fit), "rows": rows})
 
     def _make_block(self) -> Block | None:
         """Make the block; None if it is unknown, without a width."""

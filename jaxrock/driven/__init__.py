@@ -12,11 +12,11 @@ from .many_blocks import Batch as Batch
 from .many_blocks import BatchResponse, EstimatedResponse, respond_batch, respond_within
 from .many_blocks import GroundMotions as GroundMotions
 from .many_blocks import check_batch as check_batch
-from .many_blocks import choose_compiler_options as choose_compiler_options
 from .many_blocks import convert_motion as convert_motion
 from .many_blocks import follow_batch as follow_batch
 from .many_blocks import follow_launched as follow_launched
 from .many_blocks import follow_within as follow_within
+from .many_blocks import jit_steps as jit_steps
 from .one_block import FollowedMotion as FollowedMotion
 from .one_block import Response, Status, respond
 from .one_block import follow_driven as follow_driven

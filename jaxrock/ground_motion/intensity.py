@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..numerics import pick_larger, pick_largest
-from ..validation import Reals, check_kind
+from ..validation import Reals, as_name, check_kind
 from .record import Record
 
 # The measures that `intensity_measure` knows, by name: in words, the unit, and whether it is
@@ -49,8 +49,7 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     >>> print(f"{jr.ground_motion.intensity_measure(record, 'pgv'):.3f} m/s")
     0.528 m/s
     """
-    if measure not in MEASURES:
-        raise ValueError(f"measure must be one of {', '.join(MEASURES)}, got {measure!r}")
+    measure = as_name("measure", measure, MEASURES)
     check_kind("record", record, Record)
     relative = MEASURES[measure][2]
     # A block that is of no use is left out, so that it adds neither its shape nor a program.

@@ -16,6 +16,7 @@ from ..validation import (
     Numbers,
     Reals,
     as_real,
+    as_text,
     check,
     describe,
     is_traced,
@@ -68,7 +69,7 @@ class Suite(Printed, eqx.Module):
             raise ValueError(f"names must be a list of names, got {names!r}")
         if names is None:
             names = [str(number) for number in range(1, len(records) + 1)]
-        self.names = tuple(names)
+        self.names = tuple(map(as_text, names))
         for k, record in enumerate(self.records):
             if not isinstance(record, Record):
                 got = type(record).__name__
@@ -128,6 +129,7 @@ class Suite(Printed, eqx.Module):
         """Select one record, by its number from 0 on or its name, or a part of the suite."""
         if isinstance(which, slice):
             return Suite(self.records[which], self.names[which])
+        which = as_text(which)
         if isinstance(which, str):
             if which not in self.names:
                 raise KeyError(f"no record is named {which!r}")
@@ -236,10 +238,12 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
     """
     measures = suite.measure(measure, block)
     if not is_traced(measures):
-        if measure.startswith("pgv"):
+        if as_text(measure).startswith("pgv"):
             warn_of_drifts(suite.names, suite.records)
         for name, value in zip(suite.names, np.asarray(measures), strict=True):
             if not (value > 0).all():
-                must = f"every record must have a {measure} greater than 0 to be scaled"
+                must = (
+                    f"every record must have a {as_text(measure)} greater than 0 to be scaled"
+                )
                 raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
     return measures

@@ -7,6 +7,8 @@ import math
 import re
 import unicodedata
 
+from ..validation import as_text
+
 # The words of a statement, and its value in SI: NaN if they are not understood.
 Stated = tuple[str, float]
 
@@ -45,6 +47,7 @@ def parse_unit(unit: str) -> float:
 
 def require_unit(unit: str) -> float:
     """Convert the argument `unit` to m/s2; a `ValueError` if it is not understood."""
+    unit = as_text(unit)
     factor = parse_unit(unit)
     if math.isnan(factor):
         raise ValueError(f"unit must be {UNITS}, got {unit!r}")

@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..driven import TOPPLED_ROTATION, choose_compiler_options
+from ..driven import TOPPLED_ROTATION, jit_steps
 from ..ground_motion import Pulse
 from ..host import count_processors, map_in_threads
 from ..validation import AnyArray, choose_namespace, is_traced
@@ -219,10 +219,7 @@ def _differentiate_residual(
 @functools.cache
 def _compile(platform: str) -> Callable[..., jax.Array]:
     """Make `_differentiate_residual` a program for a platform, with its options."""
-    options = choose_compiler_options(platform)
-    return jax.jit(
-        _differentiate_residual, static_argnames=("form", "search"), compiler_options=options
-    )
+    return jit_steps(_differentiate_residual, platform, ("form", "search"))
 
 
 def _differentiate_in_pieces(

@@ -23,6 +23,7 @@ from ..validation import (
     Domain,
     Number,
     Numbers,
+    as_name,
     as_real,
     check,
     check_kind,
@@ -161,8 +162,7 @@ def check_subject(
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     single = motion[0] if isinstance(motion, Suite) else motion
     allowed = [name for name, its in _QUANTITIES.items() if isinstance(single, its.motions)]
-    if along not in allowed:
-        raise ValueError(f"along must be one of {', '.join(allowed)}, got {along!r}")
+    along = as_name("along", along, allowed)
     places = as_real("values", values)
     check("values", places, _QUANTITIES[along].domain)
     restitution = as_real("restitution", restitution)

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..sensitivity import OutcomeShares, describe_input
+from ..validation import as_name
 from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
 
 
@@ -69,8 +70,7 @@ def plot_sobol_indices(
     ValueError
         If there is no such answer.
     """
-    if answer not in found.answers:
-        raise ValueError(f"answer must be one of {', '.join(found.answers)}, got {answer!r}")
+    answer = as_name("answer", answer, found.answers)
     ax = get_axes(ax, figsize=(5.0, 1.6 + 0.5 * len(found.sources)))
     k = found.answers.index(answer)
     rows = np.arange(len(found.sources))[::-1]

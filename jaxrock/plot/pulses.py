@@ -259,18 +259,14 @@ def _compute_train_response(
     """Follow a worst train, with each pulse on its side of the impacts."""
     pulses = np.asarray(train.intensities)
     sides = np.sign(pulses[0]) * (-1.0) ** np.cumsum(train.impacts_between)
-    # The times belong to a train that the search raised a little, whose impacts come later.
-    # With the intensities as they are, a pulse right before an impact would come right after
-    # it. The first factor is the one with which the search verifies a train; where the two are
-    # followed in other steps, rounding can ask for a little more.
-    raised = max(1e-6, float(jnp.finfo(as_real("times", train.times).dtype).eps) ** 0.5)
-    for by in (raised, 1.01 * raised):
-        stronger = pulses * (1 + by)
-        response = resonance.respond_to_train(block, restitution, train.times, stronger, model)
-        if (np.asarray(response.side) == sides)[1:].all():
-            return response
-    # Neither puts every pulse on its side: then the train as it is.
-    return resonance.respond_to_train(block, restitution, train.times, pulses, model)
+    response = resonance.respond_to_train(block, restitution, train.times, pulses, model)
+    if (np.asarray(response.side) == sides)[1:].all():
+        return response
+    # Where the train is followed in other steps than the search did, rounding can ask for a
+    # little more.
+    raised = max(1e-8, 0.01 * float(jnp.finfo(as_real("times", train.times).dtype).eps) ** 0.5)
+    stronger = pulses * (1 + raised)
+    return resonance.respond_to_train(block, restitution, train.times, stronger, model)
 
 
 def _sample_rotation(response: TrainResponse, end: float) -> tuple[np.ndarray, np.ndarray]:

@@ -48,7 +48,7 @@ def read_table() -> dict[str, Any]:
     cases = [
         {field: case.get(field) for field in stored["fields"]} for case in stored["cases"]
     ]
-    return {"read_version": read_version()} | stored | {"cases": cases}
+    return {"version": read_version()} | stored | {"cases": cases}
 
 
 def make_records() -> dict[str, Record]:

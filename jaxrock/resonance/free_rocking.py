@@ -26,7 +26,7 @@ from ..numerics import (
     one_minus_square,
     quotient,
 )
-from ..validation import Reals, describe
+from ..validation import Reals, as_text, describe
 from .rocking_model import RockingModel
 
 
@@ -205,8 +205,9 @@ def as_model(model: object) -> RockingModel:
     """
     if isinstance(model, RockingModel):
         return model
+    name = as_text(model)
     for kind in (Linearized, Nonlinear):
-        if model == kind.name:
+        if name == kind.name:
             return kind()
     raise ValueError(
         'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear",'

@@ -12,7 +12,15 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..numerics import quotient, quotient_or_infinite, share_of_one
-from ..validation import COUNT, NON_NEGATIVE, UNIT_INTERVAL, Number, Reals, elementwise
+from ..validation import (
+    COUNT,
+    NON_NEGATIVE,
+    UNIT_INTERVAL,
+    Number,
+    Reals,
+    as_name,
+    elementwise,
+)
 from .free_rocking import Linearized, ModelLike, as_model
 
 
@@ -108,8 +116,7 @@ def critical_width(
     0.95 m at this slenderness
     0.74 m at this height
     """
-    if fixed not in (names := ("slenderness", "height")):
-        raise ValueError(f"fixed must be {' or '.join(names)}, got {fixed!r}")
+    fixed = as_name("fixed", fixed, ("slenderness", "height"))
     solve = _width_at_slenderness if fixed == "slenderness" else _width_at_height
     return solve(block, restitution, intensity, half_cycles, model)
 

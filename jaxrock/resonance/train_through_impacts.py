@@ -5,6 +5,7 @@ pulses is a constant then, and everything a train does is a smooth function of t
 intensities of its pulses: it can be optimised.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -66,6 +67,25 @@ class Outcome(NamedTuple):
     required: Integers
 
 
+class Evaluation(NamedTuple):
+    """The outcome of a train and its limited values, with derivatives.
+
+    Attributes
+    ----------
+    outcome
+        The outcome of the train.
+    values
+        The logarithm of x, `lacking` of each pulse, and the time of the last pulse,
+        (pulses + 2,).
+    slopes
+        Derivatives of the values with respect to the numbers that are optimised.
+    """
+
+    outcome: Outcome
+    values: Reals
+    slopes: Reals
+
+
 class _AfterPulse(NamedTuple):
     """The motion right after a pulse."""
 
@@ -84,10 +104,15 @@ class _TrainPulse(NamedTuple):
     comes: Booleans
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames="most_impacts")
 def evaluate_with_slopes(
-    numbers: Reals, impacts: Integers, count: Integers, rocker: Rocker, spacing: Reals
-) -> tuple[Outcome, Reals, Reals]:
+    numbers: Reals,
+    impacts: Integers,
+    count: Integers,
+    rocker: Rocker,
+    spacing: Reals,
+    most_impacts: int,
+) -> Evaluation:
     """Compute the outcome of a train from the numbers that are optimised, with derivatives.
 
     Parameters
@@ -100,31 +125,23 @@ def evaluate_with_slopes(
         Pulses that come; the others are left out.
     rocker, spacing
         The block, and the shortest time between two pulses [s].
-
-    Returns
-    -------
-    outcome
-        The outcome of the train.
-    values
-        The limited values: the logarithm of x, `lacking` of each pulse, and the time of the
-        last pulse, (pulses + 2,).
-    slopes
-        Derivatives of the values with respect to the numbers.
+    most_impacts
+        Most impacts between two pulses.
     """
 
-    def compute_limited(numbers: Reals) -> tuple[Reals, tuple[Outcome, Reals]]:
-        """Compute the values, and outcome and values once more to pass on undifferentiated."""
+    def compute_limited(numbers: Reals) -> tuple[Reals, tuple[Reals, Outcome]]:
+        """Compute the values, and once more to pass on undifferentiated, with the outcome."""
         phases, weights, log_bound = jnp.split(numbers, [impacts.size, 2 * impacts.size])
         train = Train(phases, jnp.exp(log_bound) * weights, impacts)
-        outcome = follow_phased_train(rocker, train, spacing, count)
+        outcome = follow_phased_train(rocker, train, spacing, count, most_impacts)
         # A train may leave the block at rest, and 0 has no logarithm.
         log_x = jnp.log(jnp.maximum(outcome.x, 1e-30))
         values = jnp.concatenate([log_x[None], outcome.lacking, outcome.times[-1:]])
-        return values, (outcome, values)
+        return values, (values, outcome)
 
     numbers = numbers.astype(rocker.restitution.dtype)
-    slopes, (outcome, values) = jax.jacfwd(compute_limited, has_aux=True)(numbers)
-    return outcome, values, slopes
+    slopes, (values, outcome) = jax.jacfwd(compute_limited, has_aux=True)(numbers)
+    return Evaluation(outcome, values, slopes)
 
 
 def follow_phased_train(
@@ -132,12 +149,14 @@ def follow_phased_train(
     train: Train,
     spacing: Reals | float = 0.0,
     count: Integers | int | None = None,
+    most_impacts: int = MAX_IMPACTS,
 ) -> Outcome:
     """Compute the outcome of a train whose pulses come at least `spacing` apart [s].
 
-    Pulses from the number `count` on do not come.
+    Pulses from the number `count` on do not come. All half-cycles up to `most_impacts` after a
+    pulse are computed, so a smaller number makes a faster program.
     """
-    number = jnp.arange(MAX_IMPACTS + 1)
+    number = jnp.arange(most_impacts + 1)
     powers = rocker.restitution ** number.astype(train.impulse.dtype)
 
     def advance_to_pulse(

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import get_args
+from typing import cast, get_args
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
     Number,
+    as_name,
     as_real,
     check,
     check_kind,
@@ -22,7 +23,8 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import Flight, Rocker, TrainResponse, follow_timed_train
-from .train_optimization import MOST_IMPACTS, Candidate, Goal, TrainProblem, descend, search
+from .train_candidates import MOST_IMPACTS, Candidate, Goal, TrainProblem
+from .train_optimization import descend, search
 from .train_through_impacts import MAX_IMPACTS
 
 
@@ -30,18 +32,24 @@ from .train_through_impacts import MAX_IMPACTS
 class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
+    `times` and `intensities` put into `respond_to_train` do as told: the intensities are those
+    of the worst train, raised by 1e-6 (in float32 by 3.5e-4), and the times belong to them. All
+    other numbers are those of the train that is not raised. Intensities that are changed ask for
+    other times, since the impacts of a stronger train come later: a pulse that was to come right
+    after an impact comes before it, and brakes the block.
+
     Attributes
     ----------
     times : ndarray, shape (pulses,)
         Times of the pulses, the first at 0 [s].
     intensities : ndarray, shape (pulses,)
-        I of each pulse [m/s], signed as the ground moves.
+        I of each pulse [m/s], signed as the ground moves; raised, see above.
     impacts_between : ndarray, shape (pulses,)
         Impacts between a pulse and the one before it.
     delays : ndarray, shape (pulses,)
         Time from the last impact to the pulse over the half-cycle that it falls into [-].
     largest, total : float
-        Largest and total magnitude of the pulses [m/s].
+        Largest and total magnitude of the pulses that are just enough [m/s].
     peak_rotation : float
         Peak after the last pulse [rad]; NaN if the block overturns.
     overturns : bool
@@ -107,10 +115,10 @@ def worst_train(
 ) -> WorstTrain:
     """Find the worst train of instantaneous pulses, over their times, signs and intensities.
 
-    Between the pulses the block moves freely, and through impacts. Random trains descend by
-    sequential quadratic programming, and then try what descent cannot do: to strike a pulse
-    the other way, before or after the peak, or a half-cycle earlier or later. The best is
-    verified over time, raised and lowered a little.
+    Between the pulses the block moves freely, and through impacts. Random trains descend, by
+    gradient steps or, with limits on the times, by sequential quadratic programming. Then they
+    try what descent cannot do: to strike a pulse the other way, before or after the peak, or a
+    half-cycle earlier or later. The best is verified over time, raised and lowered a little.
 
     Parameters
     ----------
@@ -170,10 +178,7 @@ def worst_train(
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:
             raise ValueError(f"{name} must be at least 1, got {value}")
-    if goal not in get_args(Goal):
-        raise ValueError(
-            f"goal must be smallest largest, smallest total or most rotation, got {goal!r}"
-        )
+    goal = cast("Goal", as_name("goal", goal, get_args(Goal)))
     if (largest is None) == (goal == "most rotation"):
         raise ValueError('largest must be given for the goal "most rotation", and only for it')
     if largest is not None:
@@ -266,7 +271,7 @@ def _make_result(
     # At the peak the velocity is 0: all of the launch velocity is lost.
     top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
-    times, verified = _verify(best, problem, intensities, peak)
+    times, raised, verified = _verify(best, problem, intensities, peak)
     in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all() and times[-1] <= latest
     # At the limit, even more impacts between two pulses might be worse.
     in_time = in_time and (impacts < MAX_IMPACTS).all()
@@ -274,7 +279,7 @@ def _make_result(
     paths = [np.pad(c.path, (0, steps - len(c.path)), mode="edge") for c in candidates]
     return WorstTrain(
         times=times,
-        intensities=intensities,
+        intensities=raised,
         impacts_between=np.append(0, impacts),
         delays=outcome.delays[:count],
         largest=float(abs(intensities).max()),
@@ -290,14 +295,15 @@ def _make_result(
 
 def _verify(
     best: Candidate, problem: TrainProblem, intensities: np.ndarray, peak: float
-) -> tuple[np.ndarray, bool]:
-    """Time the pulses, and tell whether the train, followed over time, does as it should.
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Time and raise the pulses, and tell whether the train then does as it should.
 
-    Raised a little it has to overturn, lowered a little it must not; where the most rotation
-    is sought, the two peaks have to enclose the peak. Each train is timed by its own impacts,
-    which come later in a stronger train: a pulse on the wrong side of an impact acts the other
-    way. The times are taken from the raised train, with a margin: a little later where a pulse
-    comes right after an impact, a little earlier where it comes right before.
+    Followed over time, raised a little it has to overturn, lowered a little it must not; where
+    the most rotation is sought, the two peaks have to enclose the peak. Each train is timed by
+    its own impacts, which come later in a stronger train: a pulse on the wrong side of an impact
+    acts the other way. Times and intensities are those of the raised train, the times with a
+    margin: a little later where a pulse comes right after an impact, a little earlier where it
+    comes right before.
     """
     # Half of the digits, but no less than 1e-6: followed over time, the same train is computed
     # in another way.
@@ -308,20 +314,23 @@ def _verify(
         """Compute when the pulses of the train come if it is raised by exp(`raised`)."""
         return np.asarray(best.compute_outcome(problem, raised).times)[: best.used]
 
-    def follow_raised(by: float, margin: float) -> tuple[np.ndarray, TrainResponse]:
+    def follow_raised(
+        by: float, margin: float
+    ) -> tuple[np.ndarray, np.ndarray, TrainResponse]:
         """Follow the train raised by a share, its pulses off the impacts by a margin."""
         # The margin, too, is one of strength: a stronger train has its impacts later.
         times = np.where(before_impact, compute_times(by - margin), compute_times(by + margin))
         times = np.maximum.accumulate(times)
-        raised = jnp.asarray(intensities * (1 + by), times.dtype)
-        return times, follow_timed_train(problem.rocker, jnp.asarray(times), raised)
+        raised = (intensities * (1 + by)).astype(times.dtype)
+        response = follow_timed_train(problem.rocker, jnp.asarray(times), jnp.asarray(raised))
+        return times, raised, response
 
     # The smallest margin with which the train does as it should.
-    times = np.zeros(0)
+    times = raised = np.zeros(0)
     verified = False
     for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
-        times, higher = follow_raised(trial, margin)
-        _, lower = follow_raised(-trial, margin)
+        times, raised, higher = follow_raised(trial, margin)
+        *_, lower = follow_raised(-trial, margin)
         verified = bool(higher.overturned)
         if problem.seeks_pulses:
             verified &= not lower.overturned
@@ -329,4 +338,4 @@ def _verify(
             verified = float(lower.peak_rotation) <= peak <= float(higher.peak_rotation)
         if verified:
             break
-    return times, verified
+    return times, raised, verified

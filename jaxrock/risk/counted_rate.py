@@ -93,6 +93,55 @@ def count_rates(overturned: np.ndarray, counting: Counting) -> CountedRate:
     return CountedRate(rate, contributions, error)
 
 
+# Samples of uncertain numbers are counted at the same levels. Where their boundaries are much
+# closer together than levels, all samples are wrong by the same; where they are spread over
+# several levels, errors cancel as those of independent samples do. Outcomes say which: with
+# the signs +, -, +, ... for successive intervals, what changes in the same interval adds up,
+# and what is spread over many cancels. For each record, the variance of the mean of N samples
+# is thus
+#
+#     (sum of the variances of single samples + sum of products of pairs of samples) / N^2,
+#
+# where the products are those of the signed sums, and have the means of the covariances in both
+# limits. Where samples are spread over about one interval they are larger (a wave of twice the
+# period is left over): the error is then up to sqrt(N) / 2 times too large, and never too small.
+def estimate_error_of_mean(overturned: np.ndarray, counting: Counting) -> np.ndarray:
+    """Estimate the counting error [1/yr] of mean rates of samples, (records, ..., samples, levels).
+
+    Without uncertainty, of a single sample, it is the `error` of `count_rates`.
+    """
+    records = len(overturned)
+    samples = overturned.shape[-2]
+    alone = (count_rates(overturned, counting).error ** 2).sum(axis=-1) * records**2
+    steps = (counting.rates[:-1] - counting.rates[1:]) / 12**0.5
+    windows = counting.weights[1:-1]
+    shared = np.zeros(np.shape(alone))
+    for place in np.ndindex(*shared.shape):
+        for of_record in overturned:
+            changes = np.diff(of_record[place].astype(np.int8), axis=-1)
+            lonely = np.where(changes[:, 1:] != 0, changes[:, :-1], 0)
+            shared[place] += _sum_products_of_pairs(changes * steps)
+            shared[place] += _sum_products_of_pairs(lonely * windows)
+    # Products scatter about their means, which are never negative.
+    return np.asarray(np.sqrt(alone + np.maximum(shared, 0)) / (records * samples))
+
+
+def _sum_products_of_pairs(values: np.ndarray) -> float:
+    """Sum the products of all pairs of different samples, of values (samples, places).
+
+    The values of a sample are added up with alternating signs, over each stretch of places
+    that has values of any sample at all of its places: what is further apart has nothing to do
+    with each other, and would only add noise.
+    """
+    occupied = values.any(axis=0)
+    begins = np.flatnonzero(occupied & ~np.append(False, occupied[:-1]))
+    if not begins.size:
+        return 0.0
+    signs = 1 - 2 * (np.arange(occupied.size) % 2)
+    sums = np.add.reduceat(values * signs, begins, axis=1)
+    return float((sums.sum(axis=0) ** 2 - (sums**2).sum(axis=0)).sum())
+
+
 def find_outcomes(
     block: Block,
     restitution: AnyArray,

@@ -17,7 +17,9 @@ from ..validation import (
     AnyArray,
     Number,
     Numbers,
+    as_name,
     as_real,
+    as_text,
     check,
     check_kind,
 )
@@ -143,6 +145,7 @@ def fragility(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     thresholds_named = name_thresholds(thresholds)
     model = as_model(model)
+    measure = as_name("measure", measure, MEASURES)
     strengths = np.asarray(require_positive_measures(suite, measure, objects.block))
     drawn = objects if scatter is None else draw_objects(objects, scatter, samples, seed)
     # A record travels with its intensity, so that a chunk of some records has theirs; so does
@@ -288,6 +291,7 @@ def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
 
 def _name_threshold(threshold: Threshold) -> str:
     """Name a threshold; a `ValueError` if it is none."""
+    threshold = as_text(threshold)
     if isinstance(threshold, str):
         if threshold not in _WORDS:
             must = f"thresholds must be rotation ratios, {' or '.join(map(repr, _WORDS))}"

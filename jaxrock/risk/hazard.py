@@ -13,6 +13,7 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
+    as_name,
     as_real,
     is_traced,
     quantity,
@@ -20,6 +21,13 @@ from ..validation import (
 
 # Measures that a hazard curve can have. Ratios to a block's threshold are none of them.
 HAZARD_MEASURES = ("pgv", "pga")
+
+
+def as_hazard_measure(measure: object) -> str | None:
+    """Return the name of a measure of hazards, or None; a `ValueError` if it is no such name."""
+    if measure is None:
+        return None
+    return as_name("measure", measure, HAZARD_MEASURES)
 
 
 class Hazard(Printed, Checked):
@@ -60,10 +68,7 @@ class Hazard(Printed, Checked):
     measure: str | None = eqx.field(static=True, default=None)
 
     def __init__(self, levels: Numbers, rates: Numbers, measure: str | None = None):
-        if measure not in (None, *HAZARD_MEASURES):
-            allowed = ", ".join(HAZARD_MEASURES)
-            raise ValueError(f"measure must be one of {allowed}, or None, got {measure!r:.60}")
-        self.measure = measure
+        self.measure = as_hazard_measure(measure)
         self.levels = as_real("levels", levels)
         self.rates = as_real("rates", rates)
         shape = self.levels.shape

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..host import TextTable, is_number, read_text_table
-from .hazard import HAZARD_MEASURES, Hazard
+from .hazard import Hazard, as_hazard_measure
 from .hazard_columns import (
     Frequency,
     Levels,
@@ -81,9 +81,7 @@ def read_hazard(
     hazard of pga from 0.01 1/yr at 0.9807 to 0.0001 1/yr at 9.807
     """
     path = Path(path)
-    if measure not in (None, *HAZARD_MEASURES):
-        allowed = ", ".join(HAZARD_MEASURES)
-        raise ValueError(f"measure must be one of {allowed}, or None, got {measure!r:.60}")
+    measure = as_hazard_measure(measure)
     table = read_text_table(path)
     # NumPy writes names behind a #.
     if table.rows and all(map(is_number, table.rows[0][2])):

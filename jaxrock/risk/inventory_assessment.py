@@ -125,7 +125,7 @@ def assess_inventory(
     check_kind("inventory", inventory, Inventory)
     check_kind("suite", suite, Suite)
     check_kind("hazard", hazard, Hazard)
-    check_hazard(hazard, measure)
+    measure = check_hazard(hazard, measure)
     if any(np.shape(record.scale) for record in suite):
         raise ValueError("scales of records must be single ones, got arrays of them")
     check("target", as_real("target", target), POSITIVE)

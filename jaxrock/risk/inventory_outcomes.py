@@ -11,7 +11,7 @@ from ..ground_motion import Suite
 from ..resonance import RockingModel
 from ..sensitivity import draw_blocks
 from ..validation import AnyArray
-from .counted_rate import Counting, count_rates, find_outcomes
+from .counted_rate import Counting, count_rates, estimate_error_of_mean, find_outcomes
 from .inventory import Inventory
 from .lognormal import fit_lognormal
 from .share_intervals import bound_shares
@@ -172,8 +172,7 @@ def _summarize_object(outcomes: _Outcomes, counting: Counting) -> ObjectRisk:
         probability_high=high,
         rate=rate,
         standard_error=float(scatter / np.sqrt(records)),
-        # Samples are counted at the same levels, and their errors may go together.
-        counting_error=float(counted.error.mean()),
+        counting_error=float(estimate_error_of_mean(overturned, counting)),
         unseen=float(unseen),
         elasticity=elasticity,
         elasticity_error=error,

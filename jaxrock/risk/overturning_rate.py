@@ -22,12 +22,19 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
+    as_name,
     as_real,
     check,
     check_kind,
     is_traced,
 )
-from .counted_rate import Counting, count_rates, find_outcomes, plan_counting
+from .counted_rate import (
+    Counting,
+    count_rates,
+    estimate_error_of_mean,
+    find_outcomes,
+    plan_counting,
+)
 from .hazard import Hazard, find_last_point
 from .level_boundaries import (
     find_boundaries_in_levels,
@@ -194,7 +201,7 @@ def overturning_rate(
     0.00552 1/yr
     """
     check_kind("suite", suite, Suite)
-    check_hazard(hazard, measure)
+    measure = check_hazard(hazard, measure)
     restitution = as_real("restitution", restitution)
     check_kind("block", block, Block)
     leaves = jax.tree.leaves((block, restitution))
@@ -270,8 +277,7 @@ def _count_scattered(
         "standard_error": spread,
         "unseen": unseen,
         "sample_rates": counted.rate,
-        # Samples are counted at the same levels, and their errors may go together.
-        "counting_error": counted.error.mean(axis=-1),
+        "counting_error": estimate_error_of_mean(outcomes, counting),
     }
     dtype = np.asarray(objects.restitution).dtype
     real = {name: np.asarray(value, dtype) for name, value in real.items()}
@@ -297,13 +303,13 @@ def check_falling(rates: AnyArray) -> None:
         )
 
 
-def check_hazard(hazard: Hazard | Callable[..., Reals], measure: str) -> None:
-    """Raise `ValueError` if this is no hazard, or one of another measure."""
-    if measure not in _MEASURES:
-        raise ValueError(f"measure must be one of {', '.join(_MEASURES)}, got {measure!r}")
+def check_hazard(hazard: Hazard | Callable[..., Reals], measure: str) -> str:
+    """Return the name of the measure; a `ValueError` if this is no hazard, or one of another."""
+    measure = as_name("measure", measure, _MEASURES)
     check_kind("hazard", hazard, Hazard, Callable)
     if isinstance(hazard, Hazard) and hazard.measure not in (None, measure):
         raise ValueError(f"measure is {measure!r}, but the hazard is one of {hazard.measure}")
+    return measure
 
 
 def _sum_over_records(

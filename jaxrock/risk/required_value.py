@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 import equinox as eqx
 import jax
@@ -26,6 +26,7 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
+    as_name,
     as_real,
     check,
     check_kind,
@@ -176,21 +177,19 @@ def required_value(
     level = None
     if isinstance(hazard, float | int):
         check("hazard", as_real("hazard", hazard), POSITIVE)
-        if measure not in ("pga", "pgv"):
-            raise ValueError(f"measure must be one of pga, pgv, got {measure!r}")
         if levels is not None:
             raise ValueError("levels go with a hazard only, not with one level")
         level = float(hazard)
         hazard = _make_certain
     else:
-        check_hazard(hazard, measure)
+        check_hazard(hazard, search.measure)
     target = as_real("target", target)
     check("target", target, POSITIVE)
     if level is not None and not is_traced(target) and not (np.asarray(target) < 1).all():
         largest = float(np.max(np.asarray(target)))
         raise ValueError(f"target must be less than 1 for a probability, got {largest:g}")
     numbers = (block, as_real("restitution", restitution), hazard, target)
-    ends = _check_bounds(bounds, along)
+    ends = _check_bounds(bounds, search.along)
     return _search_value(
         numbers, suite=suite, ends=ends, levels=levels, level=level, search=search
     )
@@ -215,10 +214,9 @@ def _check_search(
     along: str, side: Side, resolution: float, measure: str, model: ModelLike
 ) -> _ValueSearch:
     """Check how to search; a `ValueError` if that is not allowed."""
-    if along not in _QUANTITIES:
-        raise ValueError(f"along must be one of {', '.join(_QUANTITIES)}, got {along!r}")
-    if side not in ("above", "below"):
-        raise ValueError(f"side must be above or below, got {side!r}")
+    along = as_name("along", along, _QUANTITIES)
+    measure = as_name("measure", measure, ("pga", "pgv"))
+    side = cast("Side", as_name("side", side, get_args(Side)))
     # Below 1e-6 neighbours would be equal in float32.
     if not isinstance(resolution, float | int) or not 1e-6 <= resolution < 0.1:
         raise ValueError(

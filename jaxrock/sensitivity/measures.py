@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..host import Printed, format_table
-from ..validation import COUNT, check
+from ..validation import COUNT, as_text, check
 from .parameters import Answer, Ranges, label_sides, make_parametric
 
 
@@ -175,7 +175,7 @@ def arrange_bars(values: np.ndarray, ranges: Ranges, sides: tuple[str, ...]) -> 
     # Stable, so that equal bars keep the order in which they were asked for.
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
-    names = tuple(list(ranges)[k] for k in order)
+    names = tuple(as_text(list(ranges)[k]) for k in order)
     value = float(values[0])
     return TornadoBars(names, *ends[order].T, *answers[order].T, value=value, sides=sides)
 
@@ -256,4 +256,6 @@ def derivative_based_measures(
     # (high - low)^2 / pi^2. An answer that does not vary has no variance to be shared out.
     bound = measure * (high - low) ** 2 / (np.pi**2 * variance) if variance else 0 * measure
     moments = float(values.mean()), float(values.std()), float(1 - finite.mean())
-    return DerivativeBasedMeasures(tuple(ranges), slope, measure, bound, *moments)
+    return DerivativeBasedMeasures(
+        tuple(map(as_text, ranges)), slope, measure, bound, *moments
+    )

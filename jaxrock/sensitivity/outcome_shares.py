@@ -10,7 +10,7 @@ from ..driven import Batch, check_batch, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Number, as_real, check
+from ..validation import POSITIVE, Number, as_real, as_text, check
 from .parameters import Spread, describe_input
 from .scattered_inputs import (
     draw_normal_numbers,
@@ -221,6 +221,7 @@ def outcome_shares(
         )
     if not variations:
         raise ValueError("variations must name at least one input, got none")
+    variations = {as_text(name): value for name, value in variations.items()}
     medians = list_medians(block, scene[0], variations, "variations")
     medians |= _list_medians_of_motion(motion)
     median = np.array([medians.get(name, np.nan) for name in variations])

@@ -21,6 +21,7 @@ from ..validation import (
     AnyArray,
     Number,
     as_real,
+    as_text,
     carries_unit,
     check,
     check_kind,
@@ -125,7 +126,7 @@ def make_parametric(
     paths = [path for path, _ in leaves]
     if isinstance(varied, Mapping):
         _check_numbers(argument, varied)
-    varied = None if varied is None else tuple(varied)
+    varied = None if varied is None else tuple(map(as_text, varied))
     widths = _find_widths_of_blocks(at, paths, varied, argument, sides)
     names = _name_parameters(paths, widths)
     for name in varied or ():

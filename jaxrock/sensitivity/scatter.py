@@ -9,6 +9,7 @@ import numpy as np
 from jax.scipy.stats import norm
 
 from ..host import Printed, format_fields
+from ..validation import as_text
 from .parameters import Answer, ParametricAnswer, Spread, sample_scatter
 
 # Largest errors of mean and standard deviation, over the standard deviation, with which an
@@ -96,7 +97,9 @@ def propagate(
     function, z = sample_scatter(answer, at, coefficients_of_variation, samples, seed)
     series = function.evaluate(np.zeros(z.shape[1]), 2)
     (answers,) = function.evaluate(z)
-    return _estimate_moments(tuple(coefficients_of_variation), series, z, answers)
+    return _estimate_moments(
+        tuple(map(as_text, coefficients_of_variation)), series, z, answers
+    )
 
 
 def monte_carlo(

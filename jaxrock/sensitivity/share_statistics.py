@@ -105,19 +105,39 @@ def compute_sobol_indices(
         result.first[k, :inputs] = first_order[0] / whole
         result.total[k, :inputs] = total[1:].mean(axis=0) / whole
         change = exchanged - both[0]
-        centred = both[1, 0] - both[:, 0].mean()
-        noise = (centred * change[:, 0]).std(axis=1) / samples**0.5
-        result.first_error[k, :inputs] = noise / whole
-        # Over the samples of all records together: those of one are common to all.
-        noise = (0.5 * change[:, 1:] ** 2).mean(axis=1).std(axis=1) / samples**0.5
-        result.total_error[k, :inputs] = noise / whole
+        centred = both - means.mean()
+        # What each sample adds to the variance of all.
+        of_whole = 0.5 * (centred[:, 1:] ** 2).sum(axis=0).mean(axis=0)
+
+        for i in range(inputs):
+            parts = centred[1, 0] * change[i, 0]
+            result.first_error[k, i] = _estimate_error(parts, of_whole, result.first[k, i])
+            # Over the samples of all records together: those of one are common to all.
+            parts = (0.5 * change[i, 1:] ** 2).mean(axis=0)
+            result.total_error[k, i] = _estimate_error(parts, of_whole, result.total[k, i])
         if records > 1:
             result.first[k, -1] = means.var() / whole
             result.total[k, -1] = 1 - variance[0] / whole
-            # Nothing is drawn of the records: they are all that there are.
-            result.first_error[k, -1] = 0.0
-            result.total_error[k, -1] = 0.0
+            # Nothing is drawn of the records, they are all that there are; but their means are
+            # those of samples.
+            deviations = (both[:, 1:] - means[:, None]).sum(axis=0)
+            parts = ((means - means.mean())[:, None] * deviations).mean(axis=0)
+            result.first_error[k, -1] = _estimate_error(parts, of_whole, result.first[k, -1])
+            parts = 0.5 * (centred[:, 0] ** 2).sum(axis=0)
+            # The complement is the index of the mean over the records.
+            result.total_error[k, -1] = _estimate_error(
+                parts, of_whole, 1 - result.total[k, -1]
+            )
     return result
+
+
+def _estimate_error(parts: np.ndarray, of_whole: np.ndarray, index: float) -> float:
+    """Estimate the error of an index: the mean of parts over the mean of those of the variance.
+
+    By the delta method: where few samples decide the variance, as where a block rarely
+    overturns, its error is most of the error of the quotient.
+    """
+    return float((parts - index * of_whole).std() / parts.size**0.5 / of_whole.mean())
 
 
 def _add_mean(values: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, Block, warn_of_size
 from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
 from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
-from ..validation import AT_LEAST_ONE, POSITIVE, as_real, check
+from ..validation import AT_LEAST_ONE, POSITIVE, as_real, as_text, check
 
 if TYPE_CHECKING:
     import xarray
@@ -118,7 +118,7 @@ def resonance_spectrum(
     shared = [as_real(name, value) for name, value in constants.items()]
     for name, value, domain in zip(constants, shared, (POSITIVE, AT_LEAST_ONE), strict=True):
         check(name, value, domain)
-    single = None if model == "auto" else resonance.as_model(model)
+    single = None if as_text(model) == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if devices and chunks is not None:
         raise ValueError(

@@ -29,10 +29,11 @@ PYTHON = "{}.{}".format(*sys.version_info)
 NONE = (math.inf, math.inf)
 
 
-def respond(motion):
+def respond(motion, factor=1.0):
     import jaxrock as jr
 
     motion = jr.Sine(4.0, 0.5) if motion == "pulse" else jr.example_record()
+    motion = motion if factor == 1.0 else motion.scaled(factor)
     block, duration = jr.Block(0.2, 5.0), float(motion.end) + 10
     return lambda c: jr.respond(block, c, motion, duration)
 
@@ -315,15 +316,17 @@ def count(name):
     print(len(jax.jit(PROGRAMS[name]()).lower(0.7).as_text().splitlines()))
 
 
+def clean_environment():
+    """The environment without what users tell JAX, where nothing is compiled yet."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+
+
 def run(arguments, **variables):
     """Run Python where nothing is compiled yet; what it printed last, and how long it took."""
-    inherited = {
-        name: value for name, value in os.environ.items() if not name.startswith("JAX_")
-    }
     begin = time.perf_counter()
     done = subprocess.run(
         [sys.executable, *map(str, arguments)],
-        env=inherited | variables,
+        env=clean_environment() | variables,
         check=True,
         stdout=subprocess.PIPE,
         text=True,

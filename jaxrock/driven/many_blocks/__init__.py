@@ -1,7 +1,7 @@
 """Many blocks side by side, each at its own pace, by Taylor polynomials."""
 
 from .batch import Batch
-from .compiler_options import choose_compiler_options
+from .compiler_options import jit_steps
 from .ground_motions import GroundMotions, convert_motion
 from .launched_blocks import follow_launched
 from .respond_many import (
@@ -19,11 +19,11 @@ __all__ = [
     "EstimatedResponse",
     "GroundMotions",
     "check_batch",
-    "choose_compiler_options",
     "convert_motion",
     "follow_batch",
     "follow_launched",
     "follow_within",
+    "jit_steps",
     "respond_batch",
     "respond_within",
 ]

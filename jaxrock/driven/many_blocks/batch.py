@@ -122,6 +122,7 @@ class Batch(eqx.Module):
         block, restitution, until = jax.tree.map(take, rest)
         return Batch(block, restitution, ground, until)
 
-    def scaled(self, factor: Number) -> "Batch":
-        """Put the same blocks under stronger or weaker motions."""
-        return Batch(self.block, self.restitution, self.ground.scaled(factor), self.until)
+    def scaled(self, factor: Number, restitution: float = 1.0) -> "Batch":
+        """Multiply the motions by a factor, and the restitutions by another one."""
+        ground = self.ground.scaled(factor)
+        return Batch(self.block, self.restitution * restitution, ground, self.until)

@@ -1,17 +1,32 @@
-"""Options for XLA, for programs that follow a batch on their own."""
+"""Compilation of programs that follow a batch on their own, with options for XLA."""
 
 import functools
+from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import numpy as np
 
-from .taylor import materialize
+from .single_kernels import needs_calls, write_as_calls
 
-_Option = bool | int | str
+_Option = bool | int
+_R = TypeVar("_R")
+
+
+def jit_steps(
+    function: Callable[..., _R], platform: str, static_argnames: tuple[str, ...]
+) -> Callable[..., _R]:
+    """Jit a function that takes steps, so that it is as fast on a platform as it can be."""
+    write = write_as_calls(function) if needs_calls(platform) else function
+    return jax.jit(
+        write,
+        static_argnames=static_argnames,
+        compiler_options=_choose_compiler_options(platform),
+    )
 
 
 @functools.cache
-def choose_compiler_options(platform: str) -> dict[str, _Option] | None:
+def _choose_compiler_options(platform: str) -> dict[str, _Option] | None:
     """Choose the options for a platform, leaving out any that its compiler refuses."""
     if platform != "cpu":
         return None
@@ -21,16 +36,13 @@ def choose_compiler_options(platform: str) -> dict[str, _Option] | None:
         "xla_cpu_prefer_vector_width": 512,
         "xla_cpu_enable_fast_min_max": True,
     }
-    if jax.__version_info__ < (0, 11):
-        # This pass removes the barriers against recomputation, too early in these versions.
-        options["xla_disable_hlo_passes"] = "cse_barrier_expander"
     return {name: value for name, value in options.items() if _is_taken(name, value)}
 
 
 def _is_taken(name: str, value: _Option) -> bool:
     """Tell whether the compiler takes an option, which it may not know in another version."""
     try:
-        trial = jax.jit(lambda x: materialize(x + x) * x, compiler_options={name: value})
+        trial = jax.jit(lambda x: x + x, compiler_options={name: value})
         # On a processor, whatever the default device is.
         with jax.default_device(jax.local_devices(backend="cpu")[0]):
             trial.lower(np.zeros(2, np.float32)).compile()

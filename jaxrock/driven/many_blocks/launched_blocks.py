@@ -13,10 +13,19 @@ from ...ground_motion import Harmonic
 from ...resonance import RockingModel
 from ...validation import Integers, Number, Reals
 from ..overturning_criterion import TOPPLED_ROTATION
-from .compiler_options import choose_compiler_options
+from .compiler_options import jit_steps
 from .ground_input import GroundInput
 from .ground_motions import convert_motion
-from .step import BatchArguments, Lanes, max_steps, prepare_blocks, take_step
+from .single_kernels import call_as_one_function
+from .step import (
+    BatchArguments,
+    Case,
+    Lanes,
+    StepControl,
+    max_steps,
+    prepare_blocks,
+    take_step,
+)
 
 _LANES = 64
 # As `respond_batch` has them in float64 at its default tolerance.
@@ -76,6 +85,7 @@ def _follow_groups(
         case, unit, valid = prepare_blocks(ground, arguments, model)
         dtype = time.dtype
         tolerance = jnp.asarray(max(_TOLERANCE, float(jnp.finfo(dtype).eps)), dtype)
+        control = StepControl(tolerance, 1.0, (1.0, 1.0))
         resting = Lanes.at_rest(jnp.zeros(_LANES, jnp.int32), dtype)
         begin = replace(
             resting,
@@ -83,11 +93,15 @@ def _follow_groups(
             velocity=velocity * unit,
             moves=jnp.ones(_LANES, bool),
         )
-        end = jax.lax.while_loop(
-            lambda lanes: lanes.are_active(case).any(),
-            lambda lanes: take_step(lanes, case, ground, tolerance, _ORDER),
-            begin,
-        )
+
+        def take_steps(lanes: Lanes, case: Case) -> Lanes:
+            return jax.lax.while_loop(
+                lambda lanes: lanes.are_active(case).any(),
+                lambda lanes: take_step(lanes, case, ground, control, _ORDER),
+                lanes,
+            )
+
+        end = call_as_one_function(take_steps, begin, case)
         followed = valid & (end.steps < max_steps(case))
         peak = jnp.where(followed, jnp.minimum(end.peak, TOPPLED_ROTATION), jnp.nan)
         return peaks.at[number].set(peak)
@@ -98,5 +112,4 @@ def _follow_groups(
 @functools.cache
 def _compile(platform: str) -> Callable[..., Reals]:
     """Jit `_follow_groups` for a platform, once in a process."""
-    options = choose_compiler_options(platform)
-    return jax.jit(_follow_groups, static_argnames=("form", "model"), compiler_options=options)
+    return jit_steps(_follow_groups, platform, ("form", "model"))

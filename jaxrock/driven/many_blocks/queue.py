@@ -13,6 +13,7 @@ from jax import Array
 
 from ...validation import Integers, Reals
 from .ground_input import GroundInput
+from .single_kernels import call_as_one_function
 from .step import Case, Lanes, max_steps
 
 
@@ -26,6 +27,8 @@ class FinalStates(NamedTuple):
     end_velocity: Reals
     end_impacts: Reals
     impacts: Reals
+    impact_energy: Reals
+    impact_moment: Reals
     followed: Reals  # 1 if to the end, otherwise 0
 
     @classmethod
@@ -39,6 +42,8 @@ class FinalStates(NamedTuple):
             end_velocity=lanes.end_velocity,
             end_impacts=lanes.end_impacts.astype(lanes.peak.dtype),
             impacts=lanes.impacts.astype(lanes.peak.dtype),
+            impact_energy=lanes.impact_energy,
+            impact_moment=lanes.impact_moment,
             followed=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
 
@@ -88,13 +93,16 @@ def work_off(
         lanes = jax.tree.map(replace, Lanes.at_rest(fresh, dtype), lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
-    def take_steps(progress: _Progress) -> _Progress:
+    def take_steps(lanes: Lanes, case: Case) -> Lanes:
         # A refill moves all numbers of all lanes, and costs as much as a step.
-        _, lanes = jax.lax.while_loop(
+        return jax.lax.while_loop(
             lambda state: state[0] < ground.steps_between_refills,
-            lambda state: (state[0] + 1, step(state[1], progress.case)),
-            (0, progress.lanes),
-        )
+            lambda state: (state[0] + 1, step(state[1], case)),
+            (0, lanes),
+        )[1]
+
+    def take_steps_and_refill(progress: _Progress) -> _Progress:
+        lanes = call_as_one_function(take_steps, progress.lanes, progress.case)
         return refill(progress._replace(lanes=lanes))
 
     # Lanes begin as if they had finished some block, whose result nobody reads.
@@ -107,7 +115,7 @@ def work_off(
         results=jnp.zeros((size + 1, len(FinalStates._fields)), dtype),
     )
     *_, results = jax.lax.while_loop(
-        lambda progress: (progress.block < size).any(), take_steps, refill(begin)
+        lambda progress: (progress.block < size).any(), take_steps_and_refill, refill(begin)
     )
     return FinalStates(*results[:-1].T)
 

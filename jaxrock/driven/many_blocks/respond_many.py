@@ -27,12 +27,12 @@ from ...validation import (
 )
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
 from .batch import Batch
-from .compiler_options import choose_compiler_options
+from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
 from .ground_motions import GroundMotions
 from .queue import work_off
 from .record_input import RecordInput
-from .step import BatchArguments, Case, Lanes, prepare_blocks, take_step
+from .step import BatchArguments, Case, Lanes, StepControl, prepare_blocks, take_step
 
 # On a processor, lanes fill its vectors several times over, and their states its nearest
 # cache.
@@ -52,6 +52,36 @@ class _Program(NamedTuple):
     form: Hashable  # of the arguments
     model: RockingModel
     order: int  # of the Taylor polynomials
+
+
+class StepChange(NamedTuple):
+    """Factors that change steps, for a simulation that another one is compared with."""
+
+    tolerance: float = 1.0
+    longest: float = 1.0
+    last_terms: tuple[float, float] = (1.0, 1.0)
+
+
+_AS_USUAL = StepChange()
+
+
+class ImpactSums(NamedTuple):
+    """Sums over the impacts while the input acts, by which two motions of a block are compared.
+
+    Times and velocities are in the unit of the batch, which depends on the block and the kind
+    of input alone.
+    """
+
+    energy: Reals  # of the squares of the velocities that impacts have left
+    moment: Reals  # the same, each of them times its time over the duration
+    peak_energy: Reals  # square of the velocity from the ground to the peak, or to overturning
+
+
+class SimulatedBatch(NamedTuple):
+    """Responses, and what compares them with those at other tolerances."""
+
+    response: "BatchResponse"
+    sums: ImpactSums
 
 
 class BatchResponse(Printed, eqx.Module):
@@ -104,16 +134,16 @@ def _follow_rows(
     ground: GroundInput,
     rows: Reals,
     count: Integers | int,
-    tolerance: Reals,
+    control: StepControl,
     program: _Program,
     lanes: int,
-) -> BatchResponse:
+) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments."""
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
     case, unit, valid = prepare_blocks(ground, arguments, program.model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
-        return take_step(lanes, case, ground, tolerance, program.order)
+        return take_step(lanes, case, ground, control, program.order)
 
     ends = work_off(ground, case, count, lanes, step)
     complete = valid & (ends.followed > 0)
@@ -132,7 +162,7 @@ def _follow_rows(
     def where_complete(value: Reals) -> Reals:
         return jnp.where(complete, value, jnp.nan)
 
-    return BatchResponse(
+    response = BatchResponse(
         peak_rotation=where_complete(jnp.minimum(ends.peak, TOPPLED_ROTATION)),
         final_rotation=where_complete(ends.rotation),
         final_velocity=where_complete(ends.velocity / unit),
@@ -142,16 +172,22 @@ def _follow_rows(
         mode=jnp.where(overturned, mode, -1),
         complete=complete,
     )
+    # From beyond the critical angle a block has no velocity of free motion.
+    highest = jnp.minimum(ends.peak, case.equation.critical_angle)
+    landing = case.equation.landing_velocity(highest, jnp.zeros_like(highest))
+    sums = ImpactSums(ends.impact_energy, ends.impact_moment, landing * landing)
+    return SimulatedBatch(response, jax.lax.stop_gradient(sums))
+
+
+# Inside of transformations, where options of the compiler are not allowed. Without this, the
+# loop would be compiled for every derivative again.
+_follow_rows_jitted = jax.jit(_follow_rows, static_argnames=("program", "lanes"))
 
 
 @functools.cache
-def _compile(platform: str) -> Callable[..., BatchResponse]:
+def _compile(platform: str) -> Callable[..., SimulatedBatch]:
     """Jit `_follow_rows` for a platform, once in a process."""
-    return jax.jit(
-        _follow_rows,
-        static_argnames=("program", "lanes"),
-        compiler_options=choose_compiler_options(platform),
-    )
+    return jit_steps(_follow_rows, platform, ("program", "lanes"))
 
 
 def respond_batch(
@@ -246,11 +282,30 @@ def follow_batch(
 
     In a transformation only the first `count` blocks need be followed.
     """
+    return simulate_batch(batch, model, rtol, count).response
+
+
+def simulate_batch(
+    batch: Batch,
+    model: RockingModel,
+    rtol: float | None = None,
+    count: Integers | int | None = None,
+    change: StepChange = _AS_USUAL,
+) -> SimulatedBatch:
+    """Follow a batch and compute `ImpactSums`, with steps as usual or changed."""
     dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5
     share = _SHARE if rtol >= _TIGHT else _SHARE_OF_TIGHT
-    tolerance = np.asarray(max(share * rtol, float(jnp.finfo(dtype).eps)), dtype)
+    share *= change.tolerance
+    control = StepControl(
+        tolerance=np.asarray(max(share * rtol, float(jnp.finfo(dtype).eps)), dtype),
+        longest=np.asarray(change.longest, dtype),
+        last_terms=(
+            np.asarray(change.last_terms[0], dtype),
+            np.asarray(change.last_terms[1], dtype),
+        ),
+    )
     rows, form = batch.flatten()
     # The order follows from precision and kind of input alone: a program for each tolerance
     # would have to be compiled.
@@ -258,21 +313,23 @@ def follow_batch(
     if batch.traced:
         (part,) = batch.ground.parts
         # The samples of a record may be all that is traced.
-        part, rows = jax.tree.map(jnp.asarray, (part, rows))
+        part, rows, control = jax.tree.map(jnp.asarray, (part, rows, control))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows(part, rows, number, jnp.asarray(tolerance), program, _LANES)
+        result = _follow_rows_jitted(
+            part, rows, number, control, program=program, lanes=_LANES
+        )
     else:
-        result = _follow_groups(batch.ground, rows, tolerance, program)
+        result = _follow_groups(batch.ground, rows, control, program)
     shape = batch.shape
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
 
 def _follow_groups(
-    ground: GroundMotions, rows: HostReals, tolerance: np.ndarray, program: _Program
-) -> BatchResponse:
+    ground: GroundMotions, rows: HostReals, control: StepControl, program: _Program
+) -> SimulatedBatch:
     """Follow all columns, under one group of records after the other; NumPy arrays."""
     if not ground.begins[1:]:
-        return _share_out(ground.parts[0], rows, tolerance, program)
+        return _share_out(ground.parts[0], rows, control, program)
     # The last row is the index of the motion, see `BatchArguments`.
     group = np.searchsorted(ground.begins, rows[-1], side="right") - 1
     separate = []
@@ -281,15 +338,15 @@ def _follow_groups(
         (place,) = np.nonzero(group == k)
         own = rows[:, place]
         own[-1] -= ground.begins[k]
-        separate.append(_share_out(part, own, tolerance, program))
+        separate.append(_share_out(part, own, control, program))
         places.append(place)
     order = np.argsort(np.concatenate(places))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[order], *separate)
 
 
 def _share_out(
-    ground: GroundInput, rows: HostReals, tolerance: np.ndarray, program: _Program
-) -> BatchResponse:
+    ground: GroundInput, rows: HostReals, control: StepControl, program: _Program
+) -> SimulatedBatch:
     """Follow all columns, on all devices or processors; NumPy arrays."""
     default = jax.config.jax_default_device
     if default is None:
@@ -320,7 +377,7 @@ def _share_out(
         intervals = np.asarray(ground.intervals)[rows[-1].astype(int)]
         order = np.argsort(-intervals, kind="stable")
 
-    def follow_piece(k: int) -> BatchResponse:
+    def follow_piece(k: int) -> SimulatedBatch:
         # Every `pieces`-th block: neighbours in a grid take about as long.
         part = rows[:, order[k::pieces]]
         count = part.shape[1]
@@ -329,7 +386,7 @@ def _share_out(
         placed = (ground, queue)
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
-        result = follow(*placed, count, tolerance, program=program, lanes=lanes)
+        result = follow(*placed, count, control, program=program, lanes=lanes)
         return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
 
     separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))

@@ -79,6 +79,19 @@ class BatchArguments(NamedTuple):
     )
 
 
+class StepControl(NamedTuple):
+    """The exactness of each step.
+
+    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
+    alone does not make two motions whose steps differ; leaving out terms does.
+    """
+
+    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
+    longest: HostNumbers | float  # factor on the longest step, 1 unless changed
+    # Factors on the last two terms, once the step is chosen; 1 unless changed.
+    last_terms: tuple[HostNumbers | float, HostNumbers | float]
+
+
 class Case(eqx.Module):
     """The numbers of a block that all steps need, in its unit of time."""
 
@@ -182,6 +195,10 @@ class Lanes(eqx.Module):
     peak: PerBlock  # rotation
     impacts: CountPerBlock
     steps: CountPerBlock  # in motion
+    impact_energy: (
+        PerBlock  # sum of the squared velocities after impacts, while the input acts
+    )
+    impact_moment: PerBlock  # the same, each of them times its time over the duration
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
     end_velocity: PerBlock
     end_impacts: CountPerBlock
@@ -202,6 +219,8 @@ class Lanes(eqx.Module):
             peak=zero,
             impacts=count,
             steps=count,
+            impact_energy=zero,
+            impact_moment=zero,
             end_rotation=zero,
             end_velocity=zero,
             end_impacts=count,
@@ -224,7 +243,7 @@ def take_step(
     lanes: Lanes,
     case: Case,
     ground: GroundInput,
-    tolerance: Reals,
+    control: StepControl,
     order: int,
 ) -> Lanes:
     """Take each lane a step further; the table above says where it leads.
@@ -258,12 +277,15 @@ def take_step(
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
+    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step) * control.longest
     step = jnp.minimum(jnp.minimum(time_left, longest), lanes.step_limit)
     step = materialize(
-        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, tolerance)), 0)
+        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, control.tolerance)), 0)
     )
-    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, tolerance)
+    # Behind the choice of the step, which is the same with and without them.
+    last_two = zip(path[-2:], control.last_terms, strict=True)
+    path = (*path[:-2], *(part * factor for part, factor in last_two))
+    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
     leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
     settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
     settles = materialize(flight.lands & settles)
@@ -288,6 +310,13 @@ def take_step(
     rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
     impacts = lanes.impacts + flight.lands.astype(jnp.int32)
     taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
+    # What compares two motions has no derivatives.
+    square, c, when = jax.lax.stop_gradient(
+        (leaving * leaving, case.restitution, begin + lanes.elapsed + taken)
+    )
+    # Bounces that are not computed any more are a geometric series.
+    series = jnp.where(settles & (c < 1), 1 / jnp.where(c < 1, (1 - c) * (1 + c), 1), 1)
+    energy = jnp.where(flight.lands & acts, square * series, 0)
     return materialize(
         Lanes(
             interval=jnp.where(ended, intervals, interval),
@@ -300,6 +329,9 @@ def take_step(
             peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
             impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
+            impact_energy=lanes.impact_energy + energy,
+            impact_moment=lanes.impact_moment
+            + energy * (when / jax.lax.stop_gradient(case.duration)),
             end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
             end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
             end_impacts=jnp.where(acts, impacts, lanes.end_impacts),

@@ -6,7 +6,7 @@ own dense output.
 """
 
 import math
-from typing import TypeVar, cast
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,9 @@ from jax.typing import DTypeLike
 
 from ...validation import Number, Reals
 from ..equation import Equation
+from .single_kernels import materialize
 
 Coefficients = tuple[Reals | float, ...]
-_Tree = TypeVar("_Tree")
 
 
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
@@ -32,16 +32,6 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
     for k in reversed(range(12)):
         cosine = cosine * square + (-1) ** k / math.factorial(2 * k)
     return angle * sine, cosine
-
-
-def materialize(values: _Tree) -> _Tree:
-    """Compute the values here and once: XLA would do so again wherever they are used.
-
-    XLA fuses elementwise operations into their users, without counting how many users there
-    are. The coefficients of a series, each of which enters all later ones, would be computed
-    exponentially often.
-    """
-    return jax.lax.optimization_barrier(values)
 
 
 def _multiply(a: Coefficients, b: Coefficients, k: int) -> Reals | float | int:

@@ -1,4 +1,29 @@
-"""Driven motion of many blocks to a tolerance, and which of them keep it."""
+"""Driven motion of many blocks to a tolerance, and which of them keep it.
+
+The error of a response is estimated from two *companions*: the same motion computed worse. A
+companion leaves out the last two terms of every polynomial, so that what is left behind in a
+step is at least a hundred times as large, even where both take the same steps from sample to
+sample. Two terms, since those of even and of odd order follow from each other: their ratio is
+nearly the same in all steps, so that errors cancel in a companion only where they do in the
+response. And its numbers are off by a few units in the last place, so that what impacts make of
+rounding shows as well.
+
+    round   response at        first companion at   second companion, where the first shows
+                                                    that errors grow, at
+    ------  -----------------  -------------------  ---------------------------------------
+    1       the second         the first tolerance  the same as the response
+            tolerance that is  that is tight
+            tight enough       enough
+    2       the tightest one   the one before       the same as the response
+    (where 1 fails)
+
+Two motions agree if outcome and peak do, and if they went the same way until the end: if the
+sums over their impacts (`ImpactSums`) differ by little. Two chaotic motions have the same
+outcome by chance in half of all cases, and the same peak wherever it was reached before they
+parted.
+"""
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,14 +35,36 @@ from ...host import Printed, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
 from .batch import Batch
-from .respond_many import BatchResponse, check_batch, follow_batch
+from .respond_many import (
+    BatchResponse,
+    SimulatedBatch,
+    StepChange,
+    check_batch,
+    simulate_batch,
+)
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
-# An answer is off by its difference to a better one, and by the error of the better one.
-_SAFETY = 1.25
-_LEAST = 2  # errors over `rtol`, at least: at the tightest one rounding is as large
-_ROUNDING = 64  # what rounding of the input amounts to, in eps
+# A response is off by its difference to a companion at most, with a margin for chance.
+_SAFETY = 2
+_LEAST = 4  # errors over `rtol`, at least: at the tightest one rounding is as large
+_ROUNDING = 256  # by how much the numbers of a companion are off, in eps
+# What the first companion is off by is more than this many times what the response is off by.
+# Two terms of order n - 1 and n exceed what follows by (r / h)^2, with steps h and the radius r
+# of convergence; and (h / r)^n is about the tolerance of a step, 5e-5 at the loosest: by 7.
+_LARGER = 4
+# Steps of the companions. Without both terms, or with twice the first of them, so that what
+# cancels in one companion adds in the other; and the second takes shorter steps where no
+# sample ends them, so that a step whose last terms are small by chance shows as well.
+_FIRST_CHANGE = StepChange(last_terms=(0.0, 0.0))
+_SECOND_CHANGE = StepChange(tolerance=0.25, longest=0.75, last_terms=(2.0, 0.0))
+# Sums over impacts of motions that went the same way differ by less than this, in units of
+# what the highest rotation contributes. Those of motions that parted differ by a hundred times
+# as much, unless all that came after was small.
+_SAME_WAY = 0.001
+# The same difference shows that errors grow, if it is more than this or than ten times the
+# looser tolerance.
+_GROWTH = 3e-7
 
 
 class EstimatedResponse(Printed, eqx.Module):
@@ -30,9 +77,10 @@ class EstimatedResponse(Printed, eqx.Module):
     rtol : Array
         That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
-        Estimated bound on the relative error of the peak rotation: the difference to a looser
-        tolerance under an input that is off by rounding, and at least twice `rtol`; inf where
-        that has another outcome.
+        Estimated bound on the relative error of the peak rotation: twice the largest difference
+        to responses that are computed worse, with shorter polynomials and from numbers that
+        are off by rounding, and at least four times `rtol`; inf where one of these has another
+        outcome, or went another way.
     cheapest : Array
         The loosest tolerance known to be good enough, for the next time; the tightest where
         none is.
@@ -62,7 +110,7 @@ def respond_within(
     *,
     model: ModelLike = Nonlinear(),
 ) -> EstimatedResponse:
-    """Response of many blocks, each at two tolerances or three, and how well these agree.
+    """Response of many blocks, each computed better and worse, and how well these agree.
 
     Parameters
     ----------
@@ -82,11 +130,16 @@ def respond_within(
 
     Notes
     -----
-    The estimate covers what depends on the tolerance: the truncation of the Taylor polynomials
-    and of the times of impacts found from them, and rounding of the input, as they grow
-    through the impacts. It cannot see what all tolerances have in common: the model itself,
-    and the rule by which a block comes to rest. The tests compare it with an integrator of
-    another kind.
+    Each response is compared with one companion, or with two, at the same tolerance or a looser
+    one, whose Taylor polynomials lack their last two terms and whose input and restitution are
+    off by 64 units in the last place. So the estimate covers the truncation of every step, the
+    times of impacts found from it, and rounding, all of them as they grow through the impacts,
+    also where steps end at every sample of a record.
+
+    It assumes that the error of a companion is larger than that of the response, in every step
+    by a factor of a hundred or more, and that both are not equally wrong by chance. It cannot
+    see what all tolerances have in common: the model itself, and the rule by which a block
+    comes to rest. The tests compare it with an integrator of another kind.
 
     Examples
     --------
@@ -105,53 +158,90 @@ def respond_within(
 
 
 def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> EstimatedResponse:
-    """Follow a concrete batch, as `respond_within` does once it has checked."""
-    precision = np.finfo(batch.dtype)
-    levels = TOLERANCES[precision.bits]
+    """Simulate a concrete batch, as `respond_within` does once it has checked."""
+    levels = TOLERANCES[np.finfo(batch.dtype).bits]
     first = min(sum(level > tolerance for level in levels), len(levels) - 2)
-    # Of two answers one is under an input that is off by rounding: what rounding does through
-    # all impacts, which no tolerance mends, then counts as well.
-    slip = 1 + _ROUNDING * float(precision.eps)
-    shape = batch.shape
-
-    def follow(some: Batch, rtol: float) -> BatchResponse:
-        response = follow_batch(some, model, rtol)
-        return jax.tree.map(lambda leaf: leaf.reshape(-1), response)
-
-    looser = follow(batch.scaled(slip), levels[first])
-    best = follow(batch, levels[first + 1])
-
-    def bound(before: BatchResponse, after: BatchResponse, rtol: float) -> np.ndarray:
-        # Both may be better than they were asked to be, and equally so.
-        return np.maximum(_SAFETY * _compare(before, after), max(_LEAST * rtol, slip - 1))
-
-    error = bound(looser, best, levels[first + 1])
+    # 1: all blocks.
+    estimate = _estimate(batch, model, levels[first], levels[first + 1], tolerance)
+    best = estimate.simulated.response
+    error = estimate.error
     rtol = np.full(error.shape, levels[first + 1], batch.dtype)
-    cheapest = np.full(error.shape, levels[-1], batch.dtype)
-    cheapest[error <= tolerance] = levels[first]
+    cheapest = np.where(estimate.looser_is_enough, levels[first], levels[first + 1])
+    cheapest = cheapest.astype(batch.dtype)
 
-    # Where these two do not agree well enough, once more at the tightest one.
+    # 2: where that is not good enough.
     (places,) = np.nonzero(error > tolerance)
     if places.size and first + 2 < len(levels):
         part = batch.select(places)
-        before = follow(part.scaled(slip), levels[first + 1])
-        after = follow(part, levels[-1])
-        error[places] = bound(before, after, levels[-1])
+        estimate = _estimate(part, model, levels[-2], levels[-1], tolerance)
+        error[places] = estimate.error
         rtol[places] = levels[-1]
-        cheapest[places[error[places] <= tolerance]] = levels[first + 1]
-        for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(after), strict=True):
+        cheapest[places] = np.where(estimate.looser_is_enough, levels[-2], levels[-1])
+        better = estimate.simulated.response
+        for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(better), strict=True):
             leaf[places] = new
     result = (best, rtol, error, cheapest, (error <= tolerance) & best.complete)
-    shaped = jax.tree.map(lambda leaf: leaf.reshape(shape), result)
+    shaped = jax.tree.map(lambda leaf: leaf.reshape(batch.shape), result)
     return EstimatedResponse(*jax.device_put(shaped))
 
 
-def _compare(before: BatchResponse, after: BatchResponse) -> np.ndarray:
-    """Compute the relative difference of two responses, as in `EstimatedResponse.error`."""
+class _Estimate(NamedTuple):
+    """A simulation and its error, block by block; all one-dimensional."""
+
+    simulated: SimulatedBatch
+    error: np.ndarray
+    looser_is_enough: np.ndarray  # whether the looser tolerance would do
+
+
+def _estimate(
+    batch: Batch, model: RockingModel, looser: float, rtol: float, tolerance: float
+) -> _Estimate:
+    """Simulate a batch at `rtol`, and estimate its error by companions there and at `looser`."""
+    slip = 1 + _ROUNDING * float(np.finfo(batch.dtype).eps)
+
+    def simulate(blocks: Batch, rtol: float, *change: StepChange) -> SimulatedBatch:
+        simulated = simulate_batch(blocks, model, rtol, None, *change)
+        return jax.tree.map(lambda leaf: leaf.reshape(-1), simulated)
+
+    best = simulate(batch, rtol)
+    companion = simulate(batch.scaled(slip), looser, _FIRST_CHANGE)
+    apart = _compare_sums(companion, best)
+    first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
+    error = np.maximum(first_bound, slip - 1)
+
+    # One companion may agree by chance. So where errors grow a second one is asked, which is
+    # better, and whose input is off to the other side: there a slip that has made up for the
+    # truncation adds to it. What it says counts, but not less than the first one implies.
+    grown = ~(apart <= min(_GROWTH, 10 * looser))
+    (places,) = np.nonzero((error > tolerance) | grown)
+    if places.size:
+        part = batch.select(places).scaled(1 / slip, restitution=1 / slip)
+        companion = simulate(part, rtol, _SECOND_CHANGE)
+        better = jax.tree.map(lambda leaf: leaf[places], best)
+        least = max(_LEAST * rtol, slip - 1)
+        second_bound = np.maximum(_bound_error(companion, better), least)
+        error[places] = np.maximum(second_bound, first_bound[places] / _LARGER)
+    return _Estimate(best, error, np.maximum(first_bound, error) <= tolerance)
+
+
+def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
+    """Bound the relative error of the peaks of the better simulation by a worse one."""
+    before = worse.response
+    after = better.response
     with np.errstate(invalid="ignore", divide="ignore"):
         difference = np.abs(before.peak_rotation / after.peak_rotation - 1)
     # Of blocks that overturn, the peak says nothing; 0 / 0 is a block that was never lifted.
     same_peak = before.peak_rotation == after.peak_rotation
     difference = np.where(same_peak | after.overturned, 0, difference)
     same = (before.overturned == after.overturned) & before.complete & after.complete
-    return np.where(same, difference, np.inf)
+    same &= _compare_sums(worse, better) <= _SAME_WAY
+    return np.where(same, _SAFETY * difference, np.inf)
+
+
+def _compare_sums(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
+    """Compute the difference of sums over impacts, in units of what the peak contributes."""
+    unit = better.sums.peak_energy
+    energy = np.abs(worse.sums.energy - better.sums.energy)
+    moment = np.abs(worse.sums.moment - better.sums.moment)
+    # Where nothing moves, 0 / 1.
+    return np.maximum(energy, moment) / np.where(unit > 0, unit, 1)

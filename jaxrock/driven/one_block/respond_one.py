@@ -15,6 +15,7 @@ from ...validation import (
     Number,
     Reals,
     as_array,
+    as_name,
     as_real,
     check_kind,
     describe,
@@ -127,8 +128,7 @@ def respond(
     _check_scalar(block, motion, numbers)
     dtype = driven.restitution.dtype
     rtol, atol = _choose_tolerances(rtol, atol, dtype)
-    if solver not in _SOLVERS:
-        raise ValueError(f"solver must be one of {', '.join(_SOLVERS)}, got {solver!r}")
+    solver = as_name("solver", solver, _SOLVERS)
     if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
         got = describe(max_impacts)
         raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
@@ -146,7 +146,9 @@ def respond(
         if jax.config.jax_check_tracer_leaks:
             stack.enter_context(jax.check_tracer_leaks(False))
         if is_traced(driven):
-            return _follow(driven, settings, max_impacts)
+            # A motion of concrete numbers can be padded all the same, as below.
+            response = _follow(driven.bucketed(), settings, max_impacts)
+            return eqx.tree_at(lambda r: r.scene, response, driven)
         return _respond_with_full_lists(driven, settings)
 
 

@@ -4,6 +4,7 @@ import tempfile
 import zipfile
 from importlib.resources import as_file, files
 
+from ...validation import as_name
 from ..record import Record
 from ..suite import Suite
 from .records import read_record
@@ -42,8 +43,7 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
     >>> print(f"{record.samples} samples, at most {abs(record.acceleration).max():.3f} m/s2")
     6001 samples, at most 5.009 m/s2
     """
-    if component not in ("north", "east"):
-        raise ValueError(f"component must be 'north' or 'east', got {component!r}")
+    component = as_name("component", component, ("north", "east"))
     column = f"{component}_g"
     upward = "up_g" if vertical else None
     with as_file(files("jaxrock") / "data" / "ridgecrest_2019_clc.csv") as path:

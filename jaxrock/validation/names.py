@@ -1,0 +1,35 @@
+"""Names as arguments: plain strings, whatever library they come from."""
+
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+from .arrays import describe
+
+_T = TypeVar("_T")
+
+
+def as_text(value: _T) -> _T:
+    """Return a plain `str` for a string of NumPy, pandas or xarray; anything else as it is.
+
+    An element of a coordinate is a `numpy.str_` or an array without axes. JAX takes both for
+    numbers, and neither prints as what it says.
+    """
+    text: Any = value
+    if getattr(value, "shape", None) == () and hasattr(value, "item"):
+        text = text.item()
+    return str(text) if isinstance(text, str) else value  # pyright: ignore[reportReturnType]
+
+
+def as_name(argument: str, value: object, allowed: Iterable[str]) -> str:
+    """Return a name as a plain `str`.
+
+    Raises
+    ------
+    ValueError
+        If it is none of those that are allowed. The error names the argument.
+    """
+    name = as_text(value)
+    names = tuple(allowed)
+    if isinstance(name, str) and name in names:
+        return name
+    raise ValueError(f"{argument} must be one of {', '.join(names)}, got {describe(name)}")

@@ -1,0 +1,170 @@
+"""Names from NumPy, pandas and xarray: the same answers, and plain strings in results."""
+
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+import xarray
+
+import jaxrock as jr
+from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
+from jaxrock.plot import plot_sobol_indices
+from jaxrock.risk import Inventory, assess_inventory
+from jaxrock.sensitivity import outcome_shares
+
+BLOCK = jr.Block(0.2, 5.0)
+SCENE = jr.Scene(BLOCK, 0.8, 0.1)
+RECORD = jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], 0.1)
+HAZARD = jr.Hazard([0.4, 4.0], [1e-2, 1e-4])
+SINE = jr.Sine(4.0, 0.5)
+SPREAD = {"width": 0.1}
+TIME = np.linspace(0, 2, 41)
+ROTATION = 0.05 * np.exp(-TIME) * np.cos(8 * TIME)
+
+
+def suite(text=str):
+    return jr.Suite([RECORD, RECORD.scaled(0.7)], [text("a"), text("b")])
+
+
+# Every argument that is a name, of one question each; `text` makes the name.
+QUESTIONS = {
+    "measure of a record": lambda text: jr.ground_motion.intensity_measure(
+        RECORD, text("pgv")
+    ),
+    "measure of a suite": lambda text: suite().measure(text("pga_ratio"), BLOCK),
+    "factors": lambda text: suite().factors(0.4, text("pgv")),
+    "a record of a suite": lambda text: suite(text)[text("b")],
+    "names of records": lambda text: suite(text),
+    "unit": lambda text: jr.Record([0.0, 1.0, 0.0], 0.1, unit=text("g")),
+    "component": lambda text: jr.example_record(text("east")),
+    "hazard": lambda text: jr.Hazard([0.4, 4.0], [1e-2, 1e-4], measure=text("pgv")),
+    "rate": lambda text: jr.overturning_rate(
+        BLOCK, 0.8, suite(), HAZARD, text("pgv"), [0.5, 1.0, 2.0], model=text("linearized")
+    ),
+    "fragility": lambda text: jr.fragility(
+        BLOCK,
+        0.8,
+        suite(text),
+        [0.5, 1.0],
+        measure=text("pgv"),
+        thresholds=[text("uplift")],
+        model=text("linearized"),
+        scatter={text("half_width"): 0.1},
+        samples=2,
+    ),
+    "required value": lambda text: jr.required_value(
+        BLOCK,
+        0.8,
+        suite(),
+        HAZARD,
+        1e-3,
+        along=text("width"),
+        side=text("above"),
+        bounds=(0.2, 1.0),
+        measure=text("pgv"),
+        levels=[0.5, 1.0, 2.0],
+        resolution=0.05,
+    ),
+    "elasticities": lambda text: jr.risk.rate_elasticities(
+        BLOCK, 0.8, suite(), HAZARD, text("pgv"), [0.5, 1.0, 2.0]
+    ),
+    "inventory": lambda text: assess_inventory(
+        Inventory([text("vase")], jr.Block(np.array([0.2]), 5.0), 0.8),
+        suite(),
+        HAZARD,
+        1e-3,
+        measure=text("pgv"),
+        spacing=0.2,
+    ),
+    "boundaries": lambda text: jr.overturning_boundaries(
+        BLOCK, 0.8, SINE, text("slenderness"), [2.0, 5.0, 9.0], model=text("nonlinear")
+    ),
+    "critical amplitude": lambda text: jr.critical_amplitude(
+        BLOCK, 0.8, jr.Sine, 0.5, (1.0, 4.0), resolution=0.2, model=text("linearized")
+    ),
+    "respond": lambda text: jr.respond(
+        BLOCK, 0.8, SINE, solver=text("Tsit5"), model=text("linearized")
+    ),
+    "respond_batch": lambda text: jr.respond_batch(BLOCK, 0.8, SINE, model=text("linearized")),
+    "respond_within": lambda text: jr.respond_within(
+        BLOCK, 0.8, SINE, 1e-3, model=text("linearized")
+    ),
+    "stabilized": lambda text: jr.rotation_ratio(SCENE, text("nonlinear")),
+    "critical width": lambda text: jr.critical_width(
+        BLOCK, 0.8, 0.1, model=text("nonlinear"), fixed=text("height")
+    ),
+    "worst train": lambda text: jr.worst_train(
+        BLOCK, 0.7, 2, text("smallest largest"), starts=2, model=text("linearized")
+    ),
+    "spectrum": lambda text: jr.resonance_spectrum([4.0], [0.4], 0.8, 0.1, model=text("auto")),
+    "orbit": lambda text: jr.harmonic_orbit(BLOCK, 0.9, 1.5, 12.0, model=text("linearized")),
+    "sensitivities": lambda text: jr.tornado(
+        jr.rotation_ratio, SCENE, {text("restitution"): (0.7, 0.9), text("width"): (0.3, 0.5)}
+    ),
+    "scatter": lambda text: jr.sensitivity.propagate(
+        jr.rotation_ratio, SCENE, {text("restitution"): 0.1}
+    ),
+    "free rocking": lambda text: fit_free_rocking(
+        [0.0, 0.777, 1.372, 1.861, 2.276, 2.635], jr.Block(0.1, 5.0), model=text("linearized")
+    ),
+    "driven rocking": lambda text: fit_driven_rocking(
+        TIME, ROTATION, BLOCK, SINE, 0.8, parameters=(text("slenderness"),)
+    ),
+    "shares": lambda text: outcome_shares(
+        BLOCK, 0.8, RECORD, {text("width"): 0.1}, samples=64, model=text("linearized")
+    ),
+}
+
+
+def strings(tree):
+    """All strings in an answer: static fields, keys, attributes and coordinates."""
+    if isinstance(tree, str):
+        return [tree]
+    if isinstance(tree, xarray.Dataset):
+        return strings({**tree.attrs, **{name: None for name in tree.dims}})
+    if isinstance(tree, dict):
+        return [text for pair in tree.items() for text in strings(list(pair))]
+    if isinstance(tree, list | tuple):
+        return [text for part in tree for text in strings(part)]
+    return strings(vars(tree)) if hasattr(tree, "__dict__") else []
+
+
+def compare(one, other):
+    if isinstance(one, xarray.Dataset):
+        xarray.testing.assert_identical(one, other)
+        return
+    if not hasattr(one, "__dataclass_fields__"):
+        one, other = list(one), list(other)
+    elif not jax.tree.leaves(one)[1:]:
+        one, other = vars(one), vars(other)
+    jax.tree.map(np.testing.assert_array_equal, one, other)
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_names_of_numpy_are_names(question):
+    ask = QUESTIONS[question]
+    answer = ask(np.str_)
+    assert {type(text) for text in strings(answer)} <= {str}
+    expected = ask(str)
+    assert str(answer) == str(expected)
+
+
+def test_an_element_of_a_coordinate_is_a_name():
+    """An array without axes: what a loop over a coordinate of xarray gives."""
+    coordinate = xarray.DataArray(["pga", "pgv"], dims="measure")
+    jaxtyping.config.update("jaxtyping_disable", True)
+    try:
+        for measure in coordinate:
+            found = suite().measure(measure)
+            np.testing.assert_array_equal(found, suite().measure(str(measure.values)))
+        with pytest.raises(ValueError, match=r"measure must be one of pga, pgv, .* got 'pgd'"):
+            suite().measure(xarray.DataArray("pgd"))
+        with pytest.raises(ValueError, match=r"measure must be one of .* got array"):
+            suite().measure(np.array(["pga", "pgv"]))
+    finally:
+        jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def test_names_of_answers():
+    shares = outcome_shares(BLOCK, 0.8, RECORD, SPREAD, samples=64)
+    plot_sobol_indices(shares, np.str_("peak"))
