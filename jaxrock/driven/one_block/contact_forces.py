@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...block import RECTANGLE_INERTIA_RATIO
-from ...numerics import pick_larger, pick_smaller
+from ...numerics import pick_larger, pick_largest, pick_smaller
 from ...validation import Booleans, Reals
 from .solver_steps import Segment
 
@@ -113,8 +113,8 @@ def _find_extremes_of_step(
         demand, least, shares = best
         forces = _compute_forces_at(segment, times, states, accelerations, shares.reshape(-1))
         horizontal, normal = (force.reshape(shares.shape) for force in forces)
-        demands = jnp.where(counts[None], friction_demand(horizontal, normal), 0)
-        normals = jnp.where(counts[None], normal, jnp.inf)
+        demands = jnp.where(counts[None], friction_demand(horizontal, normal), 0).reshape(-1)
+        presses = jnp.where(counts[None], normal, jnp.inf).reshape(-1)
         # The angle of the force is smooth where the normal force vanishes, the demand is not.
         curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal[0]), normal[0]), normal[1]])
         slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
@@ -123,8 +123,10 @@ def _find_extremes_of_step(
             _NODES.size - 1
         )
         return (
-            pick_larger(demand, demands.max()),
-            pick_smaller(least, normals.min()),
+            # Not `max`, whose derivative divides by the number of elements that are equal to
+            # it: none, if XLA has computed them once more with other roundings.
+            pick_larger(demand, pick_largest(demands)),
+            pick_smaller(least, -pick_largest(-presses)),
             nodes[None] + jnp.pad(vertex, ((0, 0), (1, 1))),
         )
 
