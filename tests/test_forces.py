@@ -74,6 +74,57 @@ def test_extremes_of_the_forces(kind):
     assert 0 < overturned < 8
 
 
+def forces_at_uplift(amplitude, slenderness):
+    """Friction demand and normal force as a push begins to turn a block at rest: closed form."""
+    angle = math.atan(1 / slenderness)
+    push = amplitude / 9.81
+    acceleration = push * math.cos(angle) - math.sin(angle)  # over p^2, with p^2 R / g = 3 / 4
+    horizontal = 0.75 * math.cos(angle) * acceleration - push
+    normal = 1 + 0.75 * math.sin(angle) * acceleration
+    return abs(horizontal) / normal, normal
+
+
+BEYOND_UPLIFT = {
+    "Cosine": lambda amplitude: jr.Cosine(amplitude, 0.3),
+    "Rectangular": lambda amplitude: jr.Rectangular(amplitude, 0.3, start=0.1),
+    "Record": lambda amplitude: jr.Record([1.0, 0.5, 0.0], 0.1, scale=amplitude),
+}
+
+
+@pytest.mark.parametrize("kind", first_by_default(list(BEYOND_UPLIFT)))
+def test_a_block_that_is_lifted_at_once_has_not_stood_still(kind):
+    """It would have had the demand a / g = 0.41 in an instant of length 0."""
+
+    def ours(numbers):
+        motion = BEYOND_UPLIFT[kind](numbers[0])
+        block = jr.Block(0.2, numbers[1])
+        r = jr.respond(block, 0.9, motion, motion.start + 1e-7, max_impacts=0)
+        return jnp.stack([r.friction_demand, r.normal_force])
+
+    numbers = np.array([4.0, 5.0])
+    demand, normal = forces_at_uplift(*numbers)
+    # Before its start, a motion presses with the weight, which is less.
+    least = min(normal, 1.0 if kind == "Rectangular" else math.inf)
+    np.testing.assert_allclose(ours(numbers), (demand, least), rtol=1e-6)
+    steps = 1e-5 * np.eye(2)
+    expected = [
+        (forces_at_uplift(*numbers + step)[0] - forces_at_uplift(*numbers - step)[0]) / 2e-5
+        for step in steps
+    ]
+    np.testing.assert_allclose(jax.jacfwd(ours)(numbers)[0], expected, rtol=1e-5)
+
+
+def test_extremes_of_the_forces_under_a_pulse_that_lifts_at_once():
+    block, pulse = jr.Block(0.2, 5.0), jr.Cosine(4.0, 0.3)
+    expected = Trajectory(
+        stepping.Rocker(0.2, 5.0, 0.9), pieces_of(stepping.pulse("Cosine", 4.0, 0.3)), 0.7
+    )
+    r = jr.respond(block, 0.9, pulse, 1.0, rtol=1e-10)
+    found = float(r.friction_demand), float(r.normal_force)
+    np.testing.assert_allclose(found, (expected.demand, expected.normal), rtol=1e-6)
+    assert found[0] == pytest.approx(0.25043, abs=1e-5)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("inertia_ratio", [1.15, 1.0, 1.8])
 def test_extremes_of_the_forces_of_other_bodies(inertia_ratio):

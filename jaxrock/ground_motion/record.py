@@ -305,6 +305,12 @@ def pad_samples(samples: ArrayLike, room: int) -> np.ndarray:
 
 def _interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
     """Interpolate in the last axis linearly; leading axes broadcast with those of `index`."""
+    if samples.ndim == 1:
+        # Both samples in one piece, which XLA fuses into what follows.
+        shape = index.shape
+        slices = jax.vmap(lambda start: jax.lax.dynamic_slice(samples, (start,), (2,)))
+        left, right = slices(index.reshape(-1)).T.reshape(2, *shape)
+        return (1 - along) * left + along * right
     shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
     samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
     index = jnp.broadcast_to(index, shape)[..., None]

@@ -115,7 +115,8 @@ class Trajectory:
             self.side = 1 if piece.ground(until)[0] > 0 else -1
         else:
             until = piece.end
-        for t in [*times[times <= until], until]:
+        # A block that is lifted at once does not stand still.
+        for t in [*times[times <= until], until] if until > begin else ():
             horizontal, vertical = np.divide(piece.ground(t), self.rocker.gravity)
             self.note((-horizontal, 1 + vertical))
             if vertical <= -1 and self.loss == math.inf:

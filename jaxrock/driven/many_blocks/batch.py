@@ -50,9 +50,8 @@ class Batch(eqx.Module):
         leaves = jax.tree.leaves((block, restitution, motion, duration))
         # Strict promotion, which users may have set, refuses a sum of float32 and float64.
         with jax.numpy_dtype_promotion("standard"):
-            floats = [
-                leaf.dtype for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)
-            ]
+            # The arrays, not their types: defaults and Python numbers are weakly typed.
+            floats = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
             dtype = jnp.result_type(*floats)
         namespace = choose_namespace(leaves)
 

@@ -174,8 +174,9 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
     estimate = _estimate(batch, model, levels[first], levels[first + 1], tolerance)
     best = estimate.simulated.response
     error = estimate.error
-    rtol = np.full(error.shape, levels[first + 1])
+    rtol = np.full(error.shape, levels[first + 1], batch.dtype)
     cheapest = np.where(estimate.looser_is_enough, levels[first], levels[first + 1])
+    cheapest = cheapest.astype(batch.dtype)
 
     # 2: where that is not good enough.
     (places,) = np.nonzero(error > tolerance)

@@ -24,9 +24,10 @@ from .motion_to_event import (
     TOPPLED,
     Integration,
     State,
-    add_forces_until,
+    add_forces_since,
     move_to_event,
 )
+from .packed_loop import repeat_packed
 from .response import Events, Response, Status
 from .solver_steps import Stepper, estimate_time_rounding
 from .uplift import UpliftTable
@@ -109,7 +110,7 @@ def follow_driven(
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
     begin = first, (unknown, unknown[: max_impacts + 1, :2])
-    state, lists = jax.lax.while_loop(goes_on, take_turn, begin)
+    state, lists = repeat_packed(goes_on, take_turn, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
     response = _make_response(integration, state, lists, valid, full)
     return FollowedMotion(response, response.peak_rotation, state.last_impact)
@@ -204,15 +205,24 @@ def _step_to_event(integration: Integration, before: State) -> State:
     latest = driven.duration - estimate_time_rounding(motion, driven.duration)
     for edge in (motion.end, motion.start):
         stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
-    state = jax.lax.switch(
+    never = jnp.array(False)
+    state, waited = jax.lax.switch(
         jnp.where(begins, 0, jnp.where(before.phase == REST, 1, 2)),
         [
-            lambda state: _start(integration, state),
-            lambda state: _wait(integration, state, stop),
+            lambda state: (_start(integration, state), never),
+            lambda state: (_wait(integration, state, stop), ~never),
             lambda state: move_to_event(integration, state, stop),
         ],
         before,
     )
+    # A block that the input lifts at once turns from then on and has not stood still: a wait
+    # of length 0 is none.
+    forces = jax.lax.cond(
+        waited & (state.time > before.time),
+        lambda: add_forces_since(integration, state, before.time, acts),
+        lambda: state.forces,
+    )
+    state = state._replace(forces=forces)
     state = _add_saltation(integration, state, acts & ~begins)
     # The overturning criterion is read in the initial state, and again where the input ends:
     # from then on energy says whether the block overturns. A block that topples before has its
@@ -254,7 +264,6 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
     return state._replace(
-        forces=add_forces_until(integration, state, until, acts),
         time=until,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),

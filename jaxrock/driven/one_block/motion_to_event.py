@@ -79,21 +79,21 @@ class Integration:
         return Segment(self.equation, self.driven.motion, time, side, acts)
 
 
-def add_forces_until(
-    integration: Integration, state: State, until: Reals, acts: Booleans
+def add_forces_since(
+    integration: Integration, state: State, since: Reals, acts: Booleans
 ) -> ForceExtremes | None:
-    """Add the forces under a block that does not rock, from its last event to some time."""
+    """Add the forces under a block that has not rocked since its last event."""
     if state.forces is None:
         return None
-    demand, normal = integration.uplifts.find_force_extremes(state.time, until, acts)
+    demand, normal = integration.uplifts.find_force_extremes(since, state.time, acts)
     # Where nothing presses any longer, the input also lifts the block, which ends the wait.
-    loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
+    loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, state.time))
     return state.forces.combine(demand, normal, loss_time)
 
 
 def _wait_in_balance(
     integration: Integration, state: State, segment: Segment, stop: Reals
-) -> tuple[Booleans, Booleans, Reals, ForceExtremes | None]:
+) -> tuple[Booleans, Booleans, Reals]:
     """Let a block in balance wait for the next knot of the input, or fall before it.
 
     In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
@@ -107,23 +107,27 @@ def _wait_in_balance(
         Whether a block that does not wait falls back to the ground, and not outward.
     end : Array
         End of the segment.
-    forces : ForceExtremes or None
-        Extremes up to the end of a wait.
     """
     until = jnp.where(segment.acts, integration.uplifts.next_knot(state.time, stop), stop)
     fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))
     later = fixed.field(after, y)[1]
     # Still ground does not change at all.
     waits = (later == 0) | ~segment.acts
-    meanwhile = add_forces_until(integration, state, until, segment.acts)
-    forces = jax.tree.map(lambda a, b: jnp.where(waits, a, b), meanwhile, state.forces)
-    return waits, later < 0, jnp.where(waits, until, stop), forces
+    return waits, later < 0, jnp.where(waits, until, stop)
 
 
-def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
+def move_to_event(
+    integration: Integration, state: State, stop: Reals
+) -> tuple[State, Booleans]:
     """Move a block through a segment, and apply the event at its end.
 
     A block that turns out to be at rest stays as it is, with the phase `REST`.
+
+    Returns
+    -------
+    state : State
+    waits : Array of bool
+        Whether the block, in balance, did not move.
     """
     motion = integration.driven.motion
     critical_angle = integration.equation.critical_angle
@@ -142,10 +146,10 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
     balanced = still & (state.rotation > 0) & (acceleration == 0)
     # A branch, since it looks at all knots of the input, which hardly any block needs.
-    waits, falls, stop, forces = jax.lax.cond(
+    waits, falls, stop = jax.lax.cond(
         balanced,
         lambda: _wait_in_balance(integration, state, segment, stop),
-        lambda: (balanced, balanced, stop, state.forces),
+        lambda: (balanced, balanced, stop),
     )
     phase = jnp.where(balanced, jnp.where(falls, FALLING, RISING), phase)
     state = state._replace(balanced=state.balanced | waits)
@@ -172,12 +176,13 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
             crossed=state.rotation >= critical_angle,
             earliest=earliest,
         ),
-        forces=forces,
+        forces=state.forces,
     )
     state = state._replace(phase=phase)
-    return jax.lax.cond(
+    state = jax.lax.cond(
         phase == REST, lambda: state, lambda: _apply_event(integration, stop, state, end)
     )
+    return state, waits
 
 
 def _apply_event(

@@ -1,18 +1,18 @@
 """Steps through one segment of the motion, and the event that ends it.
 
-An event is a zero of one of the `EventFunctions`. It is found in four stages:
+An event is a zero of one of the `EventFunctions`. It is found in three stages:
 
 1. *Step.* Diffrax tries a step. An event function that is no longer positive at the end of an
    accepted step has a zero inside, and only one: a segment is monotone, and `limit_step` lets
-   a step pass over one peak at most. The step is then discarded.
-2. *Bracket.* The interpolant of the solver, which costs no evaluation of the equation, is
-   bisected for the time of the event. It is less exact than the steps themselves, for
-   Dopri8 by orders of magnitude, so that the result is only a first guess.
-3. *Refine.* The step is repeated so that it ends at the guess, and the state there improves
-   the guess by Halley's method. This is done twice, and a third repetition gives the state.
-4. *Differentiate.* The guess of stage 2 has no derivatives. Halley's method converges
-   cubically, in derivatives too: the first refinement makes the time exact, the second one its
-   first and second derivatives as well. Nothing else has to be done for derivatives.
+   a step pass over one peak at most.
+2. *Bracket.* Unless the step ends so close to the event that stage 3 suffices, it is
+   discarded. The interpolant of the solver, which costs no evaluation of the equation, is
+   bisected for the time of the event, and the step is repeated so that it ends there. The
+   interpolant is less exact than the steps themselves, for Dopri8 by orders of magnitude, so
+   that its zero is only a first guess.
+3. *Reach.* From the end of a step the motion goes on along its Taylor polynomial, back to the
+   zero of the event function (`_reach_event`). Newton's method, whose steps are part of the
+   program, gives the time its derivatives too: nothing else has to be done for them.
 """
 
 from typing import NamedTuple
@@ -20,12 +20,14 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import PyTree
 
 from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from .contact_forces import ForceExtremes, add_step
+from .packed_loop import repeat_packed
 from .solver_steps import Segment, Step, Stepper, choose_first_step, limit_step
 
 # How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
@@ -34,12 +36,20 @@ PEAK, CONTACT, CRITICAL, STOP = range(4)
 
 # Steps of one segment, after which the response counts as stopped.
 _MAX_STEPS = 2**20
-# Repetitions of the step in which a segment ends: two refine the time of the event, and the
-# third one gives the state at that time.
+# Repetitions of the step in which a segment ends. The first one ends at the bracket, which is
+# nearly always close enough to the event.
 _REPETITIONS = 3
-# Relative width to which an event is bracketed on the interpolant. The first refinement cubes
-# it, to below the rounding of float64, so that a narrower bracket would gain nothing.
+# Relative width to which an event is bracketed on the interpolant.
 _BRACKET_WIDTH = 1e-6
+# Part of a step within which the Taylor polynomial from its end reaches an event: its
+# remainder is of the fourth power of this, and that of second derivatives of the second power,
+# of a term which the tolerance has made small over the whole step.
+_REACH = 2e-3
+# Within its reach, Newton's method takes these steps. The relative change of the slope on the
+# way is at most `_BEND`, which each step squares: three would do for values, a fourth one makes
+# second derivatives exact.
+_NEWTON_STEPS = 4
+_BEND = 1e-2
 
 
 class EventFunctions(eqx.Module):
@@ -143,7 +153,7 @@ def integrate_segment(
         steps=none,
         solver_state=solver_state,
     )
-    return jax.lax.while_loop(
+    return repeat_packed(
         lambda state: ~state.done & (state.steps < _MAX_STEPS),
         lambda state: _advance(stepper, segment, length, event_functions, state),
         begin,
@@ -163,10 +173,13 @@ def _advance(
     # step rejected         | its error is too large            | a shorter one from the same y
     # step accepted,        | y at its end                      | the next one; at the end of
     #   no event            |                                   |   the length: done
+    # step accepted, event  | the event lies in this step, so   | on to the event: done
+    #   within reach        |   close to its end that a Taylor  |
+    #                       |   polynomial leads there          |
     # step accepted, event  | the event lies in this step       | repetition 1, to the bracket
-    # repetition 1 or 2     | y near the event: as near as the  | the next one, to the refined
-    #                       |   bracket, then to rounding       |   time
-    # repetition 3          | y at the event                    | done
+    # repetition            | y near the event: as near as the  | on to the event: done; if it
+    #                       |   bracket                         |   is out of reach, the next
+    #                       |                                   |   repetition, closer to it
     # no progress           | the clock cannot resolve the next | y is NaN: done
     #                       |   step, or y is NaN               |
     #
@@ -178,6 +191,8 @@ def _advance(
     event = before.event
     advances = step.accepted & ~repeats
     found = jnp.array(False)
+    reached = jnp.array(False)
+    end, last = before.step_end, step.y
     if event_functions is not None:
         # Which event it is has no derivative. Over all of a step more than one function may
         # have changed its sign: the first repetition, which ends within the bracket of the
@@ -185,37 +200,38 @@ def _advance(
         event_values = jax.lax.stop_gradient(event_functions).evaluate(
             jax.lax.stop_gradient(step.y)
         )
-        found = (
-            advances & (before.step_end > event_functions.earliest) & (event_values.min() <= 0)
-        )
+        ended = event_values <= 0
+        found = advances & (before.step_end > event_functions.earliest) & ended.any()
         advances = advances & ~found
         event = jnp.where(found | (before.repetitions == 1), jnp.argmin(event_values), event)
-    repetitions = jnp.where(repeats | found, before.repetitions + 1, 0)
-    done = (advances & (before.step_end >= length)) | (repetitions > _REPETITIONS)
+        reaches = repeats | (ended.sum() == 1)
+        reached, end, last = jax.lax.cond(
+            repeats | found,
+            lambda: _reach_event(segment, event_functions, before, step.y, event, reaches),
+            lambda: (reached, end, last),
+        )
+    done = (advances & (before.step_end >= length)) | reached
+    repetitions = jnp.where((repeats | found) & ~reached, before.repetitions + 1, 0)
 
     # Steps that are rejected or will be repeated leave the state where it was.
     counts = advances | done
-    elapsed = jnp.where(counts, before.step_end, before.elapsed)
-    y = jnp.where(counts, step.y, before.y)
+    elapsed = jnp.where(counts, end, before.elapsed)
+    y = jnp.where(counts, last, before.y)
 
     # A kink of the input cuts steps short, and from a short step the controller proposes a
     # short one. What it had proposed before the cut still holds.
     wanted = jnp.where(
         advances, jnp.maximum(step.next_length, before.wanted_length), step.next_length
     )
-    acceleration, forces = _add_forces(segment, before, step, elapsed, y, advances, counts)
+    acceleration, forces = _add_forces(segment, before, end, last, advances, counts)
     step_end = limit_step(segment, length, elapsed, elapsed + wanted, y, acceleration)
+    step_end = jnp.where(repeats, end, step_end)
     if event_functions is not None:
         next_end = step_end
-        step_end = jax.lax.switch(
-            jnp.where(found, 2, jnp.where(repeats, 1, 0)),
-            [
-                lambda: next_end,
-                lambda: _refine_event_time(
-                    segment, event_functions, before.step_end, step.y, event
-                ),
-                lambda: _bracket_event(stepper, event_functions, before, step),
-            ],
+        step_end = jax.lax.cond(
+            found & ~reached,
+            lambda: _bracket_event(stepper, event_functions, before, step),
+            lambda: next_end,
         )
 
     # Written so that a NaN counts as no progress.
@@ -244,24 +260,19 @@ def _advance(
 def _add_forces(
     segment: Segment,
     before: SegmentState,
-    step: Step,
-    elapsed: Reals,
-    y: Reals,
+    end: Reals,
+    last: Reals,
     advances: Booleans,
     counts: Booleans,
 ) -> tuple[Reals, ForceExtremes | None]:
     """Add the forces in a step, if it counts; return the acceleration where the next begins."""
     forces = before.forces
-    # The acceleration only limits the next step, which needs no derivative.
-    fixed = jax.lax.stop_gradient(segment)
-    if forces is None:
-        acceleration = fixed.field(*jax.lax.stop_gradient((elapsed, y)))[1]
-    else:
-        # The forces need both ends of the step: the same evaluation serves the limit.
-        times = jnp.stack([before.elapsed, before.step_end])
-        states = jnp.stack([before.y, step.y], axis=1)
-        accelerations = fixed.field(*jax.lax.stop_gradient((times, states)))[1]
-        acceleration = jnp.where(advances, accelerations[1], accelerations[0])
+    # The forces need both ends of the step: the same evaluation serves the limit.
+    times = jnp.stack([before.elapsed, end])
+    states = jnp.stack([before.y, last], axis=1)
+    accelerations = segment.field(times, states)[1]
+    acceleration = jnp.where(advances, accelerations[1], accelerations[0])
+    if forces is not None:
         forces = add_step(forces, segment, times, states, accelerations, counts)
     return acceleration, forces
 
@@ -288,32 +299,90 @@ def _bracket_event(
     return jax.lax.while_loop(is_wide, halve, (before.elapsed, before.step_end))[1]
 
 
-def _refine_event_time(
+def _reach_event(
     segment: Segment,
     event_functions: EventFunctions,
-    time: Reals,
+    before: SegmentState,
     y: Reals,
     event: Integers,
-) -> Reals:
-    """Refine the time of an event by Halley's method, from a time and the state there."""
-    rate = segment.field(time, y)
-    # The second derivative of the state along the motion, which Halley's method needs.
-    _, change = jax.jvp(segment.field, (time, y), (jnp.ones_like(time), rate))
-    parts = (
-        event_functions.evaluate(y),
-        event_functions.apply_linear_part(rate),
-        event_functions.apply_linear_part(change),
+    may_reach: Booleans,
+) -> tuple[Booleans, Reals, Reals]:
+    """Go from the end of a step to an event close to it, along the Taylor polynomial.
+
+    Parameters
+    ----------
+    segment : Segment
+    event_functions : EventFunctions
+    before : SegmentState
+        Before the step.
+    y : Array, shape (2,)
+        The state at the end of the step.
+    event : Array of int
+    may_reach : Array of bool
+        False where several events lie in the step.
+
+    Returns
+    -------
+    reached : Array of bool
+        Whether the segment ends here.
+    time : Array
+        Of the event, or a better guess of it.
+    y : Array, shape (2,)
+        State at this time.
+    """
+    end = before.step_end
+    rotation, velocity = y
+    acceleration = segment.field(end, y)[1]
+
+    def accelerate(time: Reals) -> Reals:
+        """Compute the acceleration after a time, exact to its second derivative."""
+        moved = rotation + time * (velocity + 0.5 * time * acceleration)
+        return segment.field(end + time, jnp.stack([moved, velocity]))[1]
+
+    def change(time: Reals) -> Reals:
+        """Compute the derivative of the acceleration after a time."""
+        return jax.jvp(accelerate, (time,), (jnp.ones_like(time),))[1]
+
+    here = jnp.zeros_like(end)
+    jerk, snap = jax.jvp(change, (here,), (jnp.ones_like(here),))
+    # The function of the event as a polynomial in the time after the end, of these powers.
+    derivatives = jnp.stack(
+        [
+            jnp.stack([velocity, acceleration, jerk, snap]),
+            jnp.stack([acceleration, jerk, snap, here]),
+        ]
     )
-    value, slope, curvature = (part[event] for part in parts)
-    steep = jnp.where(slope < 0, slope, -1)
+    inverse_factorials = 1 / np.array([1, 2, 6, 24])
+    powers = event_functions.apply_linear_part(derivatives)[event]
+    slope, bend, third, fourth = powers * jnp.asarray(inverse_factorials, powers.dtype)
+    value = event_functions.evaluate(y)[event]
+    # A function that does not fall here has no event here: the end stands.
+    falls = slope < 0
+    steep = jnp.where(falls, slope, -1)
     newton = value / steep
-    # The series of Halley's step, to the second power of Newton's: as exact, and it has no
-    # denominator that could vanish.
-    move = newton + 0.5 * newton * newton * curvature / steep
-    # The bracket is known to be right to its width, with room for the error of the
-    # interpolant. A longer move would leave it, as where a segment ends as it begins and the
-    # slope is nearly 0. Its value is dropped then, and the time still gets its derivative.
-    near = jnp.abs(move) <= 1e3 * _BRACKET_WIDTH * time
-    move = jnp.where(near, move, move - jax.lax.stop_gradient(move))
-    # A function that does not fall here has no event here: the bracket stands.
-    return jnp.where(slope < 0, time - move, time)
+    ratio = newton * bend / steep
+    near = falls & (jnp.abs(newton) <= _REACH * (end - before.elapsed))
+    near = near & (jnp.abs(ratio) <= _BEND) & (end - newton > event_functions.earliest)
+    back = -here
+    for _ in range(_NEWTON_STEPS):
+        change_of_value = back * (slope + back * (bend + back * (third + back * fourth)))
+        tangent = slope + back * (2 * bend + back * (3 * third + back * 4 * fourth))
+        back = back - (value + change_of_value) / jnp.where(near, tangent, -1)
+
+    # Out of reach, Halley's method guesses the time, as a series to the second power of
+    # Newton's step, which has no denominator that could vanish. A move that leaves the
+    # bracket, with room for the error of the interpolant, is dropped, as where a segment ends
+    # as it begins and the slope is nearly 0. In the last repetition its derivative counts.
+    move = jnp.where(falls, newton * (1 + ratio), 0)
+    fixed = jax.lax.stop_gradient(move)
+    stays = jnp.abs(fixed) > 1e3 * _BRACKET_WIDTH * end
+    reached = (near & may_reach) | (before.repetitions >= _REPETITIONS)
+    shift = jnp.where(near, back, fixed - move)
+    guess = jax.lax.stop_gradient(end) - jnp.where(stays, 0, fixed)
+    time = jnp.where(reached, end + shift, guess)
+    further = (0.5 * acceleration, jerk / 6, snap / 24)
+    rotation = rotation + shift * (
+        velocity + shift * (further[0] + shift * (further[1] + shift * further[2]))
+    )
+    velocity = velocity + shift * (acceleration + shift * (0.5 * jerk + shift * snap / 6))
+    return reached, time, jnp.stack([rotation, velocity])

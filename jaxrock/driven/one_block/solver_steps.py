@@ -23,6 +23,10 @@ from ...ground_motion import Motion
 from ...validation import Booleans, Reals
 from ..equation import Equation
 
+# A first step that is to end just behind the end of the arc overshoots its estimate by this
+# share. Half of the reach of `segment_integration`, so that the event is within it.
+_OVERSHOOT = 1e-3
+
 
 class Segment(eqx.Module):
     """The equation of motion on one side, in a time counted from `origin`."""
@@ -134,7 +138,7 @@ def limit_step(
 
 
 def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:
-    """Choose the end of the first step, which is at most a quarter of the arc.
+    """Choose the end of the first step, which is at most a quarter of the arc, or just its end.
 
     Nor is it more than a twentieth of 1 / p, or half the time until the acceleration changes
     its sign. The acceleration of a block that has just been lifted has no sign, up to
@@ -142,6 +146,7 @@ def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Boolean
     """
     zero = jnp.zeros_like(length)
     fixed, longest, y = jax.lax.stop_gradient((segment, length, y))
+    rotation, velocity = y
 
     # At most a twentieth of the block's own time, and no further than the input is smooth.
     step = jnp.minimum(longest, 0.05 / jnp.sqrt(fixed.equation.p_squared))
@@ -149,13 +154,42 @@ def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Boolean
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
 
     # If the acceleration changes its sign meanwhile, linearly, half the time until then.
-    first, last = fixed.field(jnp.stack([zero, step]), jnp.stack([y, y], axis=1))[1]
+    times = jnp.stack([zero, 0.5 * step, step])
+    first, middle, last = fixed.field(times, jnp.stack([y, y, y], axis=1))[1]
     changes_sign = (first * last < 0) & ~lifted
     share = first / jnp.where(changes_sign, first - last, 1)
+    jerk = (last - first) / jnp.where(step > 0, step, 1)
     step = jnp.where(changes_sign, 0.5 * share * step, step)
 
     # A bounce from the ground takes 2 velocity / acceleration: a quarter of that.
     largest = jnp.maximum(jnp.abs(first), jnp.abs(last))
-    quarter = 0.5 * jnp.abs(y[1]) / jnp.where(largest > 0, largest, 1)
-    step = jnp.where((largest > 0) & (quarter > 0), jnp.minimum(step, quarter), step)
+    quarter = 0.5 * jnp.abs(velocity) / jnp.where(largest > 0, largest, 1)
+    quarter = jnp.where((largest > 0) & (quarter > 0), quarter, jnp.inf)
+    # Where the acceleration is linear in time, as under a record, the time of the peak or of
+    # the impact is known nearly exactly: a step that ends just behind it is the only one.
+    linear = jnp.abs(2 * middle - first - last) <= _OVERSHOOT * largest
+    arc = jnp.where(velocity > 0, _find_peak(velocity, first, jerk), jnp.inf)
+    falls = (velocity <= 0) & (rotation > 0)
+    arc = jnp.where(falls, _find_impact(rotation, velocity, first, jerk), arc)
+    arc = jnp.where(linear & (arc < jnp.inf), (1 + _OVERSHOOT) * arc, quarter)
+    step = jnp.minimum(step, arc)
     return limit_step(segment, length, zero, step, y, first)
+
+
+def _find_peak(velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
+    """Find when a velocity vanishes under a linear acceleration; inf if it does not."""
+    square = acceleration**2 - 2 * jerk * velocity
+    root = jnp.sqrt(jnp.maximum(square, 0)) - acceleration
+    return jnp.where((square >= 0) & (root > 0), 2 * velocity / root, jnp.inf)
+
+
+def _find_impact(rotation: Reals, velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
+    """Estimate when a rotation vanishes under a linear acceleration; inf if it does not."""
+    time = jnp.zeros_like(rotation)
+    # The acceleration that takes the block there, constant, is that of a third of the time.
+    for _ in range(4):
+        mean = acceleration + jerk * jnp.where(time < jnp.inf, time, 0) / 3
+        square = velocity**2 - 2 * mean * rotation
+        root = jnp.sqrt(jnp.maximum(square, 0)) - velocity
+        time = jnp.where((square >= 0) & (root > 0), 2 * rotation / root, jnp.inf)
+    return time

@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 
 from ...ground_motion import Motion
-from ...numerics import pick_larger, pick_largest
-from ...validation import Booleans, Reals
+from ...numerics import pick_larger, pick_largest, pick_smaller
+from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from .contact_forces import friction_demand
 
@@ -23,7 +23,8 @@ class UpliftTable(eqx.Module):
     equation: Equation
     motion: Motion
     knots: Reals
-    lifted: Booleans  # (2, knots): whether the motion lifts the block there, to each side
+    excess: Reals  # (2, knots): push beyond the one that lifts the block there, to each side
+    next_lifting: Integers  # index of the first knot, from each one on, that lifts the block
     demand: Reals  # friction demand of the block at rest
     normal: Reals  # normal force on the block at rest, over the weight
     grace_time: Reals  # time after an uplift in which an impact or a peak does not count
@@ -33,7 +34,10 @@ class UpliftTable(eqx.Module):
         """Make the table of a motion."""
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
-        lifted = jnp.stack([equation.uplift_excess(side * push, lift) > 0 for side in _SIDES])
+        excess = jnp.stack([equation.uplift_excess(side * push, lift) for side in _SIDES])
+        # A knot behind the last one stands for none.
+        indices = jnp.where((excess > 0).any(axis=0), jnp.arange(knots.size), knots.size)
+        next_lifting = jax.lax.cummin(indices, reverse=True)
         # Little beside the block's own time and the time in which the input changes: in it a
         # block that has just been lifted only rises, whatever rounding makes of it. Records
         # are padded with knots at their end, which count for no interval.
@@ -41,11 +45,14 @@ class UpliftTable(eqx.Module):
         changes = (motion.end - motion.start) / intervals
         grace_time = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
         forces = friction_demand(push, 1 + lift), 1 + lift
-        return cls(equation, motion, knots, lifted, *forces, jax.lax.stop_gradient(grace_time))
+        grace_time = jax.lax.stop_gradient(grace_time)
+        return cls(equation, motion, knots, excess, next_lifting, *forces, grace_time)
 
     def next_knot(self, time: Reals, stop: Reals) -> Reals:
         """Return the first knot after a time, or `stop` if that is earlier."""
-        return jnp.min(self.knots, initial=stop, where=self.knots > time)
+        index = _count_until(self.knots, time)
+        knot = self.knots[jnp.minimum(index, self.knots.size - 1)]
+        return jnp.where((index < self.knots.size) & (knot < stop), knot, stop)
 
     def find_next(self, time: Reals, stop: Reals) -> tuple[Booleans, Reals, Reals]:
         """Find the next uplift of a block that rests at a time.
@@ -63,11 +70,14 @@ class UpliftTable(eqx.Module):
             Side to which the block is lifted, +1 or -1.
         """
         # The first knot after `time` at which the motion lifts, and the interval before it.
-        later = self.lifted.any(axis=0) & (self.knots > time) & (self.knots <= self.motion.end)
-        index = jnp.argmax(later)
-        found = later.any()
+        last = self.knots.size - 1
+        after = _count_until(self.knots, time)
+        index = self.next_lifting[jnp.minimum(after, last)]
+        lifts = (after <= last) & (index <= last)
+        index = jnp.minimum(index, last)
         upper = self.knots[index]
-        lower = pick_larger(time, self.knots[jnp.maximum(index - 1, 0)])
+        before = jnp.maximum(index - 1, 0)
+        lower = pick_larger(time, self.knots[before])
         sides = jnp.asarray(_SIDES, self.knots.dtype)
         both = jnp.ones_like(sides)
         inputs = (self.equation, self.motion)
@@ -88,8 +98,9 @@ class UpliftTable(eqx.Module):
         bits = jnp.finfo(self.knots.dtype).nmant
         ends = jnp.zeros_like(excess_now), jnp.ones_like(excess_now)
         bracket = jax.lax.fori_loop(0, bits, halve, ends)
-        first = jnp.argmin(jnp.where(self.lifted[:, index], bracket[1], jnp.inf))
-        is_inside = found & (_excess_to_both_sides(*fixed, both * begin)[first] < 0) & ~at_once
+        first = jnp.argmin(jnp.where(self.excess[:, index] > 0, bracket[1], jnp.inf))
+        excess_begin = jnp.where(begin > now, self.excess[:, before], excess_now)
+        is_inside = lifts & (excess_begin[first] < 0) & ~at_once
 
         def excess(share: Reals) -> Reals:
             return _excess_to_both_sides(*inputs, both * (lower + share * (upper - lower)))[
@@ -112,7 +123,7 @@ class UpliftTable(eqx.Module):
         # The ground may also fall away and lift to both sides.
         stronger = jnp.where(excess_now[0] >= excess_now[1], sides[0], sides[1])
         return (
-            (found | at_once) & (when < stop),
+            (lifts | at_once) & (when < stop),
             when,
             jnp.where(at_once, stronger, sides[first]),
         )
@@ -129,11 +140,32 @@ class UpliftTable(eqx.Module):
         push, lift = (
             jnp.where(acts, a / self.equation.gravity, 0) for a in self.motion.value(ends)
         )
-        between = acts & (self.knots >= time) & (self.knots <= until)
-        demand = jnp.where(between, self.demand, 0)
-        normal = jnp.where(between, self.normal, jnp.inf)
-        demands = jnp.concatenate([friction_demand(push, 1 + lift), demand])
-        return pick_largest(demands), -pick_largest(-jnp.concatenate([1 + lift, normal]))
+        demand = pick_largest(friction_demand(push, 1 + lift))
+        normal = -pick_largest(-(1 + lift))
+        # Which knots count has no derivative. There may be thousands of knots, of which a wait
+        # passes over few: a loop over these, not over all.
+        first = _count_until(self.knots, time)
+        behind = jnp.where(acts, _count_until(self.knots, until), 0)
+        table = jax.lax.stop_gradient((self.demand, self.normal))
+
+        def compare(index: Integers, extremes: tuple[Integers, Integers]) -> tuple:
+            most, least = extremes
+            larger = table[0][index] > table[0][most]
+            smaller = table[1][index] < table[1][least]
+            return jnp.where(larger, index, most), jnp.where(smaller, index, least)
+
+        start = jnp.minimum(first, self.knots.size - 1)
+        most, least = jax.lax.fori_loop(start, behind, compare, (start, start))
+        passes = first < behind
+        demand = jnp.where(passes, pick_larger(demand, self.demand[most]), demand)
+        normal = jnp.where(passes, pick_smaller(normal, self.normal[least]), normal)
+        return demand, normal
+
+
+@jax.jit
+def _count_until(knots: Reals, time: Reals) -> Integers:
+    """Count the knots up to a time: the index of the first one after it."""
+    return jnp.searchsorted(*jax.lax.stop_gradient((knots, time)), side="right")
 
 
 # Jitted, so that it enters the program once for each shape of its arguments, however often it
