@@ -841,7 +841,7 @@ def test_example_record(eps):
         (north.vertical, 0.347188),
     ):
         assert float(abs(values).max()) == pytest.approx(largest * G, rel=2 * eps)
-    with pytest.raises(ValueError, match="component must be 'north' or 'east', got 'up'"):
+    with pytest.raises(ValueError, match="component must be one of north, east, got 'up'"):
         example_record("up")
 
 

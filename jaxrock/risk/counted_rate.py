@@ -104,7 +104,8 @@ def count_rates(overturned: np.ndarray, counting: Counting) -> CountedRate:
 #
 # where the products are those of the signed sums, and have the means of the covariances in both
 # limits. Where samples are spread over about one interval they are larger (a wave of twice the
-# period is left over): the error is then up to sqrt(N) / 2 times too large, and never too small.
+# period is left over): the error is then up to sqrt(N) / 2 times too large, and hardly ever
+# too small.
 def estimate_error_of_mean(overturned: np.ndarray, counting: Counting) -> np.ndarray:
     """Estimate the counting error [1/yr] of mean rates of samples, (records, ..., samples, levels).
 

@@ -27,7 +27,7 @@ def as_hazard_measure(measure: object) -> str | None:
     """Return the name of a measure of hazards, or None; a `ValueError` if it is no such name."""
     if measure is None:
         return None
-    return as_name("measure", measure, HAZARD_MEASURES)
+    return as_name("measure", measure, HAZARD_MEASURES, or_none=True)
 
 
 class Hazard(Printed, Checked):

@@ -20,16 +20,20 @@ def as_text(value: _T) -> _T:
     return str(text) if isinstance(text, str) else value  # pyright: ignore[reportReturnType]
 
 
-def as_name(argument: str, value: object, allowed: Iterable[str]) -> str:
+def as_name(
+    argument: str, value: object, allowed: Iterable[str], *, or_none: bool = False
+) -> str:
     """Return a name as a plain `str`.
 
     Raises
     ------
     ValueError
-        If it is none of those that are allowed. The error names the argument.
+        If it is none of those that are allowed. The error names the argument, and says with
+        `or_none` that None is allowed as well.
     """
     name = as_text(value)
     names = tuple(allowed)
     if isinstance(name, str) and name in names:
         return name
-    raise ValueError(f"{argument} must be one of {', '.join(names)}, got {describe(name)}")
+    choice = ", ".join(names) + (", or None" if or_none else "")
+    raise ValueError(f"{argument} must be one of {choice}, got {describe(name)}")

@@ -8,7 +8,8 @@ behind by (r / h)^2, with steps h and the radius r of convergence of the polynom
 numbers are off by some units in the last place, so that what impacts make of rounding shows.
 
     round   response at        first companion at   second companion, where the first shows
-                                                    that errors grow, at
+                                                    that errors grow or no record ends the
+                                                    steps, at
     ------  -----------------  -------------------  ---------------------------------------
     1       the second         the first tolerance  the same as the response
             tolerance that is  that is tight
@@ -38,6 +39,7 @@ from ...host import Printed, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
 from .batch import Batch
+from .record_input import RecordInput
 from .respond_many import (
     BatchResponse,
     SimulatedBatch,
@@ -220,8 +222,11 @@ def _estimate(
 
     # One companion may agree by chance. So where errors grow a second one is asked, which is
     # better, and whose input is off to the other side: there a slip that has made up for the
-    # truncation adds to it. What it says counts, but not less than the first one implies.
+    # truncation adds to it. What it says counts, but not less than the first one implies. Only
+    # under records do the two tolerances take the same steps, so that what a companion leaves
+    # behind is in proportion; elsewhere chance plays a larger part, and the second is always asked.
     grown = ~(apart <= min(_GROWTH, 10 * looser))
+    grown |= not isinstance(batch.ground.parts[0], RecordInput)
     (places,) = np.nonzero((error > tolerance) | grown)
     if places.size:
         part = batch.select(places).scaled(1 / slip, restitution=1 / slip)
