@@ -20,9 +20,12 @@ def repeat_packed(
     """Repeat as `jax.lax.while_loop` does, with one array for all small numbers of a type.
 
     On a processor XLA makes at least one kernel, or one copy, of each array of the state in
-    each turn. Where it does not make one kernel of the whole loop, which it does from JAX 0.11
-    on, the dispatch of twenty of them takes as long as the numbers that they compute.
+    each turn. Before JAX 0.11, the dispatch of twenty of them takes as long as the numbers
+    that they compute. From then on XLA makes one kernel of the whole loop, if nothing is
+    packed.
     """
+    if jax.__version_info__ >= (0, 11):
+        return jax.lax.while_loop(goes_on, take_turn, begin)
     leaves, structure = jax.tree.flatten(begin)
     leaves = [jnp.asarray(leaf) for leaf in leaves]
     groups: dict[object, list[int]] = {}
