@@ -100,39 +100,31 @@ def _find_extremes_of_step(
     nodes, once for the demand and once for the normal force.
     """
     nodes = jnp.asarray(_NODES, times.dtype)
+    horizontal, normal = _compute_forces_at(segment, times, states, accelerations, nodes)
+    # The angle of the force is smooth where the normal force vanishes, the demand is not.
+    curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
+    slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
+    curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
+    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (
+        _NODES.size - 1
+    )
+    shares = nodes[None] + jnp.pad(vertex, ((0, 0), (1, 1)))
+    refined = _compute_forces_at(segment, times, states, accelerations, shares.reshape(-1))
+    horizontal, normal = (
+        jnp.concatenate([at_nodes, at_vertices])
+        for at_nodes, at_vertices in zip((horizontal, normal), refined, strict=True)
+    )
     # In the shortest steps, which change nothing, the quintic's velocity between the ends is a
     # quotient of rounding errors: only their ends count. A step is short if p times its length
     # is less than sqrt(eps) times the rotation.
     eps = float(jnp.finfo(nodes.dtype).eps)
     step = times[1] - times[0]
     long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(segment.equation.p_squared)
-    counts = long | (nodes == 0) | (nodes == 1)
-
-    # First at the nodes, for both, then at the vertices, for each: one body of a loop.
-    def look(_: object, best: tuple[Reals, Reals, Reals]) -> tuple[Reals, Reals, Reals]:
-        demand, least, shares = best
-        forces = _compute_forces_at(segment, times, states, accelerations, shares.reshape(-1))
-        horizontal, normal = (force.reshape(shares.shape) for force in forces)
-        demands = jnp.where(counts[None], friction_demand(horizontal, normal), 0).reshape(-1)
-        presses = jnp.where(counts[None], normal, jnp.inf).reshape(-1)
-        # The angle of the force is smooth where the normal force vanishes, the demand is not.
-        curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal[0]), normal[0]), normal[1]])
-        slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
-        curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
-        vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) / (
-            _NODES.size - 1
-        )
-        return (
-            # Not `max`, whose derivative divides by the number of elements that are equal to
-            # it: none, if XLA has computed them once more with other roundings.
-            pick_larger(demand, pick_largest(demands)),
-            pick_smaller(least, -pick_largest(-presses)),
-            nodes[None] + jnp.pad(vertex, ((0, 0), (1, 1))),
-        )
-
-    none = jnp.zeros_like(step), jnp.full_like(step, jnp.inf), jnp.stack([nodes, nodes])
-    demand, least, _ = jax.lax.fori_loop(0, 2, look, none)
-    return demand, least
+    counts = jnp.tile(long | (nodes == 0) | (nodes == 1), 3)
+    # Not `max`, whose derivative divides by the number of elements that are equal to it: none,
+    # if XLA has computed them once more with other roundings.
+    demand = pick_largest(jnp.where(counts, friction_demand(horizontal, normal), 0))
+    return demand, -pick_largest(-jnp.where(counts, normal, jnp.inf))
 
 
 def _find_loss_time(
