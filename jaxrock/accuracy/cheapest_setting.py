@@ -136,8 +136,8 @@ def choose(
     Notes
     -----
     The setting for a `Scene` follows from `model_error`, before anything is computed under
-    pulses of finite duration. That for a `DrivenScene` follows from a trial, `respond_within`;
-    the error at a tolerance shows at the next one.
+    pulses of finite duration. That for a `DrivenScene` follows from a trial, `respond_within`,
+    which also computes the motion worse on purpose.
     On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own
     precision.
 
@@ -206,6 +206,13 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
     return tuple(lines)
 
 
+def _explain_estimate(error: float) -> str:
+    """Say in a sentence what the error of a single driven scene was estimated from."""
+    if np.isinf(error):
+        return "the same motion computed worse goes another way: it is chaotic"
+    return "the same motion computed worse goes the same way, and is off by no more"
+
+
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
     motion = scene.motion
@@ -224,5 +231,5 @@ def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
         within.within_tolerance,
         tolerance,
         tuple(Setting("batch", bits, level) for level in levels.tolist()),
-        () if index.ndim else (f"a better one differs by {float(within.error):.1e}",),
+        () if index.ndim else (_explain_estimate(float(within.error)),),
     )
