@@ -53,7 +53,9 @@ TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4,
 # A response is off by its difference to a companion at most, with a margin for chance.
 _SAFETY = 3
 _LEAST = 4  # errors over `rtol`, at least: at the tightest one rounding is as large
-_ROUNDING = 256  # by how much the numbers of a companion are off, in eps
+# By how much the numbers of a companion are off, in eps: more than what rounding amounts to over
+# all steps, as comparisons show, but in float32, where a unit is coarse, not much more.
+_ROUNDING = {64: 256, 32: 8}
 # What the first companion is off by is more than this many times what the response is off by:
 # (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10, so that
 # (r / h)^2 is at least 7.
@@ -66,7 +68,7 @@ _SECOND_CHANGE = StepChange(tolerance=0.25, longest=0.75, last_terms=(2.0, 0.0))
 # Sums over impacts of motions that went the same way differ by less than this, in units of
 # what the highest rotation contributes. Those of motions that parted differ by a hundred times
 # as much, unless all that came after was small.
-_SAME_WAY = 0.001
+_SAME_WAY = {64: 0.001, 32: 0.03}
 # The same difference shows that errors grow, if it is more than this or than ten times the
 # looser tolerance.
 _GROWTH = 1e-6
@@ -137,9 +139,9 @@ def respond_within(
     -----
     Each response is compared with one companion, or with two, at the same tolerance or a looser
     one, whose Taylor polynomials lack their last terms and whose input and restitution are off by
-    256 units in the last place. So the estimate covers the truncation of every step, the
-    times of impacts found from it, and rounding, all of them as they grow through the impacts,
-    also where steps end at every sample of a record.
+    256 units in the last place, in float32 by 8. So the estimate covers the truncation of every
+    step, the times of impacts found from it, and rounding, all of them as they grow through the
+    impacts, also where steps end at every sample of a record.
 
     It assumes that each step of a companion leaves more behind than the same step of the
     response, at least seven times as much. Where errors grow through impacts, two companions of
@@ -207,7 +209,8 @@ def _estimate(
     batch: Batch, model: RockingModel, looser: float, rtol: float, tolerance: float
 ) -> _Estimate:
     """Simulate a batch at `rtol`, and estimate its error by companions there and at `looser`."""
-    slip = 1 + _ROUNDING * float(np.finfo(batch.dtype).eps)
+    precision = np.finfo(batch.dtype)
+    slip = 1 + _ROUNDING[precision.bits] * float(precision.eps)
 
     def simulate(blocks: Batch, rtol: float, *change: StepChange) -> SimulatedBatch:
         simulated = simulate_batch(blocks, model, rtol, None, *change)
@@ -247,7 +250,8 @@ def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
     same_peak = before.peak_rotation == after.peak_rotation
     difference = np.where(same_peak | after.overturned, 0, difference)
     same = (before.overturned == after.overturned) & before.complete & after.complete
-    same &= _compare_sums(worse, better) <= _SAME_WAY
+    bits = np.finfo(after.margin.dtype).bits
+    same &= _compare_sums(worse, better) <= _SAME_WAY[bits]
     return np.where(same, _SAFETY * difference, np.inf)
 
 
