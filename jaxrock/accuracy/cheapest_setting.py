@@ -209,8 +209,8 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
 def _explain_estimate(error: float) -> str:
     """Say in a sentence what the error of a single driven scene was estimated from."""
     if np.isinf(error):
-        return "the same motion computed worse goes another way: it is chaotic"
-    return "the same motion computed worse goes the same way, and is off by no more"
+        return "the same motion computed worse goes another way, as where impacts amplify rounding"
+    return "estimated from the same motion computed worse, which goes the same way"
 
 
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:

@@ -231,9 +231,9 @@ def _compare_models(measured: Measured, block: Block | None, found: _Found) -> t
     error = found.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
     if not abs(elsewhere - restitution) > max(error, NEGLIGIBLE):
         return ()
-    holds = ", which holds for any slenderness," if isinstance(other, Nonlinear) else ""
+    validity = ", which is valid for any slenderness," if isinstance(other, Nonlinear) else ""
     return (
-        f"the model matters: the {other.name} one{holds} gives a C of about {elsewhere:.4g},"
+        f"the model matters: the {other.name} one{validity} gives a C of about {elsewhere:.4g},"
         f" {abs(elsewhere - restitution) / error:.2g} standard errors from this one",
     )
 

@@ -124,7 +124,7 @@ class Candidate(NamedTuple):
         return evaluate_candidate(self._replace(numbers=numbers), problem).outcome
 
     def is_feasible(self, problem: TrainProblem) -> bool:
-        """Tell whether the train keeps the constraints."""
+        """Return whether the train keeps the constraints."""
         return self.violation < problem.tolerance
 
     def identify(self, problem: TrainProblem) -> tuple[int, bytes, float]:

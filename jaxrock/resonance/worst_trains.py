@@ -32,11 +32,12 @@ from .train_through_impacts import MAX_IMPACTS
 class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
-    `times` and `intensities` put into `respond_to_train` do as told: the intensities are those
-    of the worst train, raised by 1e-6 (in float32 by 3.5e-4), and the times belong to them. All
-    other numbers are those of the train that is not raised. Intensities that are changed ask for
-    other times, since the impacts of a stronger train come later: a pulse that was to come right
-    after an impact comes before it, and brakes the block.
+    Where `converged`, `times` and `intensities` put into `respond_to_train` with the same model
+    overturn the block, or reach `peak_rotation`: the intensities are those of the worst train,
+    raised by 1e-6 (in float32 by 3.5e-4), for "most rotation" beyond `largest`, and the times
+    belong to them. All other numbers are those of the train that is not raised. Intensities that
+    are changed ask for other times, since the impacts of a stronger train come later: a pulse
+    that was to come right after an impact comes before it, and brakes the block.
 
     Attributes
     ----------
@@ -296,7 +297,7 @@ def _make_result(
 def _verify(
     best: Candidate, problem: TrainProblem, intensities: np.ndarray, peak: float
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Time and raise the pulses, and tell whether the train then does as it should.
+    """Time and raise the pulses, and check whether the train then does as it should.
 
     Followed over time, raised a little it has to overturn, lowered a little it must not; where
     the most rotation is sought, the two peaks have to enclose the peak. Each train is timed by

@@ -93,7 +93,7 @@ def count_rates(overturned: np.ndarray, counting: Counting) -> CountedRate:
     return CountedRate(rate, contributions, error)
 
 
-# Samples of uncertain numbers are counted at the same levels. Where their boundaries are much
+# Samples of uncertain parameters are counted at the same levels. Where their boundaries are much
 # closer together than levels, all samples are wrong by the same; where they are spread over
 # several levels, errors cancel as those of independent samples do. Outcomes say which: with
 # the signs +, -, +, ... for successive intervals, what changes in the same interval adds up,

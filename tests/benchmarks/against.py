@@ -178,7 +178,7 @@ def medians(pairs):
 
 
 def show(name, times, margin):
-    """Print the line of a question; tell whether something in it is marked."""
+    """Print the line of a question; return whether something in it is marked."""
     wall, first, following = times
     walls = " /".join(f"{seconds:6.2f}" for seconds in medians(wall))
     calls = " /".join(f"{1e3 * seconds:9.3f}" for seconds in medians(following))

@@ -67,7 +67,7 @@ def call_as_one_function(function: Callable[..., _Tree], *arguments: object) -> 
 
 
 def needs_calls(platform: str) -> bool:
-    """Tell whether barriers and loops have to be calls, on a platform."""
+    """Return whether barriers and loops have to be calls, on a platform."""
     return platform == "cpu" and jax.__version_info__ < (0, 12)
 
 

@@ -80,7 +80,7 @@ class BatchArguments(NamedTuple):
 
 
 class StepControl(NamedTuple):
-    """The exactness of each step.
+    """The length of each step, and the terms of its polynomial that count.
 
     A step ends at the next sample of a record, however loose the tolerance. So a tolerance
     alone does not make two motions whose steps differ; leaving out terms does.

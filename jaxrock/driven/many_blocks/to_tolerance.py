@@ -57,8 +57,8 @@ _LEAST = 4  # errors over `rtol`, at least: at the tightest one rounding is as l
 # all steps, as comparisons show, but in float32, where a unit is coarse, not much more.
 _ROUNDING = {64: 256, 32: 8}
 # What the first companion is off by is more than this many times what the response is off by:
-# (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10, so that
-# (r / h)^2 is at least 7.
+# (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10, as
+# under records, so that (r / h)^2 is at least 7. Of other orders it is at least 4.
 _LARGER = 4
 # Steps of the companions. Without both terms, or with twice the first of them, so that what
 # cancels in one companion adds in the other; and the second takes shorter steps where no
@@ -85,9 +85,9 @@ class EstimatedResponse(Printed, eqx.Module):
         That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
         Estimated bound on the relative error of the peak rotation: three times the difference
-        to responses that are computed worse, with shorter polynomials and from numbers that
-        are off by rounding, and at least four times `rtol`; inf where one of these has another
-        outcome, or went another way.
+        to a response that is computed worse; where two were computed, to the better one, but no
+        less than a quarter of what the other one says. At least four times `rtol`, and inf where
+        one of them has another outcome, or went another way.
     cheapest : Array
         The loosest tolerance known to be good enough, for the next time; the tightest where
         none is.
@@ -138,17 +138,20 @@ def respond_within(
     Notes
     -----
     Each response is compared with one companion, or with two, at the same tolerance or a looser
-    one, whose Taylor polynomials lack their last terms and whose input and restitution are off by
-    256 units in the last place, in float32 by 8. So the estimate covers the truncation of every
+    one, whose Taylor polynomials lack or change their last two terms. The input of a companion is
+    off by 256 units in the last place, in float32 by 8, and so is the restitution of the second
+    one. So the estimate covers the truncation of every
     step, the times of impacts found from it, and rounding, all of them as they grow through the
     impacts, also where steps end at every sample of a record.
 
     It assumes that each step of a companion leaves more behind than the same step of the
-    response, at least seven times as much. Where errors grow through impacts, two companions of
+    response: about seven times as much where both take the same steps, twice as much or more where
+    the second companion takes shorter ones. Where errors grow through impacts, two companions of
     different steps have to agree, and both have to go the same way: over all impacts while the
     input acts, squared velocities and their times sum up to the same number. Of 15 million
     random responses to records, harmonic motions and pulses that were certified none had
-    another outcome or was beyond its tolerance, and the stated error was exceeded in 22.
+    another outcome or was beyond its tolerance, and the stated error, with a margin of two
+    instead of three, was exceeded in 22.
 
     The estimate cannot see what all tolerances have in common: the model itself, and the rule by
     which a block comes to rest. The tests compare it with an integrator of another kind.
