@@ -181,8 +181,7 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
     best = estimate.simulated.response
     error = estimate.error
     rtol = np.full(error.shape, levels[first + 1], batch.dtype)
-    cheapest = np.where(estimate.looser_is_enough, levels[first], levels[first + 1])
-    cheapest = cheapest.astype(batch.dtype)
+    cheapest = estimate.cheapest.astype(batch.dtype)
 
     # 2: where that is not good enough.
     (places,) = np.nonzero(error > tolerance)
@@ -191,7 +190,7 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
         estimate = _estimate(part, model, levels[-2], levels[-1], tolerance)
         error[places] = estimate.error
         rtol[places] = levels[-1]
-        cheapest[places] = np.where(estimate.looser_is_enough, levels[-2], levels[-1])
+        cheapest[places] = estimate.cheapest
         better = estimate.simulated.response
         for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(better), strict=True):
             leaf[places] = new
@@ -205,7 +204,7 @@ class _Estimate(NamedTuple):
 
     simulated: SimulatedBatch
     error: np.ndarray
-    looser_is_enough: np.ndarray  # whether the looser tolerance would do
+    cheapest: np.ndarray  # the loosest tolerance known to be good enough, or the tighter one
 
 
 def _estimate(
@@ -240,7 +239,8 @@ def _estimate(
         least = max(_LEAST * rtol, slip - 1)
         second_bound = np.maximum(_bound_error(companion, better), least)
         error[places] = np.maximum(second_bound, first_bound[places] / _LARGER)
-    return _Estimate(best, error, np.maximum(first_bound, error) <= tolerance)
+    # What the first companion implies, it implies for a response at the looser tolerance too.
+    return _Estimate(best, error, np.where(error <= tolerance, looser, rtol))
 
 
 def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
