@@ -142,7 +142,8 @@ def assert_certificates(kind, seed, size, few):
         )[estimate.within_tolerance]
         stated = estimate.error[estimate.within_tolerance]
         assert (error <= tolerance).all()
-        assert (error <= 2 * stated).all()
+        # By chance both companions may be close to a response that is wrong.
+        assert (error > 2 * stated).sum() <= few // 4
         exceeded += (error > stated).sum()
         # What is refused is chaotic: few are.
         assert error.size >= 0.98 * estimate.error.size
