@@ -66,7 +66,7 @@ def compared(code, namespace):
         pytest.param("getting_started", 9, marks=pytest.mark.thorough),
         ("records", 0),
         ("paper", 4),
-        pytest.param("sharp_edges", 13, marks=pytest.mark.thorough),
+        pytest.param("sharp_edges", 15, marks=pytest.mark.thorough),
     ],
 )
 def test_code_gives_what_it_says(page, count):
