@@ -225,11 +225,8 @@ def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     levels = np.array(TOLERANCES[bits])
     # Tolerances fall: the number of those above the cheapest is its place among them.
     index = jnp.asarray((np.asarray(within.cheapest)[..., None] < levels).sum(axis=-1))
-    # Where a looser tolerance does than the trial was made at, less is known of its error: up to
-    # four times as much, and about that tolerance at least, but no more than was asked for.
-    looser = within.cheapest > within.rtol
-    predicted = jnp.maximum(4 * within.error, within.cheapest)
-    error = jnp.where(looser, jnp.minimum(predicted, tolerance), within.error)
+    # The trial shows that a looser tolerance is good enough, but not by how much.
+    error = jnp.where(within.cheapest > within.rtol, tolerance, within.error)
     return Choice(
         index,
         error,

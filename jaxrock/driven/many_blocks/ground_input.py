@@ -59,6 +59,8 @@ class GroundInput(eqx.Module):
 
     # Orders of the Taylor polynomials of the rotation, by the bytes of a number.
     orders: ClassVar[dict[int, int]]
+    # Whether most steps end with an interval, whatever the tolerance.
+    intervals_end_steps: ClassVar[bool]
     # Steps between two refills of the lanes: few where a block needs few.
     steps_between_refills: ClassVar[int]
 

@@ -22,6 +22,7 @@ class PulseInput(GroundInput):
     intervals: HostIntegers
 
     orders: ClassVar[dict[int, int]] = {8: 14, 4: 8}
+    intervals_end_steps: ClassVar[bool] = False
     steps_between_refills: ClassVar[int] = 4
 
     # The sign of the first extreme of the pulse, and of the third.

@@ -37,6 +37,7 @@ class RecordInput(GroundInput):
 
     # Samples keep steps short, so that high orders would be wasted.
     orders: ClassVar[dict[int, int]] = {8: 10, 4: 8}
+    intervals_end_steps: ClassVar[bool] = True
     steps_between_refills: ClassVar[int] = 64
 
     @property

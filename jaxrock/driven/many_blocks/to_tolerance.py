@@ -1,30 +1,29 @@
 """Driven motion of many blocks to a tolerance, and which of them keep it.
 
-Two tolerances alone tell nothing where steps end at the samples of a record: both take the same
-steps, and agree to the last bit. So the error of a response is estimated from *companions*, the
-same motion computed worse. A companion changes or leaves out the last two terms of every
-polynomial, once the step is chosen: what that leaves behind exceeds what the response leaves
-behind by (r / h)^2, with steps h and the radius r of convergence of the polynomials. And its
-numbers are off by some units in the last place, so that what impacts make of rounding shows.
+Two tolerances cannot be compared where steps end at the samples of a record: both take the same
+steps, and agree to the last bit. So the error of a response is estimated from *companions*, which
+are less accurate simulations of the same motion. A companion changes or omits the last two terms
+of every Taylor polynomial after the step has been chosen. With steps h and the radius r of
+convergence of the polynomials, its truncation error exceeds that of the response by (r / h)^2.
+Its input is also perturbed by some units in the last place, to show how impacts amplify rounding.
 
-    round   response at        first companion at   second companion, where the first shows
-                                                    that errors grow or no record ends the
-                                                    steps, at
+    round   response at        first companion at   second companion at the tolerance of the
+                                                    response
     ------  -----------------  -------------------  ---------------------------------------
-    1       the second         the first tolerance  the same as the response
-            tolerance that is  that is tight
-            tight enough       enough
-    2       the tightest one   the one before       the same as the response
+    1       the second         the first tolerance  where the first one shows amplification,
+            tolerance that is  that is tight        or is further off than the tolerance, or
+            tight enough       enough               the input is no record
+    2       the tightest one   the one before       the same
     (where 1 fails)
 
-Two motions agree if outcome and peak do, and if they went the same way while the input acted:
-if the sums over their impacts (`ImpactSum`) differ by little. Without that, chaos would be
-certified: two chaotic motions overturn both by chance, and have the same peak if it was reached
-before they parted.
+A companion confirms a response if outcome and peak agree, and if both trajectories stay together
+while the input acts: if their sums over impacts (`ImpactSum`) differ by little. Without the last
+condition chaotic responses would be confirmed: two diverged trajectories may both overturn by
+chance, and have the same peak if they diverged after it.
 
-What this cannot see: an error that a response and both companions share, as of a step whose last
-four terms are all small by chance; and rounding that decides whether a block comes to rest, if it
-decides in the same way three times.
+Two kinds of error remain unseen. A step whose last four terms are all small by chance may be
+wrong in the response and in both companions. And rounding may decide in all three, in the same
+way, whether a block comes to rest.
 """
 
 from typing import NamedTuple
@@ -39,7 +38,6 @@ from ...host import Printed, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
 from .batch import Batch
-from .record_input import RecordInput
 from .respond_many import (
     BatchResponse,
     SimulatedBatch,
@@ -50,28 +48,30 @@ from .respond_many import (
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
-# A response is off by its difference to a companion at most, with a margin for chance.
+# Safety factor on the difference between a response and a companion.
 _SAFETY = 3
-_LEAST = 4  # errors over `rtol`, at least: at the tightest one rounding is as large
-# By how much the numbers of a companion are off, in eps: more than what rounding amounts to over
-# all steps, as comparisons show, but in float32, where a unit is coarse, not much more.
+# Smallest error that is stated, over `rtol`: at the tightest tolerance rounding is as large.
+_LEAST = 4
+# Perturbation of a companion, in eps. It exceeds the effect of rounding in all steps, as
+# comparisons show; in float32, where eps is coarse, hardly more than that.
 _ROUNDING = {64: 256, 32: 8}
-# What the first companion is off by is more than this many times what the response is off by:
-# (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10, as
-# under records, so that (r / h)^2 is at least 7. Of other orders it is at least 4.
-_LARGER = 4
-# Steps of the companions. Without both terms, or with twice the first of them, so that what
-# cancels in one companion adds in the other; and the second takes shorter steps where no
-# sample ends them, so that a step whose last terms are small by chance shows as well.
+# The error of the first companion exceeds that of the response by more than this factor. Since
+# (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10 under
+# records, (r / h)^2 is at least 7; for the other orders it is at least 4.
+_ERROR_RATIO = 4
+# Steps of the companions. The first one omits both terms, the second one doubles the first of
+# them: where the errors of both terms cancel in one companion, they add up in the other. The
+# second one also takes shorter steps where no sample ends them. That reveals a step whose last
+# terms are small by chance.
 _FIRST_CHANGE = StepChange(last_terms=(0.0, 0.0))
 _SECOND_CHANGE = StepChange(tolerance=0.25, longest=0.75, last_terms=(2.0, 0.0))
-# Sums over impacts of motions that went the same way differ by less than this, in units of
-# what the highest rotation contributes. Those of motions that parted differ by a hundred times
-# as much, unless all that came after was small.
-_SAME_WAY = {64: 0.001, 32: 0.03}
-# The same difference shows that errors grow, if it is more than this or than ten times the
-# looser tolerance.
-_GROWTH = 1e-6
+# Two trajectories stay together if their sums over impacts differ by less than this, in units of
+# the contribution of the highest rotation. Sums of diverged trajectories differ by a hundred
+# times as much, unless all motion after the divergence is small.
+_SAME_TRAJECTORY = {64: 0.001, 32: 0.03}
+# A larger difference of these sums than this, or than ten times the looser tolerance, shows that
+# impacts amplify errors.
+_AMPLIFICATION = 1e-6
 
 
 class EstimatedResponse(Printed, eqx.Module):
@@ -84,10 +84,10 @@ class EstimatedResponse(Printed, eqx.Module):
     rtol : Array
         That tolerance: a step tighter than asked for, or the tightest where that was needed.
     error : Array
-        Estimated bound on the relative error of the peak rotation: three times the difference
-        to a response that is computed worse; where two were computed, to the better one, but no
-        less than a quarter of what the other one says. At least four times `rtol`, and inf where
-        one of them has another outcome, or went another way.
+        Estimated bound on the relative error of the peak rotation, at least four times `rtol`:
+        three times the difference to a less accurate simulation. Where there are two of these,
+        the more accurate one counts, but the bound is at least 3/4 of the difference to the
+        other. Inf where outcomes differ or trajectories diverge.
     cheapest : Array
         The loosest tolerance known to be good enough, for the next time; the tightest where
         none is.
@@ -117,7 +117,7 @@ def respond_within(
     *,
     model: ModelLike = Nonlinear(),
 ) -> EstimatedResponse:
-    """Response of many blocks, each computed better and worse, and how well these agree.
+    """Response of many blocks to a tolerance, with an estimate of the error of each.
 
     Parameters
     ----------
@@ -137,21 +137,22 @@ def respond_within(
 
     Notes
     -----
-    Each response is compared with one companion, or with two, at the same tolerance or a looser
-    one, whose Taylor polynomials lack or change their last two terms. The input of a companion is
-    off by 256 units in the last place, in float32 by 8, and so is the restitution of the second
-    one. So the estimate covers the truncation of every
-    step, the times of impacts found from it, and rounding, all of them as they grow through the
-    impacts, also where steps end at every sample of a record.
+    Each response is compared with one or two less accurate simulations of the same motion, its
+    companions, at the same tolerance or a looser one. Their Taylor polynomials lack the last two
+    terms, or have these changed. Their input is perturbed by 256 units in the last place (8 in
+    float32), and so is the restitution of the second one. So the estimate covers the truncation
+    error of every step, errors of impact times, and rounding, all as impacts amplify them, also
+    where steps end at every sample of a record.
 
-    It assumes that each step of a companion leaves more behind than the same step of the
-    response: about seven times as much where both take the same steps, twice as much or more where
-    the second companion takes shorter ones. Where errors grow through impacts, two companions of
-    different steps have to agree, and both have to go the same way: over all impacts while the
-    input acts, squared velocities and their times sum up to the same number. Of 15 million
-    random responses to records, harmonic motions and pulses that were certified none had
-    another outcome or was beyond its tolerance, and the stated error, with a margin of two
-    instead of three, was exceeded in 22.
+    The truncation error of each step of a companion is assumed to exceed that of the response:
+    by a factor of about seven where both take the same steps, of two or more where the second
+    companion takes shorter ones. Trajectories must not diverge: sums over all impacts while the
+    input acts, of squared velocities weighted by time, have to agree. A response that diverges
+    from its companions after its peak is not within tolerance, since a later peak may be higher.
+
+    Of 15 million random responses to records, harmonic motions and pulses within tolerance, none
+    had another outcome or a larger error than the tolerance. The stated error, then with a
+    safety factor of two, was exceeded in 22.
 
     The estimate cannot see what all tolerances have in common: the model itself, and the rule by
     which a block comes to rest. The tests compare it with an integrator of another kind.
@@ -176,14 +177,14 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
     """Simulate a concrete batch, as `respond_within` does once it has checked."""
     levels = TOLERANCES[np.finfo(batch.dtype).bits]
     first = min(sum(level > tolerance for level in levels), len(levels) - 2)
-    # 1: all blocks.
+    # Round 1: all blocks.
     estimate = _estimate(batch, model, levels[first], levels[first + 1], tolerance)
     best = estimate.simulated.response
     error = estimate.error
     rtol = np.full(error.shape, levels[first + 1], batch.dtype)
     cheapest = estimate.cheapest.astype(batch.dtype)
 
-    # 2: where that is not good enough.
+    # Round 2: the blocks for which round 1 fails.
     (places,) = np.nonzero(error > tolerance)
     if places.size and first + 2 < len(levels):
         part = batch.select(places)
@@ -220,26 +221,27 @@ def _estimate(
 
     best = simulate(batch, rtol)
     companion = simulate(batch.scaled(slip), looser, _FIRST_CHANGE)
-    apart = _compare_sums(companion, best)
+    divergence = _compare_sums(companion, best)
     first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
     error = np.maximum(first_bound, slip - 1)
 
-    # One companion may agree by chance. So where errors grow a second one is asked, which is
-    # better, and whose input is off to the other side: there a slip that has made up for the
-    # truncation adds to it. What it says counts, but not less than the first one implies. Only
-    # under records do the two tolerances take the same steps, so that what a companion leaves
-    # behind is in proportion; elsewhere chance plays a larger part, and the second is always asked.
-    grown = ~(apart <= min(_GROWTH, 10 * looser))
-    grown |= not isinstance(batch.ground.parts[0], RecordInput)
-    (places,) = np.nonzero((error > tolerance) | grown)
+    # One companion may agree by chance. So the second one is computed where errors are
+    # amplified. It is more accurate, and its input is perturbed to the other side: if the
+    # perturbation has cancelled the truncation error in the first companion, they add up in the
+    # second. Under records both tolerances lead to the same steps, so that the errors of response
+    # and companion are proportional; under other inputs they are not, and agreement by chance is
+    # likelier: there the second companion is always computed.
+    amplified = ~(divergence <= min(_AMPLIFICATION, 10 * looser))
+    amplified |= not batch.ground.parts[0].intervals_end_steps
+    (places,) = np.nonzero((error > tolerance) | amplified)
     if places.size:
         part = batch.select(places).scaled(1 / slip, restitution=1 / slip)
         companion = simulate(part, rtol, _SECOND_CHANGE)
         better = jax.tree.map(lambda leaf: leaf[places], best)
         least = max(_LEAST * rtol, slip - 1)
         second_bound = np.maximum(_bound_error(companion, better), least)
-        error[places] = np.maximum(second_bound, first_bound[places] / _LARGER)
-    # What the first companion implies, it implies for a response at the looser tolerance too.
+        error[places] = np.maximum(second_bound, first_bound[places] / _ERROR_RATIO)
+    # A response at the looser tolerance is more accurate than the first companion, too.
     return _Estimate(best, error, np.where(error <= tolerance, looser, rtol))
 
 
@@ -254,12 +256,12 @@ def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
     difference = np.where(same_peak | after.overturned, 0, difference)
     same = (before.overturned == after.overturned) & before.complete & after.complete
     bits = np.finfo(after.margin.dtype).bits
-    same &= _compare_sums(worse, better) <= _SAME_WAY[bits]
+    same &= _compare_sums(worse, better) <= _SAME_TRAJECTORY[bits]
     return np.where(same, _SAFETY * difference, np.inf)
 
 
 def _compare_sums(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
-    """Compute the difference of sums over impacts, in units of what the peak contributes."""
+    """Compute the difference of sums over impacts, in units of the contribution of the peak."""
     difference = np.abs(worse.impact_sum.energy - better.impact_sum.energy)
     unit = better.impact_sum.unit
     # Where nothing moves, 0 / 1.
