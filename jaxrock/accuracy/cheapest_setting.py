@@ -136,8 +136,8 @@ def choose(
     Notes
     -----
     The setting for a `Scene` follows from `model_error`, before anything is computed under
-    pulses of finite duration. That for a `DrivenScene` follows from a trial, `respond_within`,
-    which also computes the motion worse on purpose.
+    pulses of finite duration. The setting for a `DrivenScene` follows from a trial by
+    `respond_within`, which also simulates the motion less accurately.
     On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own
     precision.
 
@@ -209,8 +209,8 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
 def _explain_estimate(error: float) -> str:
     """Say in a sentence what the error of a single driven scene was estimated from."""
     if np.isinf(error):
-        return "the same motion computed worse goes another way, as where impacts amplify rounding"
-    return "estimated from the same motion computed worse, which goes the same way"
+        return "a less accurate simulation diverges, as where impacts amplify rounding"
+    return "estimated from a less accurate simulation, which does not diverge"
 
 
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:

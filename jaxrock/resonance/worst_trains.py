@@ -33,11 +33,11 @@ class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
     Where `converged`, `times` and `intensities` put into `respond_to_train` with the same model
-    overturn the block, or reach `peak_rotation`: the intensities are those of the worst train,
-    raised by 1e-6 (in float32 by 3.5e-4), for "most rotation" beyond `largest`, and the times
-    belong to them. All other numbers are those of the train that is not raised. Intensities that
-    are changed ask for other times, since the impacts of a stronger train come later: a pulse
-    that was to come right after an impact comes before it, and brakes the block.
+    overturn the block, or reach `peak_rotation`. The intensities are 1e-6 (in float32 3.5e-4)
+    above the intensities of the worst train, for "most rotation" beyond `largest`, and the times
+    are the times of this stronger train. All other attributes describe the train before it is
+    raised. Other intensities need other times, since the impacts of a stronger train come later:
+    a pulse that was to come right after an impact comes before it, and brakes the block.
 
     Attributes
     ----------

@@ -68,8 +68,8 @@ _AS_USUAL = StepChange()
 class ImpactSum(NamedTuple):
     """A sum over the impacts while the input acts, by which two motions of a block are compared.
 
-    Of the squared velocities that impacts have left, each weighted with 1 to 2 in proportion to
-    its time: two motions that part sum up other impacts, or the same ones at other times.
+    It sums squared velocities after impacts, with weights that grow in time from 1 to 2.
+    Trajectories that diverge have other impacts, or the same ones at other times.
     Velocities are in the unit of the batch, which depends on the block and the kind of input
     alone.
     """
@@ -79,7 +79,7 @@ class ImpactSum(NamedTuple):
 
 
 class SimulatedBatch(NamedTuple):
-    """Responses, and what compares them with those at other tolerances."""
+    """Responses, and the sums by which they are compared with other simulations."""
 
     response: "BatchResponse"
     impact_sum: ImpactSum
@@ -224,13 +224,12 @@ def respond_batch(
         Equation of motion; see `respond`.
     rtol : float, optional
         Tolerance of each step, 1e-9 by default, 1e-5 in float32: the last two terms of its
-        polynomial are at most a twentieth of that, below 1e-10 a fiftieth, beside the first ones,
-        as far as rounding allows. It controls the error
-        of a step, not of an answer: impacts amplify errors, up to a million times and more. And
-        no step is longer than from sample to sample of a record. Where samples are close, which
-        they are in most records, the steps for 1e-3 and 1e-7 are the same, and so are the
-        answers: that two tolerances agree says nothing there. `respond_within` says how good
-        an answer is.
+        polynomial, relative to the first ones, are at most rtol / 20 (rtol / 50 below 1e-10), as
+        far as rounding allows. `rtol` controls the error of a step, not of an answer: impacts
+        amplify errors, up to a million times and more. No step passes a sample of a record.
+        Where samples are close, as in most records, the steps for 1e-3 and 1e-7 are the same,
+        and so are the answers: their agreement proves nothing. `respond_within` estimates the
+        error of each answer.
 
     Returns
     -------
@@ -302,7 +301,7 @@ def simulate_batch(
     count: Integers | int | None = None,
     change: StepChange = _AS_USUAL,
 ) -> SimulatedBatch:
-    """Follow a batch and compute `ImpactSum`, with steps as usual or changed."""
+    """Simulate a batch and compute `ImpactSum`, with steps as usual or changed."""
     dtype = batch.dtype
     if rtol is None:
         rtol = 1e-9 if dtype == np.float64 else 1e-5

@@ -1,10 +1,10 @@
 """Values that are computed once, and loops that are one function of the processor.
 
 XLA fuses the elementwise operations of a step into a hundred loops over lanes, each of which is
-a function. By itself it calls one after the other through a scheduler, which for 64 lanes takes
-longer than what they compute. JAX 0.12 is the first whose XLA makes one function of a whole loop
-over steps although it contains barriers. Earlier ones do so for a call that asks for it, if
-barriers are calls as well, which they are told not to inline.
+a function. By default it calls them one by one through a scheduler, which for 64 lanes takes
+longer than their computations. From JAX 0.12 on, XLA makes one function of a whole loop over
+steps even if it contains barriers. Earlier versions do so for a call with an attribute that asks
+for it, if the barriers are calls too, with an attribute that forbids inlining.
 """
 
 import functools

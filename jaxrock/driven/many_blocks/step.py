@@ -282,7 +282,7 @@ def take_step(
     step = materialize(
         jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, control.tolerance)), 0)
     )
-    # Behind the choice of the step, which is the same with and without them.
+    # After the choice of the step, so that it is the same with and without these factors.
     last_two = zip(path[-2:], control.last_terms, strict=True)
     path = (*path[:-2], *(part * factor for part, factor in last_two))
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
@@ -310,8 +310,8 @@ def take_step(
     rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
     impacts = lanes.impacts + flight.lands.astype(jnp.int32)
     taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
-    # What compares two motions has no derivatives. Bounces that are not computed any more are a
-    # geometric series.
+    # Sums that only compare two motions need no derivatives. Bounces after the block settles are
+    # summed as a geometric series.
     square, bounces, weight = jax.lax.stop_gradient(
         (leaving * leaving, case.bounces, case.duration + begin + lanes.elapsed + taken)
     )

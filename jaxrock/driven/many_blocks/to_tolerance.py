@@ -4,14 +4,14 @@ Two tolerances cannot be compared where steps end at the samples of a record: bo
 steps, and agree to the last bit. So the error of a response is estimated from *companions*, which
 are less accurate simulations of the same motion. A companion changes or omits the last two terms
 of every Taylor polynomial after the step has been chosen. With steps h and the radius r of
-convergence of the polynomials, its truncation error exceeds that of the response by (r / h)^2.
+convergence of the polynomials, its truncation error is about (r / h)^2 times as large.
 Its input is also perturbed by some units in the last place, to show how impacts amplify rounding.
 
     round   response at        first companion at   second companion at the tolerance of the
                                                     response
     ------  -----------------  -------------------  ---------------------------------------
     1       the second         the first tolerance  where the first one shows amplification,
-            tolerance that is  that is tight        or is further off than the tolerance, or
+            tolerance that is  that is tight        or its bound exceeds the tolerance, or
             tight enough       enough               the input is no record
     2       the tightest one   the one before       the same
     (where 1 fails)
@@ -19,7 +19,7 @@ Its input is also perturbed by some units in the last place, to show how impacts
 A companion confirms a response if outcome and peak agree, and if both trajectories stay together
 while the input acts: if their sums over impacts (`ImpactSum`) differ by little. Without the last
 condition chaotic responses would be confirmed: two diverged trajectories may both overturn by
-chance, and have the same peak if they diverged after it.
+chance, or have the same peak if they diverged after it.
 
 Two kinds of error remain unseen. A step whose last four terms are all small by chance may be
 wrong in the response and in both companions. And rounding may decide in all three, in the same
@@ -150,8 +150,8 @@ def respond_within(
     input acts, of squared velocities weighted by time, have to agree. A response that diverges
     from its companions after its peak is not within tolerance, since a later peak may be higher.
 
-    Of 15 million random responses to records, harmonic motions and pulses within tolerance, none
-    had another outcome or a larger error than the tolerance. The stated error, then with a
+    Of 15 million random responses that were within tolerance, to records, harmonic motions and
+    pulses, none had another outcome or an error above the tolerance. The stated error, then with a
     safety factor of two, was exceeded in 22.
 
     The estimate cannot see what all tolerances have in common: the model itself, and the rule by

@@ -41,9 +41,10 @@ _MAX_STEPS = 2**20
 _REPETITIONS = 3
 # Relative width to which an event is bracketed on the interpolant.
 _BRACKET_WIDTH = 1e-6
-# Part of a step within which the Taylor polynomial from its end reaches an event: its
-# remainder is of the fourth power of this, and that of second derivatives of the second power,
-# of a term which the tolerance has made small over the whole step.
+# Fraction of a step within which the Taylor polynomial from its end reaches an event. Relative
+# to a term that the tolerance has made small over the whole step, its remainder is this to the
+# fourth power; the remainder of second derivatives is this squared. Half of it is the overshoot
+# of a first step in `solver_steps`.
 _REACH = 2e-3
 # Within its reach, Newton's method takes these steps. The relative change of the slope on the
 # way is at most `_BEND`, which each step squares: three would do for values, a fourth one makes
