@@ -91,9 +91,9 @@ def fit_free_rocking(
     Errors of times are taken as independent, of one standard deviation. Standard errors are
     those of least squares; the tests allow for the degrees of freedom.
 
-    Where the two models disagree about C by more than its standard error, `remarks` says by how
-    much: of 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, up to a slenderness of 15 if
-    the first launch is 0.9 of the critical one, and up to 3 if it is half of it.
+    Where the two models differ in C by more than its standard error, `remarks` says by how much.
+    For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, they do up to a slenderness of 15
+    if the first launch is 0.9 of the critical velocity, and up to 3 if it is half of that.
 
     Without p the durations have to say by their curvature how large the motion is: that takes
     impacts from near overturning on. Of 13 impacts with 1 ms of noise, b = 0.1 m, lambda = 5,

@@ -128,9 +128,9 @@ class Candidate(NamedTuple):
         return self.violation < problem.tolerance
 
     def identify(self, problem: TrainProblem) -> tuple[int, bytes, float]:
-        """Return what two candidates share that have come to one train.
+        """Return a key that is equal for candidates with the same train.
 
-        It is the way through the impacts, and the loss.
+        It consists of the number of pulses, the sequence of impacts, and the merit.
         """
         return self.used, self.impacts.tobytes(), round(self.merit(problem), 6)
 

@@ -23,7 +23,7 @@ from .train_through_impacts import Evaluation, evaluate_with_slopes
 _MOST_STEPS = 50
 _FIRST_STEP = 0.1
 _LARGEST_STEP = 0.5
-_LEAST_RISE = 0.1  # of the logarithm of x with that of the bound; about 1
+_LEAST_RISE = 0.1  # smallest d(log x) / d(log bound) that is used; it is about 1
 _LARGEST_CORRECTION = 0.5  # of the logarithm of the bound, in one step
 
 
@@ -56,7 +56,7 @@ class Descended(NamedTuple):
         The best train on the way.
     loss
         The number that is minimised: the logarithm of the size of the pulses once they just
-        overturn the block, or of the critical velocity over the one in the end.
+        overturn the block, or of the critical velocity over the final velocity.
     path
         The same in each step; NaN after the last.
     last

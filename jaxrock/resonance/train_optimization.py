@@ -4,8 +4,8 @@ Without limits on the times trains descend by gradient steps (`train_descent`), 
 come to is polished. With limits, and to polish, a descent is SciPy's sequential quadratic
 programming (SLSQP; Kraft 1988, report DFVLR-FB 88-28, and 1994, TOMS algorithm 733,
 https://doi.org/10.1145/192115.192124). It takes the limits as constraints: on the times and,
-where the smallest pulses are sought, that the block overturns. Fifty times as much computing,
-but gradient steps with penalties stop at worse trains.
+where the smallest pulses are sought, that the block overturns. It takes fifty times as much
+computation, but gradient steps with penalties stop at worse trains.
 """
 
 import functools

@@ -299,27 +299,27 @@ def _verify(
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Time and raise the pulses, and check whether the train then does as it should.
 
-    Followed over time, raised a little it has to overturn, lowered a little it must not; where
-    the most rotation is sought, the two peaks have to enclose the peak. Each train is timed by
-    its own impacts, which come later in a stronger train: a pulse on the wrong side of an impact
-    acts the other way. Times and intensities are those of the raised train, the times with a
-    margin: a little later where a pulse comes right after an impact, a little earlier where it
-    comes right before.
+    Simulated in time, the train must overturn the block if raised a little, and must not if
+    lowered a little; where the most rotation is sought, the two peaks must enclose the peak. Each
+    train is timed by its own impacts, which come later in a stronger train: a pulse on the wrong
+    side of an impact acts the other way. Return the times and intensities of the raised train.
+    The times have a margin: they are a little later where a pulse comes right after an impact, a
+    little earlier where it comes right before.
     """
-    # Half of the digits, but no less than 1e-6: followed over time, the same train is computed
-    # in another way.
-    trial = max(1e-6, problem.eps**0.5)
+    # By how much the intensities are raised: half of the digits, but no less than 1e-6, since a
+    # simulation in time computes the same train in another way.
+    raise_by = max(1e-6, problem.eps**0.5)
     before_impact = best.phases[: best.used] > 0.5
 
     def compute_times(raised: float) -> np.ndarray:
         """Compute when the pulses of the train come if it is raised by exp(`raised`)."""
         return np.asarray(best.compute_outcome(problem, raised).times)[: best.used]
 
-    def follow_raised(
+    def simulate_raised(
         by: float, margin: float
     ) -> tuple[np.ndarray, np.ndarray, TrainResponse]:
-        """Follow the train raised by a share, its pulses off the impacts by a margin."""
-        # The margin, too, is one of strength: a stronger train has its impacts later.
+        """Simulate the train raised by a fraction, its pulses off the impacts by a margin."""
+        # The margin is a fraction of the strength, too: a stronger train has its impacts later.
         times = np.where(before_impact, compute_times(by - margin), compute_times(by + margin))
         times = np.maximum.accumulate(times)
         raised = (intensities * (1 + by)).astype(times.dtype)
@@ -329,9 +329,9 @@ def _verify(
     # The smallest margin with which the train does as it should.
     times = raised = np.zeros(0)
     verified = False
-    for margin in (1e-4 * trial, 1e-3 * trial, 1e-2 * trial, 1e-1 * trial):
-        times, raised, higher = follow_raised(trial, margin)
-        *_, lower = follow_raised(-trial, margin)
+    for margin in (1e-4 * raise_by, 1e-3 * raise_by, 1e-2 * raise_by, 1e-1 * raise_by):
+        times, raised, higher = simulate_raised(raise_by, margin)
+        *_, lower = simulate_raised(-raise_by, margin)
         verified = bool(higher.overturned)
         if problem.seeks_pulses:
             verified &= not lower.overturned

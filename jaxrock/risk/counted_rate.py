@@ -93,19 +93,18 @@ def count_rates(overturned: np.ndarray, counting: Counting) -> CountedRate:
     return CountedRate(rate, contributions, error)
 
 
-# Samples of uncertain parameters are counted at the same levels. Where their boundaries are much
-# closer together than levels, all samples are wrong by the same; where they are spread over
-# several levels, errors cancel as those of independent samples do. Outcomes say which: with
-# the signs +, -, +, ... for successive intervals, what changes in the same interval adds up,
-# and what is spread over many cancels. For each record, the variance of the mean of N samples
-# is thus
+# All samples of uncertain parameters are counted at the same levels. If their boundaries are much
+# closer together than the levels, all samples have the same error; if they are spread over
+# several levels, errors cancel as between independent samples. The outcomes show which is the
+# case: with alternating signs for successive intervals, changes in one interval add up, and
+# changes spread over many cancel. For each record, the variance of the mean of N samples is
 #
 #     (sum of the variances of single samples + sum of products of pairs of samples) / N^2,
 #
-# where the products are those of the signed sums, and have the means of the covariances in both
-# limits. Where samples are spread over about one interval they are larger (a wave of twice the
-# period is left over): the error is then up to sqrt(N) / 2 times too large, and hardly ever
-# too small.
+# where the products are formed of the signed sums. In both limits their expected values are the
+# covariances. Where samples are spread over about one interval, the products are larger, since
+# the alternating signs do not cancel there: the error is then up to sqrt(N) / 2 times too large,
+# and hardly ever too small.
 def estimate_error_of_mean(overturned: np.ndarray, counting: Counting) -> np.ndarray:
     """Estimate the counting error [1/yr] of mean rates of samples, (records, ..., samples, levels).
 
@@ -123,7 +122,7 @@ def estimate_error_of_mean(overturned: np.ndarray, counting: Counting) -> np.nda
             lonely = np.where(changes[:, 1:] != 0, changes[:, :-1], 0)
             shared[place] += _sum_products_of_pairs(changes * steps)
             shared[place] += _sum_products_of_pairs(lonely * windows)
-    # Products scatter about their means, which are never negative.
+    # Sums of products may be negative by chance; their expected values are not.
     return np.asarray(np.sqrt(alone + np.maximum(shared, 0)) / (records * samples))
 
 
@@ -131,8 +130,8 @@ def _sum_products_of_pairs(values: np.ndarray) -> float:
     """Sum the products of all pairs of different samples, of values (samples, places).
 
     The values of a sample are added up with alternating signs, over each stretch of places
-    that has values of any sample at all of its places: what is further apart has nothing to do
-    with each other, and would only add noise.
+    that has values of any sample at all of its places. Stretches that are apart are
+    uncorrelated, and their products would only add noise.
     """
     occupied = values.any(axis=0)
     begins = np.flatnonzero(occupied & ~np.append(False, occupied[:-1]))

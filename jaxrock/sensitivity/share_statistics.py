@@ -112,14 +112,13 @@ def compute_sobol_indices(
         for i in range(inputs):
             parts = centred[1, 0] * change[i, 0]
             result.first_error[k, i] = _estimate_error(parts, of_whole, result.first[k, i])
-            # Over the samples of all records together: those of one are common to all.
+            # All records share the same samples: average over the records first.
             parts = (0.5 * change[i, 1:] ** 2).mean(axis=0)
             result.total_error[k, i] = _estimate_error(parts, of_whole, result.total[k, i])
         if records > 1:
             result.first[k, -1] = means.var() / whole
             result.total[k, -1] = 1 - variance[0] / whole
-            # Nothing is drawn of the records, they are all that there are; but their means are
-            # those of samples.
+            # Records are not drawn at random, but their means are estimated from samples.
             deviations = (both[:, 1:] - means[:, None]).sum(axis=0)
             parts = ((means - means.mean())[:, None] * deviations).mean(axis=0)
             result.first_error[k, -1] = _estimate_error(parts, of_whole, result.first[k, -1])
@@ -132,7 +131,7 @@ def compute_sobol_indices(
 
 
 def _estimate_error(parts: np.ndarray, of_whole: np.ndarray, index: float) -> float:
-    """Estimate the error of an index: the mean of parts over the mean of those of the variance.
+    """Estimate the error of an index, the mean of `parts` over the mean of `of_whole`.
 
     By the delta method: where few samples decide the variance, as where a block rarely
     overturns, its error is most of the error of the quotient.

@@ -1,4 +1,4 @@
-"""Compilation of programs that follow a batch on their own, with options for XLA."""
+"""Compilation of programs that simulate a batch on their own, with options for XLA."""
 
 import functools
 from collections.abc import Callable

@@ -121,8 +121,8 @@ def _find_extremes_of_step(
     step = times[1] - times[0]
     long = eps**0.5 * jnp.abs(states[0, 0]) <= step * jnp.sqrt(segment.equation.p_squared)
     counts = jnp.tile(long | (nodes == 0) | (nodes == 1), 3)
-    # Not `max`, whose derivative divides by the number of elements that are equal to it: none,
-    # if XLA has computed them once more with other roundings.
+    # Not `max`: its derivative divides by the number of elements equal to the maximum, which is
+    # 0 if XLA has recomputed them with different rounding.
     demand = pick_largest(jnp.where(counts, friction_demand(horizontal, normal), 0))
     return demand, -pick_largest(-jnp.where(counts, normal, jnp.inf))
 

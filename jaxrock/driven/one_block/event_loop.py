@@ -215,8 +215,8 @@ def _step_to_event(integration: Integration, before: State) -> State:
         ],
         before,
     )
-    # A block that the input lifts at once turns from then on and has not stood still: a wait
-    # of length 0 is none.
+    # A block that the input lifts at once rotates from then on: after a wait of length 0 no
+    # forces of a block at rest are added.
     forces = jax.lax.cond(
         waited & (state.time > before.time),
         lambda: add_forces_since(integration, state, before.time, acts),

@@ -19,10 +19,9 @@ def repeat_packed(
 ) -> _State:
     """Repeat as `jax.lax.while_loop` does, with one array for all small numbers of a type.
 
-    On a processor XLA makes at least one kernel, or one copy, of each array of the state in
-    each turn. Before JAX 0.11, the dispatch of twenty of them takes as long as the numbers
-    that they compute. From then on XLA makes one kernel of the whole loop, if nothing is
-    packed.
+    On a processor XLA runs at least one kernel or copy for each array of the state in each
+    iteration. Before JAX 0.11, dispatching twenty of these takes as long as their computation.
+    From then on XLA makes one kernel of the whole loop, if nothing is packed.
     """
     if jax.__version_info__ >= (0, 11):
         return jax.lax.while_loop(goes_on, take_turn, begin)

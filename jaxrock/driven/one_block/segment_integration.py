@@ -43,8 +43,8 @@ _REPETITIONS = 3
 _BRACKET_WIDTH = 1e-6
 # Fraction of a step within which the Taylor polynomial from its end reaches an event. Relative
 # to a term that the tolerance has made small over the whole step, its remainder is this to the
-# fourth power; the remainder of second derivatives is this squared. Half of it is the overshoot
-# of a first step in `solver_steps`.
+# fourth power; the remainder of second derivatives is this squared. `_OVERSHOOT` in
+# `solver_steps` is half of it, and has to be changed with it.
 _REACH = 2e-3
 # Within its reach, Newton's method takes these steps. The relative change of the slope on the
 # way is at most `_BEND`, which each step squares: three would do for values, a fourth one makes
@@ -372,8 +372,9 @@ def _reach_event(
 
     # Out of reach, Halley's method guesses the time, as a series to the second power of
     # Newton's step, which has no denominator that could vanish. A move that leaves the
-    # bracket, with room for the error of the interpolant, is dropped, as where a segment ends
-    # as it begins and the slope is nearly 0. In the last repetition its derivative counts.
+    # bracket, with room for the error of the interpolant, is dropped, for example where a
+    # segment ends as soon as it begins and the slope is nearly 0. In the last repetition the
+    # derivative of the move still counts.
     move = jnp.where(falls, newton * (1 + ratio), 0)
     fixed = jax.lax.stop_gradient(move)
     stays = jnp.abs(fixed) > 1e3 * _BRACKET_WIDTH * end

@@ -23,8 +23,8 @@ from ...ground_motion import Motion
 from ...validation import Booleans, Reals
 from ..equation import Equation
 
-# A first step that is to end just behind the end of the arc overshoots its estimate by this
-# share. Half of the reach of `segment_integration`, so that the event is within it.
+# A first step meant to end just after the arc overshoots the estimated end by this fraction:
+# half of `_REACH` in `segment_integration`, so that the event is within reach.
 _OVERSHOOT = 1e-3
 
 
@@ -186,7 +186,7 @@ def _find_peak(velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
 def _find_impact(rotation: Reals, velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
     """Estimate when a rotation vanishes under a linear acceleration; inf if it does not."""
     time = jnp.zeros_like(rotation)
-    # The acceleration that takes the block there, constant, is that of a third of the time.
+    # The equivalent constant acceleration is the acceleration after a third of the time.
     for _ in range(4):
         mean = acceleration + jerk * jnp.where(time < jnp.inf, time, 0) / 3
         square = velocity**2 - 2 * mean * rotation
