@@ -1,0 +1,180 @@
+"""Text files: their lines, errors that name file and line, and statements that must agree."""
+
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..host import read_regular, show_progress
+
+# Control characters that no text file contains.
+_BINARY = bytes({*range(0x20)} - {*b"\t\n\v\f\r"})
+# What some programs put first to say how a text is encoded; those of UTF-32 begin like UTF-16's.
+_MARKS = {
+    b"\xef\xbb\xbf": "utf-8",
+    b"\xff\xfe\0\0": "utf-32-le",
+    b"\0\0\xfe\xff": "utf-32-be",
+    b"\xff\xfe": "utf-16-le",
+    b"\xfe\xff": "utf-16-be",
+}
+
+
+class Statement(NamedTuple):
+    """What a caller or a file states about a quantity.
+
+    Attributes
+    ----------
+    line : int
+        Line of the file, 0 for what the caller states.
+    words : str
+        The statement as a part of a sentence, such as "the header states cm/s2".
+    value : float
+        Its value in SI; NaN if it is not understood.
+    """
+
+    line: int
+    words: str
+    value: float
+
+
+class TextFile:
+    """The lines of a text file, and errors that name it.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    lines : list of str
+        Its lines without their ends. Blank lines at the end of the file are left out.
+    ends : bool
+        Whether something that is no number stands at the end, such as a line end.
+    """
+
+    def __init__(self, path: Path, content: bytes | None = None):
+        """Take the lines of the content, or read it from the file.
+
+        Raises a `ValueError` if the file is empty, binary or cannot be read.
+        """
+        self.path = path
+        content = read_content(path) if content is None else content
+        if any(map(content.startswith, _MARKS)):
+            mark, code = next(pair for pair in _MARKS.items() if content.startswith(pair[0]))
+            try:
+                content = content.removeprefix(mark).decode(code).encode()
+            except UnicodeDecodeError:
+                raise self.error(f"the file seems to be damaged: it is no {code}") from None
+        self.ends = content[-1:] in [b" ", b"\t", b"\r", b"\n", b"\v", b"\f", b"\x1a"]
+        # DOS files end with a Ctrl-Z.
+        content = content.rstrip(b"\x1a\r\n\t ")
+        if not content:
+            raise self.error("the file is empty")
+        if len(content.translate(None, _BINARY)) < len(content):
+            raise self.error("a text file was expected, this one is binary")
+        self.lines = _decode(content.splitlines())
+
+    def error(self, reason: str, line: int = 0) -> ValueError:
+        """Make the error that gives the reason, with the file and perhaps the line."""
+        return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
+
+    def parse_number(self, word: str, line: int, name: str = "a value") -> float:
+        """Convert a word to a finite number; `name` says of what."""
+        value = as_number(word)
+        if value is None:
+            got = quote_word(word) if word.strip() else "an empty field"
+            raise self.error(f"{name} must be a number, got {got}", line)
+        if not math.isfinite(value):
+            raise self.error(f"{name} must be finite, got {quote_word(word)}", line)
+        return value
+
+    def read_values(
+        self,
+        top: int,
+        parse_all: Callable[[list[str]], np.ndarray],
+        parse_line: Callable[[str, int], Iterable[float]],
+    ) -> np.ndarray:
+        """Read the numbers after line `top`.
+
+        The lines go to `parse_all` together, which is faster. If that raises a `ValueError` or
+        returns a number that is not finite, they go to `parse_line` one by one, which accepts
+        unusual writing and names the line of an error.
+        """
+        lines = self.lines[top:]
+        try:
+            values = parse_all(lines)
+            if np.isfinite(values).all():
+                return values
+        except ValueError:
+            # One by one below.
+            pass
+        numbered = enumerate(show_progress(lines, f"reading {self.path.name}"), top + 1)
+        return np.array([value for n, line in numbered for value in parse_line(line, n)])
+
+    def require_agreement(
+        self,
+        statements: Iterable[Statement],
+        allowed: str,
+        tolerance: float,
+        missing: str,
+        line: int = 0,
+    ) -> float:
+        """Return the value on which all statements agree, the first one's.
+
+        Raises a `ValueError` with the words `missing`, at this line, if there is no statement;
+        if the first one is not understood, with what is `allowed`; or if another one differs
+        from the first by more than the relative `tolerance`.
+        """
+        statements = [*statements]
+        if not statements:
+            raise self.error(missing, line)
+        first = statements[0]
+        if math.isnan(first.value):
+            raise self.error(f"{first.words}, which is not {allowed}", first.line)
+        for other in statements[1:]:
+            if not math.isclose(first.value, other.value, rel_tol=tolerance):
+                where = f" in line {first.line}" if first.line else ""
+                raise self.error(f"{first.words}{where}, but {other.words}", other.line)
+        return first.value
+
+
+def read_content(path: Path) -> bytes:
+    """Read a whole file; a `ValueError` that names it if it cannot be read."""
+    try:
+        return read_regular(path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise ValueError(f"{str(path)!r}: the file cannot be read: {reason}") from error
+
+
+def as_number(word: str) -> float | None:
+    """Convert a word to a number, NaN and infinity among them; None if it is none."""
+    # 1_000 is a number in Python only: elsewhere it is a mistake.
+    try:
+        return float(word.replace("_", "?"))
+    except ValueError:
+        return None
+
+
+def quote_names(names: Iterable[str]) -> str:
+    """Quote the first of several names, for a message."""
+    names = [*names]
+    return ", ".join([quote_word(name) for name in names[:12]]) + (
+        ", ..." if names[12:] else ""
+    )
+
+
+def quote_word(word: str) -> str:
+    """Quote a word, cut if it is long."""
+    return repr(word if len(word) <= 60 else f"{word[:57]}...")
+
+
+def _decode(lines: list[bytes]) -> list[str]:
+    """Decode lines from UTF-8, or from Latin-1 those which are not in it."""
+    # Only names of stations and comments have other letters: numbers are the same in both.
+    try:
+        return [line.decode() for line in lines]
+    except UnicodeDecodeError:
+        if len(lines) == 1:
+            return [lines[0].decode("latin-1")]
+        return [text for line in lines for text in _decode([line])]
