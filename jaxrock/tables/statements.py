@@ -1,0 +1,155 @@
+"""Statements about units and time steps in running text: in comments, titles and headers.
+
+These are written for people. Statements in them are found by regular expressions that are built
+up from named parts; all of them ignore the case. A statement that is recognized but not
+understood is NaN, which readers refuse: no unit is ever guessed. The readers compare what is
+found with what the caller states.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterable
+
+from .text import Statement
+from .units import (
+    ACCELERATION,
+    PER_SQUARED_SECOND,
+    SECOND,
+    TIME,
+    VELOCITY,
+    WORD_END,
+    WORD_START,
+    normalize,
+    parse_unit,
+)
+
+# The words of a statement, and its value in SI: NaN if they are not understood.
+Found = tuple[str, float]
+
+# Also what is no acceleration, which is then NaN.
+_ANY = rf"(?:{ACCELERATION}|{VELOCITY}|counts?|volts?|mv|[ckn]m)"
+# In running text g, gal and cm are units only in such places; an amount, "0.1 cm/s2", is none.
+_START = r"(?<![a-z0-9])"
+_END = r"(?![a-z0-9/^*])"
+_IN_TEXT = (
+    rf"{_START}(?P<unit>{PER_SQUARED_SECOND}){_END}",
+    rf"[(\[{{]\s*(?P<unit>{ACCELERATION})\s*[)\]}}]",
+    rf"\bin\s+(?P<unit>{ACCELERATION}){_END}",
+    rf"\bacc[a-z]*\.?[\s,:=-]+(?P<unit>{ACCELERATION})\s*\.?(?:$|[,;)])",
+    rf"\bacc[^,;()\[\]]*?(?:[(\[{{]\s*|\bin\s+)(?P<unit>{_ANY}){_END}",
+)
+# What stands before a unit of an amount: a number, "per", or a peak value, as in "PGA (g)".
+_AMOUNT = r"(?:\d[\d.]*(?:e[-+]?\d+)?\s*|\bper\s*|\b(?:pga|peak|max(?:imum)?)\b[^,;]*)$"
+# "units of g", "UNITS: s, cm/s2", or of something that is not understood, but of no time.
+_DECLARED = (
+    r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[])[\s:=(\[]*"
+    rf"(?:{TIME}\s*[,;]\s*)?(?P<unit>{_ANY}{_END}|(?!(?:time|{TIME})(?![a-z0-9]))[^\s,;)\]]+)"
+)
+
+# Fortran may write 1.0-100 for 1e-100.
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
+# Letters of any script. Possessive: backtracking into a word would find shorter words in it.
+_WORD = r"[^\W\d_]++"
+# A unit beside the name, as in "dt [ms]", then the number, then whatever follows it.
+_VALUE = (
+    rf"(?![a-z0-9])(?:\s*[\[(]\s*(?P<inside>{_WORD})\s*[\])]|_(?P<after>{_WORD}))?"
+    rf"\s*(?:[=:]|\bis\b|\bof\b)?\s*(?P<number>{NUMBER})(?P<tail>.*)"
+)
+_STEP = (
+    r"(?:\b(?:dt|delta[\s_-]*t|time[\s_-]*(?:step|interval|increment)|delta(?=\s*[=:])"
+    rf"|sampl(?:e|ing)[\s_-]*(?:interval|period|step|spacing))|[\u0394\u2206]\s?t){_VALUE}"
+)
+_RATE = (
+    r"\b(?:(?:sampl(?:e|ing)|data|digiti[sz]ation)[\s_-]*(?:rate|frequency)|f_?s(?=\s*[=:])"
+    rf"|(?:sampled|sampling|digiti[sz]ed)\s+(?:at|with)(?=[^a-z]*hz)|samples\s+per\s+second)"
+    rf"{_VALUE}"
+)
+_PER_SECOND = rf"(?:hz|hertz|sps|(?:samples?|1)\s*(?:/|per)\s*{SECOND})(?![a-z])"
+_SAMPLES = rf"(?P<number>{NUMBER})\s*(?!hz|hertz|1){_PER_SECOND}"
+_UNIT_AFTER = rf"\s*[\[(]?\s*(?P<unit>{_WORD})(?!\s*[=:])(?:\s*/\s*{_WORD}(?!\s*[=:]))?"
+# In "DT= .01 NPTS= 400" the word belongs to what follows.
+_NO_UNIT_AFTER = rf"\s*(?:$|[(;)\]]|[,.](?!\d)|[\[(]?\s*{_WORD}\s*[=:])"
+
+
+def collect_statements(
+    find: Callable[[str], list[Found]], lines: Iterable[tuple[int, str]], where: str
+) -> list[Statement]:
+    """Collect the statements that `find` finds in lines; `where` says in what they stand."""
+    return [
+        Statement(number, f"{where} states {words}", value)
+        for number, line in lines
+        for words, value in find(line)
+    ]
+
+
+def find_units(line: str) -> list[Found]:
+    """Find the units of acceleration that a line of text states, from left to right."""
+    line = normalize(line)
+    # By where they begin, so that a unit that several patterns find counts once. Patterns run
+    # in reverse order, so that an earlier one in the list overrides a later one.
+    stated = {
+        match.start("unit"): _interpret(match["unit"])
+        for pattern in reversed(_IN_TEXT)
+        for match in re.finditer(pattern, line, re.I)
+        if not re.search(_AMOUNT, line[: match.start("unit")], re.I)
+    }
+    # A declaration may be of a unit that is not understood: only where nothing else is found.
+    if not stated and (match := re.search(_DECLARED, line, re.I)):
+        return [_interpret(match["unit"])]
+    return [stated[start] for start in sorted(stated)]
+
+
+def find_steps(line: str) -> list[Found]:
+    """Find the time steps [s] that a line states, also as a number of samples per second."""
+    line = normalize(line)
+    stated: list[Found] = []
+    for pattern in (_STEP, _RATE):
+        if match := re.search(pattern, line, re.I):
+            number = read_fortran(match["number"])
+            tail = match["tail"]
+            # The unit stands beside the name, "dt [ms] = 5", or behind: "dt = 5 ms".
+            key = match["inside"] or match["after"]
+            words, seconds = find_unit_after(tail)
+            step = number * (_parse_time(key) if key else seconds)
+            if pattern == _RATE and re.match(rf"\s*[\[(]?\s*{_PER_SECOND}", key or tail, re.I):
+                step = _invert(number)
+            # A rate without a unit is in samples per second, if it can be; a number below 1
+            # may well be a step.
+            elif pattern == _RATE and not key and not words:
+                step = _invert(number) if number >= 1 else math.nan
+            stated.append(((match[0].removesuffix(tail) + words).strip(), step))
+    for match in re.finditer(_SAMPLES, line, re.I):
+        stated.append((match[0], _invert(read_fortran(match["number"]))))
+    return stated
+
+
+def find_unit_after(tail: str) -> Found:
+    """Find the unit [s] of a number in the text after it: 1 for none, NaN if not clear."""
+    if match := re.match(_UNIT_AFTER, tail):
+        return match[0], _parse_time(match["unit"])
+    return "", 1.0 if re.match(_NO_UNIT_AFTER, tail) else math.nan
+
+
+def read_fortran(word: str) -> float:
+    """Convert a `NUMBER`, as Fortran may write it: 1.5D-3, or 1.0-100 without any letter."""
+    word = word.lower().replace("d", "e")
+    return float(word if "e" in word else re.sub(r"(?<=[\d.])(?=[-+])", "e", word))
+
+
+def _interpret(words: str) -> Found:
+    """Return the words of a unit, and its value if it is one of acceleration, else NaN."""
+    # A bracket at the end belongs to the text around, unless one was opened inside.
+    words = words if "(" in words else words.rstrip(")]}")
+    unit = parse_unit(words)
+    return words, unit.factor if unit.dimension == "acceleration" else math.nan
+
+
+def _parse_time(word: str) -> float:
+    """Convert a unit of time to seconds; NaN if it is not understood."""
+    unit = parse_unit(word)
+    return unit.factor if unit.dimension == "time" else math.nan
+
+
+def _invert(number: float) -> float:
+    """Convert a rate to a step; NaN of 0."""
+    return 1 / number if number else math.nan
