@@ -1,5 +1,6 @@
 """Tables and other text files: read with errors that name file and line, written in one style."""
 
+from .cut import require_whole_end as require_whole_end
 from .text import Statement as Statement
 from .text import TextFile as TextFile
 from .text import as_number as as_number

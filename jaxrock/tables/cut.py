@@ -1,0 +1,85 @@
+"""Files that a broken transfer has cut within their last number."""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from .text import TextFile, quote_word
+
+# A number at the end of a word: in fixed columns several may run together.
+_NUMBER = re.compile(
+    r"(?P<digits>\d+\.?|\.(?=\d))(?P<decimals>\d*)(?P<exponent>[ed][-+]?\d+)?$", re.I
+)
+# As many are enough to see how numbers are printed.
+_MANY = 1000
+
+
+class _Digits(NamedTuple):
+    """Characters after the point of a number and of its exponent, and whether it is 0."""
+
+    decimals: int
+    exponent: int
+    is_zero: bool
+
+
+def require_whole_end(text: TextFile, words: Sequence[str]) -> None:
+    """Raise a `ValueError` if the file looks as if it were cut within its last number.
+
+    `words` are numbers printed alike, such as those of a column, in the order of the file; the
+    last of them is the last word of the file. A word may have the blanks in front of it that
+    fill a column of fixed width: whole numbers show a cut only by ending before their column
+    does.
+
+    A file that ends with a line end or a blank is not cut within a number. Of any other the
+    last number is doubtful if it has fewer digits after its point than each of the others, or
+    a shorter exponent. A number that was cut down to as many digits as another one has by
+    chance cannot be told from it.
+    """
+    if text.ends or not words:
+        return
+    *others, last = words[-_MANY:]
+    if _has_fewer_digits(last, others):
+        reason = "has fewer digits than the others"
+    elif _ends_early(last, others):
+        reason = "ends before those above it do"
+    else:
+        return
+    raise text.error(
+        f"the file looks truncated: its last number {quote_word(last.strip())} {reason} and no"
+        " newline follows; add a newline if it is complete",
+        len(text.lines),
+    )
+
+
+def _has_fewer_digits(last: str, others: list[str]) -> bool:
+    """Return whether a number has fewer digits than each of the others."""
+    counted = _count_digits(last)
+    counts = [digits for digits in map(_count_digits, others) if digits is not None]
+    # Among numbers that differ from it, a 0 may be printed in a way of its own.
+    counts = [digits for digits in counts if not digits.is_zero] or counts
+    if counted is None or not counts:
+        return False
+    exponent = min(digits.exponent for digits in counts)
+    if exponent and counted.is_zero:
+        return False
+    # 9e-1 among 0.5 and 0.75 is whole: programs that print the shortest form write so.
+    if counted.exponent and not exponent:
+        return False
+    decimals = min(digits.decimals for digits in counts)
+    return counted.decimals < decimals or counted.exponent < exponent
+
+
+def _ends_early(last: str, others: list[str]) -> bool:
+    """Return whether a number ends before its column, in which all others end at one place."""
+    ends = {len(word) for word in others}
+    is_padded = any(word[:1].isspace() for word in others)
+    return is_padded and len(ends) == 1 and len(last) < min(ends)
+
+
+def _count_digits(word: str) -> _Digits | None:
+    """Count the digits of the number at the end of a word; None if there is none."""
+    match = _NUMBER.search(word)
+    if match is None:
+        return None
+    is_zero = not re.search("[1-9]", match["digits"] + match["decimals"])
+    return _Digits(len(match["decimals"]), len(match["exponent"] or ""), is_zero)
