@@ -85,7 +85,9 @@ QUANTITIES: dict[str, Quantity] = {
         ("velocity",),
     ),
     "level": Quantity(
-        r"(?:intensity(?: measure)?|iml?|x|value)?(?: ?levels?)?", "", ("acceleration", "velocity")
+        r"(?:intensity(?: measure)?|iml?|x|value)?(?: ?levels?)?",
+        "",
+        ("acceleration", "velocity"),
     ),
     "width": Quantity(r"(?:full )?width|base", "", _LENGTH),
     "height": Quantity(r"(?:full )?height", "", _LENGTH),
@@ -170,7 +172,10 @@ def read_head(words: str) -> Head:
     plain = " ".join(normalize(words).replace("_", " ").split())
     bracketed = [match for match in _IN_BRACKETS.finditer(plain) if _is_unit(plain, match)]
     if bracketed:
-        units = [parse_unit((match["square"] or match["round"] or "").strip()) for match in bracketed]
+        units = [
+            parse_unit((match["square"] or match["round"] or "").strip())
+            for match in bracketed
+        ]
         return _settle(words, _cut_out(plain, bracketed), units)
     if _match_whole(plain):
         return _settle(words, plain, [])
@@ -236,5 +241,7 @@ def _settle(words: str, name: str, units: list[Unit]) -> Head:
     if not quantity or (len(name) == 1 and dimension):
         return Head(words, name, _BY_DIMENSION.get(dimension, dimension), tuple(units))
     known = QUANTITIES[quantity].dimensions
-    fitting = (unit if unit.dimension in known else Unit(unit.words, "", math.nan) for unit in units)
+    fitting = (
+        unit if unit.dimension in known else Unit(unit.words, "", math.nan) for unit in units
+    )
     return Head(words, name, quantity, tuple(fitting))

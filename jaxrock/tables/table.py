@@ -223,7 +223,9 @@ def read_table(source: Path | TextFile) -> Table:
     separator = (stated["separator"] or "\t") if stated else _find_separator(text)
     sample = [*itertools.islice(_split_lines(text, top, separator), _SAMPLE)]
     if not sample:
-        raise text.error("a line with the names of the columns was expected, got comments only")
+        raise text.error(
+            "a line with the names of the columns was expected, got comments only"
+        )
     head, first = _find_head(sample)
     titles = [row for k, row in enumerate(sample[:first]) if k != head]
     top = sample[first].line - 1 if first < len(sample) else len(text.lines)
@@ -233,7 +235,10 @@ def read_table(source: Path | TextFile) -> Table:
         units = titles[-1].cells if titles and head + 1 < first else []
         if _are_units(units, len(names)):
             del titles[-1]
-            names = [f"{n} [{u.strip('[]()')}]" if u else n for n, u in zip(names, units, strict=True)]
+            names = [
+                f"{n} [{u.strip('[]()')}]" if u else n
+                for n, u in zip(names, units, strict=True)
+            ]
         # Spreadsheets end lines with separators of empty cells.
         while len(names) > 1 and not names[-1]:
             del names[-1]
@@ -250,7 +255,9 @@ def read_table(source: Path | TextFile) -> Table:
 def _find_head(sample: list[Row]) -> tuple[int | None, int]:
     """Find the row of the names, None if there is none, and the first row below it."""
     leading = [0]
-    while leading[-1] + 1 < len(sample) and not any(map(_is_number, sample[leading[-1] + 1].cells)):
+    while leading[-1] + 1 < len(sample) and not any(
+        map(_is_number, sample[leading[-1] + 1].cells)
+    ):
         leading.append(leading[-1] + 1)
     if all(map(_is_number, filter(None, sample[0].cells))):
         return None, 0
@@ -270,7 +277,9 @@ def _find_head(sample: list[Row]) -> tuple[int | None, int]:
     if not known[head]:
         head = fitting[-1 if width == 1 else 0]
     first = head + 1
-    while first < len(sample) and _stands_between(sample[first].cells, len(sample[head].cells)):
+    while first < len(sample) and _stands_between(
+        sample[first].cells, len(sample[head].cells)
+    ):
         first += 1
     return head, first
 
@@ -309,7 +318,9 @@ def _find_names_in_comments(
         names[0] = names[0].lstrip("# ") or "#"
         # Of sentences, which have commas as well, the parts are seldom single words.
         plain = all(
-            _NAME_IN_COMMENT.fullmatch(name) or read_head(name).units for name in names
+            _NAME_IN_COMMENT.fullmatch(name)
+            or (name.endswith(("]", ")")) and read_head(name).units)
+            for name in names
         )
         if plain and len(names) == width and not any(map(_is_number, names)):
             return names, line
