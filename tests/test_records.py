@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from jaxrock.ground_motion import example_record, from_obspy, read_record
-from jaxrock.ground_motion.files import text as record_text
 
 G = 9.80665
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSAN FERNANDO 02/09/71, PACOIMA DAM, UNIT 1, 164\n"
@@ -263,7 +262,7 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             "a.csv",
             "# a\n#b",
             A,
-            ": a line with the names of the columns was expected, all are com",
+            ": a line with the names of the columns was expected, all lines are com",
         ),
         ("a.csv", "#\n0,1\n1,2", A, ", line 2: names of the columns were expected, got '0,1'"),
         (
@@ -339,12 +338,6 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
         ("a.csv", CSV + "nan,7,8", A, ", line 5: column 'time' must be finite, got 'nan'"),
         (
             "a.csv",
-            "t;a\n0;1\n1;2",
-            B,
-            ", line 1: columns must be separated by commas, got semicolons",
-        ),
-        (
-            "a.csv",
             "a\n" + 999 * "x",
             B,
             f", line 2: column 'a' must be a number, got '{57 * 'x'}...'",
@@ -379,7 +372,7 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
             "a.csv",
             "a\n1\n2",
             A,
-            ", line 1: time_step must be given, since no column of times is",
+            ", line 1: no column of times is among 'a', so that time_step must be",
         ),
         (
             "a.csv",
@@ -578,11 +571,11 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
         ),
         ("a.csv", "t,acc [counts]\n0,1\n1,2", "line 1: column .* states counts, which is not"),
         ("a.csv", "t,acc [cm/s]\n0,1\n1,2", "line 1: column .* states cm/s, which is not"),
-        ("a.csv", "t,vel_m_s,a_g2 [g]\n0,1,1\n1,2,2", "column must be given"),
+        ("a.csv", "t,x_g,a_g2 [g]\n0,1,1\n1,2,2", "column must be given"),
         (
             "a.csv",
             "# in G\nt,velocity\n0,1\n1,2",
-            "acceleration was expected, not column 'vel",
+            "acceleration was expected, got columns 'velocity'",
         ),
         (
             "a.csv",
@@ -595,7 +588,7 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
         (
             "a.csv",
             "# dt = 2 s\nt,acc_g\n0,1\n1,2",
-            "line 1: column 't' has a step of 1 s, but .* dt = 2 s",
+            "line 2: a comment states dt = 2 s in line 1, but column 't' has a step of 1 s",
         ),
         ("a.csv", "t,a_g\n0,1\n1,2", "unit must be given"),  # ground acceleration as well
     ],
@@ -647,11 +640,11 @@ def test_unusual_files_are_read_line_by_line_with_progress(write, holds, monkeyp
     ]
     broken = write("c.csv", "\n".join(["t,a,b", *rows, "199,x,2"]))
     shown = []
-    monkeypatch.setattr(
-        record_text,
-        "show_progress",
-        lambda items, label: shown.append((len(items), label)) or items,
-    )
+    for module in ("text", "table"):
+        monkeypatch.setattr(
+            f"jaxrock.tables.{module}.show_progress",
+            lambda items, label: shown.append((len(items), label)) or items,
+        )
     drifts = "the ground still moves at "
     with pytest.warns(UserWarning, match=drifts):
         read = read_record(at2)

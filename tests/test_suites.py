@@ -373,7 +373,7 @@ NONE = ": the folder has no file of a record: .at2, .csv"
         (
             {"a.csv": WORDS},
             {"unit": "g", "time_step": 1.0},
-            ["a.csv', line 2: column 'Dear read"],
+            ["a.csv': at least two samples were expected, got 0"],
         ),
         (
             {"a.csv": "acc_g\n1\n"},

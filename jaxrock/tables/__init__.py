@@ -7,6 +7,7 @@ from .quantities import find_quantity as find_quantity
 from .quantities import read_head as read_head
 from .statements import NUMBER as NUMBER
 from .statements import collect_statements as collect_statements
+from .statements import find_contents as find_contents
 from .statements import find_steps as find_steps
 from .statements import find_unit_after as find_unit_after
 from .statements import find_units as find_units

@@ -40,7 +40,8 @@ _MEAN = r"(?:mean |annual |yearly |hazard )*"
 # be taken for one. Of hazards and objects all of the name has to be understood.
 QUANTITIES: dict[str, Quantity] = {
     "time": Quantity(
-        rf"(?:elapsed |relative |record )?(?:t|times?)(?: {_OF}impacts?)?|impact times?",
+        rf"(?:elapsed |relative |record )?(?:t|times?)(?: {_OF}impacts?)?|impact times?"
+        r"|s|secs?|seconds?",
         "",
         ("time",),
     ),
@@ -85,7 +86,7 @@ QUANTITIES: dict[str, Quantity] = {
         ("velocity",),
     ),
     "level": Quantity(
-        r"(?:intensity(?: measure)?|iml?|x|value)?(?: ?levels?)?",
+        r"(?:intensity(?: measure)?|iml?)?(?: ?levels?)?",
         "",
         ("acceleration", "velocity"),
     ),
@@ -107,6 +108,14 @@ QUANTITIES: dict[str, Quantity] = {
         "", r"rot(?:ations?)?|tilt|inclination|theta|phi|\u03b8|\u03c6|angles?", ("angle",)
     ),
     "acceleration": Quantity("a", r"acc\w*", ("acceleration",)),
+    "mass": Quantity("", r"mass|weight", ("mass",)),
+    "force": Quantity("", r"forces?|loads?", ("force",)),
+    "strain": Quantity("", r"strains?", ("strain",)),
+    "temperature": Quantity("", r"temp(?:erature)?s?", ("temperature",)),
+    "angular velocity": Quantity("", r"gyro\w*", ("angular velocity",)),
+    "counter": Quantity(
+        "", r"samples?|index|number|id|counter|trigger|flag|status", ("ratio", "counts")
+    ),
 }
 # The quantity of a column whose name says none, by what its unit measures.
 _BY_DIMENSION = {
@@ -135,7 +144,7 @@ _REMARK = (
 # Units that are clear wherever they stand in a name, as in acc_g_east. A number of degrees is
 # an azimuth.
 _CLEAR = (
-    rf"{ACCELERATION}|{VELOCITY}|counts?|volts?|m[vm]|cm|kn|[km]?pa|mrad|hz|rad"
+    rf"{ACCELERATION}|%|{VELOCITY}|counts?|volts?|m[vm]|cm|kn|[km]?pa|mrad|hz|rad"
     r"|(?<!\d)(?<!\d )deg(?:rees?)?|\u00b0"
 )
 
@@ -197,10 +206,14 @@ def find_quantity(name: str) -> str:
         return "spectral acceleration"
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
     words = re.findall(r"[^\W\d_]+", f"{name} {apart}")
-    for quantity, described in QUANTITIES.items():
-        if any(re.fullmatch(described.words, word, re.I) for word in words):
-            return quantity
-    return ""
+    return next(
+        (
+            key
+            for key, known in QUANTITIES.items()
+            if any(re.fullmatch(known.words, word, re.I) for word in words)
+        ),
+        "",
+    )
 
 
 def _match_whole(name: str) -> str:

@@ -17,8 +17,6 @@ from .units import (
     SECOND,
     TIME,
     VELOCITY,
-    WORD_END,
-    WORD_START,
     normalize,
     parse_unit,
 )
@@ -37,14 +35,24 @@ _IN_TEXT = (
     rf"\bin\s+(?P<unit>{ACCELERATION}){_END}",
     rf"\bacc[a-z]*\.?[\s,:=-]+(?P<unit>{ACCELERATION})\s*\.?(?:$|[,;)])",
     rf"\bacc[^,;()\[\]]*?(?:[(\[{{]\s*|\bin\s+)(?P<unit>{_ANY}){_END}",
+    rf"^\W*(?:in\s+)?(?P<unit>{_ANY})\W*$",
 )
 # What stands before a unit of an amount: a number, "per", or a peak value, as in "PGA (g)".
 _AMOUNT = r"(?:\d[\d.]*(?:e[-+]?\d+)?\s*|\bper\s*|\b(?:pga|peak|max(?:imum)?)\b[^,;]*)$"
 # "units of g", "UNITS: s, cm/s2", or of something that is not understood, but of no time.
 _DECLARED = (
-    r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[])[\s:=(\[]*"
+    r"\bunits?(?:\s+(?:of|in|are|is)\b|\s*[:=(\[,;])[\s:=(\[]*"
     rf"(?:{TIME}\s*[,;]\s*)?(?P<unit>{_ANY}{_END}|(?!(?:time|{TIME})(?![a-z0-9]))[^\s,;)\]]+)"
 )
+
+# What other values than accelerations are called.
+_OTHER_SERIES = (
+    r"\b(?:velocity|displacement|rotation|jerk)\s+(?:time\b|histor(?:y|ies)\b|series\b)"
+    r"|\b(?:pseudo|spectral|rotational|angular)(?:[\s-]+spectral)?[\s-]+acc[a-z]*"
+    r"|\b(?:response|fourier|design|target)\s+(?:spectr(?:um|a)|amplitudes?)"
+)
+_COMPARED = r"\b(?:match\w*|compatible|fit\w*|scaled)\b"
+_OTHERS = r"\b(?:velocity|displacement|spectr(?:um|a|al))\b"
 
 # Fortran may write 1.0-100 for 1e-100.
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
@@ -53,19 +61,28 @@ _WORD = r"[^\W\d_]++"
 # A unit beside the name, as in "dt [ms]", then the number, then whatever follows it.
 _VALUE = (
     rf"(?![a-z0-9])(?:\s*[\[(]\s*(?P<inside>{_WORD})\s*[\])]|_(?P<after>{_WORD}))?"
-    rf"\s*(?:[=:]|\bis\b|\bof\b)?\s*(?P<number>{NUMBER})(?P<tail>.*)"
+    rf"\s*(?:[=:]|[,;](?=[\d.])|\bis\b|\bof\b|\bat\b)?\s*(?P<number>{NUMBER})(?P<tail>.*)"
 )
+_SAMPLING = r"(?:sampl(?:e|ing|er)|acquisition|digiti[sz](?:ation|ing))"
 _STEP = (
-    r"(?:\b(?:dt|delta[\s_-]*t|time[\s_-]*(?:step|interval|increment)|delta(?=\s*[=:])"
-    rf"|sampl(?:e|ing)[\s_-]*(?:interval|period|step|spacing))|[\u0394\u2206]\s?t){_VALUE}"
+    r"(?:\b(?:dt|delta[\s_-]*t|time[\s_-]*(?:step|interval|increment)|delta(?=\s*[=:]?\s*[\d.])"
+    rf"|{_SAMPLING}[\s_-]*(?:interval|period|step|spacing)|sampling\s+at(?=[^a-z]*m?s\b)"
+    rf"|(?<!\w\s)(?:step|interval)s?)|[\u0394\u2206]\s?t){_VALUE}"
 )
 _RATE = (
-    r"\b(?:(?:sampl(?:e|ing)|data|digiti[sz]ation)[\s_-]*(?:rate|frequency)|f_?s(?=\s*[=:])"
-    rf"|(?:sampled|sampling|digiti[sz]ed)\s+(?:at|with)(?=[^a-z]*hz)|samples\s+per\s+second)"
-    rf"{_VALUE}"
+    rf"\b(?:(?:{_SAMPLING}|data)[\s_-]*(?:rate|freq(?:uency|\.)?)|f_?s(?=\s*[=:])|sps(?=\W*\d)"
+    r"|(?:sampled|sampling|digiti[sz]ed|recorded)(?=\s+(?:at|with)\s[\s\d.]*hz)"
+    rf"|samples\s+per\s+second|(?<!\w\s)rate){_VALUE}"
 )
 _PER_SECOND = rf"(?:hz|hertz|sps|(?:samples?|1)\s*(?:/|per)\s*{SECOND})(?![a-z])"
-_SAMPLES = rf"(?P<number>{NUMBER})\s*(?!hz|hertz|1){_PER_SECOND}"
+# Of hertz alone a lone statement is clear: otherwise filters are in hertz, too.
+_SAMPLES = (
+    rf"(?:^\W*(?P<alone>{NUMBER})\s*(?:hz|hertz)\W*$"
+    rf"|(?P<number>{NUMBER})\s*(?!hz|hertz|1){_PER_SECOND})"
+)
+_INTERVALS = (
+    rf"(?P<number>{NUMBER})\s*(?P<unit>{TIME})\s+(?:steps?\b|intervals?\b|per\s+sample)"
+)
 _UNIT_AFTER = rf"\s*[\[(]?\s*(?P<unit>{_WORD})(?!\s*[=:])(?:\s*/\s*{_WORD}(?!\s*[=:]))?"
 # In "DT= .01 NPTS= 400" the word belongs to what follows.
 _NO_UNIT_AFTER = rf"\s*(?:$|[(;)\]]|[,.](?!\d)|[\[(]?\s*{_WORD}\s*[=:])"
@@ -80,6 +97,27 @@ def collect_statements(
         for number, line in lines
         for words, value in find(line)
     ]
+
+
+def find_contents(
+    lines: Iterable[tuple[int, str]], known: bool = False
+) -> tuple[int, str] | None:
+    """Find a line that says that the values are no accelerations, and what they are instead.
+
+    Headers of accelerations may mention velocities or displacements, which are computed from
+    them, and a spectrum that they match. But a "velocity time series" is none of accelerations,
+    and neither are values above which velocities are mentioned and no accelerations, unless
+    these are `known` to be accelerations.
+    """
+    lines = [*lines]
+    for number, line in lines:
+        match = re.search(_OTHER_SERIES, line, re.I)
+        if match and not re.search(_COMPARED, line, re.I):
+            return number, " ".join(match[0].split()).lower()
+    if known or any(re.search(r"\bacc", line, re.I) for _, line in lines):
+        return None
+    mentions = ((n, re.search(_OTHERS, line, re.I)) for n, line in lines)
+    return next(((n, match[0].lower()) for n, match in mentions if match), None)
 
 
 def find_units(line: str) -> list[Found]:
@@ -119,7 +157,9 @@ def find_steps(line: str) -> list[Found]:
                 step = _invert(number) if number >= 1 else math.nan
             stated.append(((match[0].removesuffix(tail) + words).strip(), step))
     for match in re.finditer(_SAMPLES, line, re.I):
-        stated.append((match[0], _invert(read_fortran(match["number"]))))
+        stated.append((match[0], _invert(read_fortran(match["alone"] or match["number"]))))
+    for match in re.finditer(_INTERVALS, line, re.I):
+        stated.append((match[0], read_fortran(match["number"]) * _parse_time(match["unit"])))
     return stated
 
 

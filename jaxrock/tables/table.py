@@ -6,6 +6,7 @@ bulk of the numbers is read by NumPy. What is not read is refused with the line.
 
 import csv
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..host import show_progress
 from .cut import require_whole_end
 from .quantities import Head, read_head
 from .text import TextFile, as_number, quote_word
@@ -154,7 +156,8 @@ class Table:
         lines = self.text.lines[self._top :]
         values = self._read_quickly(lines, columns)
         if values is None:
-            values = np.array([self._read_row(row, columns) for row in self.rows])
+            rows = show_progress(self.rows, f"reading {self.text.path.name}")
+            values = np.array([self._read_row(row, columns) for row in rows])
             values = values.reshape(-1, len(columns))
             first = self.rows[0].line if self.rows else self._top + 1
             for number, line in enumerate(self.text.lines[first - 1 :], first):
@@ -192,17 +195,19 @@ class Table:
         """Read finite numbers of a row that has all cells."""
         if len(row.cells) != len(self.heads):
             raise self.error_of_width(row)
-        values = []
-        for column in columns:
-            number = self.parse_number(row, column)
-            name = f"column {self.names[column]!r}"
-            # Raises the error if it is none.
-            values.append(
-                self.text.parse_number(row.cells[column], row.line, name)
-                if number is None or not np.isfinite(number)
-                else number
-            )
-        return values
+        return [self.require_number(row, column) for column in columns]
+
+    def require_number(self, row: Row, column: int) -> float:
+        """Convert a cell to a finite number; a `ValueError` with line and column if it is none."""
+        number = self.parse_number(row, column)
+        if number is not None and math.isfinite(number):
+            return number
+        cell = row.cells[column] if column < len(row.cells) else ""
+        allowed = "a number" if number is None else "finite"
+        cell = quote_word(cell) if cell else "an empty field"
+        raise self.text.error(
+            f"column {self.names[column]!r} must be {allowed}, got {cell}", row.line
+        )
 
 
 def read_table(source: Path | TextFile) -> Table:
@@ -224,7 +229,7 @@ def read_table(source: Path | TextFile) -> Table:
     sample = [*itertools.islice(_split_lines(text, top, separator), _SAMPLE)]
     if not sample:
         raise text.error(
-            "a line with the names of the columns was expected, got comments only"
+            "a line with the names of the columns was expected, all lines are comments"
         )
     head, first = _find_head(sample)
     titles = [row for k, row in enumerate(sample[:first]) if k != head]

@@ -132,7 +132,8 @@ def parse_unit(words: str) -> Unit:
     plain = re.sub(r"[()\[\]{}^]|\*\*", "", plain)
     # Some write p for per, and ss for squared seconds.
     plain = re.sub(r"(?<=m)ps(?=\d|ec|$)", "/s", plain)
-    plain = re.sub(r"\bss$", "s2", plain)
+    plain = re.sub(r"(?:\bs|(?<=m)s)s$", "s2", plain)
+    plain = re.sub(r"^([cmn]?m)(?=s-?2$)", r"\1/", plain).replace("/s-2", "/s2")
     plain = re.sub(r"^1?\s*(?=/|per\b)", "1 ", plain)
     not_understood = Unit(words, "", math.nan)
     powers: Counter[str] = Counter()

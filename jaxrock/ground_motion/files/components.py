@@ -5,11 +5,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ...validation import POSITIVE, as_real, check
 from ..drift import warn_of_drift
 from ..record import Record
 from ..units import require_unit as require_unit
-from .text import Statements
 
 Direction = Literal["level", "up", "down", ""]
 
@@ -76,20 +74,3 @@ def require_upward(component: Component) -> Component:
     if component.direction == "level":
         raise ValueError(f"{component.name} is horizontal, a vertical component was expected")
     return component
-
-
-def collect_arguments(
-    unit: str | None, time_step: float | int | None
-) -> tuple[Statements, Statements]:
-    """Collect what the caller states, about the unit and about the time step."""
-    # It comes first, so that errors say that the file disagrees.
-    units = Statements()
-    steps = Statements()
-    if time_step is not None:
-        step = as_real("time_step", time_step)
-        check("time_step", step, POSITIVE)
-        seconds = time_step if isinstance(time_step, float | int) else float(step)
-        steps = [(0, f"time_step is {float(seconds)} s", float(seconds))]
-    if unit is not None:
-        units = [(0, f"unit is {unit!r}", require_unit(unit))]
-    return units, steps

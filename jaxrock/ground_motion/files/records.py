@@ -8,11 +8,15 @@ or by the caller, and may not contradict each other; signs are preserved. Any fa
 import os
 from pathlib import Path
 
+from ...tables import UNITS_OF_ACCELERATION, TextFile, quote_names
 from ..record import Record
-from .components import Component, collect_arguments, make_record, require_upward
+from .claims import Claims, make_claims
+from .components import Component, make_record, require_upward
 from .formats import read_components
-from .tables import read_csv
-from .text import quote_names
+from .sample_tables import SampleTable
+
+# Ends of names of tables, of which a caller picks columns.
+TABLE_SUFFIXES = (".csv", ".tsv")
 
 StrPath = str | os.PathLike[str]
 
@@ -89,28 +93,49 @@ def read_record(
         if not isinstance(value, str | os.PathLike):
             raise ValueError(f"{name} must be one name of a file or column, got {value!r:.60}")
     path = Path(path)
-    units, steps = collect_arguments(unit, time_step)
-    if path.suffix.lower() == ".csv":
+    claims = make_claims(unit, time_step)
+    if path.suffix.lower() in TABLE_SUFFIXES:
         upward = None if vertical is None else str(vertical)
-        level, *rising = read_csv(path, units, steps, column, upward)
-        return make_record(level, *map(require_upward, rising))
-    beside = [path] if vertical is None else [path, Path(vertical)]
+        return _read_table_record(TextFile(path), claims, column, upward)
     if path.is_dir():
         raise ValueError(
             f"{str(path)!r} is a folder: one file is read, read_suite takes folders"
         )
-    components = read_components(path, units, steps, beside)
+    beside = [path] if vertical is None else [path, Path(vertical)]
+    components = read_components(path, [*claims.units], [*claims.steps], beside)
     horizontal = _choose_horizontal(path, components, column)
     if vertical is None:
         return make_record(horizontal)
     upward = _find_channel(components, str(vertical))
     if upward is None:
         if not Path(vertical).suffix and not Path(vertical).exists():
-            must = "vertical must be a component of the file, or another file"
-            raise ValueError(f"{must}, got {str(vertical)!r} for {str(path)!r}")
-        others = read_components(Path(vertical), units, [], beside)
-        upward = _choose_vertical(Path(vertical), others)
+            raise ValueError(
+                "vertical must be a component of the file, or another file, got"
+                f" {str(vertical)!r} for {str(path)!r}"
+            )
+        components = read_components(Path(vertical), [*claims.units], [], beside)
+        upward = _choose_vertical(Path(vertical), components)
     return make_record(horizontal, require_upward(upward))
+
+
+def _read_table_record(
+    text: TextFile, claims: Claims, column: str | None, vertical: str | None
+) -> Record:
+    """Read a horizontal column of a table, and perhaps a vertical one."""
+    table = SampleTable(text)
+    if not claims.units and not table.states_unit:
+        raise text.error(f"unit must be given for a .csv file: {UNITS_OF_ACCELERATION}")
+    upward = None if vertical is None else table.find_column("vertical", vertical)
+    if column is None:
+        level = table.choose_horizontal(upward)
+    else:
+        level = table.find_column("column", column)
+    if level == upward:
+        name = table.table.names[level]
+        raise text.error(f"column and vertical are the same, {name!r}", table.table.line)
+    columns = {level: "column"} | ({} if upward is None else {upward: "vertical"})
+    components = table.read_components(columns, claims)
+    return make_record(components[0], *map(require_upward, components[1:]))
 
 
 def _find_channel(components: list[Component], name: str) -> Component | None:

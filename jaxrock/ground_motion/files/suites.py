@@ -7,21 +7,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...host import show_progress
+from ...tables import TextFile, quote_names
 from ..record import Record
 from ..suite import Suite
 from .at2 import find_at2_direction, read_at2
-from .components import Component, collect_arguments, make_record, require_upward
-from .directions import find_column_direction, find_word_direction, is_same_station
+from .claims import Claims, make_claims
+from .components import Component, make_record, require_upward
+from .directions import find_word_direction, is_same_station
 from .formats import list_suffixes, read_components
-from .records import StrPath
-from .tables import (
-    SEARCH_REPORT,
-    is_search_report,
-    list_acceleration_columns,
-    read_columns,
-    strip_unit,
-)
-from .text import RecordText, Statements, quote_names
+from .records import TABLE_SUFFIXES, StrPath
+from .sample_tables import SampleTable, is_search_report
 
 # In a folder, the usual name of a table of the records, and how texts to read first are named.
 _INDEX = "index.csv"
@@ -99,7 +94,7 @@ def read_suite(
     >>> print(suite.names)
     ('ridgecrest_2019_clc east', 'ridgecrest_2019_clc north')
     """
-    units, steps = collect_arguments(unit, time_step)
+    claims = make_claims(unit, time_step)
     paths, of_folder = _list_files(source)
     # All faults are collected: who repairs a folder of files wants to see each of them at
     # once.
@@ -108,12 +103,14 @@ def read_suite(
     verticals: dict[Path, Component] = {}
     for path in show_progress(paths, "reading records"):
         try:
-            if path.suffix.lower() == ".csv":
-                content = _read_table(path, units, steps, vertical, of_folder)
+            if path.suffix.lower() in TABLE_SUFFIXES:
+                content = _read_table(path, claims, vertical, of_folder)
             elif path.suffix.lower() == ".at2":
-                content = _read_at2(path, paths, units, steps, vertical)
+                content = _read_at2(path, paths, [*claims.units], [*claims.steps], vertical)
             else:
-                content = _read_channels(path, paths, units, steps, vertical)
+                content = _read_channels(
+                    path, paths, [*claims.units], [*claims.steps], vertical
+                )
         except ValueError as error:
             faults.append(str(error))
             continue
@@ -171,48 +168,43 @@ def _list_files(source: StrPath | Iterable[StrPath]) -> tuple[list[Path], bool]:
     return paths, False
 
 
-def _read_table(
-    path: Path, units: Statements, steps: Statements, vertical: bool, of_folder: bool
-) -> _Content:
-    """Read the horizontal columns of a .csv file, each with the vertical one if wanted."""
-    text = RecordText(path)
-    if is_search_report(text.lines):
-        text.refuse(not of_folder, SEARCH_REPORT)
+def _read_table(path: Path, claims: Claims, vertical: bool, of_folder: bool) -> _Content:
+    """Read the horizontal columns of a table, each with the vertical one if wanted."""
+    text = TextFile(path)
+    if of_folder and is_search_report(text):
         return _Content([])
-    plain = {name: strip_unit(name) for name in list_acceleration_columns(text)}
-    directions = {name: find_column_direction(words) for name, words in plain.items()}
-    level = [name for name, direction in directions.items() if direction == "level"]
-    rises = [name for name, direction in directions.items() if direction in ("up", "down")]
-    text.refuse(not level, "no column is a horizontal acceleration")
-    listed = ", ".join(map(repr, level[:6]))
-    text.refuse(len(level) > 2, f"at most two horizontal columns were expected: {listed}")
-    one = f"one vertical column was expected, got {len(rises)}"
-    text.refuse(vertical and len(rises) != 1, one)
-    wanted = [*level, *rises] if vertical else level
-    components = read_columns(text, units, steps, {name: "column" for name in wanted})
+    table = SampleTable(text)
+    directions = {k: table.find_direction(k) for k in table.accelerations}
+    level = [k for k, direction in directions.items() if direction == "level"]
+    upright = [k for k, direction in directions.items() if direction in ("up", "down")]
+    if not level:
+        names = quote_names(table.table.names)
+        raise text.error(f"no column is a horizontal acceleration among {names}")
+    if len(level) > 2:
+        names = quote_names(table.table.names[k] for k in level)
+        raise text.error(f"at most two horizontal columns were expected: {names}")
+    if vertical and len(upright) != 1:
+        raise text.error(f"one vertical column was expected, got {len(upright)}")
+    wanted = [*level, *upright] if vertical else level
+    components = table.read_components(dict.fromkeys(wanted, "column"), claims)
+    by_column = dict(zip(wanted, components, strict=True))
     upward = tuple(
-        each._replace(direction=directions[name] or "")
-        for name, each in zip(wanted, components, strict=True)
-        if name in rises
+        by_column[k]._replace(direction=directions[k] or "") for k in wanted if k in upright
     )
-    return _Content(
-        [
-            _Motion(
-                f"{path.stem} {plain[name] or name}" if len(level) > 1 else path.stem,
-                path,
-                each,
-                upward,
-            )
-            for name, each in zip(wanted, components, strict=True)
-            if name in level
-        ]
-    )
+    motions: list[_Motion] = []
+    for k in level:
+        head = table.table.heads[k]
+        name = f"{path.stem} {head.name or head.words}" if len(level) > 1 else path.stem
+        motions.append(_Motion(name, path, by_column[k], upward))
+    return _Content(motions)
 
 
 def _read_at2(
-    path: Path, paths: list[Path], units: Statements, steps: Statements, vertical: bool
+    path: Path, paths: list[Path], units: list, steps: list, vertical: bool
 ) -> _Content:
     """Read an .AT2 file, unless it is a vertical component that is not wanted."""
+    from .text import RecordText
+
     text = RecordText(path)
     # Before the values, which cost time and may be at fault where nobody wants them.
     if find_at2_direction(text, paths) in ("up", "down") and not vertical:
@@ -222,7 +214,7 @@ def _read_at2(
 
 
 def _read_channels(
-    path: Path, paths: list[Path], units: Statements, steps: Statements, vertical: bool
+    path: Path, paths: list[Path], units: list, steps: list, vertical: bool
 ) -> _Content:
     """Read a file of another format, which may have several components."""
     components = read_components(path, units, steps, paths)
