@@ -13,6 +13,7 @@ from .at2 import find_at2_direction, read_at2
 from .components import Component, collect_arguments, make_record, require_upward
 from .directions import find_column_direction, find_word_direction, is_same_station
 from .formats import list_suffixes, read_components
+from .knet import leave_out_boreholes
 from .records import StrPath
 from .tables import (
     SEARCH_REPORT,
@@ -66,6 +67,8 @@ def read_suite(
     names. Left out are folders within it, hidden files, pipes and devices, texts to read
     first, a table ``index.csv``, the report of a search that PEER puts beside records, and
     velocities, displacements and spectra, told by names such as ``....VEL.MP.ASC`` of ESM.
+    Files of KiK-net's sensors in a borehole (``.EW1``, ``.NS1``, ``.UD1``) are left out with a
+    warning where files of the station at the surface are there.
 
     Parameters
     ----------
@@ -101,6 +104,7 @@ def read_suite(
     """
     units, steps = collect_arguments(unit, time_step)
     paths, of_folder = _list_files(source)
+    paths = leave_out_boreholes(paths)
     # All faults are collected: who repairs a folder of files wants to see each of them at
     # once.
     faults = []
