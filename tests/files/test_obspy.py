@@ -281,6 +281,16 @@ REFUSED = {
         change(pack_records([1000]), 22, (999).to_bytes(2, "big")),
         {"unit": "gal"},
     ),
+    r"its station and channel are b'ABC  .*H.xcbEXX'": (
+        "a.mseed",
+        change(pack_records([1000]), 16, b"\xcb"),
+        {"unit": "gal"},
+    ),
+    "record at byte 1024 is damaged: .*'offset': 66, .*'offset': 64": (
+        "a.mseed",
+        change(pack_records([1001, 1000]), 1024 + 45, b"\x42"),
+        {"unit": "gal"},
+    ),
     # obspy would read on behind the end of the file, through other memory.
     "record at byte 0 is damaged: it states 65000 samples from byte 64 of 1024 on": (
         "a.mseed",

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -57,8 +57,8 @@ def read_knet(
     """
     if not isinstance(text, TextFile) or not isinstance(claims, Claims):  # SHIM for formats.py
         text = TextFile(text.path)
-        units = tuple(Statement(*s) for s in claims)
-        claims = Claims(units, tuple(Statement(*s) for s in steps or []))
+        pair = cast("tuple[Statements, Statements]", (claims, steps or []))
+        claims = Claims(*(tuple(Statement(*s) for s in given) for given in pair))
     (rate,) = _read_numbers(text, _RATE)
     (duration,) = _read_numbers(text, _DURATION)
     gals, counts = _read_numbers(text, _SCALE)

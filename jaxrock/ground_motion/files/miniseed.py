@@ -7,6 +7,7 @@ https://www.fdsn.org/pdf/SEEDManual_V2.4.pdf.
 
 import re
 import struct
+from typing import NamedTuple
 
 # Sequence number, quality and a blank.
 _START = re.compile(rb"[\d \0]{6}[DRQM][ \0]")
@@ -14,12 +15,23 @@ _VERSION_3 = b"MS\x03"
 # Bytes of a sample by its encoding: only floats can be accelerations.
 _FLOATS = {4: 4, 5: 8}
 # Where fields stand in the head of a record, and the first blockette behind it.
+_CODES = slice(8, 20)
 _YEAR = 20
 _SAMPLES = 30
+_BLOCKETTES = 39
 _OFFSETS = 44
 _HEAD = 48
 # Lengths of records, as powers of 2.
 _EXPONENTS = range(7, 17)
+
+
+class _Layout(NamedTuple):
+    """The bytes of a record, where its samples begin, and SEED's codes for how they are written."""
+
+    length: int
+    offset: int
+    encoding: int
+    word_order: int
 
 
 def is_miniseed(content: bytes) -> bool:
@@ -34,6 +46,8 @@ def count_samples(name: str, content: bytes) -> int:
     """
     if content.startswith(_VERSION_3):
         raise ValueError(f"{name}: miniSEED of version 3 is not read: convert it to version 2")
+    # Those of a channel are the same, unless some records have more blockettes.
+    layouts: dict[tuple[bytes, int], _Layout] = {}
     start = 0
     samples = 0
     while start < len(content):
@@ -41,27 +55,36 @@ def count_samples(name: str, content: bytes) -> int:
             raise ValueError(f"{name}: a record of miniSEED was expected at byte {start}")
         record = content[start : start + 2 ** _EXPONENTS[-1]]
         try:
-            length, stated = _measure_record(record)
+            layout, stated = _measure_record(record)
+            first = layouts.setdefault((record[_CODES], record[_BLOCKETTES]), layout)
+            if layout != first:
+                raise ValueError(
+                    f"is damaged: it has {layout._asdict()}, an earlier one of its channel"
+                    f" {first._asdict()}"
+                )
         except ValueError as error:
             raise ValueError(f"{name}: the record at byte {start} {error}") from None
-        start += length
+        start += layout.length
         samples += stated
     return samples
 
 
-def _measure_record(record: bytes) -> tuple[int, int]:
-    """Return the bytes and the samples of the record with which some bytes begin."""
+def _measure_record(record: bytes) -> tuple[_Layout, int]:
+    """Return the layout and the number of samples of the record with which some bytes begin."""
     # obspy finds by the date which byte of a number comes first.
     order = ">" if 1900 <= int.from_bytes(record[_YEAR : _YEAR + 2], "big") <= 2100 else "<"
     try:
         year, day = struct.unpack_from(f"{order}HH", record, _YEAR)
         (samples,) = struct.unpack_from(f"{order}H", record, _SAMPLES)
         offset, blockette = struct.unpack_from(f"{order}HH", record, _OFFSETS)
-        encoding, exponent = _read_blockette_1000(record, blockette, order)
+        encoding, word_order, exponent = _read_blockette_1000(record, blockette, order)
     except struct.error:
         raise ValueError("is cut") from None
     if not 1900 <= year <= 2100 or not 1 <= day <= 366:
         raise ValueError(f"is damaged: its date is day {day} of {year}")
+    # obspy loses its warnings of a record if it cannot decode the codes.
+    if not record[_CODES].isascii():
+        raise ValueError(f"is damaged: its station and channel are {record[_CODES]!r}")
     if encoding not in _FLOATS:
         raise ValueError(
             "has no floating-point numbers, but counts of an instrument: remove the response in"
@@ -74,18 +97,18 @@ def _measure_record(record: bytes) -> tuple[int, int]:
         raise ValueError(
             f"is damaged: it states {samples} samples from byte {offset} of {length} on"
         )
-    return length, samples
+    return _Layout(length, offset, encoding, word_order), samples
 
 
-def _read_blockette_1000(record: bytes, at: int, order: str) -> tuple[int, int]:
-    """Read the encoding and the exponent of the length, along the chain of blockettes."""
+def _read_blockette_1000(record: bytes, at: int, order: str) -> tuple[int, int, int]:
+    """Follow the chain of blockettes; return encoding, word order and exponent of the length."""
     while at >= _HEAD:
         kind, following = struct.unpack_from(f"{order}HH", record, at)
         if kind == 1000:
-            encoding, _, exponent = struct.unpack_from("BBB", record, at + 4)
+            encoding, word_order, exponent = struct.unpack_from("BBB", record, at + 4)
             if exponent not in _EXPONENTS or at + 8 > 2**exponent:
                 raise ValueError(f"is damaged: its length is 2 to the power of {exponent}")
-            return encoding, exponent
+            return encoding, word_order, exponent
         # A chain that leads back would never end.
         if following <= at:
             break

@@ -9,7 +9,7 @@ import math
 import re
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -76,8 +76,8 @@ def read_traces(
     instrument are refused, and channels with gaps.
     """
     if not isinstance(content, bytes) or not isinstance(claims, Claims):  # SHIM for formats.py
-        units, steps = ([Statement(*s) for s in each] for each in (content, claims))
-        claims = Claims((*units,), (*steps,))
+        pair = cast("tuple[Statements, Statements]", (content, claims))
+        claims = Claims(*(tuple(Statement(*s) for s in given) for given in pair))
         content = read_regular(path)
     file = repr(str(path))
     kind = find_trace_format(content, path.suffix)
