@@ -322,14 +322,22 @@ REFUSED = {
         knet(**{"Scale Factor": "2001(gal)/8388608", "Max. Acc. (gal)": "7.177"}),
         {},
     ),
-    "line 13: a line such as 'Dir.  .* was expected, got 'Dir.  .*X'": ("a.ew", knet("X"), {}),
-    "line 14: .* got 'Scala": ("a.ew", knet().replace(b"Scale", b"Scala"), {}),
-    "line 11: numbers above 0 were expected": (
+    "line 13: Dir. must be one of N-S, .*, 6, got 'X'": ("a.ew", knet("X"), {}),
+    "line 14: Scale Factor was expected, got 'Scala": (
+        "a.ew",
+        knet().replace(b"Scale", b"Scala"),
+        {},
+    ),
+    "line 11: .* must be above 0, got '0'": (
         "a.ew",
         knet(**{"Sampling Freq(Hz)": "0Hz"}),
         {},
     ),
-    "the file ends before the line 'Scale": ("a.ew", b"\n".join(knet().split(b"\n")[:12]), {}),
+    "line 13: Dir. was expected, got ''": (
+        "a.ew",
+        b"\n".join(knet().split(b"\n")[:12]),
+        {},
+    ),
 }
 
 
@@ -384,7 +392,7 @@ def test_boreholes(tmp_path):
         (tmp_path / f"A.{axis}").write_bytes(knet(str(number)))
     (tmp_path / "B.NS1").write_bytes(knet("1"))
     for source in (tmp_path, [*tmp_path.iterdir()]):
-        said = r"3 files are left out, .* in a borehole .*: A\.[^B]*\. read_record reads one"
+        said = r"3 files are left out, .* in a borehole .*: 'A\.[^B]*'\. read_record reads one"
         with pytest.warns(UserWarning, match=said) as warned:
             suite = jr.read_suite(source)
         assert len(warned) == 1
