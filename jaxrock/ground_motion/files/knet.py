@@ -65,12 +65,10 @@ def read_knet(
     unit = claims.add_unit(_SCALE, "the file is in gal", 0.01).require_unit(text)
     words = f"the file states {rate:g} samples per second"
     step = claims.add_step(_RATE, words, 1 / rate).require_step(text)
-    values = np.array(
-        [
-            text.parse_number(word, number)
-            for number, line in enumerate(text.lines[_HEADER_LINES:], _HEADER_LINES + 1)
-            for word in line.split()
-        ]
+    values = text.read_values(
+        _HEADER_LINES,
+        _parse_counts,
+        lambda line, number: [text.parse_number(word, number) for word in line.split()],
     )
     if values.size < 2 or values.size != round(duration * rate, 6):
         raise text.error(
@@ -93,7 +91,7 @@ def leave_out_boreholes(paths: list[Path]) -> list[Path]:
     stations = {
         (path.parent, path.stem.lower()) for path in paths if path.suffix.lower() in _SURFACE
     }
-    # A dictionary keeps their order.
+    # A dictionary, in which a path is found at once: archives have thousands of files.
     deep = {
         path: path.name
         for path in paths
@@ -102,7 +100,8 @@ def leave_out_boreholes(paths: list[Path]) -> list[Path]:
     if deep:
         warnings.warn(
             f"{len(deep)} files are left out, since their sensors are in a borehole and others"
-            f" of the station at the surface: {quote_names(deep.values())}. read_record reads one of them",
+            f" of the station at the surface: {quote_names(deep.values())}."
+            " read_record reads one of them",
             stacklevel=3,
         )
     return [path for path in paths if path not in deep]
@@ -127,11 +126,20 @@ def _parse_positive(text: TextFile, line: int, word: str) -> float:
     return value
 
 
+def _parse_counts(lines: list[str]) -> np.ndarray:
+    """Convert all counts of a file; a `ValueError` if one of them is no number."""
+    joined = " ".join(lines)
+    # 1_000 is a number in Python only.
+    return np.array([*map(float, joined.replace("_", "?").split())])
+
+
 def _require_last_number(text: TextFile) -> None:
     """Refuse a text that ends within its last number: all numbers end where columns do."""
+    if text.ends:
+        return
     *before, last = text.lines[_HEADER_LINES:]
     ends = {match.end() for line in before for match in re.finditer(r"\S+", line)}
-    if ends and not text.ends and len(last) not in ends:
+    if ends and len(last) not in ends:
         raise text.error(
             f"the file seems to be cut within its last number, {quote_word(last.split()[-1])},"
             " after which no line end stands: other numbers in its column end further right",
