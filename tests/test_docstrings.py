@@ -4,9 +4,12 @@ import ast
 import dataclasses
 import doctest
 import functools
+import importlib
 import inspect
+import json
 import re
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -119,6 +122,51 @@ def test_docstring_shows_an_example_and_its_output(name):
     examples = doctest.DocTestParser().get_examples(getattr(jr, name).__doc__)
     run = [example for example in examples if doctest.SKIP not in example.options]
     assert any(example.want for example in run), f"{name} has no example that prints"
+
+
+ROOT = Path(__file__).parent.parent
+
+
+def texts():
+    """The strings of each module, the pages and the cells of notebooks, by their files."""
+    for path in sorted((ROOT / "jaxrock").rglob("*.py")):
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        values = [node.value for node in nodes if isinstance(node, ast.Constant)]
+        yield path, "\n".join(value for value in values if isinstance(value, str))
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
+        yield path, path.read_text(encoding="utf-8")
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        yield path, "\n".join("".join(cell["source"]) for cell in cells)
+
+
+def find_unknown_names(text):
+    """The dotted names of the package in a text that lead to nothing."""
+    names = re.findall(r"(?<![\w./-])(?:jaxrock|jr)((?:\.[A-Za-z_]\w*)+)", text)
+    return [name for name in dict.fromkeys(names) if not leads_somewhere(name.split(".")[1:])]
+
+
+def leads_somewhere(parts):
+    found = jr
+    for part in parts:
+        fields = getattr(found, "__dataclass_fields__", {})
+        if inspect.ismodule(found) and not hasattr(found, part):
+            try:
+                importlib.import_module(f"{found.__name__}.{part}")
+            except ModuleNotFoundError:
+                return False
+        if not hasattr(found, part):
+            return part in fields
+        found = getattr(found, part)
+    return True
+
+
+def test_names_of_the_package_exist():
+    """Those in messages, docstrings, pages and notebooks."""
+    text = "use jaxrock.from_obspy, jr.Block.wide, jr.ground_motion.from_obspy, jr.Sine.angle."
+    assert find_unknown_names(text) == [".from_obspy", ".Block.wide"]
+    unknown = {path.relative_to(ROOT): find_unknown_names(text) for path, text in texts()}
+    assert not {path: names for path, names in unknown.items() if names}
 
 
 def guarded():

@@ -1,8 +1,10 @@
-"""miniSEED, SAC and K-NET: written by obspy, or here in their layout, and read through obspy."""
+"""miniSEED, SAC and K-NET: written by obspy, or here in their layout."""
 
 import io
+import struct
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from tools.command import run
 
 import jaxrock as jr
 from jaxrock.cli.options import read_motion
+from jaxrock.ground_motion.files.claims import make_claims
+from jaxrock.ground_motion.files.obspy_files import read_traces
 
 with warnings.catch_warnings():
     # As the library does: one of obspy's imports is deprecated in Python 3.11.
@@ -46,6 +50,29 @@ def pack_sac(data=None, step=0.005, **header):
     trace = make_trace(data=data, step=step, **header.pop("stats", {}))
     trace.stats.sac = header
     return pack("SAC", trace)
+
+
+def pack_records(blockettes, order=">", samples=100):
+    """Records of miniSEED with these blockettes in their order, and perhaps wrong `samples`."""
+    size = {100: 12, 500: 200, 1000: 8, 1001: 8}
+    begin = 48 + sum(size[kind] for kind in blockettes)
+    content = b""
+    for number, rows in enumerate(GALS["HNE"].reshape(-1, 100)):
+        start = (number // 2, 0, 5000 * (number % 2))
+        record = struct.pack("8s5s2s3s2s", b"%06dD " % number, b"ABC  ", b"  ", b"HNE", b"XX")
+        record += struct.pack(order + "HHBBBBH", 2020, 1, 0, 0, *start)
+        record += struct.pack(order + "HhhBBBBi", samples, 200, 1, 0, 0, 0, len(blockettes), 0)
+        record += struct.pack(order + "HH", begin, 48 if blockettes else 0)
+        for place, kind in enumerate(blockettes, 1):
+            following = len(record) + size[kind] if place < len(blockettes) else 0
+            fields = {
+                1000: bytes([4, order == ">", 10, 0]),
+                100: struct.pack(order + "f", 200),
+            }
+            blockette = struct.pack(order + "HH", kind, following) + fields.get(kind, b"")
+            record += blockette.ljust(size[kind], b"\0")
+        content += (record + rows.astype(order + "f4").tobytes()).ljust(1024, b"\0")
+    return content
 
 
 def knet(direction="E-W", **changes):
@@ -95,6 +122,21 @@ def test_miniseed(tmp_path, name):
     np.testing.assert_allclose(
         alone.acceleration, 0.01 * GALS["HNE"].astype(float), rtol=1e-14
     )
+
+
+@pytest.mark.parametrize("order", [">", "<"])
+@pytest.mark.parametrize(
+    "blockettes", [[1000], [1000, 1001], [1001, 1000], [100, 1001, 1000], [500, 100, 1000]]
+)
+def test_blockettes_in_any_order(blockettes, order):
+    """Blockette 1001 comes first in the files of SCEDC and NCEDC."""
+    content = pack_records(blockettes, order)
+    # Its name is of no file: the content is not read again.
+    (component,) = read_traces(Path("a.mseed"), content, make_claims("gal", None))
+    (trace,) = obspy.read(io.BytesIO(content))
+    np.testing.assert_array_equal(component.values, trace.data)
+    np.testing.assert_array_equal(component.values, GALS["HNE"])
+    assert (component.factor, component.step) == (0.01, trace.stats.delta)
 
 
 def test_sac(tmp_path):
@@ -168,8 +210,12 @@ def test_knet(tmp_path, direction, axis):
 
 
 INTEGERS = np.arange(400, dtype=np.int32)
-WRONG_BLOCKETTES = bytearray(pack("MSEED", make_trace()))
-WRONG_BLOCKETTES[39] = 5
+
+
+def change(content, at, new):
+    return content[:at] + new + content[at + len(new) :]
+
+
 REFUSED = {
     "unit must be given": ("a.mseed", pack("MSEED", make_trace()), {}),
     "column must be given": (
@@ -204,14 +250,56 @@ REFUSED = {
     ),
     "miniSEED of version 3": ("a.bin", b"MS\x03" + bytes(600), {"unit": "gal"}),
     "a record of miniSEED was expected": ("a.mseed", b"time,acc\n" * 100, {"unit": "gal"}),
-    "a record in it is damaged": (
+    "a record of miniSEED was expected at byte 2048": (
         "a.mseed",
         pack("MSEED", make_trace()) + b"?" * 512,
         {"unit": "gal"},
     ),
+    "record at byte 0 has no blockette 1000": (
+        "a.mseed",
+        pack_records([1001]),
+        {"unit": "gal"},
+    ),
+    "record at byte 1024 has no blockette 1000": (
+        "a.mseed",
+        # The chain leads back to its beginning.
+        change(pack_records([1001, 1000]), 1024 + 50, b"\0\x30"),
+        {"unit": "gal"},
+    ),
+    "record at byte 3072 is cut": (
+        "a.mseed",
+        pack_records([1001, 1000])[:-1],
+        {"unit": "gal"},
+    ),
+    "its length is 2 to the power of 99": (
+        "a.mseed",
+        change(pack_records([1001, 1000]), 62, b"c"),
+        {"unit": "gal"},
+    ),
+    "its date is day 999 of 2020": (
+        "a.mseed",
+        change(pack_records([1000]), 22, (999).to_bytes(2, "big")),
+        {"unit": "gal"},
+    ),
+    r"its station and channel are b'ABC  .*H.xcbEXX'": (
+        "a.mseed",
+        change(pack_records([1000]), 16, b"\xcb"),
+        {"unit": "gal"},
+    ),
+    "record at byte 1024 is damaged: .*'offset': 66, .*'offset': 64": (
+        "a.mseed",
+        change(pack_records([1001, 1000]), 1024 + 45, b"\x42"),
+        {"unit": "gal"},
+    ),
+    # obspy would read on behind the end of the file, through other memory.
+    "record at byte 0 is damaged: it states 65000 samples from byte 64 of 1024 on": (
+        "a.mseed",
+        pack_records([1001, 1000], samples=65000),
+        {"unit": "gal"},
+    ),
     "obspy warns: .*Number of blockettes": (
         "a.mseed",
-        WRONG_BLOCKETTES,
+        change(pack("MSEED", make_trace()), 39, b"\x05"),
         {"unit": "gal"},
     ),
     "IDEP says velocity": ("a.sac", pack_sac(idep=7), {"unit": "gal"}),
@@ -224,7 +312,7 @@ REFUSED = {
         knet(),
         {"time_step": 0.02},
     ),
-    "2 s were expected at 62 samples per second": (
+    "2 s were expected at 62.5 samples per second, got 200": (
         "a.ew",
         knet(**{"Sampling Freq(Hz)": "62.5Hz"}),
         {},
@@ -234,8 +322,22 @@ REFUSED = {
         knet(**{"Scale Factor": "2001(gal)/8388608", "Max. Acc. (gal)": "7.177"}),
         {},
     ),
-    "Dir. is no direction of K-NET, got 'X'": ("a.ew", knet("X"), {}),
-    "obspy cannot read it as K-NET: .*Scale": ("a.ew", knet().replace(b"Scale", b"Scala"), {}),
+    "line 13: Dir. must be one of N-S, .*, 6, got 'X'": ("a.ew", knet("X"), {}),
+    "line 14: Scale Factor was expected, got 'Scala": (
+        "a.ew",
+        knet().replace(b"Scale", b"Scala"),
+        {},
+    ),
+    "line 11: .* must be above 0, got '0'": (
+        "a.ew",
+        knet(**{"Sampling Freq(Hz)": "0Hz"}),
+        {},
+    ),
+    "line 13: Dir. was expected, got ''": (
+        "a.ew",
+        b"\n".join(knet().split(b"\n")[:12]),
+        {},
+    ),
 }
 
 
@@ -248,20 +350,59 @@ def test_refused(tmp_path, capfd, reason):
     assert capfd.readouterr() == ("", "")
 
 
-def test_samples_behind_the_end(tmp_path):
-    """A last record that states more samples than it holds: obspy reads other memory."""
-    content = bytearray(pack("MSEED", make_trace()))
-    content[1536 + 30 : 1536 + 32] = (65000).to_bytes(2, "big")
-    with pytest.raises(ValueError, match=r"a\.mseed': a record in it is damaged"):
-        read(tmp_path / "a.mseed", content, unit="gal")
-
-
-@pytest.mark.parametrize(("name", "content"), [("a.ew", knet()), ("a.sac", pack_sac())])
-def test_without_obspy(tmp_path, monkeypatch, name, content):
+def test_without_obspy(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "obspy", None)
-    brings = rf"{name}': obspy is not installed; pip install 'jaxrock\[records\]' brings it"
+    brings = r"a.sac': obspy is not installed; pip install 'jaxrock\[records\]' brings it"
     with pytest.raises(ValueError, match=brings):
-        read(tmp_path / name, content, unit="gal")
+        read(tmp_path / "a.sac", pack_sac(), unit="gal")
+    assert read(tmp_path / "a.ew", knet()).samples == COUNTS.size
+
+
+def test_knet_as_obspy_reads_it():
+    """A file of a station, as it comes from the network."""
+    path = Path(obspy.__file__).parent / "io/nied/tests/data/test.knet"
+    (trace,) = obspy.read(path)
+    with pytest.warns(UserWarning, match="drift"):
+        record = jr.read_record(path)
+    assert record.time_step == trace.stats.delta
+    np.testing.assert_allclose(
+        record.acceleration, trace.data * trace.stats.calib, rtol=1e-14, atol=0
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        # The sample that is furthest from the mean.
+        (b" 377 ", b" 397 ", "line 15: Max. Acc"),
+        (b"2000(gal)", b"2001(gal)", "line 15: Max. Acc"),
+        (b"8388608", b"8386608", "line 15: Max. Acc"),
+        (b"100Hz", b"200Hz", "59 s were expected at 200 samples per second, got 5900 samples"),
+    ],
+)
+def test_changes_in_a_file_of_k_net(tmp_path, old, new, message):
+    content = (Path(obspy.__file__).parent / "io/nied/tests/data/test.knet").read_bytes()
+    with pytest.raises(ValueError, match=message):
+        read(tmp_path / "a.ew", content.replace(old, new, 1))
+
+
+def test_boreholes(tmp_path):
+    """Of KiK-net's archive the sensors at the surface, and those at depth only where alone."""
+    for number, axis in enumerate(("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), 1):
+        (tmp_path / f"A.{axis}").write_bytes(knet(str(number)))
+    (tmp_path / "B.NS1").write_bytes(knet("1"))
+    for source in (tmp_path, [*tmp_path.iterdir()]):
+        said = r"3 files are left out, .* in a borehole .*: 'A\.[^B]*'\. read_record reads one"
+        with pytest.warns(UserWarning, match=said) as warned:
+            suite = jr.read_suite(source)
+        assert len(warned) == 1
+        assert sorted(suite.names) == ["A.EW2", "A.NS2", "B.NS1"]
+    (tmp_path / "B.NS1").unlink()
+    with pytest.warns(UserWarning, match="3 files are left out"):
+        assert jr.read_suite(tmp_path, vertical=True).records[0].vertical is not None
+    assert jr.read_record(tmp_path / "A.NS1").samples == COUNTS.size
+    deep = [tmp_path / name for name in ("A.NS1", "A.UD1")]
+    assert jr.read_suite(deep, vertical=True).names == ("A.NS1",)
 
 
 def test_commands(tmp_path, capsys):

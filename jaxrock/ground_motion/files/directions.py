@@ -1,4 +1,4 @@
-"""Directions of components, told by the names of columns and files, and by titles in files."""
+"""Directions of components, as stated by the names of columns and files, and by titles in files."""
 
 import re
 from collections.abc import Iterable
@@ -12,8 +12,10 @@ Stated = Literal["level", "up", "down", "vertical", ""]
 
 # Words of names of columns, after the conventions of data centres: the last letter of a
 # channel of three, as in HNZ, is its direction.
-_UPWARD = r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|accz|[a-z]{2}z"
-_DOWNWARD = r"do?w?n(?:ward)?"
+_UPWARD = (
+    r"up(?:ward|down)?|ud|ve?r?t(?:ical)?|ver|v|u|a?z|[a-z]{2}z|acc(?:el)?(?:up|ud|ve?rt|v|z)"
+)
+_DOWNWARD = r"(?:acc(?:el)?)?do?w?n(?:ward)?"
 _NO_ACCELERATION = r"samples?|index|number|id|v(?:el)?[xyz]"
 # What can only be horizontal. The axes x and y may be any, in two dimensions too.
 _CLEARLY_LEVEL = r"[ne]|ns|sn|ew|we|north|east|south|west|[behls][hnlg][ne]"
@@ -25,8 +27,8 @@ _ENDS: dict[Stated, str] = {
     "vertical": r"ve?rt|ver|vertical|v|(?<=-)v1|z|[a-z][hnlg]z",
     "level": r"[ns]\d{1,2}[ew]|n-?s[12]?|e-?w[12]?|[nsewlt]|h[12]|ln|tr|[a-z][hnlg][ne12]",
 }
-# The code of a location may follow that of the channel.
-_LOCATION = r"(?:[-_. ]\d\d)?"
+# The code of a location may follow that of the channel: digits, or -- where it is blank.
+_LOCATION = r"(?:[-_. ](?:\d\d|--))?"
 # A separator has to stand before an end: the last letters of a word, as in "setup", say
 # nothing. No word ends in some of them, nor has others after a number.
 _APART = (
@@ -68,7 +70,7 @@ def find_clear_direction(name: str) -> Direction:
 
 
 def _has_word(pattern: str, words: str) -> bool:
-    """Tell whether a whole word of a name, which may be in camelCase, matches a pattern."""
+    """Return whether a whole word of a name, which may be in camelCase, matches a pattern."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
     return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
 
@@ -104,30 +106,29 @@ def find_word_direction(word: str) -> Stated:
 
 def settle_direction(name: Stated, title: Stated) -> Direction | None:
     """Settle a direction by what the name of a file and its title say; None if they differ."""
-    said = {name, title} - {""}
-    if len(said - {"vertical"}) > 1 or {"level", "vertical"} <= said:
+    stated = {name, title} - {""}
+    if len(stated - {"vertical"}) > 1 or {"level", "vertical"} <= stated:
         return None
     for direction in ("level", "down", "up"):
-        if direction in said:
+        if direction in stated:
             return direction
-    return "up" if said else ""
+    return "up" if stated else ""
 
 
 def is_same_station(level: Path, vertical: Path) -> bool:
-    """Tell whether the names of two files differ only in the parts for their components."""
-    one = level.name.lower()
-    other = vertical.name.lower()
+    """Return whether the names of two files differ only in the parts for their components."""
     if level.parent != vertical.parent:
         return False
+    names = (level.name.lower(), vertical.name.lower())
     # Separators belong to the parts, and the common end begins with one.
-    begin = len(one[: _count_common(one, other)].rstrip("-_. "))
-    end = _count_common(one[begin:][::-1], other[begin:][::-1])
-    end = len(re.sub(r"^[^-_. ]*", "", one[len(one) - end :]))
-    parts = f"{one[begin : len(one) - end]}/{other[begin : len(other) - end]}"
+    begin = len(_find_common(*names).rstrip("-_. "))
+    end = _find_common(*(name[begin:][::-1] for name in names))[::-1]
+    end = re.sub(r"^[^-_. ]*", "", end)
+    parts = "/".join(name[begin : len(name) - len(end)] for name in names)
     return re.fullmatch(_PARTS, parts) is not None
 
 
-def _count_common(one: str, other: str) -> int:
-    """Count the letters with which two words begin alike."""
-    pairs = zip(one, other, strict=False)
-    return next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
+def _find_common(word: str, second: str) -> str:
+    """Find the letters with which two words begin alike."""
+    alike = [a == b for a, b in zip(word, second, strict=False)]
+    return word[: (*alike, False).index(False)]

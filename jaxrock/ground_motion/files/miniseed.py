@@ -1,67 +1,116 @@
 """Records of miniSEED 2: that they hold the samples which they state.
 
 obspy reads on behind a record that states too many samples, up to the end of the process, and
-passes over a last record that is cut.
+passes over a last record that is cut. The fields are described in chapter 8 of the manual,
+https://www.fdsn.org/pdf/SEEDManual_V2.4.pdf.
 """
 
 import re
 import struct
-
-import numpy as np
+from typing import NamedTuple
 
 # Sequence number, quality and a blank.
 _START = re.compile(rb"[\d \0]{6}[DRQM][ \0]")
 _VERSION_3 = b"MS\x03"
 # Bytes of a sample by its encoding: only floats can be accelerations.
 _FLOATS = {4: 4, 5: 8}
-# Where fields stand in the head of a record.
+# Where fields stand in the head of a record, and the first blockette behind it.
+_CODES = slice(8, 20)
 _YEAR = 20
-_DAY = 22
 _SAMPLES = 30
+_BLOCKETTES = 39
 _OFFSETS = 44
 _HEAD = 48
+# Lengths of records, as powers of 2.
+_EXPONENTS = range(7, 17)
+
+
+class _Layout(NamedTuple):
+    """The bytes of a record, where its samples begin, and SEED's codes for how they are written."""
+
+    length: int
+    offset: int
+    encoding: int
+    word_order: int
 
 
 def is_miniseed(content: bytes) -> bool:
-    """Tell whether a file begins with a record of miniSEED, also of version 3."""
+    """Return whether a file begins with a record of miniSEED, also of version 3."""
     return bool(_START.match(content)) or content.startswith(_VERSION_3)
 
 
-def find_fault(content: bytes) -> str:
-    """Find out why a file cannot be read safely; empty if it can."""
+def count_samples(name: str, content: bytes) -> int:
+    """Count the samples that the records of a file state, and hold as floating-point numbers.
+
+    Raises a `ValueError`, with the `name` of the file, if it cannot be read safely.
+    """
     if content.startswith(_VERSION_3):
-        return "miniSEED of version 3 is not read: convert it to version 2"
-    if not _START.match(content):
-        return "a record of miniSEED was expected at the start"
-    order = ">" if 1900 <= int.from_bytes(content[_YEAR : _YEAR + 2], "big") <= 2100 else "<"
+        raise ValueError(f"{name}: miniSEED of version 3 is not read: convert it to version 2")
+    # Those of a channel are the same, unless some records have more blockettes.
+    layouts: dict[tuple[bytes, int], _Layout] = {}
+    start = 0
+    samples = 0
+    while start < len(content):
+        if not _START.match(content, start):
+            raise ValueError(f"{name}: a record of miniSEED was expected at byte {start}")
+        record = content[start : start + 2 ** _EXPONENTS[-1]]
+        try:
+            layout, stated = _measure_record(record)
+            first = layouts.setdefault((record[_CODES], record[_BLOCKETTES]), layout)
+            if layout != first:
+                raise ValueError(
+                    f"is damaged: it has {layout._asdict()}, an earlier one of its channel"
+                    f" {first._asdict()}"
+                )
+        except ValueError as error:
+            raise ValueError(f"{name}: the record at byte {start} {error}") from None
+        start += layout.length
+        samples += stated
+    return samples
+
+
+def _measure_record(record: bytes) -> tuple[_Layout, int]:
+    """Return the layout and the number of samples of the record with which some bytes begin."""
+    # obspy finds by the date which byte of a number comes first.
+    order = ">" if 1900 <= int.from_bytes(record[_YEAR : _YEAR + 2], "big") <= 2100 else "<"
     try:
-        offset, blockette = struct.unpack_from(f"{order}HH", content, _OFFSETS)
-        kind, _, encoding, _, exponent = struct.unpack_from(
-            f"{order}HHBBB", content, blockette
-        )
+        year, day = struct.unpack_from(f"{order}HH", record, _YEAR)
+        (samples,) = struct.unpack_from(f"{order}H", record, _SAMPLES)
+        offset, blockette = struct.unpack_from(f"{order}HH", record, _OFFSETS)
+        encoding, word_order, exponent = _read_blockette_1000(record, blockette, order)
     except struct.error:
-        return "its first record is cut"
-    if kind != 1000 or not 7 <= exponent <= 16 or blockette + 7 > 2**exponent:
-        return "blockette 1000 was expected first, with the length of its records"
-    length = 2**exponent
-    if len(content) % length:
-        return (
-            f"it has {len(content)} bytes, in records of {length}: its end is cut or damaged"
-        )
+        raise ValueError("is cut") from None
+    if not 1900 <= year <= 2100 or not 1 <= day <= 366:
+        raise ValueError(f"is damaged: its date is day {day} of {year}")
+    # obspy loses its warnings of a record if it cannot decode the codes.
+    if not record[_CODES].isascii():
+        raise ValueError(f"is damaged: its station and channel are {record[_CODES]!r}")
     if encoding not in _FLOATS:
-        return (
-            "its samples are no floating-point numbers, but counts of an instrument: remove the"
-            " response in obspy and use jaxrock.from_obspy"
+        raise ValueError(
+            "has no floating-point numbers, but counts of an instrument: remove the response in"
+            " obspy and use jaxrock.ground_motion.from_obspy"
         )
-    records = np.frombuffer(content, np.uint8).reshape(-1, length)
-    # Where samples begin and what they are is the same in all records.
-    fields = [*range(_OFFSETS, _HEAD), *range(blockette, blockette + 7)]
-    same = (records[:, fields] == records[0, fields]).all()
-    year, day, samples = (
-        records[:, at : at + 2].copy().view(f"{order}u2").astype(int)
-        for at in (_YEAR, _DAY, _SAMPLES)
-    )
-    # By the date obspy tells which byte of a number comes first.
-    dated = ((year >= 1900) & (year <= 2100) & (day >= 1) & (day <= 366)).all()
-    inside = offset >= _HEAD and (offset + _FLOATS[encoding] * samples <= length).all()
-    return "" if same and dated and inside else "a record in it is damaged"
+    length = 2**exponent
+    if len(record) < length:
+        raise ValueError(f"is cut: it has {len(record)} bytes of {length}")
+    if offset < _HEAD or offset + _FLOATS[encoding] * samples > length:
+        raise ValueError(
+            f"is damaged: it states {samples} samples from byte {offset} of {length} on"
+        )
+    return _Layout(length, offset, encoding, word_order), samples
+
+
+def _read_blockette_1000(record: bytes, at: int, order: str) -> tuple[int, int, int]:
+    """Follow the chain of blockettes; return encoding, word order and exponent of the length."""
+    while at >= _HEAD:
+        kind, following = struct.unpack_from(f"{order}HH", record, at)
+        if kind == 1000:
+            encoding, word_order, exponent = struct.unpack_from("BBB", record, at + 4)
+            if exponent not in _EXPONENTS or at + 8 > 2**exponent:
+                raise ValueError(f"is damaged: its length is 2 to the power of {exponent}")
+            return encoding, word_order, exponent
+        # A chain that leads back would never end.
+        if following <= at:
+            break
+        at = following
+    raise ValueError("has no blockette 1000, which states its length and what its samples are")

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...validation import POSITIVE, check
 from ..record import Record
-from .components import Component, make_record, require_unit
-from .units import parse_unit
+from ..units import parse_unit, require_unit
+from .components import Component, make_record
 
 
 def from_obspy(
@@ -46,14 +46,12 @@ def from_obspy(
     """
     if vertical is None:
         return make_record(take_component("trace", trace, unit, calibrated))
-    components = [
-        take_component(name, each, unit, calibrated)
-        for name, each in (("trace", trace), ("vertical", vertical))
-    ]
-    starts = [getattr(each.stats, "starttime", None) for each in (trace, vertical)]
+    horizontal = take_component("trace", trace, unit, calibrated)
+    upward = take_component("vertical", vertical, unit, calibrated)
+    starts = [getattr(stats, "starttime", None) for stats in (trace.stats, vertical.stats)]
     if None not in starts and starts[0] != starts[1]:
         raise ValueError(f"vertical starts at {starts[1]}, but trace at {starts[0]}")
-    return make_record(*components)
+    return make_record(horizontal, upward)
 
 
 def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None) -> Component:
@@ -62,25 +60,28 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
     stats: Any = getattr(trace, "stats", None)
     if not hasattr(trace, "data") or not hasattr(stats, "delta"):
         hint = f" of {len(trace)}: take one out of it" if isinstance(trace, Sized) else ""
-        must = f"{argument} must be one trace, with data and stats.delta"
-        raise ValueError(f"{must}, got a {type(trace).__name__}{hint}")
+        raise ValueError(
+            f"{argument} must be one trace, with data and stats.delta, got a"
+            f" {type(trace).__name__}{hint}"
+        )
     # gmprocess states the unit; a caller who contradicts it would be off by a factor of 981.
     standard = getattr(stats, "standard", None)
     stated = standard.get("units") if isinstance(standard, Mapping) else None
     factor = require_unit(unit)
     if stated and not math.isclose(factor, parse_unit(stated)):
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
-    # obspy leaves the factor where it is when it applies it, so that a trace cannot tell
-    # whether it has been applied.
+    # obspy leaves the factor where it is when it applies it: a trace does not show if it has
+    # been applied.
     calibration = getattr(stats, "calib", 1.0)
     if not isinstance(calibration, Real) or not 0 < abs(float(calibration)) < math.inf:
-        got = f"got {calibration!r}"
-        raise ValueError(f"stats.calib of {argument} must be finite and not 0, {got}")
-    if calibration != 1 and calibrated is None:
-        states = (
-            f"{argument} has a stats.calib of {calibration:g}, which obspy leaves in place"
+        raise ValueError(
+            f"stats.calib of {argument} must be finite and not 0, got {calibration!r}"
         )
-        raise ValueError(f"calibrated must be given: {states} whether applied or not")
+    if calibration != 1 and calibrated is None:
+        raise ValueError(
+            f"calibrated must be given: {argument} has a stats.calib of {calibration:g}, which"
+            " obspy leaves in place whether applied or not"
+        )
     if not calibrated:
         factor *= float(calibration)
     # Merged traces have gaps as masked samples, whose data are no measurements.
@@ -88,11 +89,13 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
         raise ValueError(f"{argument} must have no gaps, got {gaps} masked samples")
     data = np.asarray(trace.data)
     if data.ndim != 1 or data.dtype.kind not in "fiu":
-        got = f"{data.dtype} of shape {data.shape}"
-        raise ValueError(f"{argument} must be a row of real numbers, got {got}")
-    if not np.isfinite(data).all():
-        at = int(np.argmin(np.isfinite(data)))
-        raise ValueError(f"{argument} must be finite, got {data[at]} as sample {at}")
+        raise ValueError(
+            f"{argument} must be a row of real numbers, got {data.dtype} of shape {data.shape}"
+        )
+    finite = np.isfinite(data)
+    if not finite.all():
+        first = int(np.argmin(finite))
+        raise ValueError(f"{argument} must be finite, got {data[first]} as sample {first}")
     if not isinstance(stats.delta, Real):
         raise ValueError(
             f"stats.delta of {argument} must be a real number, got {stats.delta!r}"

@@ -15,6 +15,7 @@ from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
 from .directions import find_word_direction, is_same_station
 from .formats import list_suffixes, read_components
+from .knet import leave_out_boreholes
 from .records import TABLE_SUFFIXES, StrPath
 from .sample_tables import SampleTable, is_search_report
 
@@ -61,6 +62,8 @@ def read_suite(
     names. Left out are folders within it, hidden files, pipes and devices, texts to read
     first, a table ``index.csv``, the report of a search that PEER puts beside records, and
     velocities, displacements and spectra, told by names such as ``....VEL.MP.ASC`` of ESM.
+    Files of KiK-net's sensors in a borehole (``.EW1``, ``.NS1``, ``.UD1``) are left out with a
+    warning where files of the station at the surface are there.
 
     Parameters
     ----------
@@ -96,6 +99,7 @@ def read_suite(
     """
     claims = make_claims(unit, time_step)
     paths, of_folder = _list_files(source)
+    paths = leave_out_boreholes(paths)
     # All faults are collected: who repairs a folder of files wants to see each of them at
     # once.
     faults = []
