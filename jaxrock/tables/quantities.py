@@ -3,6 +3,7 @@
 A new quantity is a line of `QUANTITIES`, a new unit one of `units.py`.
 """
 
+import functools
 import math
 import re
 from typing import NamedTuple
@@ -176,6 +177,8 @@ class Head(NamedTuple):
         return self.units[0] if len(self.units) == 1 else None
 
 
+# Files of a suite have the same heads.
+@functools.lru_cache(maxsize=256)
 def read_head(words: str) -> Head:
     """Read the head of a column: its quantity and its unit, as far as it states them."""
     plain = " ".join(normalize(words).replace("_", " ").split())

@@ -46,6 +46,8 @@ class TextFile:
     ----------
     path : Path
         The file.
+    content : str
+        The text, with line ends of one kind.
     lines : list of str
         Its lines without their ends. Blank lines at the end of the file are left out.
     ends : bool
@@ -72,7 +74,8 @@ class TextFile:
             raise self.error("the file is empty")
         if len(content.translate(None, _BINARY)) < len(content):
             raise self.error("a text file was expected, this one is binary")
-        self.lines = _decode(content.splitlines())
+        self.content = _decode(content)
+        self.lines = self.content.split("\n")
 
     def error(self, reason: str, line: int = 0) -> ValueError:
         """Make the error that gives the reason, with the file and perhaps the line."""
@@ -169,12 +172,14 @@ def quote_word(word: str) -> str:
     return repr(word if len(word) <= 60 else f"{word[:57]}...")
 
 
-def _decode(lines: list[bytes]) -> list[str]:
-    """Decode lines from UTF-8, or from Latin-1 those which are not in it."""
+def _decode(content: bytes) -> str:
+    """Decode a text from UTF-8, or from Latin-1 those lines which are not in it."""
+    content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     # Only names of stations and comments have other letters: numbers are the same in both.
     try:
-        return [line.decode() for line in lines]
+        return content.decode()
     except UnicodeDecodeError:
+        lines = content.split(b"\n")
         if len(lines) == 1:
-            return [lines[0].decode("latin-1")]
-        return [text for line in lines for text in _decode([line])]
+            return content.decode("latin-1")
+        return "\n".join(map(_decode, lines))
