@@ -70,7 +70,8 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "spectral acceleration": Quantity(
         "",
-        r"p?s[avd]e?|sa(?:avg|gm|rotd|larger|geo\w*|max|mean)|avgsa|rotd|spectr\w*|fourier|fas|eas",
+        r"p?s[avd]e?|sa(?:avg|gm|rotd|larger|geo\w*|max|mean)|avgsa|rotd|spectr\w*|fourier|fas|eas"
+        r"|pseudo|design|target|resp(?:onse)?",
         ("acceleration", "velocity", "length"),
     ),
     "intensity": Quantity("", r"arias|cav|husid|mmi", ("velocity", "ratio")),

@@ -24,7 +24,7 @@ from .units import parse_unit
 
 # By the first line, as Excel understands it, or else the first that fits.
 _SEPARATOR_LINE = re.compile(r'\s*"?sep=(?P<separator>[,;|\t]?)"?\s*', re.I)
-_SEPARATORS = (",", ";", "\t", "|", " ")
+_SEPARATORS = (";", "\t", "|", ",", " ")
 _NAMES_OF_SEPARATORS = {
     ",": "commas",
     ";": "semicolons",
@@ -356,9 +356,9 @@ def _find_separator(text: TextFile) -> str:
         width, number = counts.most_common(1)[0]
         if width == 1 or (separator == " " and (candidates or number < len(rows))):
             continue
-        # "time, s;acc, g" has commas within its names, "time;acc,g" none.
+        # Rather commas within fields than semicolons or tabs.
         inside = any(
-            set(cell.strip(",;\t|")) & (set(_SEPARATORS) - {separator, " "})
+            set(cell) & (set(_SEPARATORS) - {separator, " "})
             for row in rows
             for cell in row.cells
         )
@@ -403,7 +403,7 @@ def _split_lines(text: TextFile, top: int, separator: str) -> Iterator[Row]:
             whole = "\n".join(text.lines[first - 1 :])
             if whole.count('"') % 2:
                 raise text.error("a quote in this line does not end", first)
-        yield Row(first, [" ".join(cell.split()) for cell in cells])
+        yield Row(first, [cell.replace("\n", " ").strip() for cell in cells])
 
 
 def _split_line(line: str, separator: str) -> list[str]:
