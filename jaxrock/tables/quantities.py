@@ -174,8 +174,12 @@ class Head(NamedTuple):
 
     @property
     def unit(self) -> Unit | None:
-        """The unit that it states; None if it states none, or several."""
-        return self.units[0] if len(self.units) == 1 else None
+        """The unit that it states; None for none, of no dimension if several contradict."""
+        if not self.units:
+            return None
+        if len({unit[1:] for unit in self.units}) == 1:
+            return self.units[0]
+        return Unit(" and ".join(unit.words for unit in self.units), "", math.nan)
 
 
 # Files of a suite have the same heads.

@@ -58,21 +58,25 @@ _OTHERS = r"\b(?:velocity|displacement|spectr(?:um|a|al))\b"
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
 # Letters of any script. Possessive: backtracking into a word would find shorter words in it.
 _WORD = r"[^\W\d_]++"
+# Without Fortran's bare exponent, since 10-20 may be from 10 to 20.
+_DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+)?(?![-\d])"
 # A unit beside the name, as in "dt [ms]", then the number, then whatever follows it.
 _VALUE = (
     rf"(?![a-z0-9])(?:\s*[\[(]\s*(?P<inside>{_WORD})\s*[\])]|_(?P<after>{_WORD}))?"
-    rf"\s*(?:[=:]|[,;](?=[\d.])|\bis\b|\bof\b|\bat\b)?\s*(?P<number>{NUMBER})(?P<tail>.*)"
+    rf"\s*(?:[=:]|[,;](?=[\d.])|\bis\b|\bof\b|\bat\b)?\s*(?P<number>{_DECIMAL})(?P<tail>.*)"
 )
 _SAMPLING = r"(?:sampl(?:e|ing|er)|acquisition|digiti[sz](?:ation|ing))"
 _STEP = (
     r"(?:\b(?:dt|delta[\s_-]*t|time[\s_-]*(?:step|interval|increment)|delta(?=\s*[=:]?\s*[\d.])"
-    rf"|{_SAMPLING}[\s_-]*(?:interval|period|step|spacing)|sampling\s+at(?=[^a-z]*m?s\b)"
-    rf"|(?<!\w\s)(?:step|interval)s?)|[\u0394\u2206]\s?t){_VALUE}"
+    rf"|{_SAMPLING}[\s_-]*(?:interval|period|step|spacing)|sampling\s+at(?=[^a-z]*m?s\b))"
+    rf"|^\W*(?:step|interval)s?|[\u0394\u2206]\s?t){_VALUE}"
 )
+# Full scale is FS as well, but in other units.
 _RATE = (
-    rf"\b(?:(?:{_SAMPLING}|data)[\s_-]*(?:rate|freq(?:uency|\.)?)|f_?s(?=\s*[=:])|sps(?=\W*\d)"
-    r"|(?:sampled|sampling|digiti[sz]ed|recorded)(?=\s+(?:at|with)\s[\s\d.]*hz)"
-    rf"|samples\s+per\s+second|(?<!\w\s)rate){_VALUE}"
+    rf"(?:\b(?:{_SAMPLING}|data)[\s_-]*(?:rate|freq(?:uency|\.)?)|\bsps(?=\W*\d)|^\W*rate"
+    r"|\b(?<!scale )f_?s(?=\s*[=:]\s*[\d.e+-]+\s*(?:hz|hertz|sps|[,;)]|$))"
+    r"|\b(?:sampled|sampling|digiti[sz]ed|recorded)(?=\s+(?:at|with)\s[\s\d.]*hz)"
+    rf"|\bsamples\s+per\s+second){_VALUE}"
 )
 _PER_SECOND = rf"(?:hz|hertz|sps|(?:samples?|1)\s*(?:/|per)\s*{SECOND})(?![a-z])"
 # Of hertz alone a lone statement is clear: otherwise filters are in hertz, too.

@@ -164,6 +164,11 @@ class Table:
                 # A line that is missing would shift all samples that follow.
                 if not line.strip():
                     raise self.error_of_width(Row(number, [""]))
+                if _is_comment(line):
+                    raise self.text.error(
+                        f"samples were expected up to the end, got a comment, {quote_word(line)}",
+                        number,
+                    )
         self.refuse_cut()
         return values.T
 
@@ -258,7 +263,7 @@ def read_table(source: Path | TextFile) -> Table:
         while len(names) > 1 and not names[-1]:
             del names[-1]
     else:
-        names, line = _find_names_in_comments(text, notes, sample[first:], separator)
+        names, line = _find_names_in_comments(notes, sample[first:], separator)
         if not names and titles:
             got = quote_word(text.lines[top])
             raise text.error(f"names of the columns were expected above {got}", top + 1)
@@ -320,7 +325,7 @@ def _are_units(cells: list[str], width: int) -> bool:
 
 
 def _find_names_in_comments(
-    text: TextFile, notes: list[tuple[int, str]], rows: list[Row], separator: str
+    notes: list[tuple[int, str]], rows: list[Row], separator: str
 ) -> tuple[list[str], int]:
     """Find names in the last comment above numbers, and its line; else names of one column."""
     first = rows[0].line
@@ -340,7 +345,7 @@ def _find_names_in_comments(
         if plain and len(names) == width and not any(map(_is_number, names)):
             return names, line
     # One column needs no name.
-    return (["column 1"] if width == 1 else []), first - 1
+    return (["column 1"] if width == 1 else []), 0
 
 
 def _find_separator(text: TextFile) -> str:

@@ -29,6 +29,8 @@ from .printed_times import explain_times, find_printed_halves, find_printed_step
 _SEARCH_REPORT = re.compile(r'[\s"]*(?:PEER Ground Motion Database\b|-- Summary of )')
 # A column T beside accelerations may be of periods, if the text above says so.
 _SPECTRUM = re.compile(r"(?<![^\W_])spectr(?:um|a)(?![^\W_])", re.I)
+# Of which there is one for a record or a site, and not one for a sample.
+_NO_SERIES = ("pga", "pgv", "intensity", "rate", "probability", "return period")
 # Of fewer numbers nothing can be told.
 _FEW = 4
 # As many are enough to see how times are printed.
@@ -179,12 +181,19 @@ class SampleTable:
         return columns[0] if columns else None
 
     def _refuse_spectra(self) -> None:
-        """Refuse response spectra, whose periods pass for times and accelerations for motion."""
+        """Refuse spectra, and tables of intensities and of rates.
+
+        Their periods pass for times, and their accelerations for motion.
+        """
         heads = self.table.heads
         way = "a spectrum over periods or frequencies is no ground motion"
         for head in heads:
             if head.quantity == "period":
                 raise self._error(f"times were expected, got column {head.words!r}: {way}")
+            if head.quantity in _NO_SERIES and self.times is None:
+                raise self._error(
+                    f"samples in time were expected, got column {head.words!r} ({head.quantity})"
+                )
         spectral = [head for head in heads if head.quantity == "spectral acceleration"]
         if spectral and not any(head.quantity == "acceleration" for head in heads):
             raise self._error(
