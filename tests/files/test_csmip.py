@@ -5,8 +5,9 @@ import pytest
 from references.mutations import read_mutations
 
 import jaxrock as jr
+from jaxrock.ground_motion.files.claims import Claims
 from jaxrock.ground_motion.files.csmip import read_csmip
-from jaxrock.ground_motion.files.text import RecordText
+from jaxrock.tables import TextFile
 
 STEP = 0.01
 POINTS = 43
@@ -122,7 +123,7 @@ def test_files_of_the_eighties_state_no_format(path):
 )
 def test_directions(path, text, code, direction):
     path.write_text(first(NORTH, 1, text, code))
-    (component,) = read_csmip(RecordText(path), [], [])
+    (component,) = read_csmip(TextFile(path), Claims())
     assert (component.direction, component.channel) == (direction, text)
 
 
@@ -133,16 +134,25 @@ TWO = second(STRONG)
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (first(NORTH, unit="counts"), "counts .* obspy or gmprocess"),
+        (
+            first(NORTH, unit="counts"),
+            "counts .* by obspy and use jaxrock.ground_motion.from_obspy",
+        ),
         (first(NORTH, unit="g/10"), "g/10, which is not one of"),
         (first(NORTH, peak=0.5), "a peak of 0.500, but that of the values is"),
-        (first(NORTH, text="Up"), "states Up, but the integer header .* 360"),
-        (first(NORTH, text="90 Deg"), "states 90, but the integer header .* 360"),
+        (first(NORTH, text="Up"), "channel is Up in line 7, but the header .* 360"),
+        (first(NORTH, text="90 Deg"), "channel is 90 in line 7, but the header .* 360"),
         (first(NORTH, text="Vert"), "an orientation such as"),
-        (ONE.replace("at 100 pts", "at 200 pts"), "200 samples per second.*, but the file"),
+        (ONE.replace("at 100 pts", "at 200 pts"), "200 samples per second.*, but the header"),
         (ONE.replace("Length =  0.430", "Length =  0.530"), "a duration of 0.530 s, but 43"),
-        (ONE.replace("Points =  43", "Points =  44"), "states 44 points, but the line above"),
-        (ONE.replace("43 Accel", "42 Accel"), "states 43 points, but the line above"),
+        (
+            ONE.replace("Points =  43", "Points =  44"),
+            "43 values in line 28, but the header states 44",
+        ),
+        (
+            ONE.replace("43 Accel", "42 Accel"),
+            "42 values in line 28, but the header states 43",
+        ),
         (ONE.replace("(8f9.6)", "(8f9.6,x)"), "a format such as"),
         (ONE.replace("End of Data", "End"), "'7200 points of accel data"),
         (ONE.replace("Accelerogram points", "points"), "'7200 points of accel data"),
@@ -169,9 +179,9 @@ def test_what_is_refused(path, content, message):
 
 def test_the_caller_may_not_contradict(path):
     path.write_text(ONE)
-    with pytest.raises(ValueError, match="unit is 'gal', but the line states g"):
+    with pytest.raises(ValueError, match="unit is 'gal', but the header states g"):
         jr.read_record(path, unit="gal")
-    with pytest.raises(ValueError, match=r"time_step is 0.02 s, but the file states"):
+    with pytest.raises(ValueError, match=r"time_step is 0.02 s, but the header states"):
         jr.read_record(path, time_step=0.02)
 
 
@@ -200,7 +210,7 @@ def test_mutations(path, content, known, factor, number):
 
     def read(path):
         jr.read_record(path, column="90", vertical="up")
-        return read_csmip(RecordText(path), [], [])
+        return read_csmip(TextFile(path), Claims())
 
     def same(components):
         # Lines of values that changed places, perhaps between quantities, cannot be told.

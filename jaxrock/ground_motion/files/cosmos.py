@@ -22,7 +22,7 @@ _COMMENTS = r"\s*(\d+)\s+comment line\(s\) follow"
 # The line above the values.
 _DATA = (
     r"\s*(?P<points>\d+)\s+(?P<quantity>[a-z]+(?:[\s.]+[a-z]+)*)[.\s]+pts,"
-    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<unit>[^\s(,]+)"
+    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<words>[^\s(,]+)"
     r"\s*(?:\(\s*(?P<unit_code>\d+)\s*\))?\s*,?\s*format\s*=(?P<format>.*)$"
 )
 # Station, channel, network and location; the channel's last letter is its direction.
@@ -41,7 +41,7 @@ _UNIT_CODES = {2: "g", 4: "cm/s2", 10: "gal", 11: "mg"}
 # Codes of orientations: azimuths from 1 to 360, up and down, radial, tangential and others.
 _AZIMUTHS = range(1, 361)
 _VERTICAL = 402
-_ORIENTATIONS: dict[float, Direction] = {400: "up", 401: "down"}
+_ORIENTATIONS: dict[int, Direction] = {400: "up", 401: "down"}
 _ORIENTATIONS |= dict.fromkeys((*_AZIMUTHS, 500, 501, 600, 601, 700, 701), "level")
 _NAMES: dict[str, Direction] = {
     "up": "up",
@@ -78,14 +78,13 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
     header.read_line(data, _DATA, "a line such as '7200 acceleration pts, approx ...'")
     columns = parse_format(text, header.fields["format"][0].word, data + 1)
     quantity = header.fields["quantity"][0].word.lower()
-    _refuse_counts(text, header)
-    if not re.fullmatch(_QUANTITY, quantity):
-        raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
-    if quantity != "acceleration":
+    if quantity in ("velocity", "displacement"):
         points = int(header.fields["points"][0].value)
         return [], _end_channel(text, data + 1 + -(-points // columns.number), quantity)
-    _add_unit_codes(text, header)
-    number, channel, _ = header.fields["number"][0].word, *header.fields["channel"][0][1:]
+    _add_units(text, header)
+    if quantity != "acceleration":
+        raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
+    number = header.fields["number"][0].word
     name = f"channel {number} of {str(text.path)!r}"
     no_step = "the real header states no time step"
     component, end = header.read_component(data + 1, columns, name, no_step)
@@ -116,18 +115,8 @@ def _end_channel(text: TextFile, at: int, quantity: str) -> int:
     return at + 1
 
 
-def _refuse_counts(text: TextFile, header: Header) -> None:
-    """Raise an error if words or a code say that the values are counts of an instrument."""
-    codes = header.fields.get("unit_code", [])
-    if (
-        any(code.value == _COUNTS for code in codes)
-        or "raw" in header.fields["quantity"][0].word
-    ):
-        raise text.error(NO_COUNTS, header.fields["unit"][0].line)
-
-
-def _add_unit_codes(text: TextFile, header: Header) -> None:
-    """Add units that are stated by codes; an error if the parameter is no acceleration."""
+def _add_units(text: TextFile, header: Header) -> None:
+    """Add units that are stated by words and by codes; an error for counts."""
     parameter = header.find("parameter")
     if parameter is not None and parameter.value != _ACCELERATION:
         raise text.error(
@@ -135,11 +124,13 @@ def _add_unit_codes(text: TextFile, header: Header) -> None:
             " acceleration",
             parameter.line,
         )
-    for line, word, code in header.fields.get("unit_code", []):
-        if code != _UNKNOWN:
-            header.add_unit(
-                line, f"the header states unit {word}", _UNIT_CODES.get(int(code), "")
-            )
+    line, words, _ = header.fields["words"][0]
+    codes = [code for code in header.fields.get("unit_code", []) if code.value != _UNKNOWN]
+    if words.lower().startswith("count") or _COUNTS in [code.value for code in codes]:
+        raise text.error(NO_COUNTS, line)
+    header.add_unit(line, f"the header states {words}", words.rstrip("."))
+    for line, word, code in codes:
+        header.add_unit(line, f"the header states unit {word}", _UNIT_CODES.get(int(code), ""))
 
 
 def _find_orientation(

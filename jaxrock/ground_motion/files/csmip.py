@@ -94,7 +94,7 @@ _NAMES: dict[str, Direction] = {
 }
 # Orientations in the integers. Any other number says nothing.
 _AZIMUTHS = range(1, 361)
-_CODES: dict[float, Direction] = {500: "up", 600: "down"}
+_CODES: dict[int, Direction] = {500: "up", 600: "down"}
 
 
 def recognize_csmip(lines: list[str]) -> bool:

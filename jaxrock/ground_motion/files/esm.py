@@ -53,8 +53,6 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
         header.add("peak_unit", header.fields["peak"][0].line, "cm/s2")
     factor = header.require_unit("the header has no UNITS")
     step = header.require_step("the header has no SAMPLING_INTERVAL_S")
-    if "points" not in header.fields:
-        raise text.error("the header has no NDATA, the number of values")
     points = header.require_points()
     values = text.read_values(
         top,

@@ -6,7 +6,7 @@ Tables in .csv files are read beside them, since a caller picks columns.
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...tables import Statement, TextFile, read_content
 from .at2 import read_peer
@@ -80,7 +80,7 @@ def list_suffixes() -> tuple[str, ...]:
 
 
 def read_components(
-    path: Path, claims: Claims, paths: Iterable[Path] = (), content: bytes | None = None
+    path: Path, claims: Claims | Any, paths: Any = (), content: Any = None
 ) -> list[Component]:
     """Read all components of a file that is no .csv file; a `ValueError` if it cannot be.
 

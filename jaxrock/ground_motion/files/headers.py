@@ -48,8 +48,8 @@ _SIGNIFICANT = 6
 # As many are enough to see how times are printed.
 _MANY = 1000
 NO_COUNTS = (
-    "the values are counts of an instrument, no accelerations: take volume 1 or 2 of the record,"
-    " or its waveform, from which obspy removes the response of the instrument, by"
+    "the values are counts of an instrument, no accelerations: take a processed file of the"
+    " record, or remove the response from its waveform by obspy and use"
     " jaxrock.ground_motion.from_obspy"
 )
 
@@ -168,7 +168,7 @@ class Header:
                     f" got {word}",
                     line,
                 )
-            self.add_step(line, f"the header states {word} samples per second", 1 / value)
+            self.add_step(line, f"the header states {value:g} samples per second", 1 / value)
         return self._claims.require_step(self._text, missing)
 
     def require_even_times(self, words: Sequence[str], times: np.ndarray, line: int) -> float:
@@ -245,7 +245,7 @@ class Header:
             )
 
     def find_direction(
-        self, names: Mapping[str, Direction], codes: Mapping[float, Direction]
+        self, names: Mapping[str, Direction], codes: Mapping[int, Direction]
     ) -> Direction:
         """Find where a channel points, by its name, its azimuth and its code, which must agree.
 
@@ -272,7 +272,7 @@ class Header:
                     f"the header states an orientation of {code.word}, which is not understood",
                     code.line,
                 )
-            return self._settle(channel, named, code, codes[code.value], False)
+            return self._settle(channel, named, code, codes[int(code.value)], False)
         return named
 
     def read_component(

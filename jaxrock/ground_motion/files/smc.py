@@ -23,13 +23,13 @@ _COMPONENT = r"(?:.*\bcomponent\s*=\s*(?P<channel>\S+))?"
 _INTEGERS = 11, 48, Columns(8, 10), {0: "no_integer", 12: "tilt", 15: "comments", 16: "points"}
 _REALS = 17, 50, Columns(5, 15), {0: "no_real", 1: "rate", 29: "peak", 31: "peak"}
 _COMMENTS = 27
-_NO_INTEGER = -32768
+_NO_INTEGER = -32768.0
 _NO_REAL = 1.7e38
 # Some programs write more digits.
 _VALUES = Columns(8, 10)
 _LONG_VALUES = Columns(5, 14)
 # Degrees from upward, and names of components that are no azimuths.
-_TILTS: dict[float, Direction] = {0: "up", 90: "level", 180: "down"}
+_TILTS: dict[int, Direction] = {0: "up", 90: "level", 180: "down"}
 _NAMES: dict[str, Direction] = {r"u|up": "up", r"d|dn|down": "down", r"[ns][ew]": "level"}
 
 
@@ -55,8 +55,6 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
             " acceleration: take the corrected record, which has a uniform step",
             _REALS[0] + 1,
         )
-    if "points" not in header.fields:
-        raise text.error("the header states no number of values", _INTEGERS[0] + 3)
     header.add_unit(1, "an SMC file is in cm/s2", "cm/s2")
     header.add("peak_unit", 1, "cm/s2")
     top = _read_comments(text, header)
@@ -109,5 +107,5 @@ def _find_direction(text: TextFile, header: Header) -> Direction:
     )
     if name and not is_clear:
         # The degrees say it.
-        return _TILTS[tilt.value]
+        return _TILTS[int(tilt.value)]
     return header.find_direction(_NAMES, _TILTS)

@@ -49,8 +49,6 @@ class RecordText:
         """Make the error that gives the reason, with the file and perhaps the line."""
         return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
 
-    error = make_error
-
     def refuse(self, wrong: bool, reason: str, line: int = 0) -> None:
         """Raise an error that names the file if something is wrong."""
         if wrong:
