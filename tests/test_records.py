@@ -12,6 +12,7 @@ import pytest
 
 from jaxrock.ground_motion import example_record, from_obspy, read_record
 from jaxrock.ground_motion.files import text as record_text
+from jaxrock.tables import text as table_text
 
 G = 9.80665
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSAN FERNANDO 02/09/71, PACOIMA DAM, UNIT 1, 164\n"
@@ -155,8 +156,8 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
     ("name", "content", "options", "message"),
     [
         # The file as a whole
-        ("a.txt", "1", {}, ": a file in one of these formats was expected: .AT2, .csv"),
-        ("a", "1", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+        ("a.txt", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+        ("a", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
         ("a.csv", None, {}, ": the file cannot be read: No such file or directory"),
         ("a.AT2", None, {}, ": the file cannot be read: No such file or directory"),
         (
@@ -647,11 +648,12 @@ def test_unusual_files_are_read_line_by_line_with_progress(write, holds, monkeyp
     ]
     broken = write("c.csv", "\n".join(["t,a,b", *rows, "199,x,2"]))
     shown = []
-    monkeypatch.setattr(
-        record_text,
-        "show_progress",
-        lambda items, label: shown.append((len(items), label)) or items,
-    )
+    for module in (record_text, table_text):
+        monkeypatch.setattr(
+            module,
+            "show_progress",
+            lambda items, label: shown.append((len(items), label)) or items,
+        )
     drifts = "the ground still moves at "
     with pytest.warns(UserWarning, match=drifts):
         read = read_record(at2)

@@ -11,7 +11,8 @@ from ...tables import TextFile
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import match_line, parse_format
-from .headers import NO_COUNTS, Header, Numbered, find_azimuth, read_channels
+from .headers import NO_COUNTS, Header, Numbered, read_channels
+from .orientations import find_azimuth, find_direction
 
 _TITLE = r".*\(format v\d+\.\d+ with\s+(?P<text_lines>\d+) text lines\)"
 _QUANTITY = r"acceleration|velocity|displacement"
@@ -147,7 +148,7 @@ def _find_orientation(
     if code and code.value != 0:
         is_azimuth = code is sensor and code.value in _AZIMUTHS
         header.add("azimuth" if is_azimuth else "code", code.line, code.word)
-    direction = header.find_direction(_NAMES, _ORIENTATIONS)
+    direction = find_direction(text, header, _NAMES, _ORIENTATIONS)
     channel = name
     for comment in comments:
         match = re.match(_SCNL, comment, re.I)

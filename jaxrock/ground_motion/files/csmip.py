@@ -17,6 +17,7 @@ from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line, match_line, parse_format, read_numbers
 from .headers import DECIMAL, Header, Numbered, read_channels
+from .orientations import find_direction
 
 _RAW = "uncorrected accelerogram data"
 _CORRECTED = "corrected accelerogram"
@@ -117,7 +118,7 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         match_line(text, top + 1, rf"\s*{_RAW}\b", "the title of the uncorrected data")
     head = Header(text, claims)
     head.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
-    direction = _find_direction(head, top + volume.text + 1)
+    direction = _find_direction(text, head, top + volume.text + 1)
     number = head.fields["number"][0].word
     name = f"channel {number} of {str(text.path)!r}"
     at = top + volume.text + volume.headers
@@ -177,7 +178,7 @@ def _read_pairs(
     return Component(name, factor, values, step), numbers.end
 
 
-def _find_direction(header: Header, integers: int) -> Direction:
+def _find_direction(text: TextFile, header: Header, integers: int) -> Direction:
     """Find a channel's direction, which text and integers state."""
     header.read_numbers(integers, _INTEGERS.number, _INTEGERS, _ORIENTATION)
     line, word, code = header.fields["sensor"][0]
@@ -185,4 +186,4 @@ def _find_direction(header: Header, integers: int) -> Direction:
         header.add("azimuth", line, word)
     elif code in _CODES:
         header.add("code", line, word)
-    return header.find_direction(_NAMES, _CODES)
+    return find_direction(text, header, _NAMES, _CODES)

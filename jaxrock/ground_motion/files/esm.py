@@ -12,6 +12,7 @@ from ...tables import TextFile, quote_word, require_whole_end
 from .claims import Claims
 from .components import Component, Direction
 from .headers import Header
+from .orientations import find_direction
 
 # Spectra, velocities and displacements have the same layout.
 _ACCELERATION = r"(?:(?:un)?processed )?acceleration"
@@ -75,7 +76,7 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
             factor,
             values,
             step,
-            header.find_direction(_DIRECTIONS, {}),
+            find_direction(text, header, _DIRECTIONS, {}),
             channel.word if channel else "",
         )
     ]

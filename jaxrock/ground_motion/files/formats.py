@@ -116,7 +116,7 @@ def _read_format(
             return file_format.read(text, claims)
     names = ", ".join([".AT2", ".csv", "miniSEED", "SAC", *(known.name for known in FORMATS)])
     raise text.error(
-        f"a file in one of these formats was expected, by its first lines: {names}; what a"
-        " network writes otherwise, obspy or gmprocess may read for"
-        " jaxrock.ground_motion.from_obspy, and columns belong in a .csv file"
+        f"a file in one of these formats was expected: {names}. What a network writes otherwise"
+        " may be read by obspy or gmprocess, for jaxrock.ground_motion.from_obspy; columns belong"
+        " in a .csv file"
     )

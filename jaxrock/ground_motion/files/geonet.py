@@ -11,7 +11,8 @@ from ...tables import TextFile
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, match_line, read_numbers
-from .headers import DECIMAL, Header, Numbered, find_azimuth, read_channels
+from .headers import DECIMAL, Header, Numbered, read_channels
+from .orientations import find_azimuth, find_direction
 
 _TITLE = r"\s*(?:un)?corrected accelerogram\b.*\bgns science\b"
 _COLUMNS = Columns(10, 8)
@@ -72,7 +73,7 @@ def _read_component(text: TextFile, claims: Claims, top: int) -> tuple[list[Numb
     if find_azimuth(channel) is not None:
         line, word, _ = header.fields["degrees"][0]
         header.add("azimuth", line, word)
-    direction = header.find_direction(_DIRECTIONS, {})
+    direction = find_direction(text, header, _DIRECTIONS, {})
     name = f"component {channel} of {str(text.path)!r}"
     component, end = header.read_component(top + _HEADER_LINES, _COLUMNS, name)
     # Only to see that they are whole: what is cut or shifted in them shifts the next component.

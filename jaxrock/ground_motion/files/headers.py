@@ -26,17 +26,16 @@ what the caller states, and with the values.
 """
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ...tables import Statement, TextFile, quote_word
+from ...tables import Statement, TextFile
 from ..units import UNITS, parse_unit
 from .claims import UNIFORM, Claims
-from .components import Component, Direction
-from .fixed_columns import Columns, get_line, match_line, read_numbers
+from .components import Component
+from .fixed_columns import Columns, match_line, read_numbers
 from .printed_times import explain_times, find_printed_halves, find_printed_step
 
 # A number in decimals, in a pattern.
@@ -69,7 +68,7 @@ class HeaderField(NamedTuple):
 
 
 class Header:
-    """What the header of a channel or of a file states.
+    """The statements in the header of a channel or of a file.
 
     Attributes
     ----------
@@ -244,37 +243,6 @@ class Header:
                 line,
             )
 
-    def find_direction(
-        self, names: Mapping[str, Direction], codes: Mapping[int, Direction]
-    ) -> Direction:
-        """Find where a channel points, by its name, its azimuth and its code, which must agree.
-
-        `names` are patterns of names other than azimuths and points of the compass.
-        """
-        channel = self.find("channel")
-        degrees = None if channel is None else find_azimuth(channel.word)
-        named: Direction = ""
-        if channel is not None:
-            direction = "level" if degrees is not None else _find_named(channel.word, names)
-            if direction is None:
-                raise self._text.error(
-                    "an orientation such as '360 deg', 'N28W', 'Up' or 'Down' was expected, got"
-                    f" {quote_word(channel.word)}",
-                    channel.line,
-                )
-            named = direction
-        if azimuth := self.find("azimuth"):
-            differs = degrees is not None and (azimuth.value - degrees) % 360 != 0
-            return self._settle(channel, named, azimuth, "level", differs)
-        if code := self.find("code"):
-            if code.value not in codes:
-                raise self._text.error(
-                    f"the header states an orientation of {code.word}, which is not understood",
-                    code.line,
-                )
-            return self._settle(channel, named, code, codes[int(code.value)], False)
-        return named
-
     def read_component(
         self, at: int, columns: Columns, name: str, no_step: str = ""
     ) -> tuple[Component, int]:
@@ -308,39 +276,6 @@ class Header:
             )
         return unit
 
-    def _settle(
-        self,
-        channel: HeaderField | None,
-        named: Direction,
-        stated: HeaderField,
-        direction: Direction,
-        differs: bool,
-    ) -> Direction:
-        """Return the direction that a name and a number of the header state."""
-        if channel is not None and (differs or (named and direction and named != direction)):
-            raise self._text.error(
-                f"the channel is {channel.word} in line {channel.line}, but the header states"
-                f" an orientation of {stated.word}",
-                stated.line,
-            )
-        return named or direction
-
-
-def find_azimuth(name: str) -> float | None:
-    """Find the degrees from north of a name such as 340, N28W, S or East; None for others."""
-    if name.isdigit() and int(name) <= 360:
-        return float(name)
-    match = re.fullmatch(r"(n|s)(\d+)(e|w)|(n|s|e|w|north|south|east|west)", name, re.I)
-    if match is None:
-        return None
-    begin = (match[1] or match[4])[0].lower()
-    degrees = {"n": 0.0, "e": 90.0, "s": 180.0, "w": 270.0}[begin]
-    if match[4]:
-        return degrees
-    # N28W is 28 degrees from north to the west.
-    clockwise = begin + match[3].lower() in ("ne", "sw")
-    return (degrees + (1 if clockwise else -1) * int(match[2])) % 360
-
 
 def read_channels(
     text: TextFile, claims: Claims, read_channel: ChannelReader, kind: str
@@ -364,25 +299,6 @@ def read_channels(
         else component._replace(channel=f"{number or k}: {component.channel}")
         for k, (number, component) in enumerate(numbered, 1)
     ]
-
-
-def require_kind(text: TextFile, at: int, pattern: str, expected: str) -> None:
-    """Raise an error unless the line with index `at` states the kind that was expected."""
-    line = get_line(text, at, expected).strip()
-    if not re.match(pattern, line, re.I):
-        raise text.error(f"{expected} was expected, this is {quote_word(line)}", at + 1)
-
-
-def _find_named(name: str, names: Mapping[str, Direction]) -> Direction | None:
-    """Find the direction of a name by patterns; None if there is none."""
-    return next(
-        (
-            direction
-            for pattern, direction in names.items()
-            if re.fullmatch(pattern, name, re.I)
-        ),
-        None,
-    )
 
 
 def _find_half_unit(word: str) -> float:

@@ -5,7 +5,6 @@ like a header, or like columns side by side, is refused.
 """
 
 import re
-from collections.abc import Iterable
 
 import numpy as np
 
@@ -129,7 +128,7 @@ def _refuse_columns(text: TextFile, counts: list[int], values: np.ndarray) -> No
         )
 
 
-def _split_word(text: TextFile, word: str, line: int) -> Iterable[float]:
+def _split_word(text: TextFile, word: str, line: int) -> list[float]:
     """Read the numbers in a word: one, or several of fixed columns without a space."""
     if not _FIELDS.fullmatch(word):
         return [text.parse_number(word, line)]

@@ -6,11 +6,12 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 
 import re
 
-from ...tables import TextFile
+from ...tables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line
-from .headers import Header, find_azimuth, require_kind
+from .headers import Header
+from .orientations import find_azimuth, find_direction
 from .units import find_units_in_text
 
 # The first line says what the file holds.
@@ -40,7 +41,9 @@ def recognize_smc(lines: list[str]) -> bool:
 
 def read_smc(text: TextFile, claims: Claims) -> list[Component]:
     """Read the component of a file."""
-    require_kind(text, 0, _ACCELERATION, "an accelerogram")
+    kind = text.lines[0].strip()
+    if not re.match(_ACCELERATION, kind, re.I):
+        raise text.error(f"an accelerogram was expected, this is {quote_word(kind)}", 1)
     header = Header(text, claims)
     header.read_line(_COMPONENT_LINE, _COMPONENT, "a line with the component")
     header.read_numbers(*_INTEGERS, _NO_INTEGER)
@@ -93,7 +96,7 @@ def _find_direction(text: TextFile, header: Header) -> Direction:
     """Find the direction of the component, by both its name and the degrees from upward."""
     tilt = header.find("tilt")
     if tilt is None:
-        return header.find_direction(_NAMES, {})
+        return find_direction(text, header, _NAMES, {})
     if tilt.value not in _TILTS:
         raise text.error(
             f"a sensor {tilt.word} degrees from upward is neither horizontal nor vertical",
@@ -108,4 +111,4 @@ def _find_direction(text: TextFile, header: Header) -> Direction:
     if name and not is_clear:
         # The degrees say it.
         return _TILTS[int(tilt.value)]
-    return header.find_direction(_NAMES, _TILTS)
+    return find_direction(text, header, _NAMES, _TILTS)
