@@ -136,16 +136,30 @@ def test_same_orientations_are_told_apart_by_the_channel(path):
     assert found == ["1: 360", "7: 360"]
 
 
+# Five decimals, of which the header of the format's own example states three and pads them.
+LARGE = np.append(NORTH, -161.96180)
+PADDED = {"fortran": "(8f10.5)", "form": (8, "%10.5f")}
+RAW = channel(NORTH).replace("43 acceleration pts", "43 raw accel.   pts")
+COUNTS = "counts .* by obspy and use jaxrock.ground_motion.from_obspy"
+
+
+def test_the_example_of_the_format(path):
+    content = channel(LARGE, peak=-161.962, **PADDED)
+    assert "  -161.962000" in content
+    path.write_text(content.replace("End-of-data for Chan", "/& ---  End of data for Chan"))
+    assert jr.read_record(path).samples == POINTS + 1
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (
             channel(NORTH, unit="counts (50)", unit_code=50),
-            "counts .* by obspy and use jaxrock.ground_motion.from_obspy",
+            COUNTS,
         ),
         (
             channel(NORTH, unit_code=50),
-            "counts .* by obspy and use jaxrock.ground_motion.from_obspy",
+            COUNTS,
         ),
         (channel(NORTH, unit_code=2), "states cm/sec2.* but the header states unit 2"),
         (channel(NORTH, unit="in/s/s (7)", unit_code=7), "in/s/s, which is not one of"),

@@ -81,6 +81,24 @@ def second(values, number=1, text="360 Deg", code=360, *, old=False):
     return content.upper() if old else content
 
 
+def pairs(values, number=1, text="EW", *, step=STEP, times=None, unit="G/10", peak=None):
+    """A channel of volume 1 with times, as RENADIC writes it and as film was digitized."""
+    times = step * np.arange(POINTS) if times is None else times
+    peak = 0.1 * values[np.argmax(abs(values))] if peak is None else peak
+    both = np.stack([times, values], axis=1).ravel()
+    return (
+        "UNCORRECTED ACCELEROGRAM DATA              PROCESSED: 05/24/2011\nMADE\nORIGIN\nTRIGGER\n"
+        f"STATION NO.\nMADE FOR A TEST\nCHAN  {number}: {text}       (STA CHN:  1)\n"
+        "UNIVERSIDAD DE CHILE - RENADIC\nHYPOCENTER\nINSTR PERIOD = 0.0391 SEC\n"
+        f"NO. OF POINTS =  {POINTS}  RECORD LENGTH ={POINTS * step:.3f} SEC\n"
+        f"UNITS OF UNCOR ACCEL ARE SEC AND {unit}.     MAX  ={peak:7.3f} G, AT  30.160 SEC\n"
+        "RMS ACCEL OF COMPLETE RECORD = 0.106 G\n"
+        + headers(number, 0, 50)
+        + columns(both, "%7.3f", 10)
+        + f"/&  ----------  END OF DATA FOR CHANNEL {number}  ----------\n"
+    )
+
+
 VOLUME_1 = first(EAST, 1, " 90 Deg", 90) + first(NORTH, 2) + first(UP, 3, " Up", 500)
 VOLUME_2 = second(WEAK, 1, " 90 Deg", 90) + second(STRONG, 2) + second(RISING, 3, " Up", 500)
 
@@ -112,9 +130,37 @@ def test_volume_2(path, ends):
 def test_files_of_the_eighties_state_no_format(path):
     path.write_text(second(STRONG, 1, " 90 deg", 90, old=True))
     np.testing.assert_allclose(jr.read_record(path).acceleration, STRONG / 100, rtol=1e-6)
+    # Others have a unit, but no format either.
+    path.write_text(TWO.replace(" (8f10.5)", ""))
+    np.testing.assert_allclose(jr.read_record(path).acceleration, STRONG / 100, rtol=1e-6)
     line = f"{POINTS} POINTS OF ACCEL DATA EQUALLY SPACED AT .01 SEC.  (UNITS: G)\n"
     path.write_text(first(NORTH, line=line))
     np.testing.assert_allclose(jr.read_record(path).acceleration, 9.80665 * NORTH, rtol=1e-6)
+
+
+ALONG, ACROSS, ABOVE = np.round(RANDOM.normal(0, 2, (3, POINTS)), 3)
+RENADIC = pairs(ALONG) + pairs(ACROSS, 2, "NS") + pairs(ABOVE, 3, "V")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("G/10", 0.980665), ("g", 9.80665)])
+def test_pairs_of_time_and_acceleration(path, unit, factor):
+    path.write_text(RENADIC)
+    record = jr.read_record(path, column="NS", vertical="up")
+    np.testing.assert_allclose(record.acceleration, 0.980665 * ACROSS, rtol=1e-6)
+    np.testing.assert_allclose(record.vertical, 0.980665 * ABOVE, rtol=1e-6)
+    assert float(record.time_step) == pytest.approx(STEP, rel=1e-6)
+    # A step of more digits than are printed.
+    path.write_text(
+        pairs(
+            ALONG,
+            text="INTC",
+            unit=unit,
+            step=1 / 256,
+            peak=factor / 9.80665 * max(ALONG, key=abs),
+        )
+    )
+    record = jr.read_record(path, time_step=1 / 256)
+    np.testing.assert_allclose(record.acceleration, factor * ALONG, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -156,6 +202,15 @@ TWO = second(STRONG)
         (ONE.replace("(8f9.6)", "(8f9.6,x)"), "a format such as"),
         (ONE.replace("End of Data", "End"), "'7200 points of accel data"),
         (ONE.replace("Accelerogram points", "points"), "'7200 points of accel data"),
+        (
+            pairs(ALONG, times=np.cumsum(RANDOM.uniform(0.008, 0.012, POINTS))),
+            "line 28: the times beside the values are not evenly spaced.*: take volume 2",
+        ),
+        (pairs(ALONG, peak=1.0), r"a peak of 1\.000 in units of 9\.80665 m/s2"),
+        (pairs(ALONG, unit="CM"), "'Units of uncor accel are sec and g/10' was expected"),
+        (pairs(ALONG, text="NZ"), "an orientation such as .* got 'NZ'"),
+        (pairs(ALONG).replace("=0.430", "=0.830"), "a duration of 0.830 s"),
+        (pairs(ALONG).replace(" 0.020", " 0.021"), "not evenly spaced, from 0.009"),
         (ONE[:-75], "3 values in columns of 9 characters"),
         (TWO.replace("in cm/sec2", "in in/sec2"), "in/sec2, which is not one of"),
         (TWO.replace("    cm/sec/sec  at", "    g  at"), "in units of 9.80665 m/s2, but that"),
@@ -222,5 +277,26 @@ def test_mutations(path, content, known, factor, number):
         )
 
     faults, counts = read_mutations(content.encode(), path, read, same, number)
+    assert not faults
+    assert min(counts.values()) > number / 20
+
+
+@pytest.mark.parametrize(
+    "number", [30, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
+)
+def test_mutations_of_pairs(path, number):
+    def same(components):
+        # Times say in which order values are.
+        return all(
+            np.array_equal(each.values, values)
+            and each.factor == pytest.approx(0.980665)
+            and each.step == pytest.approx(STEP, rel=1e-3)
+            for each, values in zip(components, (ALONG, ACROSS, ABOVE), strict=True)
+        )
+
+    def read(path):
+        return read_csmip(TextFile(path), Claims())
+
+    faults, counts = read_mutations(RENADIC.encode(), path, read, same, number)
     assert not faults
     assert min(counts.values()) > number / 20
