@@ -9,8 +9,8 @@ from .text import TextFile, quote_word
 # A number at the end of a word: in fixed columns several may run together, and Fortran may
 # write 1.0-100 for 1e-100.
 _NUMBER = re.compile(
-    r"(?:(?P<digits>\d+\.|\.(?=\d))(?P<decimals>\d*)(?P<exponent>[ed][-+]?\d+|[-+]\d{2,3})?"
-    r"|(?P<whole>\d+)(?P<power>[ed][-+]?\d+)?)$",
+    r"\s*(?:[-+.\d]|(?<=[\d.])[ed])*?(?:(?P<digits>\d+\.|\.(?=\d))(?P<decimals>\d*)(?P<exponent>[ed][-+]?\d+|[-+]\d{2,3})?"
+    r"|(?P<whole>\d+)(?P<power>[ed][-+]?\d+)?)",
     re.I,
 )
 # As many are enough to see how numbers are printed.
@@ -81,7 +81,7 @@ def _ends_early(last: str, others: list[str]) -> bool:
 
 def _count_digits(word: str) -> _Digits | None:
     """Count the digits of the number at the end of a word; None if there is none."""
-    match = _NUMBER.search(word)
+    match = _NUMBER.fullmatch(word)
     if match is None:
         return None
     if match["whole"]:

@@ -89,9 +89,9 @@ def test_three_components(path, content, factor):
         (write(values=(NORTH, EAST, UP * np.nan)), {}, "line 3: a value must be finite"),
         (write(times=TIMES[:1], values=np.ones((3, 1))), {}, "at least two samples"),
         (
-            write()[:-3],
+            write()[:-2],
             {},
-            r"line 43: the file looks truncated: its last number '-?\d\.\d+e[+-]?'",
+            "line 43: the file looks truncated: its last number",
         ),
     ],
 )

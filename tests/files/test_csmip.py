@@ -295,6 +295,7 @@ def test_mutations_of_pairs(path, number):
         )
 
     def read(path):
+        jr.read_record(path, column="EW", vertical="up")
         return read_csmip(TextFile(path), Claims())
 
     faults, counts = read_mutations(RENADIC.encode(), path, read, same, number)

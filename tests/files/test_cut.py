@@ -23,6 +23,7 @@ CASES = [
     ("1", ["12", "34"], ""),
     ("5", [], ""),
     ("x", ["0.5"], ""),
+    ("0.5", ["s01", "0.25"], "has fewer digits than the others"),
     ("5", ["x", "0.5"], "has fewer digits than the others"),
 ]
 

@@ -92,5 +92,5 @@ def _read_columns(text: TextFile, top: int) -> np.ndarray:
     values = text.read_values(top, parse_all, parse_line).reshape(-1, _WIDTH).T
     if values.shape[1] < 2:
         raise text.error(f"at least two samples were expected, got {values.shape[1]}")
-    require_whole_end(text, [line.split()[-1] for line in text.lines[-_LAST_LINES:]])
+    require_whole_end(text, [line.split()[-1] for line in text.lines[top:][-_LAST_LINES:]])
     return values
