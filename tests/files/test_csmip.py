@@ -221,7 +221,7 @@ TWO = second(STRONG)
         ),
         (
             TWO.replace("at  .010 sec, in cm/sec2", "at  .000 sec, in cm/sec2"),
-            "than 0, got .000",
+            "a time step from 1e-05 s on was expected, got .000 s",
         ),
     ],
 )

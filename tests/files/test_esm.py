@@ -117,7 +117,11 @@ REFUSED = [
     ({"UNITS": ""}, {}, "the header has no UNITS, so that unit must be given"),
     ({}, {"unit": "g"}, "line 19: unit is 'g', but the header states cm/s^2"),
     ({"SAMPLING": ""}, {}, "no SAMPLING_INTERVAL_S, so that time_step must be given"),
-    ({"SAMPLING": "-0.005"}, {}, "line 15: the time step must be greater than 0, got -0.005"),
+    (
+        {"SAMPLING": "-0.005"},
+        {},
+        "line 15: a time step from 1e-05 s on was expected, got -0.005 s",
+    ),
     ({"SAMPLING": "0.010"}, {}, "line 17: the header states a duration of 0.130 s, but"),
     ({}, {"time_step": 0.01}, "time_step is 0.01 s, but the header states 0.005000 s"),
     ({"NDATA": ""}, {}, "the header does not state the number of values"),

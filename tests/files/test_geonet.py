@@ -136,7 +136,7 @@ def test_same_components_are_told_apart_by_their_number(path):
             component(ALONG, stated=0.01),
             "states 0.020 s in line 23, but the header states 0.010 s",
         ),
-        (component(ALONG, step=0.0), "must be greater than 0, got 0"),
+        (component(ALONG, step=0.0), "from 1e-05 s on was expected, got 0.000 s"),
         (component(ALONG, duration=5), "a duration of 5.00 s, but 43 points"),
         (component(ALONG, counted=42), "43 values in line 10, but the header states 42"),
         (

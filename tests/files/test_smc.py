@@ -115,7 +115,7 @@ REFUSED = [
     (
         {"reals": {2: 1e7}},
         {},
-        "line 18: the sampling rate must be from 0 to 100000 per second",
+        "line 18: a time step from 1e-05 s on was expected, got 1.0000000e+07",
     ),
     ({}, {"time_step": 0.01}, "line 18: time_step is 0.01 s, but the header states 200 sam"),
     ({}, {"unit": "g"}, "line 1: unit is 'g', but an SMC file is in cm/s2"),

@@ -40,8 +40,9 @@ from .printed_times import explain_times, find_printed_halves, find_printed_step
 
 # A number in decimals, in a pattern.
 DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)"
-# Higher rates occur, and are mistakes.
-_HIGHEST_RATE = 1e5
+# Names of statements about the time step, and their units. Shorter steps [s] are mistakes.
+_STEPS = {"step": "s", "milliseconds": "ms", "rate": "samples per second"}
+_SHORTEST = 1e-5
 # Significant digits of a number of single precision, which headers are computed in.
 _SIGNIFICANT = 6
 # As many are enough to see how times are printed.
@@ -154,20 +155,18 @@ class Header:
 
     def require_step(self, missing: str = "") -> float:
         """Return the time step [s], on which file and caller have to agree."""
-        for line, word, value in self.fields.get("step", []):
-            self._require_positive(line, f"{word} s", value)
-            self.add_step(line, f"the header states {word} s", value)
-        for line, word, value in self.fields.get("milliseconds", []):
-            self._require_positive(line, f"{word} ms", value)
-            self.add_step(line, f"the header states {word} ms", value / 1000)
-        for line, word, value in self.fields.get("rate", []):
-            if not 0 < value <= _HIGHEST_RATE:
-                raise self._text.error(
-                    f"the sampling rate must be from 0 to {_HIGHEST_RATE:g} per second,"
-                    f" got {word}",
-                    line,
-                )
-            self.add_step(line, f"the header states {value:g} samples per second", 1 / value)
+        for name, unit in _STEPS.items():
+            for line, word, value in self.fields.get(name, []):
+                step = value / 1000 if name == "milliseconds" else value
+                if name == "rate" and value != 0:
+                    step = 1 / value
+                if not step >= _SHORTEST:
+                    raise self._text.error(
+                        f"a time step from {_SHORTEST:g} s on was expected, got {word} {unit}",
+                        line,
+                    )
+                printed = f"{value:g}" if name == "rate" else word
+                self.add_step(line, f"the header states {printed} {unit}", step)
         return self._claims.require_step(self._text, missing)
 
     def require_even_times(self, words: Sequence[str], times: np.ndarray, line: int) -> float:
@@ -183,7 +182,7 @@ class Header:
         mean = float(times[-1] - times[0]) / steps.size
         if explained:
             step = explained[0]
-        elif (abs(steps - mean) <= UNIFORM * mean).all():
+        elif mean > 0 and (abs(steps - mean) <= UNIFORM * mean).all():
             step = mean
         else:
             step = find_printed_step(times, halves)
@@ -258,11 +257,6 @@ class Header:
         numbers = read_numbers(self._text, at, points, columns)
         self.require_peak(numbers.words, numbers.values, factor)
         return Component(name, factor, numbers.values, step), numbers.end
-
-    def _require_positive(self, line: int, words: str, value: float) -> None:
-        """Raise an error unless a time step is greater than 0."""
-        if not value > 0:
-            raise self._text.error(f"the time step must be greater than 0, got {words}", line)
 
     def _find_peak_unit(self, factor: float) -> float:
         """Find the unit [m/s2] in which the peak is stated: if it is not, that of the values."""

@@ -21,11 +21,11 @@ _COMPONENT_LINE = 5
 _COMPONENT = r"(?:.*\bcomponent\s*=\s*(?P<channel>\S+))?"
 # Below 11 lines of text: index of the line, how many numbers, their columns, and what they
 # state, from index 0 on.
-_INTEGERS = 11, 48, Columns(8, 10), {0: "no_integer", 12: "tilt", 15: "comments", 16: "points"}
-_REALS = 17, 50, Columns(5, 15), {0: "no_real", 1: "rate", 29: "peak", 31: "peak"}
+_INTEGERS = 11, 48, Columns(8, 10), {12: "tilt", 15: "comments", 16: "points"}
+_REALS = 17, 50, Columns(5, 15), {1: "rate", 29: "peak", 31: "peak"}
 _COMMENTS = 27
-_NO_INTEGER = -32768.0
-_NO_REAL = 1.7e38
+# No number that is there is as large as that for missing ones.
+_NO_REAL = 1e30
 # Some programs write more digits.
 _VALUES = Columns(8, 10)
 _LONG_VALUES = Columns(5, 14)
@@ -46,11 +46,10 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
         raise text.error(f"an accelerogram was expected, this is {quote_word(kind)}", 1)
     header = Header(text, claims)
     header.read_line(_COMPONENT_LINE, _COMPONENT, "a line with the component")
-    header.read_numbers(*_INTEGERS, _NO_INTEGER)
-    header.read_numbers(*_REALS, _NO_REAL)
-    if "no_integer" in header.fields:
+    # The first number of a block stands for all that are missing: -32768 and 1.7e38.
+    if not _read_block(text, header, *_INTEGERS) < 0:
         raise text.error("the first integer must be that for missing ones", _INTEGERS[0] + 1)
-    if "no_real" in header.fields:
+    if not _read_block(text, header, *_REALS) >= _NO_REAL:
         raise text.error("the first real must be that for missing ones", _REALS[0] + 1)
     if "rate" not in header.fields:
         raise text.error(
@@ -73,6 +72,21 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
         raise text.error(f"the header states {points} values, but more lines follow", end + 1)
     channel = header.find("channel")
     return [component._replace(direction=direction, channel=channel.word if channel else "")]
+
+
+def _read_block(
+    text: TextFile,
+    header: Header,
+    at: int,
+    count: int,
+    columns: Columns,
+    names: dict[int, str],
+) -> float:
+    """Read the integers or the reals; return the number for missing ones, the first."""
+    word = get_line(text, at, "the headers")[: columns.width]
+    missing = text.parse_number(word, at + 1)
+    header.read_numbers(at, count, columns, names, missing)
+    return missing
 
 
 def _read_comments(text: TextFile, header: Header) -> int:
