@@ -305,7 +305,7 @@ FILES = {
     "another suffix": (
         "r.txt",
         "0.1\n0.2\n",
-        "a file in one of these formats was expected: .AT2, .csv",
+        "the file holds nothing but numbers, so that time_step must be given",
     ),
     "a word": (
         "r.csv",

@@ -154,8 +154,8 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
     ("name", "content", "options", "message"),
     [
         # The file as a whole
-        ("a.txt", "1", {}, ": a file in one of these formats was expected: .AT2, .csv"),
-        ("a", "1", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+        ("a.txt", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+        ("a", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
         ("a.csv", None, {}, ": the file cannot be read: No such file or directory"),
         ("a.AT2", None, {}, ": the file cannot be read: No such file or directory"),
         (

@@ -6,9 +6,12 @@ from typing import NamedTuple
 
 from .text import TextFile, quote_word
 
-# A number at the end of a word: in fixed columns several may run together.
+# A number at the end of a word: in fixed columns several may run together, and Fortran may
+# write 1.0-100 for 1e-100.
 _NUMBER = re.compile(
-    r"(?P<digits>\d+\.?|\.(?=\d))(?P<decimals>\d*)(?P<exponent>[ed][-+]?\d+)?$", re.I
+    r"\s*(?:[-+.\d]|(?<=[\d.])[ed])*?(?:(?P<digits>\d+\.|\.(?=\d))(?P<decimals>\d*)(?P<exponent>[ed][-+]?\d+|[-+]\d{2,3})?"
+    r"|(?P<whole>\d+)(?P<power>[ed][-+]?\d+)?)",
+    re.I,
 )
 # As many are enough to see how numbers are printed.
 _MANY = 1000
@@ -78,8 +81,10 @@ def _ends_early(last: str, others: list[str]) -> bool:
 
 def _count_digits(word: str) -> _Digits | None:
     """Count the digits of the number at the end of a word; None if there is none."""
-    match = _NUMBER.search(word)
+    match = _NUMBER.fullmatch(word)
     if match is None:
         return None
+    if match["whole"]:
+        return _Digits(0, len(match["power"] or ""), int(match["whole"]) == 0)
     is_zero = not re.search("[1-9]", match["digits"] + match["decimals"])
     return _Digits(len(match["decimals"]), len(match["exponent"] or ""), is_zero)

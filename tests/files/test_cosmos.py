@@ -5,8 +5,9 @@ import pytest
 from references.mutations import read_mutations
 
 import jaxrock as jr
+from jaxrock.ground_motion.files.claims import Claims
 from jaxrock.ground_motion.files.cosmos import read_cosmos
-from jaxrock.ground_motion.files.text import RecordText
+from jaxrock.tables import TextFile
 
 STEP = 0.005
 POINTS = 43
@@ -125,22 +126,42 @@ def test_units_and_formats(path, options, factor):
 )
 def test_directions(path, options, direction, name):
     path.write_text(channel(NORTH, **options))
-    (component,) = read_cosmos(RecordText(path), [], [])
+    (component,) = read_cosmos(TextFile(path), Claims())
     assert (component.direction, component.channel) == (direction, name)
 
 
 def test_same_orientations_are_told_apart_by_the_channel(path):
     path.write_text(channel(NORTH) + channel(EAST, 7))
-    found = [each.channel for each in read_cosmos(RecordText(path), [], [])]
+    found = [each.channel for each in read_cosmos(TextFile(path), Claims())]
     assert found == ["1: 360", "7: 360"]
+
+
+# Five decimals, of which the header of the format's own example states three and pads them.
+LARGE = np.append(NORTH, -161.96180)
+PADDED = {"fortran": "(8f10.5)", "form": (8, "%10.5f")}
+RAW = channel(NORTH).replace("43 acceleration pts", "43 raw accel.   pts")
+COUNTS = "counts .* by obspy and use jaxrock.ground_motion.from_obspy"
+
+
+def test_the_example_of_the_format(path):
+    content = channel(LARGE, peak=-161.962, **PADDED)
+    assert "  -161.962000" in content
+    path.write_text(content.replace("End-of-data for Chan", "/& ---  End of data for Chan"))
+    assert jr.read_record(path).samples == POINTS + 1
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (channel(NORTH, unit="counts (50)", unit_code=50), "counts .* obspy or gmprocess"),
-        (channel(NORTH, unit_code=50), "counts .* obspy or gmprocess"),
-        (channel(NORTH, unit_code=2), "states cm/sec2.* but the integer header states unit 2"),
+        (
+            channel(NORTH, unit="counts (50)", unit_code=50),
+            COUNTS,
+        ),
+        (
+            channel(NORTH, unit_code=50),
+            COUNTS,
+        ),
+        (channel(NORTH, unit_code=2), "states cm/sec2.* but the header states unit 2"),
         (channel(NORTH, unit="in/s/s (7)", unit_code=7), "in/s/s, which is not one of"),
         (channel(NORTH, quantity="velocity"), "holds no accelerations"),
         (channel(NORTH, peak=50), r"states a peak of 50\.0+, but that of the values is"),
@@ -152,8 +173,8 @@ def test_same_orientations_are_told_apart_by_the_channel(path):
             "columns of 10 characters were expected, got",
         ),
         (channel(NORTH, text="Vert", code=402), "not said to point up or down"),
-        (channel(NORTH, text="Up"), "states Up, but the integer header .* 360"),
-        (channel(NORTH, text="90 deg"), "states 90, but the integer header .* 360"),
+        (channel(NORTH, text="Up"), "channel is Up in line 9, but the header .* 360"),
+        (channel(NORTH, text="90 deg"), "channel is 90 in line 9, but the header .* 360"),
         (channel(NORTH, code=900), "orientation of 900, which is not understood"),
         (channel(NORTH, scnl="A.HNZ.CE.--"), "states 360, but the channel is HNZ"),
         (channel(NORTH).replace("  43 acc", "  42 acc"), "but 42 points are 0.005 s apart"),
@@ -175,9 +196,11 @@ def test_what_is_refused(path, content, message):
 
 def test_the_caller_may_not_contradict(path):
     path.write_text(channel(NORTH))
-    with pytest.raises(ValueError, match=r"unit is 'g', but the line states cm/sec2"):
+    with pytest.raises(ValueError, match=r"unit is 'g', but the header states cm/sec2"):
         jr.read_record(path, unit="g")
-    with pytest.raises(ValueError, match=r"time_step is 0.01 s, but the real header states"):
+    with pytest.raises(
+        ValueError, match=r"time_step is 0.01 s, but the header states 5.0+ ms"
+    ):
         jr.read_record(path, time_step=0.01)
 
 
@@ -194,7 +217,7 @@ def test_mutations(tmp_path, number):
 
     def read(path):
         jr.read_record(path, column="90", vertical="up")
-        return read_cosmos(RecordText(path), [], [])
+        return read_cosmos(TextFile(path), Claims())
 
     def same(components):
         # Lines of values that changed places, perhaps between channels, cannot be told.

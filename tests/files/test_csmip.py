@@ -5,8 +5,9 @@ import pytest
 from references.mutations import read_mutations
 
 import jaxrock as jr
+from jaxrock.ground_motion.files.claims import Claims
 from jaxrock.ground_motion.files.csmip import read_csmip
-from jaxrock.ground_motion.files.text import RecordText
+from jaxrock.tables import TextFile
 
 STEP = 0.01
 POINTS = 43
@@ -80,6 +81,24 @@ def second(values, number=1, text="360 Deg", code=360, *, old=False):
     return content.upper() if old else content
 
 
+def pairs(values, number=1, text="EW", *, step=STEP, times=None, unit="G/10", peak=None):
+    """A channel of volume 1 with times, as RENADIC writes it and as film was digitized."""
+    times = step * np.arange(POINTS) if times is None else times
+    peak = 0.1 * values[np.argmax(abs(values))] if peak is None else peak
+    both = np.stack([times, values], axis=1).ravel()
+    return (
+        "UNCORRECTED ACCELEROGRAM DATA              PROCESSED: 05/24/2011\nMADE\nORIGIN\nTRIGGER\n"
+        f"STATION NO.\nMADE FOR A TEST\nCHAN  {number}: {text}       (STA CHN:  1)\n"
+        "UNIVERSIDAD DE CHILE - RENADIC\nHYPOCENTER\nINSTR PERIOD = 0.0391 SEC\n"
+        f"NO. OF POINTS =  {POINTS}  RECORD LENGTH ={POINTS * step:.3f} SEC\n"
+        f"UNITS OF UNCOR ACCEL ARE SEC AND {unit}.     MAX  ={peak:7.3f} G, AT  30.160 SEC\n"
+        "RMS ACCEL OF COMPLETE RECORD = 0.106 G\n"
+        + headers(number, 0, 50)
+        + columns(both, "%7.3f", 10)
+        + f"/&  ----------  END OF DATA FOR CHANNEL {number}  ----------\n"
+    )
+
+
 VOLUME_1 = first(EAST, 1, " 90 Deg", 90) + first(NORTH, 2) + first(UP, 3, " Up", 500)
 VOLUME_2 = second(WEAK, 1, " 90 Deg", 90) + second(STRONG, 2) + second(RISING, 3, " Up", 500)
 
@@ -111,9 +130,37 @@ def test_volume_2(path, ends):
 def test_files_of_the_eighties_state_no_format(path):
     path.write_text(second(STRONG, 1, " 90 deg", 90, old=True))
     np.testing.assert_allclose(jr.read_record(path).acceleration, STRONG / 100, rtol=1e-6)
+    # Others have a unit, but no format either.
+    path.write_text(TWO.replace(" (8f10.5)", ""))
+    np.testing.assert_allclose(jr.read_record(path).acceleration, STRONG / 100, rtol=1e-6)
     line = f"{POINTS} POINTS OF ACCEL DATA EQUALLY SPACED AT .01 SEC.  (UNITS: G)\n"
     path.write_text(first(NORTH, line=line))
     np.testing.assert_allclose(jr.read_record(path).acceleration, 9.80665 * NORTH, rtol=1e-6)
+
+
+ALONG, ACROSS, ABOVE = np.round(RANDOM.normal(0, 2, (3, POINTS)), 3)
+RENADIC = pairs(ALONG) + pairs(ACROSS, 2, "NS") + pairs(ABOVE, 3, "V")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("G/10", 0.980665), ("g", 9.80665)])
+def test_pairs_of_time_and_acceleration(path, unit, factor):
+    path.write_text(RENADIC)
+    record = jr.read_record(path, column="NS", vertical="up")
+    np.testing.assert_allclose(record.acceleration, 0.980665 * ACROSS, rtol=1e-6)
+    np.testing.assert_allclose(record.vertical, 0.980665 * ABOVE, rtol=1e-6)
+    assert float(record.time_step) == pytest.approx(STEP, rel=1e-6)
+    # A step of more digits than are printed.
+    path.write_text(
+        pairs(
+            ALONG,
+            text="INTC",
+            unit=unit,
+            step=1 / 256,
+            peak=factor / 9.80665 * max(ALONG, key=abs),
+        )
+    )
+    record = jr.read_record(path, time_step=1 / 256)
+    np.testing.assert_allclose(record.acceleration, factor * ALONG, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +169,7 @@ def test_files_of_the_eighties_state_no_format(path):
 )
 def test_directions(path, text, code, direction):
     path.write_text(first(NORTH, 1, text, code))
-    (component,) = read_csmip(RecordText(path), [], [])
+    (component,) = read_csmip(TextFile(path), Claims())
     assert (component.direction, component.channel) == (direction, text)
 
 
@@ -133,19 +180,37 @@ TWO = second(STRONG)
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (first(NORTH, unit="counts"), "counts .* obspy or gmprocess"),
+        (
+            first(NORTH, unit="counts"),
+            "counts .* by obspy and use jaxrock.ground_motion.from_obspy",
+        ),
         (first(NORTH, unit="g/10"), "g/10, which is not one of"),
         (first(NORTH, peak=0.5), "a peak of 0.500, but that of the values is"),
-        (first(NORTH, text="Up"), "states Up, but the integer header .* 360"),
-        (first(NORTH, text="90 Deg"), "states 90, but the integer header .* 360"),
+        (first(NORTH, text="Up"), "channel is Up in line 7, but the header .* 360"),
+        (first(NORTH, text="90 Deg"), "channel is 90 in line 7, but the header .* 360"),
         (first(NORTH, text="Vert"), "an orientation such as"),
-        (ONE.replace("at 100 pts", "at 200 pts"), "200 samples per second.*, but the file"),
+        (ONE.replace("at 100 pts", "at 200 pts"), "200 samples per second.*, but the header"),
         (ONE.replace("Length =  0.430", "Length =  0.530"), "a duration of 0.530 s, but 43"),
-        (ONE.replace("Points =  43", "Points =  44"), "states 44 points, but the line above"),
-        (ONE.replace("43 Accel", "42 Accel"), "states 43 points, but the line above"),
+        (
+            ONE.replace("Points =  43", "Points =  44"),
+            "43 values in line 28, but the header states 44",
+        ),
+        (
+            ONE.replace("43 Accel", "42 Accel"),
+            "42 values in line 28, but the header states 43",
+        ),
         (ONE.replace("(8f9.6)", "(8f9.6,x)"), "a format such as"),
         (ONE.replace("End of Data", "End"), "'7200 points of accel data"),
         (ONE.replace("Accelerogram points", "points"), "'7200 points of accel data"),
+        (
+            pairs(ALONG, times=np.cumsum(RANDOM.uniform(0.008, 0.012, POINTS))),
+            "line 28: the times beside the values are not evenly spaced.*: take volume 2",
+        ),
+        (pairs(ALONG, peak=1.0), r"a peak of 1\.000 in units of 9\.80665 m/s2"),
+        (pairs(ALONG, unit="CM"), "'Units of uncor accel are sec and g/10' was expected"),
+        (pairs(ALONG, text="NZ"), "an orientation such as .* got 'NZ'"),
+        (pairs(ALONG).replace("=0.430", "=0.830"), "a duration of 0.830 s"),
+        (pairs(ALONG).replace(" 0.020", " 0.021"), "not evenly spaced, from 0.009"),
         (ONE[:-75], "3 values in columns of 9 characters"),
         (TWO.replace("in cm/sec2", "in in/sec2"), "in/sec2, which is not one of"),
         (TWO.replace("    cm/sec/sec  at", "    g  at"), "in units of 9.80665 m/s2, but that"),
@@ -156,7 +221,7 @@ TWO = second(STRONG)
         ),
         (
             TWO.replace("at  .010 sec, in cm/sec2", "at  .000 sec, in cm/sec2"),
-            "than 0, got .000",
+            "a time step from 1e-05 s on was expected, got .000 s",
         ),
     ],
 )
@@ -169,9 +234,9 @@ def test_what_is_refused(path, content, message):
 
 def test_the_caller_may_not_contradict(path):
     path.write_text(ONE)
-    with pytest.raises(ValueError, match="unit is 'gal', but the line states g"):
+    with pytest.raises(ValueError, match="unit is 'gal', but the header states g"):
         jr.read_record(path, unit="gal")
-    with pytest.raises(ValueError, match=r"time_step is 0.02 s, but the file states"):
+    with pytest.raises(ValueError, match=r"time_step is 0.02 s, but the header states"):
         jr.read_record(path, time_step=0.02)
 
 
@@ -200,7 +265,7 @@ def test_mutations(path, content, known, factor, number):
 
     def read(path):
         jr.read_record(path, column="90", vertical="up")
-        return read_csmip(RecordText(path), [], [])
+        return read_csmip(TextFile(path), Claims())
 
     def same(components):
         # Lines of values that changed places, perhaps between quantities, cannot be told.
@@ -212,5 +277,27 @@ def test_mutations(path, content, known, factor, number):
         )
 
     faults, counts = read_mutations(content.encode(), path, read, same, number)
+    assert not faults
+    assert min(counts.values()) > number / 20
+
+
+@pytest.mark.parametrize(
+    "number", [30, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
+)
+def test_mutations_of_pairs(path, number):
+    def same(components):
+        # Times say in which order values are.
+        return all(
+            np.array_equal(each.values, values)
+            and each.factor == pytest.approx(0.980665)
+            and each.step == pytest.approx(STEP, rel=1e-3)
+            for each, values in zip(components, (ALONG, ACROSS, ABOVE), strict=True)
+        )
+
+    def read(path):
+        jr.read_record(path, column="EW", vertical="up")
+        return read_csmip(TextFile(path), Claims())
+
+    faults, counts = read_mutations(RENADIC.encode(), path, read, same, number)
     assert not faults
     assert min(counts.values()) > number / 20

@@ -16,12 +16,14 @@ CASES = [
     ("9e-1", ["0.5", "0.75"], ""),
     # Numbers of fixed columns that run together.
     (".12-.34", [".120-.340", ".560"], "has fewer digits than the others"),
+    ("-.1-02-.2+02", ["7.0"], ""),
     # Whole numbers show it only by their column.
     ("    -12", ["   -123", "      4"], ""),
     ("    -1", ["   -123", "      4"], "ends before those above it do"),
     ("1", ["12", "34"], ""),
     ("5", [], ""),
     ("x", ["0.5"], ""),
+    ("0.5", ["s01", "0.25"], "has fewer digits than the others"),
     ("5", ["x", "0.5"], "has fewer digits than the others"),
 ]
 

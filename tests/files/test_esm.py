@@ -112,18 +112,22 @@ REFUSED = [
         "line 29: acceleration was expected, DATA_TYPE is 'VELOCITY'",
     ),
     ({"DATA_TYPE": "ACCELERATION RESPONSE SPECTRUM"}, {}, "DATA_TYPE is 'ACCELERATION RESP"),
-    ({"UNITS": "cm/s"}, {}, "line 19: UNITS is 'cm/s', which is not one of 'm/s2'"),
-    ({"UNITS": "counts"}, {}, "line 19: UNITS is 'counts', which is not one of 'm/s2'"),
+    ({"UNITS": "cm/s"}, {}, "line 19: the header states cm/s, which is not one of 'm/s2'"),
+    ({"UNITS": "counts"}, {}, "line 19: the values are counts of an instrument"),
     ({"UNITS": ""}, {}, "the header has no UNITS, so that unit must be given"),
-    ({}, {"unit": "g"}, "line 19: unit is 'g', but UNITS is 'cm/s^2'"),
+    ({}, {"unit": "g"}, "line 19: unit is 'g', but the header states cm/s^2"),
     ({"SAMPLING": ""}, {}, "no SAMPLING_INTERVAL_S, so that time_step must be given"),
-    ({"SAMPLING": "-0.005"}, {}, "line 15: SAMPLING_INTERVAL_S must be greater than 0"),
+    (
+        {"SAMPLING": "-0.005"},
+        {},
+        "line 15: a time step from 1e-05 s on was expected, got -0.005 s",
+    ),
     ({"SAMPLING": "0.010"}, {}, "line 17: the header states a duration of 0.130 s, but"),
-    ({}, {"time_step": 0.01}, "time_step is 0.01 s, but SAMPLING_INTERVAL_S is 0.005000"),
-    ({"NDATA": ""}, {}, "the header has no NDATA, the number of values"),
+    ({}, {"time_step": 0.01}, "time_step is 0.01 s, but the header states 0.005000 s"),
+    ({"NDATA": ""}, {}, "the header does not state the number of values"),
     ({"NDATA": "27"}, {}, "line 16: NDATA is 27, but 26 values follow"),
     ({"PGA": "67.1"}, {}, "line 22: the header states a peak of 67.1"),
-    ({"PGA": "much"}, {}, "line 22: PGA_CM/S^2 must be a number, got 'much'"),
+    ({"PGA": "much"}, {}, "line 22: the peak must be a number, got 'much'"),
     ({" UNITS": "g"}, {}, "line 34: UNITS is 'cm/s^2' in line 19, but 'g'"),
     ({"values": [*EAST[:-1], np.nan]}, {}, "line 59: a value must be finite, got 'nan'"),
     ({}, {"column": "HNN"}, "column is 'HNN', but there are 'HNE'"),
@@ -140,7 +144,7 @@ def test_a_cut_last_number(tmp_path):
     content = write().rstrip()
     assert read(tmp_path / NAME, content).samples == EAST.size
     for cut in range(1, 6):
-        seems = f"line 59: the file seems to be cut within its last number, '{EAST[-1]}'"
+        seems = f"line 59: the file looks truncated: its last number '{EAST[-1]}' has"
         with pytest.raises(ValueError, match=seems.replace("123456", "123456"[:-cut])):
             read(tmp_path / NAME, content[:-cut])
 

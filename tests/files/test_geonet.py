@@ -5,8 +5,9 @@ import pytest
 from references.mutations import read_mutations
 
 import jaxrock as jr
+from jaxrock.ground_motion.files.claims import Claims
 from jaxrock.ground_motion.files.geonet import read_geonet
-from jaxrock.ground_motion.files.text import RecordText
+from jaxrock.tables import TextFile
 
 STEP = 0.02
 POINTS = 43
@@ -109,13 +110,13 @@ def test_volume_1(path):
 )
 def test_directions(path, name, azimuth, direction):
     path.write_text(component(ALONG, name, azimuth))
-    (found,) = read_geonet(RecordText(path), [], [])
+    (found,) = read_geonet(TextFile(path), Claims())
     assert (found.direction, found.channel) == (direction, name)
 
 
 def test_same_components_are_told_apart_by_their_number(path):
     path.write_text(component(ALONG) + component(ACROSS))
-    found = [each.channel for each in read_geonet(RecordText(path), [], [])]
+    found = [each.channel for each in read_geonet(TextFile(path), Claims())]
     assert found == ["1: N28W", "2: N28W"]
 
 
@@ -124,18 +125,24 @@ def test_same_components_are_told_apart_by_their_number(path):
     [
         (component(ALONG, peak=12345.6), "a peak of 12345.6, but that of the values is"),
         (component(ALONG, peak=-ALONG.min()), None),
-        (component(ALONG, unit="units"), "the peak is in units, which is not one of"),
-        (component(ALONG, unit="cm/s/s", raw=True), "in cm/s/s.*, but the readings are in"),
-        (component(ALONG, scale=0.1), "multiplied by 0.1 are not read"),
-        (component(ALONG, raw=True).replace("of 1.00", "of 0.10"), "multiplied by 0.1 are"),
+        (component(ALONG, unit="units"), "the header states units, which is not one of"),
+        (
+            component(ALONG, unit="cm/s/s", raw=True),
+            "states mm/s/s in line 11, but the header states cm/s/s",
+        ),
+        (component(ALONG, scale=0.1), "multiplied by 0.100 are not read"),
+        (component(ALONG, raw=True).replace("of 1.00", "of 0.10"), "multiplied by 0.10 are"),
         (
             component(ALONG, stated=0.01),
-            "step of 0.02 s.*, but the file states a time step of 0.01 s",
+            "states 0.020 s in line 23, but the header states 0.010 s",
         ),
-        (component(ALONG, step=0.0), "must be greater than 0, got 0"),
+        (component(ALONG, step=0.0), "from 1e-05 s on was expected, got 0.000 s"),
         (component(ALONG, duration=5), "a duration of 5.00 s, but 43 points"),
-        (component(ALONG, counted=42), "43 points are stated, but the line of counts has 42"),
-        (component(ALONG, azimuth=28), "states N28W, but the header an azimuth of 28"),
+        (component(ALONG, counted=42), "43 values in line 10, but the header states 42"),
+        (
+            component(ALONG, azimuth=28),
+            "N28W in line 13, but the header states an orientation of 28",
+        ),
         (component(ALONG, "North"), "a line with the component was expected"),
         (component(np.round(ALONG[:-1], 1)), "3 values in columns of 8 characters"),
         (component(np.append(ALONG[:-1], np.inf), peak=1), "must be finite|must be a number"),
@@ -156,9 +163,9 @@ def test_what_is_refused(path, content, message):
 
 def test_the_caller_may_not_contradict(path):
     path.write_text(component(ALONG))
-    with pytest.raises(ValueError, match="unit is 'g', but the peak is in mm/s/s"):
+    with pytest.raises(ValueError, match="unit is 'g', but the header states mm/s/s"):
         jr.read_record(path, unit="g")
-    with pytest.raises(ValueError, match=r"time_step is 0.01 s, but the file states"):
+    with pytest.raises(ValueError, match=r"time_step is 0.01 s, but the header states"):
         jr.read_record(path, time_step=0.01)
 
 
@@ -179,7 +186,7 @@ def test_mutations(path, number):
 
     def read(path):
         jr.read_record(path, column="S62W", vertical="up")
-        return read_geonet(RecordText(path), [], [])
+        return read_geonet(TextFile(path), Claims())
 
     def same(components):
         # Lines of numbers that changed places, perhaps with the header, cannot be told.

@@ -190,7 +190,7 @@ def test_a_vertical_component_that_may_be_of_two_files(write):
         jr.read_suite(folder, vertical=True)
 
 
-def read_fake(text, units, steps):
+def read_fake(text, claims):
     """Lines such as `HNE level 1`."""
     read_fake.count += 1
     found = []

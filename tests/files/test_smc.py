@@ -115,7 +115,7 @@ REFUSED = [
     (
         {"reals": {2: 1e7}},
         {},
-        "line 18: the sampling rate must be from 0 to 100000 per second",
+        "line 18: a time step from 1e-05 s on was expected, got 1.0000000e+07",
     ),
     ({}, {"time_step": 0.01}, "line 18: time_step is 0.01 s, but the header states 200 sam"),
     ({}, {"unit": "g"}, "line 1: unit is 'g', but an SMC file is in cm/s2"),
@@ -124,7 +124,11 @@ REFUSED = [
         {},
         "is in cm/s2 in line 1, but a comment states g",
     ),
-    ({"comments": ["| raw acceleration in counts"]}, {}, "but a comment states counts"),
+    (
+        {"comments": ["| raw acceleration in counts"]},
+        {},
+        "a comment states counts, which is not one of",
+    ),
     ({"integers": {16: 2}}, {}, "line 13: the header states 2 lines of comments, but 3 begin"),
     (
         {"integers": {17: 18}},
@@ -141,17 +145,21 @@ REFUSED = [
         {},
         "line 34: 6 values in columns of 10 characters were expected",
     ),
-    ({"integers": {17: -32768}}, {}, "line 14: the number of values must be a whole number"),
+    ({"integers": {17: -32768}}, {}, "the header does not state the number of values"),
     ({"integers": {1: 1}}, {}, "line 12: the first integer must be that for missing ones"),
     ({"reals": {1: 1.0}}, {}, "line 18: the first real must be that for missing ones"),
     ({"reals": {30: 66.13}}, {}, "line 23: the header states a peak of"),
     ({"reals": {30: 60.0, 32: -66.2}}, {}, "line 24: the header states a peak of"),
     ({"integers": {13: 45}}, {}, "line 13: a sensor 45 degrees from upward is neither"),
-    ({"integers": {13: 0}}, {}, "line 6: the component is 360, but the sensor is 0 degrees"),
+    (
+        {"integers": {13: 0}},
+        {},
+        "line 13: the channel is 360 in line 6, but the header states an orientation of 0",
+    ),
     (
         {"integers": {13: -32768}, "text": {6: "component= Vert"}},
         {},
-        "line 6: the component must be an azimuth, or up or down, got 'Vert'",
+        "line 6: an orientation such as '360 deg', 'N28W', 'Up' or 'Down' was expected, got 'Vert'",
     ),
 ]
 

@@ -1,186 +1,166 @@
-"""Files in the COSMOS format, volumes 1 and 2, of strong-motion networks in America."""
+"""Files in the COSMOS format, volumes 1 and 2, of strong-motion networks in America.
 
-import functools
-import math
+A channel has lines of text, integers, reals, comments, and then one quantity. The format is
+described in "COSMOS Strong Motion Data Format, Version 1.20" (2001),
+https://www.strongmotioncenter.org/vdc/cosmos_format_1_20.pdf.
+"""
+
 import re
 
+from ...tables import TextFile
+from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import (
-    Numbers,
-    match_line,
-    parse_format,
-    read_channels,
-    read_numbers,
-    refuse_counts,
-    require_duration,
-    require_peak,
-)
-from .text import STEP, UNIT, RecordText, Statements
-from .units import UNITS, parse_unit
+from .fixed_columns import match_line, parse_format
+from .headers import NO_COUNTS, Header, Numbered, read_channels
+from .orientations import find_azimuth, find_direction
 
-_TITLE = r".*\(format v\d+\.\d+ with\s+(\d+) text lines\)"
-_HEADER = r"\s*(\d+)\s+{}-header values follow on\s+\d+\s+lines\s*,\s*format\s*=(.*)$"
-_COMMENTS = r"\s*(\d+)\s+comment line\(s\) follow"
+_TITLE = r".*\(format v\d+\.\d+ with\s+(?P<text_lines>\d+) text lines\)"
 _QUANTITY = r"acceleration|velocity|displacement"
+_CHANNEL = r"\s*sta\s+cha\w*:?\s*(?P<number>[^\s:]+)\s*:\s*(?P<channel>\d+(?=\s*deg)|[a-z]\w*)"
+_CHANNEL_LINE = 8
+_BLOCK = r"\s*(?P<count>\d+)\s+{}-header values follow on\s+\d+\s+lines\s*,\s*format\s*=(.*)$"
+_COMMENTS = r"\s*(\d+)\s+comment line\(s\) follow"
+# The line above the values.
 _DATA = (
-    rf"\s*(?P<points>\d+)\s+(?P<quantity>{_QUANTITY})\s+pts,"
-    r"\s*approx\s+(?P<duration>\d+)\s+secs,\s*units\s*=\s*(?P<unit>[^\s(,]+)"
-    r"\s*(?:\(\s*(?P<code>\d+)\s*\))?\s*,?\s*format\s*=(?P<format>.*)$"
+    r"\s*(?P<points>\d+)\s+(?P<quantity>[a-z]+(?:[\s.]+[a-z]+)*)[.\s]+pts,"
+    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<words>[^\s(,]+)"
+    r"\s*(?:\(\s*(?P<unit_code>\d+)\s*\))?\s*,?\s*format\s*=(?P<format>.*)$"
 )
-_CHANNEL = r"\s*sta\s+cha\w*:?\s*(?P<number>[^\s:]+)\s*:\s*(?P<name>\d+(?=\s*deg)|[a-z]\w*)"
 # Station, channel, network and location; the channel's last letter is its direction.
 _SCNL = r"\s*\|\s*<SCNL>\s*[^.\s]*\.(\w+)\."
 
-# Codes of units and of orientations in tables of the format; azimuths are from 1 to 360.
+# What stands where in the integers and in the reals, from index 0 on.
+_INTEGERS = {1: "parameter", 2: "unit_code", 53: "sensor", 54: "relative"}
+# Of the values, not of the recorder, whose step is at 33: they may have been resampled.
+_REALS = {61: "milliseconds", 62: "duration", 63: "peak"}
+_UNKNOWN = -999.0
+
+_ACCELERATION = 1
+# Codes of units.
 _COUNTS = 50
 _UNIT_CODES = {2: "g", 4: "cm/s2", 10: "gal", 11: "mg"}
+# Codes of orientations: azimuths from 1 to 360, up and down, radial, tangential and others.
+_AZIMUTHS = range(1, 361)
+_VERTICAL = 402
 _ORIENTATIONS: dict[int, Direction] = {400: "up", 401: "down"}
-_ORIENTATIONS |= dict.fromkeys((*range(1, 361), 500, 501, 600, 601, 700, 701), "level")
-_NAMES: dict[str, Direction] = {"up": "up", "down": "down", "other": "", "othr": ""}
-_NAMES |= dict.fromkeys(("h1", "h2", "radl", "tran", "long", "tang"), "level")
-_VERTICAL = 402, "vert"
-_UNKNOWN = -999
+_ORIENTATIONS |= dict.fromkeys((*_AZIMUTHS, 500, 501, 600, 601, 700, 701), "level")
+_NAMES: dict[str, Direction] = {
+    "up": "up",
+    "down": "down",
+    "othe?r": "",
+    "h1|h2|radl|tran|long|tang": "level",
+}
 
 
 def recognize_cosmos(lines: list[str]) -> bool:
-    """Tell the COSMOS format by the version in the title."""
+    """Return whether the title states the version of the COSMOS format."""
     return re.match(r".*\(format v\d+\.\d+ with\b", lines[0], re.I) is not None
 
 
-def read_cosmos(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
-    """Read the accelerations of all channels, where the caller states `units` and `steps`."""
-    read_channel = functools.partial(_read_channel, units, steps)
-    return read_channels(text, read_channel, "COSMOS")
+def read_cosmos(text: TextFile, claims: Claims) -> list[Component]:
+    """Read the accelerations of all channels."""
+    return read_channels(text, claims, _read_channel, "COSMOS")
 
 
-def _read_channel(
-    units: Statements,
-    steps: Statements,
-    text: RecordText,
-    top: int,
-    found: list[tuple[str, Component]],
-) -> int:
-    """Read a channel into `found`, unless it is a velocity; return the index after it."""
-    title = match_line(text, top, _TITLE, "the title of a channel with (Format v01.20 ...)")
-    lines = int(title[1])
-    text.refuse(lines < 9, f"at least 9 text lines were expected, got {lines}", top + 1)
-    integers = _read_header(text, top + lines, "integer", 55)
-    reals = _read_header(text, integers.end, "real", 65)
-    comments = match_line(text, reals.end, _COMMENTS, "the number of comment lines")
-    at = reals.end + 1
-    data = at + int(comments[1])
-    for k in range(at, data):
+def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Numbered], int]:
+    """Read a channel, unless it is a velocity, and the index of the line after it."""
+    header = Header(text, claims)
+    header.read_line(top, _TITLE, "the title of a channel with (Format v01.20 ...)")
+    line, word, lines = header.fields["text_lines"][0]
+    if lines <= _CHANNEL_LINE:
+        raise text.error(f"at least 9 text lines were expected, got {word}", line)
+    header.read_line(top + _CHANNEL_LINE, _CHANNEL, "a line such as 'Sta Chan 1: 360 deg'")
+    at = _read_block(text, header, top + int(lines), "integer", _INTEGERS)
+    at = _read_block(text, header, at, "real", _REALS)
+    comments = int(match_line(text, at, _COMMENTS, "the number of comment lines")[1])
+    for k in range(at + 1, at + 1 + comments):
         match_line(text, k, r"\s*\|", "a comment that begins with |")
-    match = match_line(text, data, _DATA, "a line such as '7200 acceleration pts, approx ...'")
-    points = int(match["points"])
-    columns = parse_format(text, match["format"], data + 1)
-    quantity = match["quantity"].lower()
+    data = at + 1 + comments
+    header.read_line(data, _DATA, "a line such as '7200 acceleration pts, approx ...'")
+    columns = parse_format(text, header.fields["format"][0].word, data + 1)
+    quantity = header.fields["quantity"][0].word.lower()
+    if quantity in ("velocity", "displacement"):
+        points = int(header.fields["points"][0].value)
+        return [], _end_channel(text, data + 1 + -(-points // columns.number), quantity)
+    _add_units(text, header)
     if quantity != "acceleration":
-        end = data + 1 + -(-points // columns.number)
-        return _end_channel(text, end, quantity)
-    parameter = int(integers.values[1])
-    wrong = parameter not in (1, _UNKNOWN)
-    text.refuse(
-        wrong,
-        f"the integer header states parameter {parameter}, which is not 1 for acceleration",
-        top + lines + 2,
-    )
-    factor = _find_unit(text, data + 1, match, int(integers.values[2]), units)
-    step = _find_step(text, data + 1, reals, steps)
-    # The line has whole seconds, rounded in one way or another.
-    require_duration(text, (data + 1, match["duration"], 1.0), points, step)
-    if reals.values[62] != _UNKNOWN:
-        require_duration(text, (data + 1, reals.words[62], 0.0), points, step)
-    numbers = read_numbers(text, data + 1, points, columns)
-    if reals.values[63] != _UNKNOWN:
-        require_peak(text, (data + 1, reals.words[63], factor), numbers, factor)
-    number, channel, direction = _find_orientation(
-        text, top + 8, integers, text.lines[at:data]
-    )
+        raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
+    number = header.fields["number"][0].word
     name = f"channel {number} of {str(text.path)!r}"
-    values = numbers.values
-    found.append((number, Component(name, factor, values, step, direction, channel)))
-    return _end_channel(text, numbers.end, quantity)
+    no_step = "the real header states no time step"
+    component, end = header.read_component(data + 1, columns, name, no_step)
+    channel, direction = _find_orientation(text, header, text.lines[at + 1 : data])
+    component = component._replace(direction=direction, channel=channel)
+    return [(number, component)], _end_channel(text, end, quantity)
 
 
-def _read_header(text: RecordText, at: int, kind: str, least: int) -> Numbers:
-    """Read the integer or the real header, with its numbers in columns."""
-    match = match_line(text, at, _HEADER.format(kind), f"the {kind} header")
-    count = int(match[1])
-    wrong = f"at least {least} values were expected in the {kind} header, got {count}"
-    text.refuse(count < least, wrong, at + 1)
-    return read_numbers(text, at + 1, count, parse_format(text, match[2], at + 1))
+def _read_block(
+    text: TextFile, header: Header, at: int, kind: str, names: dict[int, str]
+) -> int:
+    """Read the integers or the reals; return the index of the line after them."""
+    match = match_line(text, at, _BLOCK.format(kind), f"the {kind} header")
+    count = int(match["count"])
+    if count <= max(names):
+        raise text.error(
+            f"at least {max(names) + 1} values were expected in the {kind} header, got {count}",
+            at + 1,
+        )
+    columns = parse_format(text, match[2], at + 1)
+    return header.read_numbers(at + 1, count, columns, names, _UNKNOWN)
 
 
-def _end_channel(text: RecordText, at: int, quantity: str) -> int:
+def _end_channel(text: TextFile, at: int, quantity: str) -> int:
     """Check that the data end here; return the index of the line after."""
-    name = f"'End-of-data for ... {quantity}'"
-    match_line(text, at, rf"\s*end-of-data\b(?:.*\b{quantity}\b|(?!.*(?:{_QUANTITY})))", name)
+    pattern = rf"\W*end[\s-]of[\s-]data\b(?:.*\b{quantity}\b|(?!.*(?:{_QUANTITY})))"
+    match_line(text, at, pattern, f"'End-of-data for ... {quantity}'")
     return at + 1
 
 
-def _find_unit(
-    text: RecordText, line: int, match: re.Match[str], header: int, units: Statements
-) -> float:
-    """Find the unit of the values, which words and codes state."""
-    words = match["unit"].rstrip(".")
-    codes = [("the line states unit", int(match["code"] or _UNKNOWN))]
-    codes += [("the integer header states unit", header)]
-    counts = words.lower().startswith("count") or _COUNTS in [code for _, code in codes]
-    refuse_counts(text, counts, line)
-    units = [*units, (line, f"the line states {words}", parse_unit(words))]
-    units += [
-        (line, f"{where} {code}", parse_unit(_UNIT_CODES.get(code, "")))
-        for where, code in codes
-        if code != _UNKNOWN
-    ]
-    for at, stated, factor in units:
-        text.refuse(math.isnan(factor), f"{stated}, which is not {UNITS}", at)
-    return text.require_agreement(UNIT, units, "")
-
-
-def _find_step(text: RecordText, line: int, reals: Numbers, steps: Statements) -> float:
-    """Find the time step [s] of the values, not the recorder's, which may be another one."""
-    milliseconds = float(reals.values[61])
-    if milliseconds != _UNKNOWN:
-        word = reals.words[61]
-        wrong = f"the time step must be greater than 0, got {word} ms in the real header"
-        text.refuse(milliseconds <= 0, wrong, line)
-        steps = [*steps, (line, f"the real header states {word} ms", milliseconds / 1000)]
-    missing = "the real header states no time step, so that time_step must be given"
-    return text.require_agreement(STEP, steps, missing, line)
+def _add_units(text: TextFile, header: Header) -> None:
+    """Add units that are stated by words and by codes; an error for counts."""
+    parameter = header.find("parameter")
+    if parameter is not None and parameter.value != _ACCELERATION:
+        raise text.error(
+            f"the integer header states parameter {parameter.word}, which is not 1 for"
+            " acceleration",
+            parameter.line,
+        )
+    line, words, _ = header.fields["words"][0]
+    codes = [code for code in header.fields.get("unit_code", []) if code.value != _UNKNOWN]
+    if words.lower().startswith("count") or _COUNTS in [code.value for code in codes]:
+        raise text.error(NO_COUNTS, line)
+    header.add_unit(line, f"the header states {words}", words.rstrip("."))
+    for line, word, code in codes:
+        header.add_unit(line, f"the header states unit {word}", _UNIT_CODES.get(int(code), ""))
 
 
 def _find_orientation(
-    text: RecordText, at: int, integers: Numbers, comments: list[str]
-) -> tuple[str, str, Direction]:
-    """Find a channel's number, name and direction, which text and header state."""
-    match = match_line(text, at, _CHANNEL, "a line such as 'Sta Chan 1: 360 deg'")
-    channel = match["name"]
-    azimuth, orientation = [int(value) for value in integers.values[53:55]]
+    text: TextFile, header: Header, comments: list[str]
+) -> tuple[str, Direction]:
+    """Find a channel's name and direction, which text, integers and comments state."""
+    line, name, _ = header.fields["channel"][0]
     # Where no azimuth is known, for which USGS writes 0, there may be an orientation in the
     # structure.
-    code = orientation if azimuth in (_UNKNOWN, 0) else azimuth
-    vertical = code == _VERTICAL[0] or channel.lower() == _VERTICAL[1]
-    text.refuse(vertical, "the channel is vertical, but not said to point up or down", at + 1)
-    wrong = f"the integer header states an orientation of {code}, which is not understood"
-    text.refuse(code not in (_UNKNOWN, 0, *_ORIENTATIONS), wrong, at + 1)
-    named: Direction | None = "level" if channel.isdigit() else _NAMES.get(channel.lower())
-    if named is None:
-        wrong = f"an orientation such as '360 deg' or 'Up' was expected, got {channel}"
-        raise text.make_error(wrong, at + 1)
-    coded = _ORIENTATIONS.get(code, "")
-    differs = bool(named and coded) and named != coded
-    if channel.isdigit() and code == azimuth in range(1, 361):
-        differs = (azimuth - int(channel)) % 360 != 0
-    wrong = f"the text states {channel}, but the integer header an orientation of {code}"
-    text.refuse(differs, wrong, at + 1)
-    direction = named or coded
-    code_names = [found[1].upper() for line in comments if (found := re.match(_SCNL, line))]
-    for name in code_names:
+    sensor = header.find("sensor")
+    code = sensor if sensor and sensor.value != 0 else header.find("relative")
+    if name.lower() == "vert" or (code and code.value == _VERTICAL):
+        raise text.error("the channel is vertical, but not said to point up or down", line)
+    if code and code.value != 0:
+        is_azimuth = code is sensor and code.value in _AZIMUTHS
+        header.add("azimuth" if is_azimuth else "code", code.line, code.word)
+    direction = find_direction(text, header, _NAMES, _ORIENTATIONS)
+    channel = name
+    for comment in comments:
+        match = re.match(_SCNL, comment, re.I)
+        if match is None:
+            continue
         # In the codes of seismic channels, Z is vertical and points up.
-        wrong = f"the text states {match['name']}, but the channel is {name}"
-        text.refuse(name.endswith("Z") and direction == "level", wrong, at + 1)
-        direction = direction or ("up" if name.endswith("Z") else "")
-        channel = channel if named else name
-    return match["number"], channel, direction
+        is_up = match[1].upper().endswith("Z")
+        if is_up and direction == "level":
+            raise text.error(
+                f"the text states {name}, but the channel is {match[1].upper()}", line
+            )
+        direction = direction or ("up" if is_up else "")
+        if find_azimuth(name) is None and re.fullmatch("othe?r", name, re.I):
+            channel = match[1].upper()
+    return channel, direction

@@ -1,53 +1,62 @@
-"""Files of California's strong-motion program, volumes 1 and 2, as CESMD delivers them."""
+"""Files of California's strong-motion program, volumes 1 and 2, as CESMD delivers them.
 
-import functools
-import math
+A channel has lines of text, integers and reals; then come accelerations, and in volume 2
+velocities and displacements. In volume 1 pairs of time and acceleration may stand instead,
+from film that was digitized, and in all files of RENADIC, the network of Chile's university.
+The layout is described in Shakal and Huang (1985), "Standard tape format for CSMIP
+strong-motion data tapes", report OSMS 85-03,
+https://www.conservation.ca.gov/cgs/pages/program-smi/reports/other/osms85-03.aspx.
+"""
+
 import re
 from typing import NamedTuple
 
+from ...tables import TextFile
+from ..units import parse_unit
+from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import (
-    Columns,
-    get_line,
-    match_line,
-    parse_format,
-    read_channels,
-    read_numbers,
-    refuse_counts,
-    require_duration,
-    require_peak,
-)
-from .text import STEP, UNIT, RecordText, Statements
-from .units import UNITS, parse_unit
+from .fixed_columns import Columns, get_line, match_line, parse_format, read_numbers
+from .headers import DECIMAL, Header, Numbered, read_channels
+from .orientations import find_direction
 
 _RAW = "uncorrected accelerogram data"
 _CORRECTED = "corrected accelerogram"
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
-_DURATION = rf".*\brecord\s+length\s*=\s*(?P<duration>{_NUMBER})\s*sec"
+_DURATION = rf".*\brecord\s+length\s*=\s*(?P<duration>{DECIMAL})\s*sec"
+_CHANNEL = r"\s*chan\s*(?P<number>\d+):\s*(?P<channel>\d+(?=\s*deg)|[a-z]\w*)"
 # A line before the values of a quantity. Unit and format stand in either of two ways.
 _DATA = (
-    rf"\s*(?P<points>\d+)\s+(?:accelerogram\s+points\s+at\s+(?P<rate>{_NUMBER})\s*pts/sec"
+    rf"\s*(?P<points>\d+)\s+(?:accelerogram\s+points\s+at\s+(?P<rate>{DECIMAL})\s*pts/sec"
     r"|points\s+of\s+(?P<quantity>accel|veloc|displ)\s+data\s+equally[\s-]+spaced\s+at\s+"
-    rf"(?P<step>{_NUMBER})\s*sec\.?)\s*"
-    r"(?:,?\s*in\s+(?:units\s+of\s+)?(?P<unit>[^\s(]+)\s*\.?\s*(?:format:)?\s*(?P<format>\(.*)"
-    r"|\(units:\s*(?P<declared>[^\s)]+)\s*\)\s*)$"
+    rf"(?P<step>{DECIMAL})\s*sec\.?)\s*"
+    r"(?:,?\s*in\s+(?:units\s+of\s+)?(?P<unit>[^\s(]+?)\s*\.?\s*(?:format:)?\s*"
+    r"(?P<format>\(.*)?|\(units:\s*(?P<declared>[^\s)]+?)\.?\s*\)\s*)$"
 )
-_CHANNEL = r"\s*chan\s*(?P<number>\d+):\s*(?P<name>\d+(?=\s*deg)|[a-z]\w*)"
-_DIRECTIONS: dict[str, Direction] = {"up": "up", "down": "down"}
-_DIRECTIONS |= dict.fromkeys(("h1", "h2", "long", "tran", "radl", "tang"), "level")
-# Orientations in the integer header, beside azimuths.
-_CODES: dict[int, Direction] = {500: "up", 600: "down"}
-_CODES |= dict.fromkeys(range(1, 361), "level")
+_PAIRS_UNIT = r"\s*units\s+of\s+uncor\s+\w+\s+are\s+sec\s+and\s+(?P<unit>g/10|g)\b"
+# The second line of the integers, and the place of the orientation in it.
+_INTEGERS = Columns(16, 5)
+_ORIENTATION = {10: "sensor"}
 
 
 class _Volume(NamedTuple):
-    """A layout: lines of text and of both headers, and what stands in lines of the text."""
+    """A layout.
+
+    Attributes
+    ----------
+    text, headers : int
+        Lines of text, and lines of integers and reals below them.
+    channel : int
+        Line with the channel.
+    columns : Columns
+        Columns of the values, where no format is stated.
+    statements : dict
+        By the index of the line in the text, what stands there.
+    """
 
     text: int
     headers: int
     channel: int
     columns: Columns
-    statements: tuple[tuple[int, str], ...]
+    statements: dict[int, str]
 
 
 _FIRST = _Volume(
@@ -55,149 +64,126 @@ _FIRST = _Volume(
     14,
     6,
     Columns(8, 9),
-    (
-        (
-            10,
-            rf"\s*no\. of points\s*=\s*(?P<points>\d+)\b{_DURATION}"
-            rf"(?:\s+at\s+(?P<rate>{_NUMBER})\s+samples/sec)?",
-        ),
-        (11, rf".*\bmax\s*=\s*(?P<peak>{_NUMBER})\s*(?P<unit>[^\s,]+)\s*,?\s+at\b"),
-    ),
+    {
+        10: rf"\s*no\. of points\s*=\s*(?P<points>\d+)\b{_DURATION}"
+        rf"(?:\s+at\s+(?P<rate>{DECIMAL})\s+samples/sec)?",
+        11: rf".*\bmax\s*=\s*(?P<peak>{DECIMAL})\s*(?P<peak_unit>[^\s,]+)\s*,?\s+at\b",
+    },
 )
 _SECOND = _Volume(
     25,
     20,
     7,
     Columns(8, 10),
-    (
-        (11, _DURATION),
-        (15, r"\s*(?P<points>\d+)\s+points\b"),
-        (16, rf"\s*at\s+equally[\s-]+spaced\s+intervals\s+of\s+(?P<step>{_NUMBER})\s*sec"),
-        (17, rf"\s*peak\s+acceleration\s*=\s*(?P<peak>{_NUMBER})\s*(?P<unit>\S+)\s+at\b"),
-    ),
+    {
+        11: _DURATION,
+        15: r"\s*(?P<points>\d+)\s+points\b",
+        16: rf"\s*at\s+equally[\s-]+spaced\s+intervals\s+of\s+(?P<step>{DECIMAL})\s*sec",
+        17: rf"\s*peak\s+acceleration\s*=\s*(?P<peak>{DECIMAL})\s*(?P<peak_unit>\S+)\s+at\b",
+    },
 )
+# Five pairs of time and acceleration in a line.
+_PAIRS = Columns(10, 7)
+
+# Names of channels beside azimuths. RENADIC writes V or Z for the vertical one, which points
+# up as in the names of other files, and INTC for another sensor beside three.
+_NAMES: dict[str, Direction] = {
+    "up|v|z": "up",
+    "down": "down",
+    "h1|h2|long|tran|radl|tang|l|t|ns|ew": "level",
+    "intc": "",
+}
+# Orientations in the integers. Any other number says nothing.
+_AZIMUTHS = range(1, 361)
+_CODES: dict[int, Direction] = {500: "up", 600: "down"}
 
 
 def recognize_csmip(lines: list[str]) -> bool:
-    """Tell the files by the title of volume 1, perhaps below that of volume 2."""
+    """Return whether the title of volume 1 is there, perhaps below that of volume 2."""
     first, second = [line.lower().lstrip() for line in [*lines[:2], ""][:2]]
     return first.startswith(_RAW) or (first.startswith(_CORRECTED) and second.startswith(_RAW))
 
 
-def read_csmip(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
-    """Read the accelerations of all channels, where the caller states `units` and `steps`."""
-    read_channel = functools.partial(_read_channel, units, steps)
-    return read_channels(text, read_channel, "CSMIP")
+def read_csmip(text: TextFile, claims: Claims) -> list[Component]:
+    """Read the accelerations of all channels."""
+    return read_channels(text, claims, _read_channel, "CSMIP")
 
 
-def _read_channel(
-    units: Statements,
-    steps: Statements,
-    text: RecordText,
-    top: int,
-    found: list[tuple[str, Component]],
-) -> int:
-    """Read a channel into `found`; return the index of the line after it."""
+def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Numbered], int]:
+    """Read a channel, and the index of the line after it."""
     match_line(text, top, rf"\s*(?:{_RAW}|{_CORRECTED})\b", "the title of a channel")
     volume = _FIRST
     if text.lines[top].lower().lstrip().startswith(_CORRECTED):
         volume = _SECOND
         match_line(text, top + 1, rf"\s*{_RAW}\b", "the title of the uncorrected data")
-    number, channel, direction = _find_orientation(text, top, volume)
+    head = Header(text, claims)
+    head.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
+    direction = _find_direction(text, head, top + volume.text + 1)
+    number = head.fields["number"][0].word
+    name = f"channel {number} of {str(text.path)!r}"
     at = top + volume.text + volume.headers
+    components: list[Component] = []
     while not re.match(r"\W*end of data\b", get_line(text, at, "'End of data'"), re.I):
-        name = "a line such as '7200 points of accel data equally spaced at ...'"
-        match = match_line(text, at, _DATA, name)
-        points = int(match["points"])
+        header = Header(text, claims)
+        if volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at]):
+            component, at = _read_pairs(text, header, top, at, name)
+            components.append(component)
+            continue
+        expected = "a line such as '7200 points of accel data equally spaced at ...'"
+        header.read_line(at, _DATA, expected)
         columns = volume.columns
-        if match["format"]:
-            columns = parse_format(text, match["format"], at + 1)
-        if (match["quantity"] or "accel").lower() == "accel":
-            factor = _find_unit(text, at + 1, match, units)
-            stated = _collect_statements(text, top, volume)
-            step = _find_step(text, [(at + 1, match), *stated], steps)
-            _check_length(text, stated, points, step)
-            numbers = read_numbers(text, at + 1, points, columns)
-            line, peak = stated[-1]
-            unit = parse_unit(peak["unit"])
-            wrong = f"the header states a peak in {peak['unit']}, which is not {UNITS}"
-            text.refuse(math.isnan(unit), wrong, line)
-            require_peak(text, (line, peak["peak"], unit), numbers, factor)
-            name = f"channel {number} of {str(text.path)!r}"
-            component = Component(name, factor, numbers.values, step, direction, channel)
-            found.append((number, component))
-        at += 1 + -(-points // columns.number)
-    return at + 1
-
-
-def _collect_statements(
-    text: RecordText, top: int, volume: _Volume
-) -> list[tuple[int, re.Match[str]]]:
-    """Find what the text of a channel states: points, duration, step, and last the peak."""
-    name = "what the header states of points, duration, time step and peak"
+        if stated := header.find("format"):
+            columns = parse_format(text, stated.word, at + 1)
+        quantity = header.find("quantity")
+        if quantity and quantity.word.lower() != "accel":
+            at += 1 + -(-int(header.fields["points"][0].value) // columns.number)
+            continue
+        if declared := header.find("declared"):
+            header.add("unit", declared.line, declared.word)
+        _read_statements(header, top, volume)
+        component, at = header.read_component(at + 1, columns, name)
+        components.append(component)
+    channel = head.fields["channel"][0].word
     return [
-        (top + at + 1, match_line(text, top + at, pattern, name))
-        for at, pattern in volume.statements
-    ]
+        (number, component._replace(direction=direction, channel=channel))
+        for component in components
+    ], at + 1
 
 
-def _find_unit(text: RecordText, line: int, match: re.Match[str], units: Statements) -> float:
-    """Find the unit of the values, as the line above them states it."""
-    words = (match["unit"] or match["declared"]).rstrip(".")
-    refuse_counts(text, words.lower().startswith("count"), line)
-    units = [*units, (line, f"the line states {words}", parse_unit(words))]
-    text.refuse(math.isnan(units[-1][2]), f"{units[-1][1]}, which is not {UNITS}", line)
-    return text.require_agreement(UNIT, units, "")
+def _read_statements(header: Header, top: int, volume: _Volume) -> None:
+    """Add what the text of a channel states of points, duration, step and peak."""
+    for at, pattern in volume.statements.items():
+        expected = "what the header states of points, duration, time step and peak"
+        header.read_line(top + at, pattern, expected)
 
 
-def _find_step(
-    text: RecordText, matches: list[tuple[int, re.Match[str]]], steps: Statements
-) -> float:
-    """Find the time step [s], which several lines state, or the number of samples a second."""
-    steps = [*steps]
-    for line, match in matches:
-        stated = match.groupdict()
-        word = stated.get("step") or stated.get("rate")
-        if word:
-            wrong = f"a time step or rate must be greater than 0, got {word}"
-            text.refuse(float(word) <= 0, wrong, line)
-            step = float(word) if stated.get("step") else 1 / float(word)
-            words = f"{word} s" if stated.get("step") else f"{word} samples per second"
-            steps.append((line, f"the file states {words}", step))
-    return text.require_agreement(STEP, steps, "")
+def _read_pairs(
+    text: TextFile, header: Header, top: int, at: int, name: str
+) -> tuple[Component, int]:
+    """Read pairs of time and acceleration, from the line with index `at` on."""
+    _read_statements(header, top, _FIRST)
+    unit = match_line(
+        text, top + 11, _PAIRS_UNIT, "a line 'Units of uncor accel are sec and g/10'"
+    )
+    factor = parse_unit("g") * (0.1 if unit["unit"].endswith("/10") else 1.0)
+    header.add_unit(top + 12, f"the header states {unit['unit']}", factor)
+    points = header.require_points()
+    factor = header.require_unit()
+    numbers = read_numbers(text, at, 2 * points, _PAIRS)
+    step = header.require_even_times(numbers.words[::2], numbers.values[::2], at + 1)
+    header.require_duration(points, step)
+    words = numbers.words[1::2]
+    values = numbers.values[1::2]
+    header.require_peak(words, values, factor)
+    return Component(name, factor, values, step), numbers.end
 
 
-def _check_length(
-    text: RecordText, matches: list[tuple[int, re.Match[str]]], points: int, step: float
-) -> None:
-    """Refuse a number of points that the text does not state, or no such duration."""
-    for line, match in matches:
-        stated = match.groupdict()
-        other = stated.get("points")
-        wrong = f"the header states {other} points, but the line above the values {points}"
-        text.refuse(other is not None and int(other) != points, wrong, line)
-        if "duration" in stated:
-            require_duration(text, (line, match["duration"], 0.0), points, step)
-
-
-def _find_orientation(
-    text: RecordText, top: int, volume: _Volume
-) -> tuple[str, str, Direction]:
-    """Find a channel's number, name and direction, which text and integer header state."""
-    at = top + volume.channel
-    match = match_line(text, at, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
-    channel = match["name"]
-    header = top + volume.text + 1
-    # The 27th integer of five characters, 16 in a line.
-    word = get_line(text, header, "the integer header")[50:55]
-    code = int(text.parse_number(word, header + 1, "an orientation"))
-    direction: Direction = "level"
-    if not channel.isdigit():
-        wrong = f"an orientation such as '360 deg' or 'Up' was expected, got {channel}"
-        text.refuse(channel.lower() not in _DIRECTIONS, wrong, at + 1)
-        direction = _DIRECTIONS[channel.lower()]
-    differs = _CODES.get(code, direction) != direction
-    differs |= channel.isdigit() and code in range(1, 361) and (code - int(channel)) % 360 != 0
-    stated = f"the text states {channel}, but the integer header an orientation of {code}"
-    text.refuse(differs, stated, at + 1)
-    return match["number"], channel, direction
+def _find_direction(text: TextFile, header: Header, integers: int) -> Direction:
+    """Find a channel's direction, which text and integers state."""
+    header.read_numbers(integers, _INTEGERS.number, _INTEGERS, _ORIENTATION)
+    line, word, code = header.fields["sensor"][0]
+    if code in _AZIMUTHS:
+        header.add("azimuth", line, word)
+    elif code in _CODES:
+        header.add("code", line, word)
+    return find_direction(text, header, _NAMES, _CODES)

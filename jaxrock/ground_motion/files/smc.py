@@ -6,104 +6,123 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 
 import re
 
+from ...tables import TextFile, quote_word
+from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import Columns, get_line, read_numbers, require_peak
-from .text import STEP, UNIT, RecordText, Statements, collect_statements, quote_word
+from .fixed_columns import Columns, get_line
+from .headers import Header
+from .orientations import find_azimuth, find_direction
 from .units import find_units_in_text
 
 # The first line says what the file holds.
 _FIRST = r"\s*\d\s+(?:unknown|(?:un)?corrected acc|velocity|displacement|response|fourier)"
 _ACCELERATION = r"\s*[12]\s+(?:un)?corrected accelerogram"
-# The headers have 11 lines of text, 6 of integers and 10 of reals.
-_INTEGERS = 11
-_REALS = 17
+_COMPONENT_LINE = 5
+_COMPONENT = r"(?:.*\bcomponent\s*=\s*(?P<channel>\S+))?"
+# Below 11 lines of text: index of the line, how many numbers, their columns, and what they
+# state, from index 0 on.
+_INTEGERS = 11, 48, Columns(8, 10), {12: "tilt", 15: "comments", 16: "points"}
+_REALS = 17, 50, Columns(5, 15), {1: "rate", 29: "peak", 31: "peak"}
 _COMMENTS = 27
-# Higher rates occur, and are mistakes.
-_HIGHEST_RATE = 1e5
-# Degrees from upward, and names of components: an azimuth, a point of the compass, or up.
-_ORIENTATIONS: dict[float, Direction] = {0: "up", 90: "level", 180: "down"}
-_NAMES: dict[str, Direction] = {
-    r"u|up": "up",
-    r"d|dn|down": "down",
-    r"[0-2]?\d?\d|3[0-5]\d|360|[nsew]|[ns]\d*[ew]|north|south|east|west": "level",
-}
+# No number that is there is as large as that for missing ones.
+_NO_REAL = 1e30
+# Some programs write more digits.
+_VALUES = Columns(8, 10)
+_LONG_VALUES = Columns(5, 14)
+# Degrees from upward, and names of components that are no azimuths.
+_TILTS: dict[int, Direction] = {0: "up", 90: "level", 180: "down"}
+_NAMES: dict[str, Direction] = {r"u|up": "up", r"d|dn|down": "down", r"[ns][ew]": "level"}
 
 
 def recognize_smc(lines: list[str]) -> bool:
-    """Tell by the first line whether it is an SMC file."""
+    """Return whether the first line is that of an SMC file."""
     return bool(re.match(_FIRST, lines[0], re.I))
 
 
-def read_smc(text: RecordText, units: Statements, steps: Statements) -> list[Component]:
-    """Read the component of a file, where the caller states `units` and `steps`."""
+def read_smc(text: TextFile, claims: Claims) -> list[Component]:
+    """Read the component of a file."""
     kind = text.lines[0].strip()
-    other = not re.match(_ACCELERATION, kind, re.I)
-    text.refuse(other, f"an accelerogram was expected, this is {quote_word(kind)}", 1)
-    integers: list[float] = read_numbers(text, _INTEGERS, 48, Columns(8, 10)).values.tolist()
-    reals = read_numbers(text, _REALS, 50, Columns(5, 15))
-    # The first number of a header stands for all that are missing: -32768 and 1.7e38.
-    text.refuse(integers[0] >= 0, "the first integer must be that for missing ones", 12)
-    no_real = float(reals.values[0])
-    text.refuse(no_real < 1e30, "the first real must be that for missing ones", 18)
-    top = _find_values(text, integers[15])
-    comments = [*enumerate(text.lines[:top], 1)][_COMMENTS:]
-    units = [*units, (1, "an SMC file is in cm/s2", 0.01)]
-    units += collect_statements(find_units_in_text, comments, "a comment")
-    factor = text.require_agreement(UNIT, units, "")
-    # In uncorrected records of film, times and accelerations alternate.
-    rate = float(reals.values[1])
-    uneven = (
-        "the header states no sampling rate, so that the values are pairs of time and"
-        " acceleration: take the corrected record, which has a uniform step"
-    )
-    text.refuse(rate == no_real, uneven, 18)
-    wrong = f"the sampling rate must be from 0 to {_HIGHEST_RATE:g} per second, got {rate:g}"
-    text.refuse(not 0 < rate <= _HIGHEST_RATE, wrong, 18)
-    stated = (18, f"the header states {rate:g} samples per second", 1 / rate)
-    step = text.require_agreement(STEP, [*steps, stated], "")
-    points = integers[16]
-    wrong = f"the number of values must be a whole number from 2 on, got {points:g}"
-    text.refuse(points < 2 or points % 1 > 0, wrong, 14)
-    # Some programs write more digits.
-    more = re.match(r"\s*-?\d\.\d{7}E", get_line(text, top, "the values"), re.I)
-    values = read_numbers(text, top, int(points), Columns(5, 14) if more else Columns(8, 10))
-    over = f"the header states {points:g} values, but more lines follow"
-    text.refuse(values.end < len(text.lines), over, values.end + 1)
-    # The largest value and the smallest.
-    peaks = [(line, reals.words[k]) for line, k in ((23, 29), (24, 31))]
-    if no_real not in reals.values[[29, 31]]:
-        line, peak = max(peaks, key=lambda each: abs(float(each[1])))
-        require_peak(text, (line, peak, 0.01), values, factor)
-    channel, direction = _find_direction(text, integers[12], integers[0])
-    name = repr(str(text.path))
-    return [Component(name, factor, values.values, step, direction, channel)]
+    if not re.match(_ACCELERATION, kind, re.I):
+        raise text.error(f"an accelerogram was expected, this is {quote_word(kind)}", 1)
+    header = Header(text, claims)
+    header.read_line(_COMPONENT_LINE, _COMPONENT, "a line with the component")
+    # The first number of a block stands for all that are missing: -32768 and 1.7e38.
+    if not _read_block(text, header, *_INTEGERS) < 0:
+        raise text.error("the first integer must be that for missing ones", _INTEGERS[0] + 1)
+    if not _read_block(text, header, *_REALS) >= _NO_REAL:
+        raise text.error("the first real must be that for missing ones", _REALS[0] + 1)
+    if "rate" not in header.fields:
+        raise text.error(
+            "the header states no sampling rate, so that the values are pairs of time and"
+            " acceleration: take the corrected record, which has a uniform step",
+            _REALS[0] + 1,
+        )
+    header.add_unit(1, "an SMC file is in cm/s2", "cm/s2")
+    header.add("peak_unit", 1, "cm/s2")
+    top = _read_comments(text, header)
+    if len(header.fields.get("peak", [])) < 2:
+        # One alone may be the smaller of both.
+        header.fields.pop("peak", None)
+    direction = _find_direction(text, header)
+    first = get_line(text, top, "the values")
+    columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
+    component, end = header.read_component(top, columns, repr(str(text.path)))
+    if end < len(text.lines):
+        points = header.fields["points"][0].word
+        raise text.error(f"the header states {points} values, but more lines follow", end + 1)
+    channel = header.find("channel")
+    return [component._replace(direction=direction, channel=channel.word if channel else "")]
 
 
-def _find_values(text: RecordText, count: float) -> int:
-    """Find the number of lines above the values, of which `count` are comments."""
+def _read_block(
+    text: TextFile,
+    header: Header,
+    at: int,
+    count: int,
+    columns: Columns,
+    names: dict[int, str],
+) -> float:
+    """Read the integers or the reals; return the number for missing ones, the first."""
+    word = get_line(text, at, "the headers")[: columns.width]
+    missing = text.parse_number(word, at + 1)
+    header.read_numbers(at, count, columns, names, missing)
+    return missing
+
+
+def _read_comments(text: TextFile, header: Header) -> int:
+    """Read the comments, which may state a unit; return the index of the line after them."""
     top = _COMMENTS
     while top < len(text.lines) and text.lines[top].startswith("|"):
+        for words, unit in find_units_in_text(text.lines[top]):
+            header.add_unit(top + 1, f"a comment states {words}", unit)
         top += 1
-    found = top - _COMMENTS
-    wrong = f"the header states {count:g} lines of comments, but {found} begin with |"
-    text.refuse(max(count, 0) != found, wrong, 13)
+    stated = header.find("comments")
+    count = max(stated.value, 0) if stated else 0
+    if count != top - _COMMENTS:
+        raise text.error(
+            f"the header states {count:g} lines of comments, but {top - _COMMENTS} begin with |",
+            _INTEGERS[0] + 2,
+        )
     return top
 
 
-def _find_direction(text: RecordText, degrees: float, missing: float) -> tuple[str, Direction]:
-    """Find the name of the component and its direction, by both the name and the degrees."""
-    match = re.search(r"\bcomponent\s*=\s*(\S+)", text.lines[5], re.I)
-    name = match[1] if match else ""
-    named: Direction = ""
-    for pattern, direction in _NAMES.items():
-        named = direction if re.fullmatch(pattern, name, re.I) else named
-    if degrees == missing:
-        unclear = f"the component must be an azimuth, or up or down, got {quote_word(name)}"
-        text.refuse(bool(name) and not named, unclear, 6)
-        return name, named
-    wrong = f"a sensor {degrees:g} degrees from upward is neither horizontal nor vertical"
-    text.refuse(degrees not in _ORIENTATIONS, wrong, 13)
-    direction = _ORIENTATIONS[degrees]
-    wrong = f"the component is {name}, but the sensor is {degrees:g} degrees from upward"
-    text.refuse(bool(named) and named != direction, wrong, 6)
-    return name, direction
+def _find_direction(text: TextFile, header: Header) -> Direction:
+    """Find the direction of the component, by both its name and the degrees from upward."""
+    tilt = header.find("tilt")
+    if tilt is None:
+        return find_direction(text, header, _NAMES, {})
+    if tilt.value not in _TILTS:
+        raise text.error(
+            f"a sensor {tilt.word} degrees from upward is neither horizontal nor vertical",
+            tilt.line,
+        )
+    header.add("code", tilt.line, tilt.word)
+    name = header.find("channel")
+    is_clear = name and (
+        find_azimuth(name.word) is not None
+        or any(re.fullmatch(pattern, name.word, re.I) for pattern in _NAMES)
+    )
+    if name and not is_clear:
+        # The degrees say it.
+        return _TILTS[int(tilt.value)]
+    return find_direction(text, header, _NAMES, _TILTS)

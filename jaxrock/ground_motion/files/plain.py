@@ -1,0 +1,146 @@
+"""Files of nothing but numbers, one or several in a line, as OpenSees' examples have them.
+
+They are one series of accelerations, line by line. Numbers alone do not say so: what looks
+like a header, or like columns side by side, is refused.
+"""
+
+import re
+
+import numpy as np
+
+from ...tables import TextFile, quote_word, require_whole_end
+from .claims import Claims
+from .components import Component
+from .units import NUMBER, as_number
+
+# Fixed columns run together where a sign fills the field. Each number has its decimal point,
+# by which they can be told apart.
+_FIELD = rf"(?=[-+]?\d*\.){NUMBER}"
+_FIELDS = re.compile(rf"{_FIELD}(?:(?=[-+]){_FIELD})*", re.I)
+# A line after the values, as OpenSees' elCentro.at2 has it.
+_END_OF_DATA = r"\W*end\s+(?:of\s+)?data\W*"
+# As many are enough to see how numbers are printed.
+_LAST_LINES = 200
+_WAY_OUT = (
+    "write one number a line if they are one series, or name the columns in a .csv file,"
+    " such as 'time [s],acceleration [g]'"
+)
+
+
+def read_free_numbers(text: TextFile, top: int) -> np.ndarray:
+    """Read all numbers after line `top`, however many stand in a line."""
+    lines = text.lines
+    # Exactly one such line, at the end: anywhere else it is no number.
+    is_ended = re.fullmatch(_END_OF_DATA, lines[-1], re.I) is not None
+    if is_ended:
+        del lines[-1]
+    values = text.read_values(
+        top,
+        lambda rows: np.array([*map(float, " ".join(rows).replace("_", "?").split())]),
+        lambda row, n: [value for word in row.split() for value in _split_word(text, word, n)],
+    )
+    if not is_ended:
+        require_whole_end(text, " ".join(lines[top:][-_LAST_LINES:]).split())
+    return values
+
+
+def recognize_plain(lines: list[str]) -> bool:
+    """Return whether the first line has nothing but numbers."""
+    first = next((line for line in lines if line.strip()), "")
+    return all(
+        re.fullmatch(NUMBER, word, re.I) or _FIELDS.fullmatch(word) for word in first.split()
+    )
+
+
+def read_plain(text: TextFile, claims: Claims) -> list[Component]:
+    """Read the only component; the caller has to state its unit and its time step."""
+    values = read_free_numbers(text, 0)
+    counts = [
+        sum(len(_split_word(text, word, n)) for word in line.split())
+        for n, line in enumerate(text.lines, 1)
+        if line.strip()
+    ]
+    _refuse_head(text, counts, values)
+    _refuse_columns(text, counts, values)
+    factor = claims.require_unit(text, "the file holds nothing but numbers")
+    step = claims.require_step(text, "the file holds nothing but numbers")
+    return [Component(repr(str(text.path)), factor, values, step)]
+
+
+def _refuse_head(text: TextFile, counts: list[int], values: np.ndarray) -> None:
+    """Raise an error if the first line may be a header, such as '4000 0.005'."""
+    first = next(line for line in text.lines if line.strip())
+    words = first.split()
+    # A 0 is written without a point by some programs.
+    is_count = re.fullmatch(r"[1-9]\d*", words[0]) is not None
+    only_one = not any(
+        re.fullmatch(r"[-+]?[1-9]\d*", word)
+        for line in text.lines[1:]
+        for word in line.split()
+    )
+    is_short = len(counts) > 1 and counts[0] != counts[1] and len(counts) > 2
+    if is_short or (is_count and (only_one or values[0] in (values.size, values.size - 1))):
+        raise text.error(
+            f"the first line {quote_word(first.strip())} may be a header, which is not read:"
+            " delete it if it is, and state unit and time_step; otherwise write all numbers"
+            " alike, one a line",
+            1,
+        )
+    full = counts[0]
+    for line, count in enumerate(counts[:-1], 1):
+        if count != full:
+            raise text.error(
+                f"{full} numbers were expected, as in the lines above, got {count}", line
+            )
+    if counts[-1] > full:
+        raise text.error(
+            f"at most {full} numbers were expected, as in the lines above, got {counts[-1]}",
+            len(text.lines),
+        )
+
+
+def _refuse_columns(text: TextFile, counts: list[int], values: np.ndarray) -> None:
+    """Raise an error if the numbers look like columns of a table, such as time and value.
+
+    Times, and numbers of lines, increase from each line to the next. Numbers of one series
+    differ from their neighbours in the line by less than from those above and below, which are
+    further apart in time; those of columns side by side differ the other way round.
+    """
+    width = counts[0]
+    rows = values[: values.size // width * width].reshape(-1, width)
+    if len(rows) < 3:
+        return
+    down = np.diff(rows, axis=0)
+    increasing = [*np.flatnonzero((down > 0).all(axis=0))]
+    if increasing:
+        raise text.error(
+            f"column {increasing[0] + 1} of {width} increases from each line to the next, as"
+            f" times do: {_WAY_OUT}"
+        )
+    if width == 1 or counts[-1] != width:
+        # Columns fill every line.
+        return
+    beside = np.diff(rows, axis=1)
+    if np.mean(down**2) < np.mean(beside**2):
+        raise text.error(
+            f"the numbers look like {width} columns side by side: each is closer to the one"
+            f" below it than to the one beside it; {_WAY_OUT}"
+        )
+
+
+def _split_word(text: TextFile, word: str, line: int) -> list[float]:
+    """Read the numbers in a word: one, or several of fixed columns without a space."""
+    if not _FIELDS.fullmatch(word):
+        return [text.parse_number(word, line)]
+    # .1-02.3-02 may be .1e-02 and .3e-02, or .1 and -02.3e-02. A word is refused if a number
+    # in it would begin with 0, or if it also has an exponent without a letter.
+    perhaps = re.findall(r"(?<=[\d.])[-+]\d{2,3}\.", word)
+    bare_exponent = re.search(r"[\d.][-+]\d{2,3}(?![\d.])", word)
+    if any(number[1] == "0" for number in perhaps) or (perhaps and bare_exponent):
+        raise text.error(
+            f"numbers that run together are not clear, got {quote_word(word)}", line
+        )
+    values = [as_number(match[0]) for match in re.finditer(NUMBER, word, re.I)]
+    if not np.isfinite(values).all():
+        raise text.error(f"a value must be finite, got {quote_word(word)}", line)
+    return values
