@@ -9,9 +9,6 @@ from .files import (
     read_record,
     read_suite,
 )
-from .files import find_speeds_in_name as find_speeds_in_name
-from .files import find_time_unit as find_time_unit
-from .files import find_units_in_name as find_units_in_name
 from .files import list_suffixes as list_suffixes
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES

@@ -8,6 +8,3 @@ from .formats import list_suffixes as list_suffixes
 from .obspy_traces import from_obspy as from_obspy
 from .records import read_record as read_record
 from .suites import read_suite as read_suite
-from .units import find_speeds_in_name as find_speeds_in_name
-from .units import find_time_unit as find_time_unit
-from .units import find_units_in_name as find_units_in_name

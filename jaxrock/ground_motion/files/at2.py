@@ -9,19 +9,21 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...tables import Statement, TextFile, quote_word
+from ...tables import (
+    NUMBER,
+    TextFile,
+    find_contents,
+    find_steps,
+    find_unit_after,
+    find_units,
+    quote_word,
+    read_fortran,
+)
 from .claims import Claims
 from .components import Component, Direction
 from .directions import Stated, find_name_direction, find_word_direction, settle_direction
 from .headers import Header
 from .plain import read_free_numbers
-from .units import (
-    NUMBER,
-    as_number,
-    find_steps_in_text,
-    find_unit_after,
-    find_units_in_text,
-)
 
 # At most; usually there are four.
 _HEADER_LINES = 20
@@ -33,8 +35,6 @@ _POINTS_AND_STEP = (
     r"\bDT\s*=\s*(?P<step>\S.*?)[\s,]+NPTS\s*=\s*(?P<points>[^\s,]+)(?P<tail>)",
     r"^\s*(?P<points>[^\s,]+)[\s,]+(?P<step>[^\s,]+)[\s,]+NPTS[\s,]+DT\b(?P<tail>.*)$",
 )
-# "velocity time series" says what the file holds.
-_QUANTITY = r"\b(?P<quantity>acceleration|velocity|displacement)(?P<series>\s+time\b)?"
 
 
 def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> list[Component]:
@@ -43,14 +43,16 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     header = Header(text, claims)
     top = _read_points_and_step(text, header)
     lines = [*enumerate(text.lines[:top], 1)]
-    _require_acceleration(text, lines)
+    contents = find_contents(lines)
+    if contents is not None:
+        raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
     for n, line in lines:
-        for words, unit in find_units_in_text(line):
+        for words, unit in find_units(line):
             header.add_unit(n, f"the header states {words}", unit)
     factor = header.require_unit("the header states no unit")
     # All have to agree: the caller, the line with DT, and what other lines say of the step.
     for n, line in lines:
-        for words, step in find_steps_in_text(line):
+        for words, step in find_steps(line):
             header.add_step(n, f"the header states {words}", step)
     step = header.require_step()
     points = header.require_points()
@@ -83,24 +85,6 @@ def _find_title_direction(lines: list[str]) -> Stated:
     return find_word_direction(title.rpartition(",")[2].strip()) if "," in title else ""
 
 
-def _require_acceleration(text: TextFile, lines: list[tuple[int, str]]) -> None:
-    """Raise an error if the header says that the file holds another quantity.
-
-    Headers of accelerations may mention velocities or displacements, which are computed from
-    them. But a "velocity time series" is refused, and a header that mentions velocity or
-    displacement and no acceleration.
-    """
-    mentions = [
-        (n, match["quantity"].lower(), match["series"])
-        for n, line in lines
-        for match in re.finditer(_QUANTITY, line, re.I)
-    ]
-    no_acceleration = all(quantity != "acceleration" for _, quantity, _ in mentions)
-    for n, quantity, series in mentions:
-        if quantity != "acceleration" and (series or no_acceleration):
-            raise text.error(f"acceleration was expected, not {quantity}", n)
-
-
 def _read_points_and_step(text: TextFile, header: Header) -> int:
     """Add the number of values and the time step; return how many lines the header has."""
     for number, line in enumerate(text.lines[:_HEADER_LINES], 1):
@@ -128,7 +112,7 @@ def _parse_step(text: TextFile, words: str, line: int) -> float:
     value = re.match(NUMBER, words, re.I)
     # Whatever begins with no number is refused as it stands.
     word = value[0] if value else re.split(r"[\s,]", words)[0]
-    step = as_number(word) if value else text.parse_number(word, line, "DT")
+    step = read_fortran(word) if value else text.parse_number(word, line, "DT")
     step *= find_unit_after(words[len(word) :].lstrip())[1]
     if math.isnan(step):
         raise text.error(
@@ -138,17 +122,3 @@ def _parse_step(text: TextFile, words: str, line: int) -> float:
     if not 0 < step < math.inf:
         raise text.error(f"DT must be greater than 0, got {word}", line)
     return step
-
-
-# Until suites.py hands over a text and claims.
-
-
-def find_at2_direction(text, paths):  # pyright: ignore
-    """Find the direction in another kind of text."""
-    return find_peer_direction(TextFile(text.path), paths)
-
-
-def read_at2(text, units, steps, paths=()):  # pyright: ignore
-    """Read with statements as lists of tuples."""
-    claims = Claims(tuple(Statement(*s) for s in units), tuple(Statement(*s) for s in steps))
-    return read_peer(TextFile(text.path), claims, paths)

@@ -8,11 +8,10 @@ import re
 
 import numpy as np
 
-from ...tables import TextFile, require_whole_end
+from ...tables import TextFile, parse_unit, require_whole_end
 from .claims import Claims
 from .components import Component, Direction
 from .headers import Header
-from .units import find_speeds_in_name
 
 _COMMENT = r"\s*[#%]"
 _UNIT = r"\s*\((?P<unit>[^)]*)(?:\)|$)"
@@ -42,7 +41,9 @@ def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
         for match in re.finditer(
             rf"(?:N-?S|E-?W|U-?D|UP|acceleration|velocity){_UNIT}", line, re.I
         ):
-            if find_speeds_in_name(match["unit"]) or re.fullmatch("cm/?", match["unit"]):
+            if parse_unit(match["unit"]).dimension == "velocity" or re.fullmatch(
+                "cm/?", match["unit"]
+            ):
                 raise text.error(
                     f"the columns are velocities in {match['unit']}: take the accelerations,"
                     " which the platform writes beside them, in a file .acc.bbp",

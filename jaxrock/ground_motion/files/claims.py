@@ -3,9 +3,9 @@
 import math
 from typing import NamedTuple
 
-from ...tables import Statement, TextFile
+from ...tables import UNITS_OF_ACCELERATION, Statement, TextFile
 from ...validation import POSITIVE, as_real, check
-from ..units import UNITS, parse_unit, require_unit
+from ..units import convert_unit, require_unit
 
 # Relative difference of time steps that count as the same: files print them with few digits.
 UNIFORM = 1e-3
@@ -30,7 +30,7 @@ class Claims(NamedTuple):
 
     def add_unit(self, line: int, words: str, unit: str | float) -> "Claims":
         """Add that a line states a unit, in words or in m/s2."""
-        factor = parse_unit(unit) if isinstance(unit, str) else unit
+        factor = convert_unit(unit) if isinstance(unit, str) else unit
         return self._replace(units=(*self.units, Statement(line, words, factor)))
 
     def add_step(self, line: int, words: str, step: float) -> "Claims":
@@ -41,9 +41,11 @@ class Claims(NamedTuple):
         """Return the unit [m/s2]; a `ValueError` if it is `missing`, or statements disagree."""
         for stated in self.units:
             if math.isnan(stated.value):
-                raise text.error(f"{stated.words}, which is not {UNITS}", stated.line)
-        missing = f"{missing}, so that unit must be given: {UNITS}"
-        return text.require_agreement(self.units, UNITS, _SAME_UNIT, missing)
+                raise text.error(
+                    f"{stated.words}, which is not {UNITS_OF_ACCELERATION}", stated.line
+                )
+        missing = f"{missing}, so that unit must be given: {UNITS_OF_ACCELERATION}"
+        return text.require_agreement(self.units, UNITS_OF_ACCELERATION, _SAME_UNIT, missing)
 
     def require_step(self, text: TextFile, missing: str = "", line: int = 0) -> float:
         """Return the step [s]; a `ValueError` if it is `missing`, or statements disagree."""

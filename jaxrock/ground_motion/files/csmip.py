@@ -12,7 +12,7 @@ import re
 from typing import NamedTuple
 
 from ...tables import TextFile
-from ..units import parse_unit
+from ..units import convert_unit
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line, match_line, parse_format, read_numbers
@@ -165,7 +165,7 @@ def _read_pairs(
     unit = match_line(
         text, top + 11, _PAIRS_UNIT, "a line 'Units of uncor accel are sec and g/10'"
     )
-    factor = parse_unit("g") * (0.1 if unit["unit"].endswith("/10") else 1.0)
+    factor = convert_unit("g") * (0.1 if unit["unit"].endswith("/10") else 1.0)
     header.add_unit(top + 12, f"the header states {unit['unit']}", factor)
     points = header.require_points()
     factor = header.require_unit()

@@ -6,9 +6,9 @@ Tables in .csv files are read beside them, since a caller picks columns.
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ...tables import Statement, TextFile, read_content
+from ...tables import TextFile, read_content
 from .at2 import read_peer
 from .bbp import read_bbp, recognize_bbp
 from .claims import Claims
@@ -22,7 +22,6 @@ from .knet import KNET_SUFFIXES, read_knet, recognize_knet
 from .obspy_files import TRACE_SUFFIXES, find_trace_format, read_traces
 from .plain import read_plain, recognize_plain
 from .smc import read_smc, recognize_smc
-from .text import RecordText
 
 # Takes a text, and what the caller states about unit and time step, which the file must not
 # contradict; returns its components, one or several.
@@ -50,19 +49,13 @@ class FileFormat(NamedTuple):
     read: Reader
 
 
-def _read_knet(text: TextFile, claims: Claims) -> list[Component]:
-    """Read a file of K-NET, until its reader takes a text and claims."""
-    units, steps = ([tuple(statement) for statement in kind] for kind in claims)
-    return read_knet(RecordText(text.path), units, steps)  # pyright: ignore
-
-
 FORMATS: tuple[FileFormat, ...] = (
     FileFormat("ESM/ITACA", (".asc",), recognize_esm, read_esm),
     FileFormat("COSMOS", (".v1c", ".v2c"), recognize_cosmos, read_cosmos),
     FileFormat("CSMIP/RENADIC", (".v1", ".v2", ".raw"), recognize_csmip, read_csmip),
     FileFormat("GeoNet", (".v1a", ".v2a"), recognize_geonet, read_geonet),
     FileFormat("SMC", (".smc",), recognize_smc, read_smc),
-    FileFormat("K-NET", KNET_SUFFIXES, recognize_knet, _read_knet),
+    FileFormat("K-NET", KNET_SUFFIXES, recognize_knet, read_knet),
     FileFormat("Broadband Platform", (".bbp",), recognize_bbp, read_bbp),
     # Any file may begin with numbers, so that this one is the last.
     FileFormat("numbers alone", (), recognize_plain, read_plain),
@@ -79,36 +72,25 @@ def list_suffixes() -> tuple[str, ...]:
     )
 
 
-def read_components(
-    path: Path, claims: Claims | Any, paths: Any = (), content: Any = None
-) -> list[Component]:
-    """Read all components of a file that is no .csv file; a `ValueError` if it cannot be.
+def read_components(path: Path, claims: Claims, paths: Iterable[Path] = ()) -> list[Component]:
+    """Read all components of a file that is no table; a `ValueError` if it cannot be.
 
     Its name, among those of other files, the `paths`, says where a single one points, if the
-    file does not. Its `content` is read from it if it is not given.
+    file does not.
     """
-    if not isinstance(claims, Claims):
-        # Until records.py and suites.py have claims: path, units, steps, paths.
-        units, steps, paths, content = claims, paths, content or (), None
-        claims = Claims(
-            tuple(Statement(*s) for s in units), tuple(Statement(*s) for s in steps)
-        )
-    components = _read_format(path, claims, paths, content)
+    components = _read_format(path, claims, paths)
     if len(components) == 1 and not components[0].direction:
         stated = settle_direction(find_name_direction(path, paths), "")
         return [components[0]._replace(direction=stated or "")]
     return components
 
 
-def _read_format(
-    path: Path, claims: Claims, paths: Iterable[Path], content: bytes | None
-) -> list[Component]:
+def _read_format(path: Path, claims: Claims, paths: Iterable[Path]) -> list[Component]:
     """Read all components of a file, of a format told by its content or its name."""
-    # Both will take the content instead of reading the file again.
-    if content is None and find_trace_format(path):
-        units, steps = ([tuple(statement) for statement in kind] for kind in claims)
-        return read_traces(path, units, steps)  # pyright: ignore
-    text = TextFile(path, read_content(path) if content is None else content)
+    content = read_content(path)
+    if find_trace_format(content, path.suffix):
+        return read_traces(path, content, claims)
+    text = TextFile(path, content)
     if path.suffix.lower() == ".at2":
         return read_peer(text, claims, paths)
     for file_format in FORMATS:

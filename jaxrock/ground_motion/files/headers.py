@@ -31,8 +31,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...tables import Statement, TextFile
-from ..units import UNITS, parse_unit
+from ...tables import UNITS_OF_ACCELERATION, Statement, TextFile
+from ..units import convert_unit
 from .claims import UNIFORM, Claims
 from .components import Component
 from .fixed_columns import Columns, match_line, read_numbers
@@ -263,10 +263,11 @@ class Header:
         stated = self.find("peak_unit")
         if stated is None:
             return factor
-        unit = parse_unit(stated.word)
+        unit = convert_unit(stated.word)
         if math.isnan(unit):
             raise self._text.error(
-                f"the header states a peak in {stated.word}, which is not {UNITS}", stated.line
+                f"the header states a peak in {stated.word}, which is not {UNITS_OF_ACCELERATION}",
+                stated.line,
             )
         return unit
 

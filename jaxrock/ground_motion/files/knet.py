@@ -6,14 +6,12 @@ The format is described at https://www.kyoshin.bosai.go.jp/kyoshin/man/knetform_
 import re
 import warnings
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
-from ...tables import Statement, TextFile, quote_names, quote_word
+from ...tables import TextFile, quote_names, quote_word
 from .claims import Claims
 from .components import Component
-from .text import RecordText, Statements
 
 # Channels by what stands behind Dir., for KiK-net a digit. Its names end in 1 for the sensors in
 # the borehole and in 2 for those at the surface.
@@ -39,17 +37,11 @@ def recognize_knet(lines: list[str]) -> bool:
     return lines[0].startswith("Origin Time")
 
 
-def read_knet(
-    text: TextFile | RecordText, claims: Claims | Statements, steps: Statements | None = None
-) -> list[Component]:
+def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     """Read the component of a file, whose unit and step must not contradict the `claims`.
 
     The file states a factor in gal a count. The offset of the instrument stays in the samples.
     """
-    if not isinstance(text, TextFile) or not isinstance(claims, Claims):  # SHIM for formats.py
-        text = TextFile(text.path)
-        pair = cast("tuple[Statements, Statements]", (claims, steps or []))
-        claims = Claims(*(tuple(Statement(*s) for s in given) for given in pair))
     rate = _parse_positive(text, _RATE, _read_field(text, _RATE).removesuffix("Hz"))
     duration = _parse_positive(text, _DURATION, _read_field(text, _DURATION))
     direction = _read_field(text, _DIRECTION)

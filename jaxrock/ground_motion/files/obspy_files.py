@@ -9,18 +9,16 @@ import math
 import re
 import warnings
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from ...host import import_optional, read_regular
-from ...tables import Statement
-from ..units import UNITS
+from ...host import import_optional
+from ...tables import UNITS_OF_ACCELERATION
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
 from .miniseed import count_samples, is_miniseed
 from .obspy_traces import take_component
-from .text import Statements
 
 # Formats as people call them, by obspy's names.
 _NAMES = {"MSEED": "miniSEED", "SAC": "SAC"}
@@ -47,17 +45,11 @@ _UPWARD = r"(?:[A-Z]{2})?Z|UD[12]?"
 _TOGETHER = 0.01
 
 
-def find_trace_format(content: bytes | Path, suffix: str = "") -> str:
+def find_trace_format(content: bytes, suffix: str) -> str:
     """Find a binary format, by content or else by the suffix of the name.
 
     "MSEED" or "SAC", "" for others.
     """
-    if isinstance(content, Path):  # SHIM for formats.py
-        suffix = content.suffix
-        try:
-            content = read_regular(content)
-        except OSError:
-            return ""
     if is_miniseed(content):
         return "MSEED"
     for order in ("little", "big"):
@@ -67,18 +59,12 @@ def find_trace_format(content: bytes | Path, suffix: str = "") -> str:
     return _SUFFIXES.get(suffix.lower(), "") if content else ""
 
 
-def read_traces(
-    path: Path, content: bytes | Statements, claims: Claims | Statements
-) -> list[Component]:
+def read_traces(path: Path, content: bytes, claims: Claims) -> list[Component]:
     """Read the content of a miniSEED or SAC file, a component of each channel.
 
     Neither format states a unit that can be relied on, so that the caller has to. Counts of an
     instrument are refused, and channels with gaps.
     """
-    if not isinstance(content, bytes) or not isinstance(claims, Claims):  # SHIM for formats.py
-        pair = cast("tuple[Statements, Statements]", (content, claims))
-        claims = Claims(*(tuple(Statement(*s) for s in given) for given in pair))
-        content = read_regular(path)
     file = repr(str(path))
     kind = find_trace_format(content, path.suffix)
     samples = count_samples(file, content) if kind == "MSEED" else None
@@ -111,7 +97,7 @@ def read_traces(
         if not claims.units:
             raise ValueError(
                 f"{file}: {_NAMES[kind]} states no unit that can be relied on, so that unit must"
-                f" be given: {UNITS}"
+                f" be given: {UNITS_OF_ACCELERATION}"
             )
         unit = claims.units[0].value
         components.append(Component(name, unit, component.values, step, direction, channel))

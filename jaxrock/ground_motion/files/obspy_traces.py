@@ -9,7 +9,7 @@ import numpy as np
 
 from ...validation import POSITIVE, check
 from ..record import Record
-from ..units import parse_unit, require_unit
+from ..units import convert_unit, require_unit
 from .components import Component, make_record
 
 
@@ -68,7 +68,7 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
     standard = getattr(stats, "standard", None)
     stated = standard.get("units") if isinstance(standard, Mapping) else None
     factor = require_unit(unit)
-    if stated and not math.isclose(factor, parse_unit(stated)):
+    if stated and not math.isclose(factor, convert_unit(stated)):
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
     # obspy leaves the factor where it is when it applies it: a trace does not show if it has
     # been applied.

@@ -8,10 +8,9 @@ import re
 
 import numpy as np
 
-from ...tables import TextFile, quote_word, require_whole_end
+from ...tables import NUMBER, TextFile, quote_word, read_fortran, require_whole_end
 from .claims import Claims
 from .components import Component
-from .units import NUMBER, as_number
 
 # Fixed columns run together where a sign fills the field. Each number has its decimal point,
 # by which they can be told apart.
@@ -140,7 +139,7 @@ def _split_word(text: TextFile, word: str, line: int) -> list[float]:
         raise text.error(
             f"numbers that run together are not clear, got {quote_word(word)}", line
         )
-    values = [as_number(match[0]) for match in re.finditer(NUMBER, word, re.I)]
+    values = [read_fortran(match[0]) for match in re.finditer(NUMBER, word, re.I)]
     if not np.isfinite(values).all():
         raise text.error(f"a value must be finite, got {quote_word(word)}", line)
     return values

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .text import UNIFORM
+from .claims import UNIFORM
 
 _PRINTED = r"[-+]?(?P<whole>\d*)(?:\.(?P<decimals>\d*))?(?P<exponent>[ed][-+]?\d+)?"
 # Steps of a golden section: each shortens the interval by more than a third.

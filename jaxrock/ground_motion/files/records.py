@@ -102,7 +102,7 @@ def read_record(
             f"{str(path)!r} is a folder: one file is read, read_suite takes folders"
         )
     beside = [path] if vertical is None else [path, Path(vertical)]
-    components = read_components(path, [*claims.units], [*claims.steps], beside)
+    components = read_components(path, claims, beside)
     horizontal = _choose_horizontal(path, components, column)
     if vertical is None:
         return make_record(horizontal)
@@ -113,7 +113,7 @@ def read_record(
                 "vertical must be a component of the file, or another file, got"
                 f" {str(vertical)!r} for {str(path)!r}"
             )
-        components = read_components(Path(vertical), [*claims.units], [], beside)
+        components = read_components(Path(vertical), claims._replace(steps=()), beside)
         upward = _choose_vertical(Path(vertical), components)
     return make_record(horizontal, require_upward(upward))
 

@@ -6,13 +6,12 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 
 import re
 
-from ...tables import TextFile, quote_word
+from ...tables import TextFile, find_units, quote_word
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line
 from .headers import Header
 from .orientations import find_azimuth, find_direction
-from .units import find_units_in_text
 
 # The first line says what the file holds.
 _FIRST = r"\s*\d\s+(?:unknown|(?:un)?corrected acc|velocity|displacement|response|fourier)"
@@ -93,7 +92,7 @@ def _read_comments(text: TextFile, header: Header) -> int:
     """Read the comments, which may state a unit; return the index of the line after them."""
     top = _COMMENTS
     while top < len(text.lines) and text.lines[top].startswith("|"):
-        for words, unit in find_units_in_text(text.lines[top]):
+        for words, unit in find_units(text.lines[top]):
             header.add_unit(top + 1, f"a comment states {words}", unit)
         top += 1
     stated = header.find("comments")

@@ -10,7 +10,7 @@ from ...host import show_progress
 from ...tables import TextFile, quote_names
 from ..record import Record
 from ..suite import Suite
-from .at2 import find_at2_direction, read_at2
+from .at2 import find_peer_direction, read_peer
 from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
 from .directions import find_word_direction, is_same_station
@@ -110,7 +110,7 @@ def read_suite(
             if path.suffix.lower() in TABLE_SUFFIXES:
                 content = _read_table(path, claims, vertical, of_folder)
             elif path.suffix.lower() == ".at2":
-                content = _read_at2(path, paths, [*claims.units], [*claims.steps], vertical)
+                content = _read_at2(path, paths, claims, vertical)
             else:
                 content = _read_channels(
                     path, paths, [*claims.units], [*claims.steps], vertical
@@ -203,25 +203,19 @@ def _read_table(path: Path, claims: Claims, vertical: bool, of_folder: bool) -> 
     return _Content(motions)
 
 
-def _read_at2(
-    path: Path, paths: list[Path], units: list, steps: list, vertical: bool
-) -> _Content:
+def _read_at2(path: Path, paths: list[Path], claims: Claims, vertical: bool) -> _Content:
     """Read an .AT2 file, unless it is a vertical component that is not wanted."""
-    from .text import RecordText
-
-    text = RecordText(path)
+    text = TextFile(path)
     # Before the values, which cost time and may be at fault where nobody wants them.
-    if find_at2_direction(text, paths) in ("up", "down") and not vertical:
+    if find_peer_direction(text, paths) in ("up", "down") and not vertical:
         return _Content([])
-    (component,) = read_at2(text, units, steps, paths)
+    (component,) = read_peer(text, claims, paths)
     return _sort_single(path, component, vertical)
 
 
-def _read_channels(
-    path: Path, paths: list[Path], units: list, steps: list, vertical: bool
-) -> _Content:
+def _read_channels(path: Path, paths: list[Path], claims: Claims, vertical: bool) -> _Content:
     """Read a file of another format, which may have several components."""
-    components = read_components(path, units, steps, paths)
+    components = read_components(path, claims, paths)
     if len(components) == 1:
         return _sort_single(path, components[0], vertical)
     unknown = [each.channel for each in components if not each.direction]
