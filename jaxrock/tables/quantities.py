@@ -170,6 +170,11 @@ class Head(NamedTuple):
         """The unit that it states; None if it states none, or several."""
         return self.units[0] if len(self.units) == 1 else None
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of its name is that of a quantity, not a word of it only."""
+        return bool(_match_whole(self.name))
+
 
 def read_head(words: str) -> Head:
     """Read the head of a column: its quantity and its unit, as far as it states them."""
