@@ -7,10 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from ..tables import QUANTITIES, Head, Table, TextFile, as_number, parse_unit, quote_names
-from ..tables import quote_word, read_table
+from ..tables import (
+    QUANTITIES,
+    Head,
+    Table,
+    TextFile,
+    Unit,
+    as_number,
+    parse_unit,
+    quote_names,
+    quote_word,
+    read_table,
+)
 from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure, find_fault
-from .hazard_sites import Curve, Frequency, has_sites, read_number, read_site
+from .hazard_sites import Curve, Frequency, Levels, has_sites, read_number, read_site
 
 # A rate for a probability, or cm/s for m/s, would give a plausible answer that is wrong by
 # orders of magnitude. So every word of a name must be known, and nothing is guessed: a column
@@ -18,11 +28,14 @@ from .hazard_sites import Curve, Frequency, has_sites, read_number, read_site
 # expected.
 _EXAMPLE = "'pgv [m/s],rate [1/yr]' or 'pga [g],annual rate'"
 _IN_COMMENT = {
-    "pga": r"pga|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+acceleration",
-    "pgv": r"pgv|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+velocity",
+    "pga": r"(?i)pga|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+acceleration",
+    "pgv": r"(?i)pgv|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+velocity",
 }
 # Words of other measures in the same units.
-_OTHER_MEASURES = "|".join(QUANTITIES[key].words for key in ("spectral acceleration", "intensity"))
+_OTHER_MEASURES = (
+    f"{QUANTITIES['spectral acceleration'].words}|{QUANTITIES['intensity'].words}"
+)
+_PROBABILITIES = QUANTITIES["probability"].words
 
 
 def read_hazard(
@@ -37,20 +50,19 @@ def read_hazard(
     Parameters
     ----------
     path : str or path
-        A table of one of these kinds. Its fields are separated by commas, by tabs, or by what
-        a first line ``sep=;`` says; lines that begin with # are comments.
+        A table of one of these kinds, separated by commas, semicolons, tabs or blanks. Lines that
+        begin with # are comments.
 
-        - A line for each level, below one with the names of the columns, such as
-          ``pgv [m/s],rate [1/yr]``. One column is the level of the intensity measure; another
-          one a yearly rate of exceedance, a probability of exceedance in a number of years
-          (``probability of exceedance in 50 years [%]``), or a ``return period [yr]``. Other
-          columns are ignored. Levels may rise or fall. A comment must not name a probability
-          above rates, nor spectral acceleration above levels without a measure in their name.
-        - A hazard curve of OpenQuake, such as ``hazard_curve-mean-PGA_1.csv``: a line for each
-          site, columns ``poe-0.005`` and so on, measure and years in the comment above.
-        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``: a line for each site, columns
-          ``name,lon,lat,0.005`` and so on. The values are taken for annual rates, which
-          nshmp-haz writes unless told otherwise.
+        - A line for each level, rising or falling, below names such as
+          ``pgv [m/s],rate [1/yr]``: a level, and a yearly rate of exceedance, a probability of
+          exceedance in a number of years (``probability of exceedance in 50 years [%]``) or a
+          ``return period [yr]``. Other columns are ignored. A comment must not name a
+          probability above rates, nor spectral acceleration above levels without a measure in
+          their name.
+        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with measure, years and kind
+          of curve in the comment. Standard deviations are refused.
+        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
+          rates, which nshmp-haz writes unless told otherwise.
     unit : str, optional
         Of the levels, where the file does not state it: ``"m/s"``, ``"cm/s"`` and so on, or
         a unit of acceleration as in `read_record`. OpenQuake and nshmp-haz have PGA in g and
@@ -86,7 +98,8 @@ def read_hazard(
     hazard of pga from 0.01 1/yr at 0.9807 to 0.0001 1/yr at 9.807
     """
     measure = as_hazard_measure(measure)
-    if unit is not None and parse_unit(str(unit)).dimension not in ("acceleration", "velocity"):
+    given = None if unit is None else parse_unit(str(unit))
+    if given and given.dimension not in ("acceleration", "velocity"):
         raise ValueError(f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}")
     text = TextFile(Path(path))
     if text.lines[0].lstrip().startswith(("<", "{")):
@@ -104,8 +117,8 @@ def read_hazard(
         curve = _read_columns(table, measure)
     table.refuse_cut()
     _refuse_comments(table, curve)
-    measure = _choose_measure(table, curve.head, measure)
-    factor = _choose_unit(table, curve, unit, measure)
+    measure = _choose_measure(table, curve.levels, measure)
+    factor = _choose_unit(table, curve.levels, given, measure)
     levels, rates = _check_points(table, curve)
     try:
         return Hazard(factor * levels, rates, measure, curve.statistic)
@@ -115,50 +128,52 @@ def read_hazard(
 
 def _read_columns(table: Table, measure: str | None) -> Curve:
     """Read a table with a line for each level."""
-    row = table.rows[0] if table.rows else None
-    lists = [cell for cell in [*table.names, *(row.cells if row else [])] if _is_list(cell)]
+    cells = [*table.names, *(cell for row in table.rows[:1] for cell in row.cells)]
+    lists = [cell for cell in cells if _is_list(cell)]
     if lists:
         raise table.text.error(
-            f"several numbers in one field, {quote_word(lists[0])}, are no levels and rates;"
-            " OpenQuake before its version 2 wrote curves so, without their levels: export them"
-            " with a later one",
+            f"a field has several numbers, {quote_word(lists[0])}: the first versions of OpenQuake"
+            " wrote curves so, without their levels; export them with a later one",
             table.line,
         )
-    if row and not table.heads:
+    if not table.heads:
+        row = table.rows[0]
+        line = quote_word(table.text.lines[row.line - 1])
+        raise table.text.error(f"names of the columns were expected above {line}", row.line)
+    column, levels = _choose_levels(table, measure)
+    known = {k: _parse_frequency(head) for k, head in enumerate(table.heads)}
+    frequencies = [(k, frequency) for k, frequency in known.items() if frequency]
+    if len(frequencies) != 1:
         raise table.text.error(
-            "a line with the names of the columns was expected, got"
-            f" {quote_word(table.text.lines[row.line - 1])}",
-            row.line,
+            f"one column must be a rate of exceedance per year, as in {_EXAMPLE}, or a probability"
+            " of exceedance in a number of years, or a return period [yr], got"
+            f" {len(frequencies)} of them in {quote_names(table.names)}",
+            table.line,
         )
-    levels = _choose_levels(table, measure)
-    column, frequency = _choose_frequency(table)
+    ((often, frequency),) = frequencies
     if len(table.rows) < 2:
         raise table.text.error(
-            "at least two lines of a level and a rate below their names were expected, got"
-            f" {len(table.rows)}"
+            f"at least two lines of levels and rates were expected, got {len(table.rows)}"
         )
-    points: list[tuple[int, float, float]] = []
-    for row in table.rows:
-        if len(row.cells) != len(table.heads):
-            raise table.error_of_width(row)
-        level = read_number(table, row, levels)
-        points.append((row.line, level, read_number(table, row, column)))
-    head = table.heads[levels]
-    return Curve(head, frequency, points, f"the head states {head.words!r}")
+    points = [
+        (row.line, read_number(table, row, column), read_number(table, row, often))
+        for row in table.rows
+    ]
+    return Curve(levels, frequency, points)
 
 
-def _choose_levels(table: Table, measure: str | None) -> int:
+def _choose_levels(table: Table, measure: str | None) -> tuple[int, Levels]:
     """Choose the column of levels."""
-    levels = {
-        k: head.quantity
-        for k, head in enumerate(table.heads)
-        if head.quantity in ("pga", "pgv", "level")
-        and _match_name(head, head.quantity)
-        and len(head.units) < 2
-    }
+    columns: list[tuple[int, Levels]] = []
+    for k, head in enumerate(table.heads):
+        for quantity in ("pga", "pgv", "level"):
+            if _match_name(head, quantity) and len(head.units) < 2:
+                stated = quantity if quantity in HAZARD_MEASURES else ""
+                source = f"the head states {head.words!r}"
+                columns.append((k, Levels(head.words, stated, head.unit, source)))
     # A column that names its measure is meant, whatever else might be one of levels.
-    named = [k for k, quantity in levels.items() if quantity != "level"]
-    chosen = [k for k in named if levels[k] == measure] or named or [*levels]
+    named = [pair for pair in columns if pair[1].measure]
+    chosen = [pair for pair in named if pair[1].measure == measure] or named or columns
     if len(chosen) != 1:
         raise table.text.error(
             f"one column must be pgv or pga with its unit, as in {_EXAMPLE}, got {len(chosen)} of"
@@ -168,44 +183,28 @@ def _choose_levels(table: Table, measure: str | None) -> int:
     return chosen[0]
 
 
-def _choose_frequency(table: Table) -> tuple[int, Frequency]:
-    """Choose the column that says how often levels are exceeded."""
-    columns = [(k, _parse_frequency(head)) for k, head in enumerate(table.heads)]
-    known = [(k, frequency) for k, frequency in columns if frequency is not None]
-    if len(known) != 1:
-        raise table.text.error(
-            f"one column must be a rate of exceedance per year, as in {_EXAMPLE}, or a probability"
-            " of exceedance in a number of years, or a return period [yr], got"
-            f" {len(known)} of them in {quote_names(table.names)}",
-            table.line,
-        )
-    return known[0]
-
-
 def _parse_frequency(head: Head) -> Frequency | None:
     """Parse the head of a column that states how often levels are exceeded; None if none."""
     if len(head.units) > 1:
         return None
-    # Frequencies may be those of spectra to the head, but none per year.
-    unit = parse_unit(head.units[0].words) if head.units else None
-    dimension = unit.dimension if unit else None
-    factor = unit.factor if unit else 1.0
-    if _match_name(head, "rate") and dimension in ("rate", None):
-        return Frequency("rate", factor=factor)
+    # Parsed anew, since a frequency per year is none to the quantities of spectra.
+    unit = parse_unit(head.unit.words) if head.unit else Unit("", "none", 1.0)
+    if _match_name(head, "rate") and unit.dimension in ("rate", "none"):
+        return Frequency("rate", factor=unit.factor)
     # In years, or it may be in anything.
     if _match_name(head, "return period") and (
-        dimension == "years" or re.search(r"\bin years$", head.name, re.I)
+        unit.dimension == "years" or head.name.endswith("in years")
     ):
         return Frequency("return period")
     match = _match_name(head, "probability")
-    if match is None or dimension not in ("ratio", None):
+    if match is None or unit.dimension not in ("ratio", "none"):
         return None
-    # In how many years must be said, and only once.
-    spans = [match["years"], (match["annual"] or match["yearly"]) and "1"]
+    # In how many years must be stated once.
+    spans = [match["years"], "1" if match["annual"] or match["yearly"] else None]
     years = [float(span) for span in spans if span]
     if len(years) != 1 or not years[0]:
         return None
-    return Frequency("probability", years[0], factor)
+    return Frequency("probability", years[0], unit.factor)
 
 
 def _match_name(head: Head, quantity: str) -> re.Match[str] | None:
@@ -216,7 +215,7 @@ def _match_name(head: Head, quantity: str) -> re.Match[str] | None:
 def _is_list(cell: str) -> bool:
     """Return whether a cell holds several numbers."""
     words = cell.split()
-    return len(words) > 1 and all(as_number(word) is not None for word in words)
+    return len(words) > 1 and None not in map(as_number, words)
 
 
 def _refuse_comments(table: Table, curve: Curve) -> None:
@@ -224,11 +223,9 @@ def _refuse_comments(table: Table, curve: Curve) -> None:
     for line, comment in table.notes:
         words = re.findall(r"[^\W\d_]+", comment)
         # Below a name that is clear the comment may be about other columns.
-        if curve.head.quantity == "level" and _match_any(_OTHER_MEASURES, words):
+        if not curve.levels.measure and _match_any(_OTHER_MEASURES, words):
             other = "another measure than pga or pgv"
-        elif curve.frequency.kind == "rate" and _match_any(
-            QUANTITIES["probability"].words, words
-        ):
+        elif curve.frequency.kind == "rate" and _match_any(_PROBABILITIES, words):
             other = "a probability above a column of rates"
         else:
             continue
@@ -240,52 +237,46 @@ def _match_any(pattern: str, words: list[str]) -> bool:
     return any(re.fullmatch(pattern, word, re.I) for word in words)
 
 
-def _choose_measure(table: Table, head: Head, measure: str | None) -> str:
+def _choose_measure(table: Table, levels: Levels, measure: str | None) -> str:
     """Choose the measure that the name of levels, a comment above it or the caller states."""
     # A name that says nothing, like level [g], may be of spectral accelerations.
-    stated = {head.quantity} & {*HAZARD_MEASURES} or {
-        key
-        for _, comment in table.notes
-        for key, pattern in _IN_COMMENT.items()
-        if re.search(pattern, comment, re.I)
-    }
+    stated = {levels.measure} if levels.measure else set[str]()
+    if not stated:
+        comments = " ".join(comment for _, comment in table.notes)
+        stated = {key for key, names in _IN_COMMENT.items() if re.search(names, comments)}
     if len(stated) != 1 and measure is None:
         raise table.text.error(
             "the head does not say which measure the levels are of, so that measure must be"
-            f" given, got {head.words!r}",
+            f" given, got {levels.name!r}",
             table.line,
         )
     if len(stated) == 1 and measure not in (None, *stated):
         raise table.text.error(
-            f"a hazard of {measure} was expected, got one of {stated.pop()}: {head.words!r}",
+            f"a hazard of {measure} was expected, got one of {stated.pop()}: {levels.name!r}",
             table.line,
         )
     return measure or stated.pop()
 
 
-def _choose_unit(table: Table, curve: Curve, unit: str | None, measure: str) -> float:
-    """Choose the unit of levels that their name or the caller states; its value in SI."""
-    head = curve.head
-    chosen = head.unit
-    if unit is not None:
-        # A unit of the caller may repeat the one in the head, but not contradict it.
-        given = parse_unit(str(unit))
-        if chosen and not (
-            chosen.dimension == given.dimension and math.isclose(chosen.factor, given.factor)
-        ):
-            raise table.text.error(f"unit is {unit!r}, but {curve.reason}", table.line)
-        chosen = given
-    if chosen is None:
+def _choose_unit(table: Table, levels: Levels, given: Unit | None, measure: str) -> float:
+    """Choose the unit of levels that the file or the caller states; its value in SI."""
+    unit = levels.unit or given
+    if unit is None:
         raise table.text.error(
-            f"the head states no unit, so that unit must be given, got {head.words!r}",
+            f"the head states no unit, so that unit must be given, got {levels.name!r}",
             table.line,
         )
-    if chosen.dimension not in QUANTITIES[measure].dimensions:
+    # A unit of the caller may repeat the one in the head, but not contradict it.
+    if given and not (
+        unit.dimension == given.dimension and math.isclose(unit.factor, given.factor)
+    ):
+        raise table.text.error(f"unit is {given.words!r}, but {levels.source}", table.line)
+    if unit.dimension not in QUANTITIES[measure].dimensions:
         raise table.text.error(
-            f"{chosen.words!r} is not understood as a unit of {measure}, got {head.words!r}",
+            f"{unit.words!r} is not understood as a unit of {measure}, got {levels.name!r}",
             table.line,
         )
-    return chosen.factor
+    return unit.factor
 
 
 def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:

@@ -1,31 +1,42 @@
 """Tables of hazard curves with a line for each site and a column for each level.
 
 OpenQuake's engine 3 names the columns ``poe-0.005``, engine 2 ``PGA-0.005`` with all measures in
-one file, and USGS's nshmp-haz ``0.005``. Measure and unit are no part of the columns.
+one file (https://github.com/gem/oq-engine, openquake/calculators/export/hazard.py), and USGS's
+nshmp-haz ``0.005`` (https://github.com/usgs/nshmp-haz, HazardExport.java).
 """
 
 import math
 import re
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..tables import Head, Row, Table, as_number, quote_names, quote_word, read_head
+from ..tables import Row, Table, Unit, as_number, parse_unit, quote_names, quote_word
 
-# OpenQuake's hazard library and USGS's nshmp-haz both take PGA in g and PGV in cm/s:
-# https://docs.openquake.org/oq-engine/manual/ and https://github.com/usgs/nshmp-haz.
+# The unit of levels is no part of these files: both programs take PGA in g and PGV in cm/s.
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
 _ABOUT_SITES = r"custom_site_id|site_id|id|name|lon|lat|longitude|latitude|depth|vs30"
-_PLACE = (("longitude", r"lon(?:gitude)?", 360.0), ("latitude", r"lat(?:itude)?", 90.0))
+_LIMITS = {"longitude": 360.0, "latitude": 90.0}
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
-_LEVEL = r"(?:(?P<kind>poe|[a-z]\w*(?:\([\d.]+\))?)-)?(?P<level>[\d.]+(?:e[-+]?\d+)?)"
-# Some versions of OpenQuake's engine write the type of a column behind its name.
-_TYPE = r"(?i):float\d\d$"
-# What OpenQuake's engine computes from the curves of a logic tree, or one of these.
-_STATISTIC = r"mean|max|std|quantile-(?:\d*\.)?\d+|rlz-\d+"
-_IN_COMMENT = rf"(?i)#[,\s\"']*(?P<statistic>{_STATISTIC})(?![\w.])"
-_IN_NAME = rf"(?i)(?:hazard_curve-|(?=quantile))(?P<statistic>{_STATISTIC})(?![^\W_]|\.\d)"
+# Some versions of OpenQuake write the type of a column behind its name.
+_LEVEL = (
+    r"(?:(?P<kind>poe|[a-z]\w*(?:\([\d.]+\))?)-)?"
+    r"(?P<level>[\d.]+(?:e[-+]?\d+)?)(?::float\d\d)?"
+)
+# What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so
+# first in the comment.
+_STATISTIC = r"(?:mean|max|std|quantile-(?:\d*\.)?\d+|rlz-\d+)"
+_IN_COMMENT = rf"(?i)#[,\s\"']*({_STATISTIC})(?![\w.])"
+_IN_FILE_NAME = rf"(?i)(?:hazard_curve-|(?=quantile))({_STATISTIC})(?![^\W_]|\.\d)"
+
+
+class Levels(NamedTuple):
+    """A column of levels: its name, and its measure and unit if they are stated by `source`."""
+
+    name: str
+    measure: str
+    unit: Unit | None
+    source: str
 
 
 class Frequency(NamedTuple):
@@ -57,34 +68,19 @@ class Frequency(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A hazard curve as a file states it.
+    """A curve as it is printed; `points` are lines of the file, levels and values."""
 
-    Attributes
-    ----------
-    head : Head
-        Of its levels.
-    frequency : Frequency
-        Of its values.
-    points : list of (int, float, float)
-        Line, level and value of each point as they are printed.
-    reason : str
-        Who states the unit of levels.
-    statistic : str
-        As in `Hazard`.
-    """
-
-    head: Head
+    levels: Levels
     frequency: Frequency
     points: list[tuple[int, float, float]]
-    reason: str
     statistic: str = ""
 
 
 def has_sites(table: Table) -> bool:
     """Return whether a table has a line for each site, by its columns."""
-    names = _clean_names(table)
-    return any(re.fullmatch(_PLACE[0][1], name, re.I) for name in names) and any(
-        re.fullmatch(_LEVEL, name, re.I) for name in names
+    names = [name.lower().partition(":")[0] for name in table.names]
+    return bool({"lon", "longitude"} & {*names}) and any(
+        re.fullmatch(_LEVEL, name) for name in names
     )
 
 
@@ -93,31 +89,35 @@ def read_site(
 ) -> Curve:
     """Read the curve of a site from a table of OpenQuake or of USGS's nshmp-haz."""
     columns: dict[str, list[tuple[int, float]]] = {}
-    for k, name in enumerate(_clean_names(table)):
+    for k, name in enumerate(table.names):
         match = re.fullmatch(_LEVEL, name, re.I)
         level = as_number(match["level"]) if match else None
         if match and level is not None:
             columns.setdefault((match["kind"] or "").lower(), []).append((k, level))
-        elif not re.fullmatch(_ABOUT_SITES, name, re.I):
+        elif not re.fullmatch(_ABOUT_SITES, name.partition(":")[0], re.I):
             raise table.text.error(f"column {quote_word(name)} is not understood", table.line)
     row = _choose_row(table, site)
-    kinds = [*columns]
-    if kinds == [""]:
-        head, reason, statistic = _describe_nshmp(table, measure)
-        frequency = Frequency("rate")
+    if [*columns] == [""]:
         kind = ""
+        levels, statistic = _describe_nshmp(table, measure)
+        frequency = Frequency("rate")
     else:
-        kind, imt = _choose_kind(table, kinds, measure)
-        head = _describe_levels(imt)
-        reason = f"OpenQuake has {imt.upper()} in {_CONVENTIONS[imt]} by its convention"
-        frequency = Frequency("probability", _read_years(table))
+        kind, imt = _choose_kind(table, [*columns], measure)
+        levels = _follow_convention("OpenQuake", imt)
         statistic = _read_statistic(table)
+        words = _read_statement(table, "investigation_time")
+        years = as_number(words)
+        if years is None or not 0 < years < math.inf:
+            raise table.text.error(f"investigation_time must be greater than 0, got {words!r}")
+        frequency = Frequency("probability", years)
     points = [(row.line, level, read_number(table, row, k)) for k, level in columns[kind]]
-    return Curve(head, frequency, points, reason, statistic)
+    return Curve(levels, frequency, points, statistic)
 
 
 def read_number(table: Table, row: Row, column: int) -> float:
-    """Read a number of a row that has all cells."""
+    """Read a number of a row; an error if it is none, or if the row has not all cells."""
+    if len(row.cells) != len(table.names):
+        raise table.error_of_width(row)
     number = table.parse_number(row, column)
     if number is None:
         name = quote_word(table.names[column])
@@ -126,89 +126,69 @@ def read_number(table: Table, row: Row, column: int) -> float:
     return number
 
 
-def _clean_names(table: Table) -> list[str]:
-    """Return the names of columns without their types."""
-    return [re.sub(_TYPE, "", name) for name in table.names]
-
-
 def _choose_row(table: Table, site: tuple[float | int, float | int] | None) -> Row:
     """Choose the line of the site, or the only one."""
-    columns = [_find_place(table, name, pattern) for name, pattern, _ in _PLACE]
     near: list[Row] = []
     for row in table.rows:
-        if len(row.cells) != len(table.names):
-            raise table.error_of_width(row)
-        place = [read_number(table, row, column) for column in columns]
-        for value, (name, _, limit) in zip(place, _PLACE, strict=True):
-            if not abs(value) <= limit:
-                allowed = f"from {-limit:g} to {limit:g} degrees"
-                raise table.text.error(
-                    f"a {name} must be {allowed}, got {value:g}", row.line
-                )
+        place = [_read_degrees(table, row, name) for name in _LIMITS]
         if site is None or np.allclose(place, site, rtol=0, atol=_NEAR):
             near.append(row)
-    curves = f"got {len(table.rows)} curves"
-    if len(near) != 1 and site is None:
+    if len(near) == 1:
+        return near[0]
+    if site is None:
         raise table.text.error(
-            f"site must be given, the longitude and latitude of one, {curves}"
+            f"site must be given, the longitude and latitude of one, got {len(near)} curves"
         )
-    if len(near) != 1:
-        raise table.text.error(
-            f"one curve at longitude and latitude {site} was expected, {curves}, {len(near)} of"
-            " them there"
-        )
-    return near[0]
+    raise table.text.error(
+        f"one curve at longitude and latitude {site} was expected, got {len(near)} there, of"
+        f" {len(table.rows)}"
+    )
 
 
-def _find_place(table: Table, name: str, pattern: str) -> int:
-    """Find the column of longitudes, or of latitudes."""
-    names = _clean_names(table)
-    columns = [k for k, word in enumerate(names) if re.fullmatch(pattern, word, re.I)]
+def _read_degrees(table: Table, row: Row, name: str) -> float:
+    """Read the longitude or latitude of a line."""
+    short = [word.lower().partition(":")[0] for word in table.names]
+    columns = [k for k, word in enumerate(short) if word in (name, name[:3])]
     if len(columns) != 1:
+        raise table.text.error(f"one {name} was expected, got {len(columns)}", table.line)
+    value = read_number(table, row, columns[0])
+    if not abs(value) <= _LIMITS[name]:
         raise table.text.error(
-            f"one column of each {name} was expected, got {len(columns)}", table.line
+            f"a {name} must be within {_LIMITS[name]:g} degrees, got {value:g}", row.line
         )
-    return columns[0]
+    return value
 
 
-def _describe_levels(measure: str) -> Head:
-    """Describe levels in the unit that both programs have for their measure."""
-    return read_head(f"{measure.upper()} [{_CONVENTIONS[measure]}]")
+def _follow_convention(program: str, measure: str) -> Levels:
+    """Describe levels in the unit that a program has for their measure."""
+    unit = _CONVENTIONS[measure]
+    name = measure.upper()
+    source = f"{program} has {name} in {unit} by its convention"
+    return Levels(name, measure, parse_unit(unit), source)
 
 
-def _choose_kind(table: Table, kinds: Sequence[str], measure: str | None) -> tuple[str, str]:
-    """Choose the columns by what stands before their levels; the measure of these levels."""
+def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, str]:
+    """Choose columns by what stands before their levels, and the measure of these levels."""
     if kinds == ["poe"]:
         imt = _read_statement(table, "imt")
         if imt.lower() not in _CONVENTIONS:
             raise table.text.error(f"a hazard of pga or pgv was expected, got one of {imt!r}")
         return "poe", imt.lower()
     # In maps of hazard the same columns hold accelerations, and PGA-0.1 a probability of 0.1.
-    if not re.search(r"curve", table.text.path.stem, re.I):
+    if "curve" not in table.text.path.stem.lower():
         raise table.text.error(
-            f"columns such as '{kinds[-1].upper()}-0.1' stand for levels in OpenQuake's hazard"
-            " curves, but for probabilities in its hazard maps: the name of a file of curves must"
-            f" have the word 'curve', got {table.text.path.name!r}",
+            f"columns such as '{kinds[-1].upper()}-0.1' are levels in OpenQuake's hazard curves,"
+            " but probabilities in its hazard maps: 'curve' was expected in the name of the file",
             table.line,
         )
-    known = [kind for kind in kinds if kind in (_CONVENTIONS if measure is None else [measure])]
+    known = [kind for kind in kinds if kind in ([measure] if measure else _CONVENTIONS)]
     if len(known) != 1:
-        expected = "pga or pgv, chosen by measure," if measure is None else measure
         raise table.text.error(
-            f"columns of {expected} were expected, got those of {quote_names(kinds)}", table.line
+            f"columns of one measure were expected, {measure or 'pga or pgv'}, got those of"
+            f" {quote_names(kinds)}",
+            table.line,
         )
     return known[0], known[0]
-
-
-def _read_years(table: Table) -> float:
-    """Read in how many years OpenQuake's probabilities are."""
-    words = _read_statement(table, "investigation_time")
-    years = as_number(words)
-    if years is None or not 0 < years < math.inf:
-        raise table.text.error(
-            f"investigation_time must be greater than 0, got {quote_word(words)}"
-        )
-    return years
 
 
 def _read_statement(table: Table, key: str) -> str:
@@ -224,69 +204,57 @@ def _read_statement(table: Table, key: str) -> str:
 
 def _find_statements(table: Table, key: str) -> set[str]:
     """Find what comments say of a key."""
-    return {
-        value.strip(" '\"")
-        for _, line in table.notes
-        for value in re.findall(rf"\b{key}\s*=([^,]*)", line)
-    }
+    pattern = rf"\b{key}\s*=([^,]*)"
+    words = [word for _, line in table.notes for word in re.findall(pattern, line)]
+    return {word.strip(" '\"") for word in words}
 
 
 def _read_statistic(table: Table) -> str:
-    """Read which of OpenQuake's curves this is, from comments and the name of the file."""
+    """Read which of OpenQuake's curves this is, from the comment and the name of the file."""
+    if _find_statements(table, "source_model_tree_path"):
+        return "single realization"
     stated = _find_statements(table, "kind")
-    for _, line in table.notes:
-        if match := re.match(_IN_COMMENT, line):
-            stated.add(match["statistic"])
-        elif "source_model_tree_path=" in line:
-            return "single realization"
-    # Older versions name the file quantile_curve-0.1.
+    stated |= {word for _, line in table.notes for word in re.findall(_IN_COMMENT, line)}
+    # Older versions name a file quantile_curve-0.1.csv.
     name = table.text.path.name.replace("quantile_curve-", "quantile-")
-    if match := re.search(_IN_NAME, name):
-        stated.add(match["statistic"])
-    stated = {words.lower() for words in stated}
+    stated |= {*re.findall(_IN_FILE_NAME, name)}
     if "std" in stated:
         raise table.text.error(
             "standard deviations of a logic tree are no hazard curve: take the mean or a quantile"
         )
     if len(stated) > 1 or not all(re.fullmatch(_STATISTIC, words) for words in stated):
         raise table.text.error(
-            "one of mean, max, quantile-0.85, rlz-000 was expected as the kind of curve in"
-            f" comment and name of the file, got {quote_names(sorted(stated))}"
+            "one kind of curve was expected in the comment and the name of the file, such as mean,"
+            f" max, quantile-0.85 or rlz-000, got {quote_names(sorted(stated))}"
         )
     return "".join(stated)
 
 
-def _describe_nshmp(table: Table, measure: str | None) -> tuple[Head, str, str]:
-    """Describe levels and values of nshmp-haz, of which only folders and names may tell.
+def _describe_nshmp(table: Table, measure: str | None) -> tuple[Levels, str]:
+    """Describe levels of nshmp-haz, and whether they are of a part of the hazard.
 
-    The measure stands in ``PGA/curves.csv`` or ``PGA.csv``. Below ``PGA/source`` and
-    ``PGA/gmm`` are the parts of the hazard due to kinds of sources and to ground motion models.
+    The measure stands in the name of the folder or file: PGA/curves.csv, PGA.csv. Folders such as
+    PGA/source/FAULT and PGA/gmm/ASK_14 have what a kind of sources, or a ground motion model, adds
+    to the hazard.
     """
     path = table.text.path.absolute()
-    folders = path.parts[-4:-1]
+    names = [*path.parts[-4:-1], path.stem]
     statistic = ""
-    for k, folder in enumerate(folders):
-        if folder in ("source", "gmm"):
-            part = path.stem if k + 1 == len(folders) else folders[k + 1]
-            statistic = f"{folder} {part}"
-            folders = folders[:k]
+    for k, name in enumerate(names[:-1]):
+        if name in ("source", "gmm"):
+            statistic = f"{name} {names[k + 1]}"
+            names = names[:k]
             break
-    stated = {
-        word.lower()
-        for name in (*folders[-1:], path.stem)
-        for word in re.findall(r"(?<![a-z])(?:pga|pgv|sa\d+p\d+)(?![a-z])", name, re.I)
-    }
+    pattern = r"(?i)(?<![a-z])(?:pga|pgv|sa\d+p\d+)(?![a-z])"
+    stated = {word.lower() for name in names[-2:] for word in re.findall(pattern, name)}
     if len(stated) > 1 or not stated <= {*_CONVENTIONS}:
-        names = quote_names(sorted(stated))
-        raise table.text.error(f"a hazard of pga or pgv was expected, got one of {names}")
-    if not stated and measure is None:
         raise table.text.error(
-            "neither the table nor its folder names the measure, so that measure and unit must"
-            " be given"
+            f"a hazard of pga or pgv was expected, got one of {', '.join(sorted(stated))}"
         )
-    # Without a unit the caller has to state one.
-    if not stated:
-        return Head("level", "level", "level"), "", statistic
-    imt = stated.pop()
-    reason = f"nshmp-haz has {imt.upper()} in {_CONVENTIONS[imt]} by its convention"
-    return _describe_levels(imt), reason, statistic
+    if stated:
+        return _follow_convention("nshmp-haz", stated.pop()), statistic
+    if measure is None:
+        raise table.text.error(
+            "neither the table nor its folder names the measure: measure and unit must be given"
+        )
+    return Levels("level", measure, None, ""), statistic
