@@ -139,6 +139,8 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
                 block, c, suite, hazard, self.measure, model=self.model, sides=sides
             )
             found = about.found
+            if hazard.statistic:
+                lines.append(str(hazard))
             lines.append(f"{found}\n{about}")
             data |= {
                 "rate": float(found.rate),

@@ -1,5 +1,7 @@
 """Seismic hazard: the yearly rates at which levels of shaking are exceeded."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,6 +23,13 @@ from ..validation import (
 
 # Measures that a hazard curve can have. Ratios to a block's threshold are none of them.
 HAZARD_MEASURES = ("pgv", "pga")
+
+
+class Fault(NamedTuple):
+    """The number of a point that a hazard curve cannot have after those before it, and why."""
+
+    point: int
+    reason: str
 
 
 def as_hazard_measure(measure: object) -> str | None:
@@ -47,6 +56,9 @@ class Hazard(Printed, Checked):
         greater than 0, the last one less than the first.
     measure : {"pgv", "pga"}, optional
         The intensity measure of the curve; functions that take the curve refuse another one.
+    statistic : str, optional
+        Of which curves of a logic tree, or which part of the hazard, if it is known: "mean",
+        "max", "quantile-0.85", "rlz-000", "source FAULT" and so on. It is printed.
 
     Raises
     ------
@@ -66,9 +78,17 @@ class Hazard(Printed, Checked):
     levels: Reals = quantity(POSITIVE)
     rates: Reals = quantity(NON_NEGATIVE)
     measure: str | None = eqx.field(static=True, default=None)
+    statistic: str = eqx.field(static=True, default="")
 
-    def __init__(self, levels: Numbers, rates: Numbers, measure: str | None = None):
+    def __init__(
+        self,
+        levels: Numbers,
+        rates: Numbers,
+        measure: str | None = None,
+        statistic: str = "",
+    ):
         self.measure = as_hazard_measure(measure)
+        self.statistic = statistic
         self.levels = as_real("levels", levels)
         self.rates = as_real("rates", rates)
         shape = self.levels.shape
@@ -79,11 +99,10 @@ class Hazard(Printed, Checked):
         if of_rates != shape:
             raise ValueError(f"rates must be as many as levels, {shape[0]}, got {of_rates}")
         self.check()
-        # Steps of traced curves cannot be looked at: these are taken as they are.
-        if not is_traced(self.levels):
-            _refuse_steps("levels", "increase", self.levels, np.diff(self.levels) <= 0)
+        fault = find_fault(self.levels, self.rates)
+        if fault is not None:
+            raise ValueError(fault.reason)
         if not is_traced(self.rates):
-            _refuse_steps("rates", "not rise", self.rates, np.diff(self.rates) > 0)
             of_rates = np.asarray(self.rates)
             second = of_rates[1]
             if second < np.finfo(of_rates.dtype).tiny:
@@ -98,8 +117,10 @@ class Hazard(Printed, Checked):
         low, high = self.levels[::last][:2]
         often, seldom = self.rates[::last][:2]
         of = f" of {self.measure}" if self.measure else ""
+        statistic = f"{self.statistic} " if self.statistic else ""
         return (
-            f"hazard{of} from {often:.4g} 1/yr at {low:.4g} to {seldom:.4g} 1/yr at {high:.4g}"
+            f"{statistic}hazard{of} from {often:.4g} 1/yr at {low:.4g}"
+            f" to {seldom:.4g} 1/yr at {high:.4g}"
         )
 
     def __call__(self, level: Number) -> Reals:
@@ -126,12 +147,22 @@ def find_last_point(hazard: Hazard) -> int:
     return min(int(np.count_nonzero(positive)), len(rates) - 1)
 
 
-def _refuse_steps(name: str, must: str, values: Reals, wrong: np.ndarray) -> None:
-    """Raise `ValueError` if a step from one value to the next is wrong."""
-    if wrong.any():
-        at = int(np.argmax(wrong))
-        got = f"got {values[at]:.6g} and then {values[at + 1]:.6g}"
-        raise ValueError(f"{name} must {must} from each to the next, {got}")
+def find_fault(levels: Reals | np.ndarray, rates: Reals | np.ndarray) -> Fault | None:
+    """Find the first level that does not increase, or else the first rate that rises.
+
+    Steps of traced curves cannot be looked at: these are taken as they are.
+    """
+    if not is_traced(levels):
+        values = np.asarray(levels)
+        for k in np.flatnonzero(values[1:] <= values[:-1]):
+            step = f"got {values[k + 1]:.6g} after {values[k]:.6g}"
+            return Fault(int(k) + 1, f"levels must increase, {step}")
+    if not is_traced(rates):
+        values = np.asarray(rates)
+        for k in np.flatnonzero(values[1:] > values[:-1]):
+            step = f"got {values[k + 1]:.6g} after {values[k]:.6g}"
+            return Fault(int(k) + 1, f"rates must not rise with the level, {step}")
+    return None
 
 
 @jax.jit

@@ -1,23 +1,41 @@
 """Hazard curves from files, whose heads must leave no doubt about measure and units."""
 
+import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 
-from ..host import TextTable, is_number, read_text_table
-from .hazard import Hazard, as_hazard_measure
-from .hazard_columns import (
-    Frequency,
-    Levels,
-    Points,
-    choose_columns,
-    find_contradiction,
-    find_factor,
+from ..tables import (
+    QUANTITIES,
+    Head,
+    Table,
+    TextFile,
+    Unit,
+    as_number,
+    parse_unit,
+    quote_names,
+    quote_word,
+    read_table,
 )
-from .hazard_sites import has_sites, read_site
+from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure, find_fault
+from .hazard_sites import Curve, Frequency, Levels, has_sites, read_number, read_site
 
-_ORDER = "levels must increase from each to the next, or all fall"
+# A rate for a probability, or cm/s for m/s, would give a plausible answer that is wrong by
+# orders of magnitude. So every word of a name must be known, and nothing is guessed: a column
+# with a word that is no part of the name of a quantity is none, and the message says what was
+# expected.
+_EXAMPLE = "'pgv [m/s],rate [1/yr]' or 'pga [g],annual rate'"
+_IN_COMMENT = {
+    "pga": r"(?i)pga|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+acceleration",
+    "pgv": r"(?i)pgv|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+velocity",
+}
+# Words of other measures in the same units.
+_OTHER_MEASURES = (
+    f"{QUANTITIES['spectral acceleration'].words}|{QUANTITIES['intensity'].words}"
+)
+_PROBABILITIES = QUANTITIES["probability"].words
 
 
 def read_hazard(
@@ -32,20 +50,19 @@ def read_hazard(
     Parameters
     ----------
     path : str or path
-        A table of one of these kinds. Its fields are separated by commas, by tabs, or by what
-        a first line ``sep=;`` says; lines that begin with # are comments.
+        A table of one of these kinds, separated by commas, semicolons, tabs or blanks. Lines that
+        begin with # are comments.
 
-        - A line for each level, below one with the names of the columns, such as
-          ``pgv [m/s],rate [1/yr]``. One column is the level of the intensity measure; another
-          one a yearly rate of exceedance, a probability of exceedance in a number of years
-          (``probability of exceedance in 50 years [%]``), or a ``return period [yr]``. Other
-          columns are ignored. Levels may rise or fall. A comment must not name a probability
-          above rates, nor spectral acceleration above levels without a measure in their name.
-        - A hazard curve of OpenQuake, such as ``hazard_curve-mean-PGA_1.csv``: a line for each
-          site, columns ``poe-0.005`` and so on, measure and years in the comment above.
-        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``: a line for each site, columns
-          ``name,lon,lat,0.005`` and so on. The values are taken for annual rates, which
-          nshmp-haz writes unless told otherwise.
+        - A line for each level, rising or falling, below names such as
+          ``pgv [m/s],rate [1/yr]``: a level, and a yearly rate of exceedance, a probability of
+          exceedance in a number of years (``probability of exceedance in 50 years [%]``) or a
+          ``return period [yr]``. Other columns are ignored. A comment must not name a
+          probability above rates, nor spectral acceleration above levels without a measure in
+          their name.
+        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with measure, years and kind
+          of curve in the comment. Standard deviations are refused.
+        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
+          rates, which nshmp-haz writes unless told otherwise.
     unit : str, optional
         Of the levels, where the file does not state it: ``"m/s"``, ``"cm/s"`` and so on, or
         a unit of acceleration as in `read_record`. OpenQuake and nshmp-haz have PGA in g and
@@ -80,83 +97,208 @@ def read_hazard(
     ...     print(jr.read_hazard(path))
     hazard of pga from 0.01 1/yr at 0.9807 to 0.0001 1/yr at 9.807
     """
-    path = Path(path)
     measure = as_hazard_measure(measure)
-    table = read_text_table(path)
-    # NumPy writes names behind a #.
-    if table.rows and all(map(is_number, table.rows[0][2])):
-        above = [row for row in table.comments if row[0] < table.rows[0][0]][-1:]
-        comments = [row for row in table.comments if row not in above]
-        table = table._replace(rows=above + table.rows, comments=comments)
-    table.refuse(not table.rows, "a table of levels and rates was expected, got no lines")
-    number, line, names = table.rows[0]
-    must = "a line with the names of the columns was expected"
-    table.refuse(all(map(is_number, names)), f"{must}, got {line[:60]!r}", number)
+    given = None if unit is None else parse_unit(str(unit))
+    if given and given.dimension not in ("acceleration", "velocity"):
+        raise ValueError(f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}")
+    text = TextFile(Path(path))
+    if text.lines[0].lstrip().startswith(("<", "{")):
+        raise text.error(
+            "a table of a hazard curve was expected, got XML or JSON: let OpenQuake export its"
+            " curves as .csv",
+            1,
+        )
+    table = read_table(text)
+    if has_sites(table):
+        curve = read_site(table, site, measure)
+    elif site is not None:
+        raise text.error(f"site goes with a table of several sites only, got {site}")
+    else:
+        curve = _read_columns(table, measure)
+    table.refuse_cut()
+    _refuse_comments(table, curve)
+    measure = _choose_measure(table, curve.levels, measure)
+    factor = _choose_unit(table, curve.levels, given, measure)
+    levels, rates = _check_points(table, curve)
     try:
-        if has_sites(names):
-            points = read_site(table, site, measure)
+        return Hazard(factor * levels, rates, measure, curve.statistic)
+    except ValueError as error:
+        raise text.error(str(error)) from None
+
+
+def _read_columns(table: Table, measure: str | None) -> Curve:
+    """Read a table with a line for each level."""
+    cells = [*table.names, *(cell for row in table.rows[:1] for cell in row.cells)]
+    lists = [cell for cell in cells if _is_list(cell)]
+    if lists:
+        raise table.text.error(
+            f"a field has several numbers, {quote_word(lists[0])}: the first versions of OpenQuake"
+            " wrote curves so, without their levels; export them with a later one",
+            table.line,
+        )
+    if not table.heads:
+        row = table.rows[0]
+        line = quote_word(table.text.lines[row.line - 1])
+        raise table.text.error(f"names of the columns were expected above {line}", row.line)
+    column, levels = _choose_levels(table, measure)
+    known = {k: _parse_frequency(head) for k, head in enumerate(table.heads)}
+    frequencies = [(k, frequency) for k, frequency in known.items() if frequency]
+    if len(frequencies) != 1:
+        raise table.text.error(
+            f"one column must be a rate of exceedance per year, as in {_EXAMPLE}, or a probability"
+            " of exceedance in a number of years, or a return period [yr], got"
+            f" {len(frequencies)} of them in {quote_names(table.names)}",
+            table.line,
+        )
+    ((often, frequency),) = frequencies
+    if len(table.rows) < 2:
+        raise table.text.error(
+            f"at least two lines of levels and rates were expected, got {len(table.rows)}"
+        )
+    points = [
+        (row.line, read_number(table, row, column), read_number(table, row, often))
+        for row in table.rows
+    ]
+    return Curve(levels, frequency, points)
+
+
+def _choose_levels(table: Table, measure: str | None) -> tuple[int, Levels]:
+    """Choose the column of levels."""
+    columns: list[tuple[int, Levels]] = []
+    for k, head in enumerate(table.heads):
+        for quantity in ("pga", "pgv", "level"):
+            if _match_name(head, quantity) and len(head.units) < 2:
+                stated = quantity if quantity in HAZARD_MEASURES else ""
+                source = f"the head states {head.words!r}"
+                columns.append((k, Levels(head.words, stated, head.unit, source)))
+    # A column that names its measure is meant, whatever else might be one of levels.
+    named = [pair for pair in columns if pair[1].measure]
+    chosen = [pair for pair in named if pair[1].measure == measure] or named or columns
+    if len(chosen) != 1:
+        raise table.text.error(
+            f"one column must be pgv or pga with its unit, as in {_EXAMPLE}, got {len(chosen)} of"
+            f" them in {quote_names(table.names)}",
+            table.line,
+        )
+    return chosen[0]
+
+
+def _parse_frequency(head: Head) -> Frequency | None:
+    """Parse the head of a column that states how often levels are exceeded; None if none."""
+    if len(head.units) > 1:
+        return None
+    # Parsed anew, since a frequency per year is none to the quantities of spectra.
+    unit = parse_unit(head.unit.words) if head.unit else Unit("", "none", 1.0)
+    if _match_name(head, "rate") and unit.dimension in ("rate", "none"):
+        return Frequency("rate", factor=unit.factor)
+    # In years, or it may be in anything.
+    if _match_name(head, "return period") and (
+        unit.dimension == "years" or head.name.endswith("in years")
+    ):
+        return Frequency("return period")
+    match = _match_name(head, "probability")
+    if match is None or unit.dimension not in ("ratio", "none"):
+        return None
+    # In how many years must be stated once.
+    spans = [match["years"], "1" if match["annual"] or match["yearly"] else None]
+    years = [float(span) for span in spans if span]
+    if len(years) != 1 or not years[0]:
+        return None
+    return Frequency("probability", years[0], unit.factor)
+
+
+def _match_name(head: Head, quantity: str) -> re.Match[str] | None:
+    """Match all of the name of a column with the names of a quantity."""
+    return re.fullmatch(QUANTITIES[quantity].names, head.name, re.I) if head.name else None
+
+
+def _is_list(cell: str) -> bool:
+    """Return whether a cell holds several numbers."""
+    words = cell.split()
+    return len(words) > 1 and None not in map(as_number, words)
+
+
+def _refuse_comments(table: Table, curve: Curve) -> None:
+    """Refuse comments that name something else than the columns hold."""
+    for line, comment in table.notes:
+        words = re.findall(r"[^\W\d_]+", comment)
+        # Below a name that is clear the comment may be about other columns.
+        if not curve.levels.measure and _match_any(_OTHER_MEASURES, words):
+            other = "another measure than pga or pgv"
+        elif curve.frequency.kind == "rate" and _match_any(_PROBABILITIES, words):
+            other = "a probability above a column of rates"
         else:
-            table.refuse(site is not None, "site goes with a table of several sites only")
-            points = _read_rows(table, *choose_columns(names, measure))
-        for at, line, _ in table.comments:
-            other = find_contradiction(points.level, points.frequency, line)
-            table.refuse(bool(other), f"a comment names {other}, got {line[:60]!r}", at)
-        said = [line for _, line, _ in table.comments]
-        factor, found = find_factor(points.level, unit, measure, said)
-    except ValueError as error:
-        # One that says the line by itself, or that is about the names.
-        known = str(error).startswith(repr(str(path)))
-        table.refuse(not known, str(error), number)
-        raise
-    levels, rates = _check_points(table, points)
-    try:
-        return Hazard(factor * levels, rates, found)
-    except ValueError as error:
-        raise ValueError(f"{str(path)!r}: {error}") from None
+            continue
+        raise table.text.error(f"a comment names {other}, got {quote_word(comment)}", line)
 
 
-def _read_rows(
-    table: TextTable, of_levels: tuple[int, Levels], of_rates: tuple[int, Frequency]
-) -> Points:
-    """Read the columns of levels and of how often they are exceeded, by their numbers."""
-    level, found = of_levels
-    often, frequency = of_rates
-    (_, _, names), *rows = table.rows
-    must = "at least two lines of a level and a rate below their names were expected"
-    table.refuse(len(rows) < 2, f"{must}, got {len(rows)}")
-    for number, line, fields in rows:
-        must = f"{len(names)} fields were expected, as many as names"
-        table.refuse(len(fields) != len(names), f"{must}, got {line[:60]!r}", number)
-        must = "a level and a rate were expected"
-        wrong = not is_number(fields[level]) or not is_number(fields[often])
-        table.refuse(wrong, f"{must}, got {line[:60]!r}", number)
-    for k in (level, often):
-        table.refuse_cut(rows[-1], k, [fields[k] for _, _, fields in rows[:-1]])
-    columns = [[float(fields[k]) for _, _, fields in rows] for k in (level, often)]
-    lines = [number for number, _, _ in rows]
-    return Points(found, frequency, lines, *map(np.array, columns))
+def _match_any(pattern: str, words: list[str]) -> bool:
+    """Return whether a word matches a pattern, in upper or lower case."""
+    return any(re.fullmatch(pattern, word, re.I) for word in words)
 
 
-def _check_points(table: TextTable, points: Points) -> tuple[np.ndarray, np.ndarray]:
+def _choose_measure(table: Table, levels: Levels, measure: str | None) -> str:
+    """Choose the measure that the name of levels, a comment above it or the caller states."""
+    # A name that says nothing, like level [g], may be of spectral accelerations.
+    stated = {levels.measure} if levels.measure else set[str]()
+    if not stated:
+        comments = " ".join(comment for _, comment in table.notes)
+        stated = {key for key, names in _IN_COMMENT.items() if re.search(names, comments)}
+    if len(stated) != 1 and measure is None:
+        raise table.text.error(
+            "the head does not say which measure the levels are of, so that measure must be"
+            f" given, got {levels.name!r}",
+            table.line,
+        )
+    if len(stated) == 1 and measure not in (None, *stated):
+        raise table.text.error(
+            f"a hazard of {measure} was expected, got one of {stated.pop()}: {levels.name!r}",
+            table.line,
+        )
+    return measure or stated.pop()
+
+
+def _choose_unit(table: Table, levels: Levels, given: Unit | None, measure: str) -> float:
+    """Choose the unit of levels that the file or the caller states; its value in SI."""
+    unit = levels.unit or given
+    if unit is None:
+        raise table.text.error(
+            f"the head states no unit, so that unit must be given, got {levels.name!r}",
+            table.line,
+        )
+    # A unit of the caller may repeat the one in the head, but not contradict it.
+    if given and not (
+        unit.dimension == given.dimension and math.isclose(unit.factor, given.factor)
+    ):
+        raise table.text.error(f"unit is {given.words!r}, but {levels.source}", table.line)
+    if unit.dimension not in QUANTITIES[measure].dimensions:
+        raise table.text.error(
+            f"{unit.words!r} is not understood as a unit of {measure}, got {levels.name!r}",
+            table.line,
+        )
+    return unit.factor
+
+
+def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     """Convert what a table states to rates; an error names the first line that is wrong."""
     # Some tables begin with the highest level.
-    order = -1 if (np.diff(points.levels) < 0).all() else 1
-    levels = points.levels[::order]
-    values = points.values[::order]
-    lines = points.lines[::order]
-    rates = np.array([points.frequency.convert(float(value)) for value in values])
-    # A probability of 1 has a rate of inf.
-    must = f"a {points.frequency.kind} must be {points.frequency.allowed}"
-    for wrong, reason in (
-        (~((levels > 0) & (levels < np.inf)), "a level must be finite and greater than 0"),
-        (np.isnan(rates), must),
-        (np.append(False, levels[1:] <= levels[:-1]), _ORDER),
-        (np.append(False, rates[1:] > rates[:-1]), "rates must not rise with the level"),
-    ):
-        at = int(np.argmax(wrong))
-        got = f"{levels[at]:.6g} and {values[at]:.6g}"
-        if reason == _ORDER:
-            got = f"{levels[at - 1]:.6g} and then {levels[at]:.6g}"
-        table.refuse(bool(wrong[at]), f"{reason}, got {got}", lines[at])
-    certain = np.isinf(rates)
-    return levels[~certain], rates[~certain]
+    order = -1 if curve.points[0][1] > curve.points[-1][1] else 1
+    points = curve.points[::order]
+    frequency = curve.frequency
+    rates = np.array([frequency.convert(value) for _, _, value in points])
+    for (line, level, value), rate in zip(points, rates, strict=True):
+        if not 0 < level < math.inf:
+            raise table.text.error(
+                f"a level must be finite and greater than 0, got {level:.6g}", line
+            )
+        if math.isnan(rate):
+            raise table.text.error(
+                f"a {frequency.kind} must be {frequency.allowed}, got {value:.6g}", line
+            )
+    levels = np.array([level for _, level, _ in points])
+    fault = find_fault(levels, rates)
+    if fault is not None:
+        raise table.text.error(fault.reason, points[fault.point][0])
+    # Levels that are certain to be exceeded, at a probability of 1.
+    possible = np.isfinite(rates)
+    return levels[possible], rates[possible]

@@ -1,138 +1,260 @@
-"""Tables of hazard curves with a line for each site and a column for each level."""
+"""Tables of hazard curves with a line for each site and a column for each level.
+
+OpenQuake's engine 3 names the columns ``poe-0.005``, engine 2 ``PGA-0.005`` with all measures in
+one file (https://github.com/gem/oq-engine, openquake/calculators/export/hazard.py), and USGS's
+nshmp-haz ``0.005`` (https://github.com/usgs/nshmp-haz, HazardExport.java).
+"""
 
 import math
 import re
-from collections.abc import Sequence
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ..host import Row, TextTable, is_number
-from .hazard_columns import Frequency, Levels, Points, find_units
+from ..tables import Row, Table, Unit, as_number, parse_unit, quote_names, quote_word
 
-# The unit of levels is no part of these files, but the convention of the programs: OpenQuake's
-# hazard library and USGS's nshmp-haz both take PGA in g and PGV in cm/s.
+# The unit of levels is no part of these files: both programs take PGA in g and PGV in cm/s.
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
-# Columns beside those of levels.
 _ABOUT_SITES = r"custom_site_id|site_id|id|name|lon|lat|longitude|latitude|depth|vs30"
-_PLACE = ((r"lon(?:gitude)?", 360.0), (r"lat(?:itude)?", 90.0))
+_LIMITS = {"longitude": 360.0, "latitude": 90.0}
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
-_POE = "poe-"
+# Some versions of OpenQuake write the type of a column behind its name.
+_LEVEL = (
+    r"(?:(?P<kind>poe|[a-z]\w*(?:\([\d.]+\))?)-)?"
+    r"(?P<level>[\d.]+(?:e[-+]?\d+)?)(?::float\d\d)?"
+)
+# What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so
+# first in the comment.
+_STATISTIC = r"(?:mean|max|std|quantile-(?:\d*\.)?\d+|rlz-\d+)"
+_IN_COMMENT = rf"(?i)#[,\s\"']*({_STATISTIC})(?![\w.])"
+_IN_FILE_NAME = rf"(?i)(?:hazard_curve-|(?=quantile))({_STATISTIC})(?![^\W_]|\.\d)"
 
 
-def has_sites(names: Sequence[str]) -> bool:
-    """Tell by its columns whether a table has a line for each site."""
-    return any(re.fullmatch(_PLACE[0][0], name, re.I) for name in names) and any(
-        name.startswith(_POE) or is_number(name) for name in names
+class Levels(NamedTuple):
+    """A column of levels: its name, and its measure and unit if they are stated by `source`."""
+
+    name: str
+    measure: str
+    unit: Unit | None
+    source: str
+
+
+class Frequency(NamedTuple):
+    """A column of how often levels are exceeded: a rate, probability or return period."""
+
+    kind: str
+    years: float = 1.0  # of a probability
+    factor: float = 1.0  # 0.01 for one in per cent
+
+    @property
+    def allowed(self) -> str:
+        """The values that it may have, in words."""
+        if self.kind == "probability":
+            return "from 0 to 100 %" if self.factor < 1 else "from 0 to 1"
+        return "finite and at least 0" if self.kind == "rate" else "greater than 0"
+
+    def convert(self, value: float) -> float:
+        """Convert a value to a rate [1/yr]; NaN if it is not possible, inf at probability 1."""
+        value = self.factor * value
+        if self.kind == "probability":
+            if value == 1:
+                return math.inf
+            return -math.log1p(-value) / self.years if 0 <= value < 1 else math.nan
+        if not 0 <= value < math.inf:
+            return math.nan
+        if self.kind == "return period":
+            return 1 / value if value else math.nan
+        return value
+
+
+class Curve(NamedTuple):
+    """A curve as it is printed; `points` are lines of the file, levels and values."""
+
+    levels: Levels
+    frequency: Frequency
+    points: list[tuple[int, float, float]]
+    statistic: str = ""
+
+
+def has_sites(table: Table) -> bool:
+    """Return whether a table has a line for each site, by its columns."""
+    names = [name.lower().partition(":")[0] for name in table.names]
+    return bool({"lon", "longitude"} & {*names}) and any(
+        re.fullmatch(_LEVEL, name) for name in names
     )
 
 
 def read_site(
-    table: TextTable, site: tuple[float | int, float | int] | None, measure: str | None
-) -> Points:
+    table: Table, site: tuple[float | int, float | int] | None, measure: str | None
+) -> Curve:
     """Read the curve of a site from a table of OpenQuake or of USGS's nshmp-haz."""
-    number, _, names = table.rows[0]
-    prefix = _POE if any(name.startswith(_POE) for name in names) else ""
-    places = {}
-    for k, name in enumerate(names):
-        if name.startswith(prefix) and is_number(word := name.removeprefix(prefix)):
-            places[k] = float(word)
-        else:
-            unknown = not re.fullmatch(_ABOUT_SITES, name, re.I)
-            table.refuse(unknown, f"column {name!r:.60} is not understood", number)
+    columns: dict[str, list[tuple[int, float]]] = {}
+    for k, name in enumerate(table.names):
+        match = re.fullmatch(_LEVEL, name, re.I)
+        level = as_number(match["level"]) if match else None
+        if match and level is not None:
+            columns.setdefault((match["kind"] or "").lower(), []).append((k, level))
+        elif not re.fullmatch(_ABOUT_SITES, name.partition(":")[0], re.I):
+            raise table.text.error(f"column {quote_word(name)} is not understood", table.line)
     row = _choose_row(table, site)
-    for k in places:
-        must = f"column {names[k]!r} must be a number, got {row[2][k]!r:.60}"
-        table.refuse(not is_number(row[2][k]), must, row[0])
-    table.refuse_cut(row, len(names) - 1, [row[2][k] for k in [*places][:-1]])
-    if prefix:
-        level, frequency = _read_comments(table)
+    if [*columns] == [""]:
+        kind = ""
+        levels, statistic = _describe_nshmp(table, measure)
+        frequency = Frequency("rate")
     else:
-        level, frequency = _find_measure(table, measure), Frequency("rate")
-    values = [float(row[2][k]) for k in places]
-    lines = [row[0]] * len(places)
-    return Points(level, frequency, lines, np.array([*places.values()]), np.array(values))
+        kind, imt = _choose_kind(table, [*columns], measure)
+        levels = _follow_convention("OpenQuake", imt)
+        statistic = _read_statistic(table)
+        words = _read_statement(table, "investigation_time")
+        years = as_number(words)
+        if years is None or not 0 < years < math.inf:
+            raise table.text.error(f"investigation_time must be greater than 0, got {words!r}")
+        frequency = Frequency("probability", years)
+    points = [(row.line, level, read_number(table, row, k)) for k, level in columns[kind]]
+    return Curve(levels, frequency, points, statistic)
 
 
-def _choose_row(table: TextTable, site: tuple[float | int, float | int] | None) -> Row:
+def read_number(table: Table, row: Row, column: int) -> float:
+    """Read a number of a row; an error if it is none, or if the row has not all cells."""
+    if len(row.cells) != len(table.names):
+        raise table.error_of_width(row)
+    number = table.parse_number(row, column)
+    if number is None:
+        name = quote_word(table.names[column])
+        cell = quote_word(row.cells[column])
+        raise table.text.error(f"column {name} must be a number, got {cell}", row.line)
+    return number
+
+
+def _choose_row(table: Table, site: tuple[float | int, float | int] | None) -> Row:
     """Choose the line of the site, or the only one."""
-    (_, _, names), *rows = table.rows
-    near = []
-    for row in rows:
-        must = f"{len(names)} fields were expected, as many as names"
-        table.refuse(len(row[2]) != len(names), f"{must}, got {len(row[2])}", row[0])
-        place = _find_place(table, names, row)
+    near: list[Row] = []
+    for row in table.rows:
+        place = [_read_degrees(table, row, name) for name in _LIMITS]
         if site is None or np.allclose(place, site, rtol=0, atol=_NEAR):
             near.append(row)
-    must = "site must be given, the longitude and latitude of one"
-    if site is not None:
-        must = f"one of them with longitude and latitude {site} was expected"
-    found = f"{len(rows)} curves, {len(near)} of them there"
-    table.refuse(len(near) != 1, f"{must}, got {found if site else len(rows)}")
-    return near[0]
-
-
-def _find_place(table: TextTable, names: Sequence[str], row: Row) -> list[float]:
-    """Find longitude and latitude of a line."""
-    place = []
-    for pattern, most in _PLACE:
-        found = [
-            row[2][k] for k, name in enumerate(names) if re.fullmatch(pattern, name, re.I)
-        ]
-        wrong = len(found) != 1 or not is_number(found[0]) or not abs(float(found[0])) <= most
-        must = "one longitude and one latitude in degrees were expected"
-        table.refuse(wrong, f"{must}, got {found!r:.60}", row[0])
-        place.append(float(found[0]))
-    return place
-
-
-def _read_comments(table: TextTable) -> tuple[Levels, Frequency]:
-    """Read the measure, and in how many years probabilities are, from OpenQuake's comment."""
-    said = {}
-    for key in ("imt", "investigation_time"):
-        found = {
-            value.strip(" '\"")
-            for _, line, _ in table.comments
-            for value in re.findall(rf"\b{key}\s*=([^,]*)", line)
-        }
-        must = f"one {key} was expected in a comment above, as OpenQuake writes it"
-        table.refuse(len(found) != 1, f"{must}, got {len(found)}")
-        said[key] = found.pop()
-    years = said["investigation_time"]
-    wrong = not is_number(years) or not 0 < float(years) < math.inf
-    table.refuse(wrong, f"investigation_time must be greater than 0, got {years!r:.60}")
-    measure = said["imt"].lower()
-    must = "a hazard of pga or pgv was expected"
-    table.refuse(measure not in _CONVENTIONS, f"{must}, got one of {said['imt']!r:.60}")
-    return _follow_convention("OpenQuake", measure), Frequency("probability", float(years))
-
-
-def _find_measure(table: TextTable, measure: str | None) -> Levels:
-    """Find the measure of a table of nshmp-haz, which only its folder or its name may state."""
-    # PGA/curves.csv, or PGA.csv.
-    path = Path(table.path).absolute()
-    stated = {
-        word.lower()
-        for name in (path.parent.name, path.stem)
-        for word in re.findall(r"(?<![a-z])(?:pga|pgv|sa\d+p\d+)(?![a-z])", name, re.I)
-    }
-    names = ", ".join(sorted(stated))
-    must = "a hazard of pga or pgv was expected"
-    table.refuse(
-        len(stated) > 1 or not stated <= {*_CONVENTIONS}, f"{must}, got one of {names}"
+    if len(near) == 1:
+        return near[0]
+    if site is None:
+        raise table.text.error(
+            f"site must be given, the longitude and latitude of one, got {len(near)} curves"
+        )
+    raise table.text.error(
+        f"one curve at longitude and latitude {site} was expected, got {len(near)} there, of"
+        f" {len(table.rows)}"
     )
-    silent = "neither the table nor its folder names the measure"
-    must = "measure and unit must be given"
-    table.refuse(not stated and measure is None, f"{silent}, so that {must}")
-    # Without a unit the caller has to state one.
-    if not stated:
-        return Levels("level", set(), "", [], "")
-    return _follow_convention("nshmp-haz", stated.pop())
+
+
+def _read_degrees(table: Table, row: Row, name: str) -> float:
+    """Read the longitude or latitude of a line."""
+    short = [word.lower().partition(":")[0] for word in table.names]
+    columns = [k for k, word in enumerate(short) if word in (name, name[:3])]
+    if len(columns) != 1:
+        raise table.text.error(f"one {name} was expected, got {len(columns)}", table.line)
+    value = read_number(table, row, columns[0])
+    if not abs(value) <= _LIMITS[name]:
+        raise table.text.error(
+            f"a {name} must be within {_LIMITS[name]:g} degrees, got {value:g}", row.line
+        )
+    return value
 
 
 def _follow_convention(program: str, measure: str) -> Levels:
     """Describe levels in the unit that a program has for their measure."""
     unit = _CONVENTIONS[measure]
-    name = f"{measure.upper()} [{unit}]"
-    reason = f"{program} has {measure.upper()} in {unit} by its convention"
-    return Levels(name, {measure}, *find_units(unit), reason)
+    name = measure.upper()
+    source = f"{program} has {name} in {unit} by its convention"
+    return Levels(name, measure, parse_unit(unit), source)
+
+
+def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, str]:
+    """Choose columns by what stands before their levels, and the measure of these levels."""
+    if kinds == ["poe"]:
+        imt = _read_statement(table, "imt")
+        if imt.lower() not in _CONVENTIONS:
+            raise table.text.error(f"a hazard of pga or pgv was expected, got one of {imt!r}")
+        return "poe", imt.lower()
+    # In maps of hazard the same columns hold accelerations, and PGA-0.1 a probability of 0.1.
+    if "curve" not in table.text.path.stem.lower():
+        raise table.text.error(
+            f"columns such as '{kinds[-1].upper()}-0.1' are levels in OpenQuake's hazard curves,"
+            " but probabilities in its hazard maps: 'curve' was expected in the name of the file",
+            table.line,
+        )
+    known = [kind for kind in kinds if kind in ([measure] if measure else _CONVENTIONS)]
+    if len(known) != 1:
+        raise table.text.error(
+            f"columns of one measure were expected, {measure or 'pga or pgv'}, got those of"
+            f" {quote_names(kinds)}",
+            table.line,
+        )
+    return known[0], known[0]
+
+
+def _read_statement(table: Table, key: str) -> str:
+    """Read what OpenQuake's comments say of a key."""
+    values = _find_statements(table, key)
+    if len(values) != 1:
+        raise table.text.error(
+            f"one {key} was expected in a comment above, as OpenQuake writes it, got"
+            f" {quote_names(sorted(values)) or 'none'}"
+        )
+    return values.pop()
+
+
+def _find_statements(table: Table, key: str) -> set[str]:
+    """Find what comments say of a key."""
+    pattern = rf"\b{key}\s*=([^,]*)"
+    words = [word for _, line in table.notes for word in re.findall(pattern, line)]
+    return {word.strip(" '\"") for word in words}
+
+
+def _read_statistic(table: Table) -> str:
+    """Read which of OpenQuake's curves this is, from the comment and the name of the file."""
+    if _find_statements(table, "source_model_tree_path"):
+        return "single realization"
+    stated = _find_statements(table, "kind")
+    stated |= {word for _, line in table.notes for word in re.findall(_IN_COMMENT, line)}
+    # Older versions name a file quantile_curve-0.1.csv.
+    name = table.text.path.name.replace("quantile_curve-", "quantile-")
+    stated |= {*re.findall(_IN_FILE_NAME, name)}
+    if "std" in stated:
+        raise table.text.error(
+            "standard deviations of a logic tree are no hazard curve: take the mean or a quantile"
+        )
+    if len(stated) > 1 or not all(re.fullmatch(_STATISTIC, words) for words in stated):
+        raise table.text.error(
+            "one kind of curve was expected in the comment and the name of the file, such as mean,"
+            f" max, quantile-0.85 or rlz-000, got {quote_names(sorted(stated))}"
+        )
+    return "".join(stated)
+
+
+def _describe_nshmp(table: Table, measure: str | None) -> tuple[Levels, str]:
+    """Describe levels of nshmp-haz, and whether they are of a part of the hazard.
+
+    The measure stands in the name of the folder or file: PGA/curves.csv, PGA.csv. Folders such as
+    PGA/source/FAULT and PGA/gmm/ASK_14 have what a kind of sources, or a ground motion model, adds
+    to the hazard.
+    """
+    path = table.text.path.absolute()
+    names = [*path.parts[-4:-1], path.stem]
+    statistic = ""
+    for k, name in enumerate(names[:-1]):
+        if name in ("source", "gmm"):
+            statistic = f"{name} {names[k + 1]}"
+            names = names[:k]
+            break
+    pattern = r"(?i)(?<![a-z])(?:pga|pgv|sa\d+p\d+)(?![a-z])"
+    stated = {word.lower() for name in names[-2:] for word in re.findall(pattern, name)}
+    if len(stated) > 1 or not stated <= {*_CONVENTIONS}:
+        raise table.text.error(
+            f"a hazard of pga or pgv was expected, got one of {', '.join(sorted(stated))}"
+        )
+    if stated:
+        return _follow_convention("nshmp-haz", stated.pop()), statistic
+    if measure is None:
+        raise table.text.error(
+            "neither the table nor its folder names the measure: measure and unit must be given"
+        )
+    return Levels("level", measure, None, ""), statistic

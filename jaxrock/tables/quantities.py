@@ -34,9 +34,12 @@ _RATIO = ("ratio",)
 _LENGTH = ("length",)
 _OF = r"(?:of )?(?:the )?"
 _YEARS = r"(?:years?|yrs?|a)"
+# A number of years, which is no unit even in brackets.
+_SPAN = rf"[(\[]?(?P<years>\d+(?:\.\d+)?)[ -]?{_YEARS}[)\]]?"
 _EXCEEDANCE = rf"(?:{_OF}exceed[ae]nces?|{_OF}exceed(?:ing|ed))"
 _PROBABILITY = r"(?:probability|probabilities|prob|poes?)"
-_MEAN = r"(?:mean |annual |yearly |hazard )*"
+_MEAN = r"(?:mean |hazard |exceed[ae]nce )*"
+_ANNUAL = rf"{_MEAN}(?P<annual>(?:annual|yearly) )?{_MEAN}"
 # Of motions and spectra a word in the name is enough, since whatever is no acceleration must not
 # be taken for one. Of hazards and objects all of the name has to be understood.
 QUANTITIES: dict[str, Quantity] = {
@@ -58,13 +61,14 @@ QUANTITIES: dict[str, Quantity] = {
         ("years",),
     ),
     "rate": Quantity(
-        rf"{_MEAN}(?:rates?|frequency|frequencies|lambda|\u03bb|m?afe)(?: {_EXCEEDANCE})?"
+        rf"{_ANNUAL}(?:rates?|frequency|frequencies|lambda|\u03bb|m?afe)(?: {_EXCEEDANCE})?"
         rf"(?: per {_YEARS})?",
         "",
         ("rate",),
     ),
     "probability": Quantity(
-        rf"{_MEAN}{_PROBABILITY}(?: {_EXCEEDANCE})?.*",
+        rf"{_ANNUAL}{_PROBABILITY}(?: {_EXCEEDANCE})?"
+        rf"(?:(?: (?:in|within|during|for|per))? {_SPAN}|(?P<yearly> per {_YEARS}))?",
         _PROBABILITY,
         _RATIO,
     ),
@@ -181,6 +185,11 @@ class Head(NamedTuple):
             return self.units[0]
         return Unit(" and ".join(unit.words for unit in self.units), "", math.nan)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of its name is that of a quantity, not a word of it only."""
+        return bool(_match_whole(self.name))
+
 
 # Files of a suite have the same heads.
 @functools.lru_cache(maxsize=256)
@@ -235,6 +244,8 @@ def _match_whole(name: str) -> str:
 
 def _is_unit(name: str, match: re.Match[str]) -> bool:
     """Return whether brackets hold a unit, understood or not, and no remark."""
+    if re.fullmatch(_SPAN, match[0], re.I):
+        return False
     if match["square"] is not None:
         return True
     words = match["round"].strip()

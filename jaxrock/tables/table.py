@@ -262,6 +262,11 @@ def read_table(source: Path | TextFile) -> Table:
         # Spreadsheets end lines with separators of empty cells.
         while len(names) > 1 and not names[-1]:
             del names[-1]
+    elif first == len(sample):
+        got = quote_word(text.lines[top - 1])
+        raise text.error(
+            f"rows of numbers below the names of columns were expected, got {got}"
+        )
     else:
         names, line = _find_names_in_comments(notes, sample[first:], separator)
         if not names and titles:
@@ -340,6 +345,7 @@ def _find_names_in_comments(
         plain = all(
             _NAME_IN_COMMENT.fullmatch(name)
             or (name.endswith(("]", ")")) and read_head(name).units)
+            or read_head(name).is_whole
             for name in names
         )
         if plain and len(names) == width and not any(map(_is_number, names)):
