@@ -396,7 +396,7 @@ PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
         (
             "a.csv",
             CSV,
-            {"unit": "ft/s2"},
+            {"unit": "rad/s2"},
             "unit must be one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g'",
         ),
     ],
@@ -555,7 +555,7 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
             "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2",
             "line 1: .* states COUNTS, which is not",
         ),
-        ("a.AT2", "ACC (FT/S2)\n2 .01 NPTS, DT\n1 2", "line 1: .* states FT/S2, which is not"),
+        ("a.AT2", "ACC (RAD/S2)\n2 .01 NPTS, DT\n1 2", "line 1: .* states RAD/S2, which is not"),
         (
             "a.AT2",
             "ACC (G)\nUNITS: GAL\n2 1 NPTS, DT\n1 2",

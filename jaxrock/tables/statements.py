@@ -58,8 +58,11 @@ _OTHERS = r"\b(?:velocity|displacement|spectr(?:um|a|al))\b"
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
 # Letters of any script. Possessive: backtracking into a word would find shorter words in it.
 _WORD = r"[^\W\d_]++"
-# Without Fortran's bare exponent, since 10-20 may be from 10 to 20.
-_DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+)?(?![-\d])"
+# Fortran's bare exponent only behind a point, since 10-20 may be from 10 to 20.
+_DECIMAL = (
+    r"[-+]?(?:(?:\d+\.\d*|\.\d+)[-+]\d{2,3}(?![\d.])"
+    r"|(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+)?(?![-\d]))"
+)
 # A unit beside the name, as in "dt [ms]", then the number, then whatever follows it.
 _VALUE = (
     rf"(?![a-z0-9])(?:\s*[\[(]\s*(?P<inside>{_WORD})\s*[\])]|_(?P<after>{_WORD}))?"

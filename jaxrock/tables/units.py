@@ -67,7 +67,10 @@ _PRODUCTS = {
     (("time", -1),): "frequency",
     (("years", -1),): "rate",
 }
-UNITS_OF_ACCELERATION = "one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g', '%g', 'mg'"
+UNITS_OF_ACCELERATION = (
+    "one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g', '%g', 'mg',"
+    " 'in/s2', 'ft/s2'"
+)
 
 
 class Unit(NamedTuple):

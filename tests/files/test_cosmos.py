@@ -162,7 +162,7 @@ def test_the_example_of_the_format(path):
             COUNTS,
         ),
         (channel(NORTH, unit_code=2), "states cm/sec2.* but the header states unit 2"),
-        (channel(NORTH, unit="in/s/s (7)", unit_code=7), "in/s/s, which is not one of"),
+        (channel(NORTH, unit="rad/s/s (7)", unit_code=7), "rad/s/s, which is not one of"),
         (channel(NORTH, quantity="velocity"), "holds no accelerations"),
         (channel(NORTH, peak=50), r"states a peak of 50\.0+, but that of the values is"),
         (channel(NORTH).replace("     5.000000", "  -999.000000"), "states no time step"),

@@ -212,7 +212,7 @@ TWO = second(STRONG)
         (pairs(ALONG).replace("=0.430", "=0.830"), "a duration of 0.830 s"),
         (pairs(ALONG).replace(" 0.020", " 0.021"), "not evenly spaced, from 0.009"),
         (ONE[:-75], "3 values in columns of 9 characters"),
-        (TWO.replace("in cm/sec2", "in in/sec2"), "in/sec2, which is not one of"),
+        (TWO.replace("in cm/sec2", "in rad/sec2"), "rad/sec2, which is not one of"),
         (TWO.replace("    cm/sec/sec  at", "    g  at"), "in units of 9.80665 m/s2, but that"),
         (TWO.replace("points of accel", "points of veloc"), "holds no accelerations"),
         (

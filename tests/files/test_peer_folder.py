@@ -144,7 +144,7 @@ def test_a_folder_as_downloaded(write):
             read(folder / "_SearchResults.csv")
     # A table that may be a record is not passed over.
     write({"stations.csv": "name,vs30\nCLS,462\n"})
-    with pytest.raises(ValueError, match=r"stations.csv': unit must be given"):
+    with pytest.raises(ValueError, match=r"stations.csv': the file states no unit"):
         jr.read_suite(folder)
 
 

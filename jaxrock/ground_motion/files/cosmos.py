@@ -38,7 +38,7 @@ _UNKNOWN = -999.0
 _ACCELERATION = 1
 # Codes of units.
 _COUNTS = 50
-_UNIT_CODES = {2: "g", 4: "cm/s2", 10: "gal", 11: "mg"}
+_UNIT_CODES = {2: "g", 4: "cm/s2", 7: "in/s2", 10: "gal", 11: "mg"}
 # Codes of orientations: azimuths from 1 to 360, up and down, radial, tangential and others.
 _AZIMUTHS = range(1, 361)
 _VERTICAL = 402

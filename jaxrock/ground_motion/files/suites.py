@@ -112,9 +112,7 @@ def read_suite(
             elif path.suffix.lower() == ".at2":
                 content = _read_at2(path, paths, claims, vertical)
             else:
-                content = _read_channels(
-                    path, paths, [*claims.units], [*claims.steps], vertical
-                )
+                content = _read_channels(path, paths, claims, vertical)
         except ValueError as error:
             faults.append(str(error))
             continue
