@@ -104,11 +104,12 @@ def _read_format(
     path: Path, claims: Claims, paths: Iterable[Path], content: bytes | None
 ) -> list[Component]:
     """Read all components of a file, of a format told by its content or its name."""
-    # Both will take the content instead of reading the file again.
-    if content is None and find_trace_format(path):
+    content = read_content(path) if content is None else content
+    # Both will take the content instead of reading the file again, and claims.
+    if find_trace_format(path):
         units, steps = ([tuple(statement) for statement in kind] for kind in claims)
         return read_traces(path, units, steps)  # pyright: ignore
-    text = TextFile(path, read_content(path) if content is None else content)
+    text = TextFile(path, content)
     if path.suffix.lower() == ".at2":
         return read_peer(text, claims, paths)
     for file_format in FORMATS:
