@@ -78,6 +78,11 @@ def test_three_components(path, content, factor):
         ),
         (write(NAMES.replace("E-W(cm/s/s)", "E-W(g)")), {}, r"cm/s/s in line 2, but .* g"),
         (write(NAMES.replace("cm/s/s", "counts")), {}, "the values are counts"),
+        (
+            write(COLUMNS.replace("North-south", "X").replace("East-west", "North-south")),
+            {},
+            "a file in one of these formats",
+        ),
         (write(), {"unit": "g"}, "line 2: unit is 'g', but the header states cm/s/s"),
         (
             write(),

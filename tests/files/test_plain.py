@@ -69,6 +69,7 @@ TABLE = stack(0.1 * SMOOTH, np.cos(10 * TIMES), -SMOOTH)
         ),
         (f"{SERIES.size}\n{write(SERIES)}", "line 1: the first line '58' may be a header"),
         (f"0.02\n{write(SERIES, 8)}", "line 1: the first line '0.02' may be a header"),
+        (f"0.02\n{write(SERIES)}", "line 1: the first line '0.02' may be a header"),
         (f"4000\n{write(SERIES)}", "line 1: the first line '4000' may be a header"),
         # Columns
         (stack(TIMES, SERIES), "column 1 of 2 increases .*: write one number a line if"),
@@ -80,8 +81,11 @@ TABLE = stack(0.1 * SMOOTH, np.cos(10 * TIMES), -SMOOTH)
         (TABLE, "look like 3 columns side by side"),
         # Words
         (write(SERIES, 8) + "END\n", "line 9: a value must be a number, got 'END'"),
-        (write(SERIES, 8) + "1 2 3\n0.5\n", "line 8: 8 numbers were expected, .* got 2"),
-        (write(SERIES) + "1.0 2.0\n", "at most 1 numbers were expected, .* got 2"),
+        (
+            write(SERIES, 8) + "1 2 3\n0.5\n",
+            "line 8: 8 numbers a line were expected, .* got 2",
+        ),
+        (write(SERIES) + "1.0 2.0\n", "line 59: 1 numbers a line were expected, .* got 2"),
         (
             write(SERIES)[:-3],
             r"line 58: the file looks truncated: its last number '-?0\.\d\d\d'",

@@ -13,12 +13,16 @@ from .claims import Claims
 from .components import Component, Direction
 from .headers import Header
 
-_COMMENT = r"\s*[#%]"
-_UNIT = r"\s*\((?P<unit>[^)]*)(?:\)|$)"
 # In one line, such as "# time(sec) N-S(cm/s/s) E-W(cm/s/s) U-D(cm/s/s)".
 _NAMES = r"\W*time\s*\(s(?:ec)?\)\s+N-?S\b.*\bE-?W\b.*\bU(?:-?D|P)\b"
-# Or in several, such as "# Column 2: North-south acceleration (cm/s/s)".
-_COLUMN = r"\W*column\s+[234]:\s*(?:north-south|east-west|up-down)\s"
+# Or in three, such as "# Column 2: North-south acceleration (cm/s/s)".
+_COLUMNS = (
+    r"\W*column\s+2:\s*north-south\b",
+    r"\W*column\s+3:\s*east-west\b",
+    r"\W*column\s+4:\s*up-down\b",
+)
+# The bracket may be missing where a line was too long.
+_UNIT = r"(?:N-?S|E-?W|U-?D|UP|acceleration|velocity)\s*\((?P<unit>[^)]*)(?:\)|$)"
 # The first column has the times; the third component points up.
 _CHANNELS: tuple[tuple[str, Direction], ...] = (("NS", "level"), ("EW", "level"), ("UD", "up"))
 _WIDTH = 1 + len(_CHANNELS)
@@ -28,32 +32,27 @@ _LAST_LINES = 200
 
 def recognize_bbp(lines: list[str]) -> bool:
     """Return whether the comments above the numbers name the columns of the platform."""
-    return any(re.match(f"{_NAMES}|{_COLUMN}", line, re.I) for line in _get_comments(lines))
+    return bool(_find_names(lines))
 
 
 def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
     """Read the three components."""
-    comments = _get_comments(text.lines)
     header = Header(text, claims)
-    for n, line in enumerate(comments, 1):
-        if not re.match(f"{_NAMES}|{_COLUMN}", line, re.I):
-            continue
-        for match in re.finditer(
-            rf"(?:N-?S|E-?W|U-?D|UP|acceleration|velocity){_UNIT}", line, re.I
-        ):
-            if parse_unit(match["unit"]).dimension == "velocity" or re.fullmatch(
-                "cm/?", match["unit"]
-            ):
+    for n in _find_names(text.lines):
+        for match in re.finditer(_UNIT, text.lines[n - 1], re.I):
+            unit = match["unit"]
+            velocity = parse_unit(unit).dimension == "velocity"
+            if velocity or re.fullmatch("cm/?", unit):
                 raise text.error(
-                    f"the columns are velocities in {match['unit']}: take the accelerations,"
-                    " which the platform writes beside them, in a file .acc.bbp",
+                    f"the columns are velocities in {unit}: take the accelerations, which the"
+                    " platform writes beside them, in a file .acc.bbp",
                     n,
                 )
-            header.add("unit", n, match["unit"])
-    top = len(comments)
+            header.add("unit", n, unit)
+    top = _count_comments(text.lines)
     factor = header.require_unit("the comments state no unit")
     values = _read_columns(text, top)
-    words = [line.split()[0] for line in text.lines[top:] if line.strip()]
+    words = [line.split()[0] for line in text.lines[top:]]
     step = header.require_even_times(words, values[0], top + 1)
     return [
         Component(f"{str(text.path)!r} {channel}", factor, column, step, direction, channel)
@@ -61,15 +60,20 @@ def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
     ]
 
 
-def _get_comments(lines: list[str]) -> list[str]:
-    """Return the comments above the numbers, with empty lines among them."""
-    top = next((k for k, line in enumerate(lines) if not _is_comment(line)), len(lines))
-    return lines[:top]
+def _count_comments(lines: list[str]) -> int:
+    """Count the lines above the numbers: comments, and empty ones."""
+    numbers = (k for k, line in enumerate(lines) if not re.match(r"\s*(?:[#%]|$)", line))
+    return next(numbers, len(lines))
 
 
-def _is_comment(line: str) -> bool:
-    """Return whether a line is a comment, or empty."""
-    return not line.strip() or re.match(_COMMENT, line) is not None
+def _find_names(lines: list[str]) -> list[int]:
+    """Find the lines of the comments that name the columns in order, by their numbers."""
+    comments = [*enumerate(lines[: _count_comments(lines)], 1)]
+    for patterns in ((_NAMES,), _COLUMNS):
+        named = [n for p in patterns for n, line in comments if re.match(p, line, re.I)]
+        if len(named) == len(patterns):
+            return named
+    return []
 
 
 def _read_columns(text: TextFile, top: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import match_line, parse_format
 from .headers import NO_COUNTS, Header, Numbered, read_channels
-from .orientations import find_azimuth, find_direction
+from .orientations import find_direction
 
 _TITLE = r".*\(format v\d+\.\d+ with\s+(?P<text_lines>\d+) text lines\)"
 _QUANTITY = r"acceleration|velocity|displacement"
@@ -161,6 +161,6 @@ def _find_orientation(
                 f"the text states {name}, but the channel is {match[1].upper()}", line
             )
         direction = direction or ("up" if is_up else "")
-        if find_azimuth(name) is None and re.fullmatch("othe?r", name, re.I):
+        if re.fullmatch("othe?r", name, re.I):
             channel = match[1].upper()
     return channel, direction

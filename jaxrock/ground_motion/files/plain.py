@@ -18,6 +18,8 @@ _FIELD = rf"(?=[-+]?\d*\.){NUMBER}"
 _FIELDS = re.compile(rf"{_FIELD}(?:(?=[-+]){_FIELD})*", re.I)
 # A line after the values, as OpenSees' elCentro.at2 has it.
 _END_OF_DATA = r"\W*end\s+(?:of\s+)?data\W*"
+# A number of values.
+_COUNT = r"[1-9]\d*"
 # As many are enough to see how numbers are printed.
 _LAST_LINES = 200
 _WAY_OUT = (
@@ -54,58 +56,58 @@ def recognize_plain(lines: list[str]) -> bool:
 def read_plain(text: TextFile, claims: Claims) -> list[Component]:
     """Read the only component; the caller has to state its unit and its time step."""
     values = read_free_numbers(text, 0)
-    counts = [
-        sum(len(_split_word(text, word, n)) for word in line.split())
+    # How many numbers stand in each line, by its number.
+    widths = {
+        n: sum(len(_split_word(text, word, n)) for word in line.split())
         for n, line in enumerate(text.lines, 1)
         if line.strip()
-    ]
-    _refuse_head(text, counts, values)
-    _refuse_columns(text, counts, values)
+    }
+    _refuse_head(text, claims, [*widths.values()], values)
+    _require_width(text, widths)
+    _refuse_columns(text, next(iter(widths.values())), values)
     factor = claims.require_unit(text, "the file holds nothing but numbers")
     step = claims.require_step(text, "the file holds nothing but numbers")
     return [Component(repr(str(text.path)), factor, values, step)]
 
 
-def _refuse_head(text: TextFile, counts: list[int], values: np.ndarray) -> None:
-    """Raise an error if the first line may be a header, such as '4000 0.005'."""
-    first = next(line for line in text.lines if line.strip())
-    words = first.split()
-    # A 0 is written without a point by some programs.
-    is_count = re.fullmatch(r"[1-9]\d*", words[0]) is not None
-    only_one = not any(
-        re.fullmatch(r"[-+]?[1-9]\d*", word)
-        for line in text.lines[1:]
-        for word in line.split()
-    )
-    is_short = len(counts) > 1 and counts[0] != counts[1] and len(counts) > 2
-    if is_short or (is_count and (only_one or values[0] in (values.size, values.size - 1))):
+def _refuse_head(
+    text: TextFile, claims: Claims, widths: list[int], values: np.ndarray
+) -> None:
+    """Raise an error if the first line may be a header, such as '4000 0.005', 4000 or 0.005."""
+    first, *below = [line for line in text.lines if line.strip()]
+    # Some programs write a 0 without a point: that is no number of values.
+    is_whole = re.fullmatch(_COUNT, first.split()[0]) is not None
+    has_whole = any(re.fullmatch(_COUNT, word) for line in below for word in line.split())
+    is_count = is_whole and (not has_whole or values[0] in (values.size, values.size - 1))
+    is_step = any(values[0] == step.value for step in claims.steps)
+    is_apart = len(widths) > 2 and widths[0] != widths[1]
+    if is_count or is_step or is_apart:
         raise text.error(
             f"the first line {quote_word(first.strip())} may be a header, which is not read:"
             " delete it if it is, and state unit and time_step; otherwise write all numbers"
             " alike, one a line",
             1,
         )
-    full = counts[0]
-    for line, count in enumerate(counts[:-1], 1):
-        if count != full:
+
+
+def _require_width(text: TextFile, widths: dict[int, int]) -> None:
+    """Raise an error unless all lines but the last one have as many numbers as the first."""
+    width = next(iter(widths.values()))
+    *above, last = widths.items()
+    for line, count in [*above, (last[0], max(last[1], width))]:
+        if count != width:
             raise text.error(
-                f"{full} numbers were expected, as in the lines above, got {count}", line
+                f"{width} numbers a line were expected, as in the first one, got {count}", line
             )
-    if counts[-1] > full:
-        raise text.error(
-            f"at most {full} numbers were expected, as in the lines above, got {counts[-1]}",
-            len(text.lines),
-        )
 
 
-def _refuse_columns(text: TextFile, counts: list[int], values: np.ndarray) -> None:
+def _refuse_columns(text: TextFile, width: int, values: np.ndarray) -> None:
     """Raise an error if the numbers look like columns of a table, such as time and value.
 
     Times, and numbers of lines, increase from each line to the next. Numbers of one series
     differ from their neighbours in the line by less than from those above and below, which are
     further apart in time; those of columns side by side differ the other way round.
     """
-    width = counts[0]
     rows = values[: values.size // width * width].reshape(-1, width)
     if len(rows) < 3:
         return
@@ -116,14 +118,11 @@ def _refuse_columns(text: TextFile, counts: list[int], values: np.ndarray) -> No
             f"column {increasing[0] + 1} of {width} increases from each line to the next, as"
             f" times do: {_WAY_OUT}"
         )
-    if width == 1 or counts[-1] != width:
-        # Columns fill every line.
-        return
     beside = np.diff(rows, axis=1)
-    if np.mean(down**2) < np.mean(beside**2):
+    if width > 1 and np.mean(down**2) < np.mean(beside**2):
         raise text.error(
-            f"the numbers look like {width} columns side by side: each is closer to the one"
-            f" below it than to the one beside it; {_WAY_OUT}"
+            f"the numbers look like {width} columns side by side, each closer to the one below"
+            f" it than to the one beside it: {_WAY_OUT}"
         )
 
 
