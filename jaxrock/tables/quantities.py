@@ -100,11 +100,13 @@ QUANTITIES: dict[str, Quantity] = {
         "",
         _RATIO,
     ),
-    "name": Quantity(r"names?|objects?", "", ()),
+    "name": Quantity(r"(?:object )?names?|objects?", "", _RATIO),
     "velocity": Quantity("", r"vel(?:ocity|ocities)?|speed", ("velocity", "angular velocity")),
     "displacement": Quantity("", r"disp(?:l(?:acements?)?)?|lvdt|stroke", _LENGTH),
     "rotation": Quantity(
-        "", r"rot(?:ations?)?|tilt|inclination|theta|phi|\u03b8|\u03c6|angles?", ("angle",)
+        "",
+        r"rot(?:ations?)?|tilts?|inclination|alpha|theta|phi|\u03b1|\u03b8|\u03c6|angles?",
+        ("angle",),
     ),
     "acceleration": Quantity("a", r"acc\w*", ("acceleration",)),
 }
@@ -120,6 +122,8 @@ _BY_DIMENSION = {
     "frequency": "period",
     "years": "return period",
 }
+# Names that mean what their unit says, where that is no unit of the quantity.
+_SHORT = re.compile(r".|base", re.I)
 # Spelled exactly so in Eurocode 8; SE may be a direction.
 _ELASTIC_SPECTRUM = r"(?<![^\W\d_])S_?a?e(?![^\W\d_])"
 
@@ -237,10 +241,13 @@ def _settle(words: str, name: str, units: list[Unit]) -> Head:
     if not units:
         return Head(words, name, quantity)
     dimension = units[0].dimension
-    # T in g is no time, but a transverse acceleration.
-    if not quantity or (len(name) == 1 and dimension):
+    known = QUANTITIES[quantity].dimensions if quantity else ()
+    # T in g is no time, but a transverse acceleration; x in g no level, base in g no width.
+    says_little = bool(_SHORT.fullmatch(name)) and (
+        dimension not in known or quantity == "level"
+    )
+    if not quantity or (says_little and dimension):
         return Head(words, name, _BY_DIMENSION.get(dimension, dimension), tuple(units))
-    known = QUANTITIES[quantity].dimensions
     fitting = (
         unit if unit.dimension in known else Unit(unit.words, "", math.nan) for unit in units
     )
