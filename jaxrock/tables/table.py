@@ -257,6 +257,9 @@ def read_table(source: Path | TextFile) -> Table:
         # Spreadsheets end lines with separators of empty cells.
         while len(names) > 1 and not names[-1]:
             del names[-1]
+    elif first == len(sample):
+        got = quote_word(text.lines[sample[-1].line - 1])
+        raise text.error(f"rows of numbers were expected below {got}", sample[-1].line)
     else:
         names, line = _find_names_in_comments(text, notes, sample[first:], separator)
         if not names and titles:
@@ -340,7 +343,7 @@ def _find_names_in_comments(
         if plain and len(names) == width and not any(map(_is_number, names)):
             return names, line
     # One column needs no name.
-    return (["column 1"] if width == 1 else []), first - 1
+    return (["column 1"] if width == 1 else []), first
 
 
 def _find_separator(text: TextFile) -> str:
