@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,13 +20,6 @@ from ..tables import (
     require_whole_end,
 )
 
-# Names of peaks. One that is not understood is refused: another rotation, or a unit that is
-# guessed wrong, would only show as another block.
-_LARGEST = r"(?:peaks?|max(?:imum)?|largest)"
-_PEAK = (
-    rf"(?:{_LARGEST}|(?:{_LARGEST} )?(?:rotations?|(?:(?:rotation|tilt) )?angles?|alpha|theta"
-    r"|\u03b1|\u03b8|tilts?)(?: max)?(?: after (?:the )?impacts?)?)"
-)
 # Rotations that are not the largest ones after an impact.
 _NO_PEAK = (
     r"\b(?:min(?:imum)?|smallest|at|before|impact|initial|first|mean|average|rms|critical"
@@ -44,13 +36,8 @@ _LONGEST = 60.0
 _EXPECTED = "names of the columns were expected, such as 'impact,time [s]' or 'time [ms]'"
 
 
-class _Columns(NamedTuple):
-    """The columns of times and rotations (None for none), and their units [s], [rad]."""
-
-    time: int
-    seconds: float
-    peak: int | None
-    radians: float
+# Columns without names.
+_UNNAMED = (read_head("time [s]"), read_head("rotation [rad]"))
 
 
 def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -85,13 +72,14 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         without a name may be a counter, or if the times do not increase.
     """
     table = read_table(Path(path))
+    heads, line = _find_heads(table)
+    time, peak = _find_columns(table, heads or _UNNAMED, line)
     rows = [row for row in table.rows if any(row.cells)]
     if len(rows) < 2:
         reason = "at least two lines, each with the time of an impact, were expected"
         raise table.text.error(f"{reason}, got {len(rows)}")
-    heads, line = _find_heads(table)
-    columns = _find_columns(table, heads, line) if heads else _Columns(0, 1.0, 1, 1.0)
-    times, peaks = np.array([_read_impact(table, row, columns) for row in rows]).T
+    pairs = [_read_impact(table, row, heads, time, peak) for row in rows]
+    times, peaks = np.array(pairs).T
     # Checked here as well as in the fit, since here the line of the file is known.
     for k, step in enumerate(np.diff(times), 1):
         if step <= 0:
@@ -130,82 +118,73 @@ def _find_heads(table: Table) -> tuple[Sequence[Head], int]:
 
 def _find_times(heads: Sequence[Head]) -> list[int]:
     """Find the columns of times: by their names, or else by their units."""
-    times = [k for k, head in enumerate(heads) if find_quantity(head.name) == "time"]
-    if times:
-        return times
-    # Named in another language, with a unit.
-    return [
-        k
-        for k, head in enumerate(heads)
-        if head.quantity == "time" and not re.search(_NO_TIME, head.name, re.I)
-    ]
+    times = [k for k, head in enumerate(heads) if head.quantity == "time"]
+    named = [k for k in times if find_quantity(heads[k].name) == "time"]
+    # In another language a name says nothing.
+    return named or [k for k in times if not re.search(_NO_TIME, heads[k].name, re.I)]
 
 
-def _find_columns(table: Table, heads: Sequence[Head], line: int) -> _Columns:
-    """Find the columns of times and rotations by their heads."""
+def _find_columns(table: Table, heads: Sequence[Head], line: int) -> tuple[int, int | None]:
+    """Find the columns of times and of peaks, None for none, by their heads."""
     printed = quote_word(table.text.lines[line - 1])
     times = _find_times(heads)
-    unit = heads[times[0]].unit if times else None
-    if len(times) != 1 or (heads[times[0]].units and (unit is None or not unit.dimension)):
+    if len(times) != 1 or math.isnan(heads[times[0]].factor):
         reason = "one column must be times, such as 'time [s]' or 'time [ms]'"
         raise table.text.error(f"{reason}, got {printed}", line)
-    peaks: dict[int, float] = {}
-    is_unclear = False
-    is_other = False
-    for k, head in enumerate(heads):
-        if k in times or not _is_rotation(head):
-            continue
-        if (
-            head.unit
-            and head.unit.dimension == "angle"
-            and re.fullmatch(_PEAK, head.name, re.I)
-        ):
-            peaks[k] = head.unit.factor
-        elif re.search(_NO_PEAK, head.name, re.I):
-            is_other = True
-        else:
-            is_unclear = True
+    rotations = [k for k, head in enumerate(heads) if _is_rotation(head)]
+    peaks = [
+        k
+        for k in rotations
+        if heads[k].unit
+        and find_quantity(heads[k].name) == "peak rotation"
+        and not math.isnan(heads[k].factor)
+    ]
     # A column of other rotations is ignored only beside one that is clear.
-    if is_unclear or (is_other and not peaks):
+    unclear = [
+        k
+        for k in rotations
+        if k not in peaks and not (peaks and re.search(_NO_PEAK, heads[k].name, re.I))
+    ]
+    if unclear:
         reason = "rotations must be peaks with their unit, 'peak rotation [deg]' or [rad]"
         raise table.text.error(f"{reason}, got {printed}", line)
     if len(peaks) > 1:
         reason = "at most one column must be rotations"
         raise table.text.error(f"{reason}, got {len(peaks)} in {printed}", line)
-    peak, radians = next(iter(peaks.items()), (None, 1.0))
-    return _Columns(times[0], unit.factor if unit else 1.0, peak, radians)
+    return times[0], peaks[0] if peaks else None
 
 
 def _is_rotation(head: Head) -> bool:
     """Return whether a column may be one of rotations, whatever its unit."""
     if head.unit and head.unit.dimension == "angle":
         return True
-    is_named = head.quantity == "rotation" or re.search(
-        rf"\bpeak|^{_LARGEST}$", head.name, re.I
-    )
+    is_named = "rotation" in head.quantity or re.match(r"peak", head.name, re.I)
     return bool(is_named) and not re.search(_NO_ROTATION, head.words, re.I)
 
 
-def _read_impact(table: Table, row: Row, columns: _Columns) -> tuple[float, float]:
-    """Read a time and a peak rotation, and convert them to [s] and [rad]; NaN for no peak."""
+def _read_impact(
+    table: Table, row: Row, heads: Sequence[Head], time: int, peak: int | None
+) -> tuple[float, float]:
+    """Read a time [s] and a peak rotation [rad], NaN for none."""
     printed = quote_word(table.text.lines[row.line - 1])
-    if not table.heads and len(row.cells) > 2:
+    if not heads and len(row.cells) > 2:
         reason = "without names of columns a time and at most one peak rotation were expected"
         raise table.text.error(f"{reason}, got {printed}", row.line)
-    time = table.parse_number(row, columns.time)
-    has_peak = columns.peak is not None and any(row.cells[columns.peak : columns.peak + 1])
-    peak = table.parse_number(row, columns.peak or 0) if has_peak else math.nan
-    if time is None or peak is None:
+    heads = heads or _UNNAMED
+    seconds = table.parse_number(row, time)
+    has_peak = peak is not None and any(row.cells[peak : peak + 1])
+    rotation = table.parse_number(row, peak or 0) if has_peak else math.nan
+    if seconds is None or rotation is None:
         reason = "the time of an impact was expected, and perhaps the peak rotation after it"
         raise table.text.error(f"{reason}, got {printed}", row.line)
-    if not math.isfinite(time):
+    if not math.isfinite(seconds):
         raise table.text.error(f"a time must be finite, got {printed}", row.line)
     # In radians: degrees without their unit are mostly beyond a right angle, and refused.
-    peak *= columns.radians
-    if not math.isnan(peak) and not 0 < abs(peak) < math.pi / 2:
+    rotation *= heads[peak or 0].factor
+    if not math.isnan(rotation) and not 0 < abs(rotation) < math.pi / 2:
         reason = "a peak rotation must be between -pi/2 and pi/2 rad and not 0, or empty if"
         raise table.text.error(f"{reason} unknown, got {printed}", row.line)
-    return columns.seconds * time, peak
+    return heads[time].factor * seconds, rotation
 
 
 def _refuse_unclear(table: Table, rows: Sequence[Row], times: np.ndarray) -> None:

@@ -35,6 +35,7 @@ _OF = r"(?:of )?(?:the )?"
 _YEARS = r"(?:years?|yrs?|a)"
 _EXCEEDANCE = rf"(?:{_OF}exceed[ae]nces?|{_OF}exceed(?:ing|ed))"
 _PROBABILITY = r"(?:probability|probabilities|prob|poes?)"
+_LARGEST = r"(?:peaks?|max(?:imum)?|largest)"
 _MEAN = r"(?:mean |annual |yearly |hazard )*"
 # Of motions and spectra a word in the name is enough, since whatever is no acceleration must not
 # be taken for one. Of hazards and objects all of the name has to be understood.
@@ -101,6 +102,13 @@ QUANTITIES: dict[str, Quantity] = {
         _RATIO,
     ),
     "name": Quantity(r"(?:object )?names?|objects?", "", _RATIO),
+    # The largest one after an impact, of a block that rocks freely.
+    "peak rotation": Quantity(
+        rf"{_LARGEST}|(?:{_LARGEST} )?(?:rotations?|(?:(?:rotation|tilt) )?angles?|alpha|theta"
+        r"|\u03b1|\u03b8|tilts?)(?: max)?(?: after (?:the )?impacts?)?",
+        "",
+        ("angle",),
+    ),
     "velocity": Quantity("", r"vel(?:ocity|ocities)?|speed", ("velocity", "angular velocity")),
     "displacement": Quantity("", r"disp(?:l(?:acements?)?)?|lvdt|stroke", _LENGTH),
     "rotation": Quantity(
@@ -169,6 +177,13 @@ class Head(NamedTuple):
     def unit(self) -> Unit | None:
         """The unit that it states; None if it states none, or several."""
         return self.units[0] if len(self.units) == 1 else None
+
+    @property
+    def factor(self) -> float:
+        """The value of its unit in SI; 1 if it states none, NaN if that is not understood."""
+        if self.units:
+            return self.unit.factor if self.unit else math.nan
+        return 1.0
 
 
 def read_head(words: str) -> Head:
