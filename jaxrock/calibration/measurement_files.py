@@ -96,24 +96,30 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
     return times, None if np.isnan(peaks).all() else peaks
 
 
+def _list_comments(table: Table) -> list[tuple[int, str]]:
+    """List the comments of a table, with the numbers of their lines."""
+    numbered = enumerate(table.text.lines, 1)
+    return [(n, line) for n, line in numbered if line.lstrip().startswith("#")]
+
+
 def _find_heads(table: Table) -> tuple[Sequence[Head], int]:
     """Find the heads of the columns, above them or in a comment, and their line."""
-    is_comment = table.text.lines[table.line - 1].lstrip().startswith("#")
+    comments = _list_comments(table)
     # A table of one column without a name has one of its own.
-    named = table.names not in ([], ["column 1"])
-    if named and not is_comment:
+    if table.names not in ([], ["column 1"]) and table.line not in dict(comments):
         return table.heads, table.line
-    heads = [(table.heads, table.line)] if named else []
-    width = max(len(row.cells) for row in table.rows)
-    for line, words in table.notes:
+    candidates = []
+    width = max((len(row.cells) for row in table.rows), default=0)
+    for line, words in comments:
         # NumPy writes names behind a #.
         above = tuple(map(read_head, words.lstrip("# ").split(table.separator)))
-        if len(above) == width and _find_times(above):
-            heads.append((above, line))
-    if len(heads) > 1:
+        is_known = line == table.line and any(head.quantity for head in above)
+        if len(above) == width and (is_known or _find_times(above)):
+            candidates.append((above, line))
+    if len(candidates) > 1:
         reason = "one comment with the names of the columns was expected, got another one"
-        raise table.text.error(reason, heads[-1][1])
-    return heads[0] if heads else ((), 0)
+        raise table.text.error(reason, candidates[-1][1])
+    return candidates[0] if candidates else ((), 0)
 
 
 def _find_times(heads: Sequence[Head]) -> list[int]:
@@ -189,14 +195,16 @@ def _read_impact(
 
 def _refuse_unclear(table: Table, rows: Sequence[Row], times: np.ndarray) -> None:
     """Raise a `ValueError` if columns without names may be something else than they should."""
-    for line, words in table.notes:
+    titles = [note for note in table.notes if not note[1].lstrip().startswith("#")]
+    if titles:
+        line, words = titles[-1]
+        raise table.text.error(f"{_EXPECTED}, got {quote_word(words)}", line)
+    for line, words in _list_comments(table):
         for word in re.findall(r"[^\W\d_]+|\u00b0", words):
             unit = parse_unit(word)
             if unit.dimension in ("time", "angle") and unit.factor < 1:
-                reason = f"since the columns have none, and {word!r} may be the unit of one"
+                reason = f"since {word!r} may be the unit of one that has no name"
                 raise table.text.error(f"{_EXPECTED}, {reason}", line)
-        if not words.lstrip().startswith("#"):
-            raise table.text.error(f"{_EXPECTED}, got {quote_word(words)}", line)
     second = [table.parse_number(row, 1) for row in rows]
     seconds = [number for number in second if number is not None]
     counts = times[0] in (0, 1) and (np.diff(times) == 1).all()

@@ -1,5 +1,6 @@
 """Tables of objects from files, whose heads must leave no doubt about columns and units."""
 
+import math
 import os
 from pathlib import Path
 from typing import NamedTuple
@@ -54,8 +55,8 @@ def read_inventory(path: str | os.PathLike[str]) -> Inventory:
         ``restitution scatter`` is the coefficient of variation of an uncertain restitution, 0
         if it is missing. A column or a cell may be missing, but for the first three columns.
 
-        Lengths are in m, cm, mm, in or ft, the other numbers without a unit or in %. Units
-        stand in the heads, in brackets or behind the name.
+        Lengths are in m, cm, mm, in or ft, a scatter is a number or in %. Units stand in the heads,
+        in brackets or behind the name.
 
     Returns
     -------
@@ -122,11 +123,13 @@ def _find_columns(table: Table) -> dict[str, int]:
         if head.quantity in columns:
             reason = f"{name}: a column {head.quantity!r} is there already"
             raise table.text.error(reason, table.line)
-        dimensions = QUANTITIES[head.quantity].dimensions
-        is_length = "length" in dimensions
-        clear = head.unit.dimension in dimensions if head.unit else not head.units
-        if not clear or (is_length and not head.units):
-            allowed = "a unit of length" if is_length else "no unit or %"
+        if "length" in QUANTITIES[head.quantity].dimensions:
+            allowed = "" if head.units and not math.isnan(head.factor) else "a unit of length"
+        elif head.quantity == "restitution scatter":
+            allowed = "no unit or %" if math.isnan(head.factor) else ""
+        else:
+            allowed = "no unit" if head.factor != 1 else ""
+        if allowed:
             reason = f"{name}: {allowed} was expected, as in {_ALLOWED}"
             raise table.text.error(reason, table.line)
         columns[head.quantity] = column
@@ -191,7 +194,7 @@ def _read_number(table: Table, row: Row, column: int, quantity: str) -> float:
         got = quote_word(cell) if cell else "an empty cell"
         reason = f"{name} must have a number, its unit in the head only, got {got}"
         raise table.text.error(reason, row.line)
-    value = number * (head.unit.factor if head.unit else 1.0)
+    value = number * head.factor
     if not domain.contains(np.asarray(value)):
         reason = f"{name} must be {domain.allowed}, got {quote_word(cell)}"
         raise table.text.error(reason, row.line)

@@ -104,7 +104,7 @@ QUANTITIES: dict[str, Quantity] = {
     "name": Quantity(r"(?:object )?names?|objects?", "", _RATIO),
     # The largest one after an impact, of a block that rocks freely.
     "peak rotation": Quantity(
-        rf"{_LARGEST}|(?:{_LARGEST} )?(?:rotations?|(?:(?:rotation|tilt) )?angles?|alpha|theta"
+        rf"{_LARGEST}|(?:{_LARGEST} ?)?(?:rotations?|(?:(?:rotation|tilt) ?)?angles?|alpha|theta"
         r"|\u03b1|\u03b8|tilts?)(?: max)?(?: after (?:the )?impacts?)?",
         "",
         ("angle",),
