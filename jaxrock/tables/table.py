@@ -348,7 +348,7 @@ def _find_names_in_comments(
 
 def _find_separator(text: TextFile) -> str:
     """Find what separates fields: what splits most lines into the same number of them."""
-    candidates: dict[str, tuple[float, bool]] = {}
+    candidates: dict[str, tuple[float, bool, float]] = {}
     for separator in _SEPARATORS:
         rows = [*itertools.islice(_split_lines(text, 0, separator), _SAMPLE)]
         if not rows:
@@ -363,7 +363,10 @@ def _find_separator(text: TextFile) -> str:
             for row in rows
             for cell in row.cells
         )
-        candidates[separator] = (number / len(rows), not inside)
+        # "0,5;0,1" has as many commas as semicolons, but only these leave numbers.
+        cells = [cell for row in rows for cell in row.cells if cell]
+        numbers = sum(map(_is_number, cells)) / max(len(cells), 1)
+        candidates[separator] = (number / len(rows), not inside, numbers)
     if not candidates:
         # What is in none of the lines leaves each whole.
         return next((s for s in _SEPARATORS if s in text.lines[0] and s != " "), ",")
