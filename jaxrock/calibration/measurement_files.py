@@ -5,34 +5,27 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from ..ground_motion import find_time_unit
-from ..host import Row, TextTable, is_number, read_text_table
-
-# Names of rotations, and their units in radians, in brackets or behind the name. A unit that
-# is guessed wrong would only show as another block: a name that is not understood is refused.
-_PEAK = r"(?:peaks?|max(?:imum)?|largest)"
-_ROTATION = (
-    rf"(?:{_PEAK}|(?:{_PEAK}\s*)?(?:rotations?|(?:(?:rotation|tilt)\s+)?angles?|alpha|theta"
-    r"|\u03b1|\u03b8|tilts?)(?:\s+max)?(?:\s+after\s+(?:the\s+)?impacts?)?)"
+from ..tables import (
+    Head,
+    Row,
+    Table,
+    find_quantity,
+    parse_unit,
+    quote_word,
+    read_head,
+    read_table,
+    require_whole_end,
 )
-_ANGLES = {
-    r"rad(?:ians?)?": 1.0,
-    r"m(?:illi)?rad": 1e-3,
-    r"(?:deg(?:rees?)?|\u00b0)": math.pi / 180,
-}
-# Words that only names of rotations have, and such with which they are of something else; the
-# same of times.
-_OF_ROTATION = rf"peak|rotation|angle|tilt|theta|alpha|\u03b1|\u03b8|^{_PEAK}$"
-_IN_ANGLES = rf"(?<![^\W_])(?:{'|'.join(_ANGLES)})[\])\s]*$"
+
 # Rotations that are not the largest ones after an impact.
 _NO_PEAK = (
     r"\b(?:min(?:imum)?|smallest|at|before|impact|initial|first|mean|average|rms|critical"
     r"|error|sigma|std|noise)\b|[^\W\d_]0\b"
 )
+# Names of something else, though a word or the unit is one of a rotation, or of a time.
 _NO_ROTATION = r"veloc|speed|accel|time|/\s*s"
 _NO_TIME = (
     r"duration|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
@@ -40,15 +33,11 @@ _NO_TIME = (
 )
 # Without names times are in s. No block that stands on the earth takes so long between impacts.
 _LONGEST = 60.0
+_EXPECTED = "names of the columns were expected, such as 'impact,time [s]' or 'time [ms]'"
 
 
-class _Columns(NamedTuple):
-    """The columns of times and rotations (None for none), and their units [s], [rad]."""
-
-    time: int
-    seconds: float
-    peak: int | None
-    radians: float
+# Columns without names.
+_UNNAMED = (read_head("time [s]"), read_head("rotation [rad]"))
 
 
 def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -63,9 +52,10 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         found by their names and converted from their units; rotations must state theirs. Other
         columns, such as a counter, are ignored. A rotation is empty or NaN where unknown, and
         what stands in the last line is not used. Without names the time comes first [s], and
-        perhaps the rotation after it [rad]. Fields are separated by commas, by tabs, or by what
-        a first line ``sep=;`` says; lines that begin with # are comments, unless they name the
-        columns.
+        perhaps the rotation after it [rad]. Fields are separated by commas, semicolons, tabs or
+        blanks; decimals stand behind points, or all of them behind commas. Lines that begin
+        with # are comments, unless they name the columns; titles may stand above the names, and
+        units below them.
 
     Returns
     -------
@@ -81,154 +71,148 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         times, seems to be cut, if the names of the columns are not understood, if a column
         without a name may be a counter, or if the times do not increase.
     """
-    table = read_text_table(Path(path))
-    table, names = _take_names(table)
-    columns = _Columns(0, 1.0, 1, 1.0) if names is None else _find_columns(table, names)
-    most = 2 if names is None else len(names[2])
-    for number, line, fields in table.rows:
-        must = f"{most} fields were expected at most"
-        if names is None:
-            must = (
-                "without names of columns a time and at most one peak rotation were expected"
-            )
-        table.refuse(len(fields) > most, f"{must}, got {line[:60]!r}", number)
-    rows = [_parse_time_and_peak(table, row, columns) for row in table.rows]
-    must = "at least two lines, each with the time of an impact, were expected"
-    table.refuse(len(rows) < 2, f"{must}, got {len(rows)}")
-    times, peaks = np.array(rows).T
+    table = read_table(Path(path))
+    heads, line = _find_heads(table)
+    time, peak = _find_columns(table, heads or _UNNAMED, line)
+    rows = [row for row in table.rows if any(row.cells)]
+    if len(rows) < 2:
+        reason = "at least two lines, each with the time of an impact, were expected"
+        raise table.text.error(f"{reason}, got {len(rows)}")
+    pairs = [_read_impact(table, row, heads, time, peak) for row in rows]
+    times, peaks = np.array(pairs).T
     # Checked here as well as in the fit, since here the line of the file is known.
-    steps = np.diff(times)
-    at = int(np.argmax(steps <= 0)) + 1
-    got = f"a time after {times[at - 1]:.10g} s was expected, got {times[at]:.10g} s"
-    table.refuse(bool((steps <= 0).any()), got, table.rows[at][0])
-    if names is None:
-        _refuse_unclear(table, times)
-    last = table.rows[-1]
-    end = len(last[2]) - 1
-    table.refuse_cut(last, end, [row[2][end] for row in table.rows[:-1] if len(row[2]) > end])
-    peaks = peaks[:-1]  # after the last impact no other one ends the half-cycle
+    for k, step in enumerate(np.diff(times), 1):
+        if step <= 0:
+            reason = f"a time after {times[k - 1]:.10g} s was expected, got {times[k]:.10g} s"
+            raise table.text.error(reason, rows[k].line)
+    if not heads:
+        _refuse_unclear(table, rows, times)
+    # Numbers of a column are printed alike, and rows may be shorter.
+    end = len(rows[-1].cells) - 1
+    words = [row.cells[end].replace(",", ".") for row in rows if len(row.cells) > end]
+    require_whole_end(table.text, words)
+    # After the last impact no other one ends the half-cycle.
+    peaks = peaks[:-1]
     return times, None if np.isnan(peaks).all() else peaks
 
 
-def _take_names(table: TextTable) -> tuple[TextTable, Row | None]:
-    """Take the names of the columns out of a table; None if it has none."""
-    if not table.rows:
-        return table, None
-    fields = table.rows[0][2]
-    # A word that begins like a number is a mistyped one.
-    if not any(map(is_number, fields)) and any(field[:1].isalpha() for field in fields):
-        return table._replace(rows=table.rows[1:]), table.rows[0]
-    # NumPy writes names behind a #, and # is the name of a counter.
-    above = []
-    for number, line, words in table.comments:
-        names = [words[0].lstrip("# ") or "#", *words[1:]]
-        if len(names) == max(len(row[2]) for row in table.rows) and _find_times(names):
-            above.append((number, line, names))
-    must = "one comment with the names of the columns was expected"
-    table.refuse(len(above) > 1, f"{must}, got another one", above[-1][0] if above else 0)
-    return table, above[0] if above else None
+def _list_comments(table: Table) -> list[tuple[int, str]]:
+    """List the comments of a table, with the numbers of their lines."""
+    numbered = enumerate(table.text.lines, 1)
+    return [(n, line) for n, line in numbered if line.lstrip().startswith("#")]
 
 
-def _find_times(names: Sequence[str]) -> dict[int, float]:
-    """Find the columns of times by their names, and their units [s]."""
-    # "time of the impact [ms]" is a time in milliseconds as much as "time [ms]" is.
-    plain = [
-        re.sub(r"\b(?:of|the)\b|impacts?(?![a-z])", " ", name.replace("_", " "), flags=re.I)
-        for name in names
+def _find_heads(table: Table) -> tuple[Sequence[Head], int]:
+    """Find the heads of the columns, above them or in a comment, and their line."""
+    comments = _list_comments(table)
+    # A table of one column without a name has one of its own.
+    if table.names not in ([], ["column 1"]) and table.line not in dict(comments):
+        return table.heads, table.line
+    candidates = []
+    width = max((len(row.cells) for row in table.rows), default=0)
+    for line, words in comments:
+        # NumPy writes names behind a #.
+        above = tuple(map(read_head, words.lstrip("# ").split(table.separator)))
+        is_known = line == table.line and any(head.quantity for head in above)
+        if len(above) == width and (is_known or _find_times(above)):
+            candidates.append((above, line))
+    if len(candidates) > 1:
+        reason = "one comment with the names of the columns was expected, got another one"
+        raise table.text.error(reason, candidates[-1][1])
+    return candidates[0] if candidates else ((), 0)
+
+
+def _find_times(heads: Sequence[Head]) -> list[int]:
+    """Find the columns of times: by their names, or else by their units."""
+    times = [k for k, head in enumerate(heads) if head.quantity == "time"]
+    named = [k for k in times if find_quantity(heads[k].name) == "time"]
+    # In another language a name says nothing.
+    return named or [k for k in times if not re.search(_NO_TIME, heads[k].name, re.I)]
+
+
+def _find_columns(table: Table, heads: Sequence[Head], line: int) -> tuple[int, int | None]:
+    """Find the columns of times and of peaks, None for none, by their heads."""
+    printed = quote_word(table.text.lines[line - 1])
+    times = _find_times(heads)
+    if len(times) != 1 or math.isnan(heads[times[0]].factor):
+        reason = "one column must be times, such as 'time [s]' or 'time [ms]'"
+        raise table.text.error(f"{reason}, got {printed}", line)
+    rotations = [k for k, head in enumerate(heads) if _is_rotation(head)]
+    peaks = [
+        k
+        for k in rotations
+        if heads[k].unit
+        and find_quantity(heads[k].name) == "peak rotation"
+        and not math.isnan(heads[k].factor)
     ]
-    found = {k: find_time_unit(" ".join(name.split())) for k, name in enumerate(plain)}
-    if all(seconds is None for seconds in found.values()):
-        # Named in another language, with a unit in brackets.
-        found = {
-            k: find_time_unit(f"t [{_find_in_brackets(name)}]")
-            for k, name in enumerate(plain)
-            if _find_in_brackets(name) and not re.search(_NO_TIME, name, re.I)
-        }
-        found = {k: s for k, s in found.items() if s is not None and not math.isnan(s)}
-    return {k: seconds for k, seconds in found.items() if seconds is not None}
-
-
-def _find_columns(table: TextTable, head: Row) -> _Columns:
-    """Find the columns of times and rotations by their names."""
-    number, line, names = head
-    got = f"got {line[:60]!r}"
-    table.refuse("" in names, f"every column must have a name, or none, {got}", number)
-    times = _find_times(names)
-    must = "one column must be times, such as 'time [s]' or 'time [ms]'"
-    understood = len(times) == 1 and not math.isnan(*times.values())
-    table.refuse(not understood, f"{must}, {got}", number)
-    ((time, seconds),) = times.items()
-    peaks = {}
-    unclear = []
-    others = []
-    for k, name in enumerate(names):
-        plain = name.replace("_", " ").strip()
-        radians = None if k == time else _read_angle_unit(plain)
-        if radians is not None:
-            peaks[k] = radians
-        elif k != time and _is_rotation(plain):
-            (others if _matches(_NO_PEAK, plain) else unclear).append(name)
     # A column of other rotations is ignored only beside one that is clear.
-    must = "rotations must be peaks with their unit, 'peak rotation [deg]' or [rad]"
-    table.refuse(bool(unclear or (others and not peaks)), f"{must}, {got}", number)
-    must = "at most one column must be rotations"
-    table.refuse(len(peaks) > 1, f"{must}, got {len(peaks)} in {line[:60]!r}", number)
-    return _Columns(time, seconds, *next(iter(peaks.items()), (None, 1.0)))
+    unclear = [
+        k
+        for k in rotations
+        if k not in peaks and not (peaks and re.search(_NO_PEAK, heads[k].name, re.I))
+    ]
+    if unclear:
+        reason = "rotations must be peaks with their unit, 'peak rotation [deg]' or [rad]"
+        raise table.text.error(f"{reason}, got {printed}", line)
+    if len(peaks) > 1:
+        reason = "at most one column must be rotations"
+        raise table.text.error(f"{reason}, got {len(peaks)} in {printed}", line)
+    return times[0], peaks[0] if peaks else None
 
 
-def _find_in_brackets(name: str) -> str:
-    """Find the unit in the brackets at the end of a name; empty if there is none."""
-    match = re.fullmatch(r"[^\[\](){}]*\w\s*[\[(]\s*([^\[\](){}]+?)\s*[\])]\s*", name)
-    return match[1] if match else ""
+def _is_rotation(head: Head) -> bool:
+    """Return whether a column may be one of rotations, whatever its unit."""
+    if head.unit and head.unit.dimension == "angle":
+        return True
+    is_named = "rotation" in head.quantity or re.match(r"peak", head.name, re.I)
+    return bool(is_named) and not re.search(_NO_ROTATION, head.words, re.I)
 
 
-def _read_angle_unit(name: str) -> float | None:
-    """Tell the unit of a column of peak rotations; None if it is none, or states no unit."""
-    # Small degrees would pass for radians: without a unit the name is not enough.
-    for unit, radians in _ANGLES.items():
-        if re.fullmatch(rf"{_ROTATION}\s*(?:[\[(]\s*{unit}\s*[\])]|\s{unit})", name, re.I):
-            return radians
-    return None
-
-
-def _is_rotation(name: str) -> bool:
-    """Tell whether a name may be one of rotations, whatever their unit."""
-    words = _matches(_OF_ROTATION, name) and not _matches(_NO_ROTATION, name)
-    return words or _matches(_IN_ANGLES, name)
-
-
-def _matches(pattern: str, name: str) -> bool:
-    """Tell whether a pattern is found in a name."""
-    return re.search(pattern, name, re.I) is not None
-
-
-def _parse_time_and_peak(table: TextTable, row: Row, columns: _Columns) -> tuple[float, float]:
-    """Parse a time and a peak rotation, and convert them to [s] and [rad]; NaN for no peak."""
-    number, line, fields = row
-    time = fields[columns.time] if columns.time < len(fields) else ""
-    known = columns.peak is not None and columns.peak < len(fields) and fields[columns.peak]
-    peak = known or "nan"
-    got = f"got {line[:60]!r}"
-    must = "the time of an impact was expected, and perhaps the peak rotation after it"
-    table.refuse(not is_number(time) or not is_number(peak), f"{must}, {got}", number)
+def _read_impact(
+    table: Table, row: Row, heads: Sequence[Head], time: int, peak: int | None
+) -> tuple[float, float]:
+    """Read a time [s] and a peak rotation [rad], NaN for none."""
+    printed = quote_word(table.text.lines[row.line - 1])
+    if not heads and len(row.cells) > 2:
+        reason = "without names of columns a time and at most one peak rotation were expected"
+        raise table.text.error(f"{reason}, got {printed}", row.line)
+    heads = heads or _UNNAMED
+    seconds = table.parse_number(row, time)
+    has_peak = peak is not None and any(row.cells[peak : peak + 1])
+    rotation = table.parse_number(row, peak or 0) if has_peak else math.nan
+    if seconds is None or rotation is None:
+        reason = "the time of an impact was expected, and perhaps the peak rotation after it"
+        raise table.text.error(f"{reason}, got {printed}", row.line)
+    if not math.isfinite(seconds):
+        raise table.text.error(f"a time must be finite, got {printed}", row.line)
     # In radians: degrees without their unit are mostly beyond a right angle, and refused.
-    pair = columns.seconds * float(time), columns.radians * float(peak)
-    table.refuse(not math.isfinite(pair[0]), f"a time must be finite, {got}", number)
-    must = "a peak rotation must be between -pi/2 and pi/2 rad and not 0, or empty if unknown"
-    right = math.isnan(pair[1]) or 0 < abs(pair[1]) < math.pi / 2
-    table.refuse(not right, f"{must}, {got}", number)
-    return pair
+    rotation *= heads[peak or 0].factor
+    if not math.isnan(rotation) and not 0 < abs(rotation) < math.pi / 2:
+        reason = "a peak rotation must be between -pi/2 and pi/2 rad and not 0, or empty if"
+        raise table.text.error(f"{reason} unknown, got {printed}", row.line)
+    return heads[time].factor * seconds, rotation
 
 
-def _refuse_unclear(table: TextTable, times: np.ndarray) -> None:
+def _refuse_unclear(table: Table, rows: Sequence[Row], times: np.ndarray) -> None:
     """Raise a `ValueError` if columns without names may be something else than they should."""
-    must = "names of the columns were expected, such as 'impact,time [s]' or 'time [ms]'"
-    line = table.rows[0][0]
+    titles = [note for note in table.notes if not note[1].lstrip().startswith("#")]
+    if titles:
+        line, words = titles[-1]
+        raise table.text.error(f"{_EXPECTED}, got {quote_word(words)}", line)
+    for line, words in _list_comments(table):
+        for word in re.findall(r"[^\W\d_]+|\u00b0", words):
+            unit = parse_unit(word)
+            if unit.dimension in ("time", "angle") and unit.factor < 1:
+                reason = f"since {word!r} may be the unit of one that has no name"
+                raise table.text.error(f"{_EXPECTED}, {reason}", line)
+    second = [table.parse_number(row, 1) for row in rows]
+    seconds = [number for number in second if number is not None]
     counts = times[0] in (0, 1) and (np.diff(times) == 1).all()
-    seconds = [float(row[2][1]) for row in table.rows if len(row[2]) > 1 and row[2][1]]
     increase = len(seconds) >= max(2, len(times) - 1) and (np.diff(seconds) > 0).all()
-    unclear = "since the first column may be a counter and the second one times"
-    table.refuse(bool(counts and increase), f"{must}, {unclear}", line)
+    if counts and increase:
+        reason = "since the first column may be a counter and the second one times"
+        raise table.text.error(f"{_EXPECTED}, {reason}", rows[0].line)
     long = float(np.median(np.diff(times)))
-    unclear = f"since times without names are in s, and these are {long:g} s apart"
-    table.refuse(long > _LONGEST, f"{must}, {unclear}", line)
+    if long > _LONGEST:
+        reason = f"since times without names are in s, and these are {long:g} s apart"
+        raise table.text.error(f"{_EXPECTED}, {reason}", rows[0].line)

@@ -11,7 +11,6 @@ import numpy as np
 
 from .. import resonance
 from ..ground_motion import Motion
-from ..host import write_csv
 from ..overturning import (
     UNITS,
     Boundaries,
@@ -21,6 +20,7 @@ from ..overturning import (
     overturning_boundaries,
     uplift_factor,
 )
+from ..tables import write_csv
 from ..validation import COUNT, NON_NEGATIVE, check
 from .command import OF_OUTPUT, Answer, Grid, ModelName, Steps, Writing, save_picture
 from .options import BlockOptions, MotionOptions

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..host import write_csv
 from ..sensitivity import MomentEstimate, propagate, sensitivities, tornado, value_and_slopes
+from ..tables import write_csv
 from ..validation import Number, Reals
 from .command import Answer, Folder, Steps, save_picture
 from .dependence_options import UNITS_OF_NUMBERS

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..driven import respond_batch
 from ..ground_motion import Motion
-from ..host import format_table, write_csv
+from ..host import format_table
 from ..overturning import overturning_boundaries
 from ..sensitivity import (
     OutcomeShares,
@@ -19,6 +19,7 @@ from ..sensitivity import (
     make_parametric,
     outcome_shares,
 )
+from ..tables import write_csv
 from .command import Answer, save_picture
 from .dependence_options import UNITS_OF_NUMBERS, DependenceOptions
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..ground_motion import MEASURES
-from ..host import format_table, write_csv
+from ..host import format_table
 from ..reports import list_remarks, write_inventory_page
 from ..risk import assess_inventory, read_inventory
+from ..tables import write_csv
 from ..validation import POSITIVE, as_real, check
 from .command import Answer, Folder, Grid, ModelName, Steps, Writing, save_picture
 from .options import SuiteOptions

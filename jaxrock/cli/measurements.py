@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..calibration import FreeRockingFit, fit_free_rocking, read_impact_times
-from ..host import write_csv
+from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .command import Answer, Folder, ModelName, Steps, Writing, save_picture
 

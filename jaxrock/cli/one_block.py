@@ -8,9 +8,10 @@ import numpy as np
 from .. import resonance
 from ..driven import Status, respond
 from ..grids import write_table
-from ..host import make_dataset, write_csv
+from ..host import make_dataset
 from ..overturning import uplift_factor
 from ..reports import assessment
+from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .command import Answer, Folder, ModelName, Steps, Writing, save_picture
 from .options import BlockOptions, MotionOptions

@@ -4,7 +4,8 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..host import format_heading, show_progress, write_inputs, write_whole
+from ..host import show_progress, write_whole
+from ..tables import format_heading, write_inputs
 from .grid import divide_into_chunks
 
 if TYPE_CHECKING:

@@ -22,12 +22,8 @@ from .progress import show_progress as show_progress
 from .progress import speak_of_waits as speak_of_waits
 from .tables import Row as Row
 from .tables import TextTable as TextTable
-from .tables import format_heading as format_heading
 from .tables import is_number as is_number
-from .tables import read_numbered_lines as read_numbered_lines
 from .tables import read_text_table as read_text_table
-from .tables import write_csv as write_csv
-from .tables import write_inputs as write_inputs
 from .threads import apply_settings as apply_settings
 from .threads import count_processors as count_processors
 from .threads import map_in_threads as map_in_threads

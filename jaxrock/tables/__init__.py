@@ -24,3 +24,6 @@ from .text import read_content as read_content
 from .units import UNITS_OF_ACCELERATION as UNITS_OF_ACCELERATION
 from .units import Unit as Unit
 from .units import parse_unit as parse_unit
+from .writing import format_heading as format_heading
+from .writing import write_csv as write_csv
+from .writing import write_inputs as write_inputs

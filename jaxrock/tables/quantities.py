@@ -38,6 +38,7 @@ _YEARS = r"(?:years?|yrs?|a)"
 _SPAN = rf"[(\[]?(?P<years>\d+(?:\.\d+)?)[ -]?{_YEARS}[)\]]?"
 _EXCEEDANCE = rf"(?:{_OF}exceed[ae]nces?|{_OF}exceed(?:ing|ed))"
 _PROBABILITY = r"(?:probability|probabilities|prob|poes?)"
+_LARGEST = r"(?:peaks?|max(?:imum)?|largest)"
 _MEAN = r"(?:mean |hazard |exceed[ae]nce )*"
 _ANNUAL = rf"{_MEAN}(?P<annual>(?:annual|yearly) )?{_MEAN}"
 # Of motions and spectra a word in the name is enough, since whatever is no acceleration must not
@@ -107,11 +108,20 @@ QUANTITIES: dict[str, Quantity] = {
         "",
         _RATIO,
     ),
-    "name": Quantity(r"names?|objects?", "", ()),
+    "name": Quantity(r"(?:object )?names?|objects?", "", _RATIO),
+    # The largest one after an impact, of a block that rocks freely.
+    "peak rotation": Quantity(
+        rf"{_LARGEST}|(?:{_LARGEST} ?)?(?:rotations?|(?:(?:rotation|tilt) ?)?angles?|alpha|theta"
+        r"|\u03b1|\u03b8|tilts?)(?: max)?(?: after (?:the )?impacts?)?",
+        "",
+        ("angle",),
+    ),
     "velocity": Quantity("", r"vel(?:ocity|ocities)?|speed", ("velocity", "angular velocity")),
     "displacement": Quantity("", r"disp(?:l(?:acements?)?)?|lvdt|stroke", _LENGTH),
     "rotation": Quantity(
-        "", r"rot(?:ations?)?|tilt|inclination|theta|phi|\u03b8|\u03c6|angles?", ("angle",)
+        "",
+        r"rot(?:ations?)?|tilts?|inclination|alpha|theta|phi|\u03b1|\u03b8|\u03c6|angles?",
+        ("angle",),
     ),
     "acceleration": Quantity("a", r"acc\w*", ("acceleration",)),
     "mass": Quantity("", r"mass|weight", ("mass",)),
@@ -135,6 +145,8 @@ _BY_DIMENSION = {
     "frequency": "period",
     "years": "return period",
 }
+# Names that mean what their unit says, where that is no unit of the quantity.
+_SHORT = re.compile(r".|base", re.I)
 # Spelled exactly so in Eurocode 8; SE may be a direction.
 _ELASTIC_SPECTRUM = r"(?<![^\W\d_])S_?a?e(?![^\W\d_])"
 
@@ -189,6 +201,13 @@ class Head(NamedTuple):
     def is_whole(self) -> bool:
         """Whether all of its name is that of a quantity, not a word of it only."""
         return bool(_match_whole(self.name))
+
+    @property
+    def factor(self) -> float:
+        """The value of its unit in SI; 1 if it states none, NaN if that is not understood."""
+        if self.units:
+            return self.unit.factor if self.unit else math.nan
+        return 1.0
 
 
 # Files of a suite have the same heads.
@@ -269,10 +288,13 @@ def _settle(words: str, name: str, units: list[Unit]) -> Head:
     if not units:
         return Head(words, name, quantity)
     dimension = units[0].dimension
-    # T in g is no time, but a transverse acceleration.
-    if not quantity or (len(name) == 1 and dimension):
+    known = QUANTITIES[quantity].dimensions if quantity else ()
+    # T in g is no time, but a transverse acceleration; x in g no level, base in g no width.
+    says_little = bool(_SHORT.fullmatch(name)) and (
+        dimension not in known or quantity == "level"
+    )
+    if not quantity or (says_little and dimension):
         return Head(words, name, _BY_DIMENSION.get(dimension, dimension), tuple(units))
-    known = QUANTITIES[quantity].dimensions
     fitting = (
         unit if unit.dimension in known else Unit(unit.words, "", math.nan) for unit in units
     )

@@ -34,6 +34,8 @@ _NAMES_OF_SEPARATORS = {
 }
 # As many lines tell how a table is laid out.
 _SAMPLE = 30
+# No text has it: within a cell it shows a quote that does not end.
+_END = "\x01"
 # As many are enough to see how numbers are printed.
 _LAST_LINES = 1000
 
@@ -41,7 +43,7 @@ _LAST_LINES = 1000
 _FORTRAN = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+))d([-+]?\d+)", re.I)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[ed][-+]?\d+)?", re.I)
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+(?:[ed][-+]?\d+)?", re.I)
-_PERHAPS_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_PERHAPS_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 # In a comment above numbers: a word, and perhaps its unit in brackets.
 _NAME_IN_COMMENT = re.compile(r"[^\s\[\]()]+(?:\s*[\[(][^\[\]()]*[\])])?")
 # A line above one column that is no name of it: "Time Step: 0.005", "dt = 0.01".
@@ -105,30 +107,41 @@ class Table:
                 del row.cells[-1]
             if width and len(row.cells) > width:
                 raise self.error_of_width(row)
+        # Tabs at the end of the file are taken for blanks, as they may be.
+        if rows and self.separator == "\t" and self.text.ends:
+            rows[-1].cells.extend([""] * (width - len(rows[-1].cells)))
         return rows
 
     @cached_property
     def decimal(self) -> str:
         """The sign before decimals; an error if both occur, or if it may be of thousands."""
-        cells = [(row.line, cell) for row in self.rows for cell in row.cells]
+        # Names may be numbers with points, as of catalogues, whatever stands before decimals.
+        named = {k for k, head in enumerate(self.heads) if head.quantity == "name"}
+        cells = [
+            (row.line, cell)
+            for row in self.rows
+            for column, cell in enumerate(row.cells)
+            if column not in named
+        ]
         commas = [pair for pair in cells if _DECIMAL_COMMA.fullmatch(pair[1])]
-        if not commas:
-            return "."
-        for line, cell in cells:
-            if _DECIMAL_POINT.fullmatch(cell):
-                raise self.text.error(
-                    f"decimals must all stand behind points or all behind commas, got"
-                    f" {commas[0][1]!r} in line {commas[0][0]} and {cell!r}",
-                    line,
-                )
-        if all(_PERHAPS_THOUSANDS.fullmatch(cell) for _, cell in commas):
-            line, cell = commas[0]
+        points = [pair for pair in cells if _DECIMAL_POINT.fullmatch(pair[1])]
+        if commas and points:
+            raise self.text.error(
+                f"decimals must all stand behind points or all behind commas, got"
+                f" {commas[0][1]!r} in line {commas[0][0]} and {points[0][1]!r}",
+                points[0][0],
+            )
+        # Where semicolons separate cells, points separate thousands in many languages.
+        doubtful = points if self.separator == ";" and not commas else commas
+        if doubtful and all(_PERHAPS_THOUSANDS.fullmatch(cell) for _, cell in doubtful):
+            line, cell = doubtful[0]
             raise self.text.error(
                 f"{cell!r} may be a number with decimals, or one of thousands: write numbers"
-                " with decimal points and without separators of thousands",
+                " with decimal points and without separators of thousands, cells separated by"
+                " commas",
                 line,
             )
-        return ","
+        return "," if commas else "."
 
     def error_of_width(self, row: Row) -> ValueError:
         """Make the error that a row has another number of cells than there are names."""
@@ -139,12 +152,12 @@ class Table:
     def parse_number(self, row: Row, column: int) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""
         cell = row.cells[column] if column < len(row.cells) else ""
+        # Behind semicolons a point may separate thousands, which `decimal` refuses.
+        if ("," in cell or self.separator == ";") and self.decimal == ",":
+            cell = cell.replace(",", ".", 1)
         number = as_number(cell)
         if number is None and (fortran := _FORTRAN.fullmatch(cell)):
-            cell = f"{fortran[1]}e{fortran[2]}"
-            number = as_number(cell)
-        if number is None and "," in cell and self.decimal == ",":
-            number = as_number(cell.replace(",", ".", 1))
+            number = as_number(f"{fortran[1]}e{fortran[2]}")
         return number
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
@@ -178,6 +191,8 @@ class Table:
             return
         lines = self.text.lines[self._top :][-_LAST_LINES:]
         words = [line.rpartition(self.separator)[2].strip(' "') for line in lines]
+        if self.separator != ",":
+            words = [word.replace(",", ".") for word in words]
         require_whole_end(self.text, [word for word in words if word])
 
     def _read_quickly(self, lines: list[str], columns: Sequence[int]) -> np.ndarray | None:
@@ -263,10 +278,8 @@ def read_table(source: Path | TextFile) -> Table:
         while len(names) > 1 and not names[-1]:
             del names[-1]
     elif first == len(sample):
-        got = quote_word(text.lines[top - 1])
-        raise text.error(
-            f"rows of numbers below the names of columns were expected, got {got}"
-        )
+        got = quote_word(text.lines[sample[-1].line - 1])
+        raise text.error(f"rows of numbers were expected below {got}", sample[-1].line)
     else:
         names, line = _find_names_in_comments(notes, sample[first:], separator)
         if not names and titles:
@@ -351,12 +364,12 @@ def _find_names_in_comments(
         if plain and len(names) == width and not any(map(_is_number, names)):
             return names, line
     # One column needs no name.
-    return (["column 1"] if width == 1 else []), 0
+    return (["column 1"] if width == 1 else []), first
 
 
 def _find_separator(text: TextFile) -> str:
     """Find what separates fields: what splits most lines into the same number of them."""
-    candidates: dict[str, tuple[float, bool]] = {}
+    candidates: dict[str, tuple[float, bool, float]] = {}
     for separator in _SEPARATORS:
         if separator not in text.content:
             continue
@@ -373,7 +386,10 @@ def _find_separator(text: TextFile) -> str:
             for row in rows
             for cell in row.cells
         )
-        candidates[separator] = (number / len(rows), not inside)
+        # "0,5;0,1" has as many commas as semicolons, but only these leave numbers.
+        cells = [cell for row in rows for cell in row.cells if cell]
+        numbers = sum(map(_is_number, cells)) / max(len(cells), 1)
+        candidates[separator] = (number / len(rows), not inside, numbers)
     if not candidates:
         # What is in none of the lines leaves each whole.
         return next((s for s in _SEPARATORS if s in text.lines[0] and s != " "), ",")
@@ -399,6 +415,7 @@ def _split_lines(text: TextFile, top: int, separator: str) -> Iterator[Row]:
                 first = line
             begun = True
             yield f"{words.strip() if separator == ' ' else words}\n"
+        yield _END
 
     # For example a field of more than 131,072 characters raises an error.
     reader = csv.reader(feed_lines(), delimiter=separator, skipinitialspace=True)
@@ -410,10 +427,10 @@ def _split_lines(text: TextFile, top: int, separator: str) -> Iterator[Row]:
             return
         except csv.Error as error:
             raise text.error(f"the line cannot be split into fields: {error}", line) from error
-        if line == len(text.lines) and '"' in text.lines[first - 1]:
-            whole = "\n".join(text.lines[first - 1 :])
-            if whole.count('"') % 2:
-                raise text.error("a quote in this line does not end", first)
+        if cells == [_END]:
+            return
+        if _END in cells[-1]:
+            raise text.error("a quote in this line does not end", first)
         yield Row(first, [cell.replace("\n", " ").strip() for cell in cells])
 
 

@@ -48,12 +48,26 @@ DEGREE = np.pi / 180
             [0.1],
         ),
         ("0,\n1,nan\n2,0.1\n", [0, 1, 2], None),  # the only peak is beyond the last impact
+        # Spreadsheets in many languages, and what loggers write.
+        ("t [s];peak [rad]\n0,5;0,1\n0,9;\n;\n", [0.5, 0.9], [0.1]),
+        ("0,5;0,1\n0,9;0,1\n", [0.5, 0.9], [0.1]),
+        ('t,"peak\n[deg]"\n"0,5","9"\n"0,9",\n', [0.5, 0.9], [9 * DEGREE]),
+        ("0.5 0.1\n0.9 0.1\n", [0.5, 0.9], [0.1]),
+        ("t|peak_rad\n.5|1d-1\n.9|\n", [0.5, 0.9], [0.1]),
+        ("Cabinet 3\nt [s],peak [rad]\n.5,.1\n.9,\n", [0.5, 0.9], [0.1]),
+        ("t,peak\n[ms],[deg]\n500,9\n900,\n", [0.5, 0.9], [9 * DEGREE]),
+        ("time in ms,maximum angle / deg,n\n500,9,\n900,,\n", [0.5, 0.9], [9 * DEGREE]),
+        ("# t [ms],peak [deg]\n# by phone\n500,9\n900,\n", [0.5, 0.9], [9 * DEGREE]),
+        ("# Cabinet, left\n.5,.1\n.9,\n", [0.5, 0.9], [0.1]),
+        ("# at 240 fps\ncamera time [s],time\n.6,.5\n.8,.9\n", [0.5, 0.9], None),
+        ("t,rotation time [s],tilt rate [deg/s]\n.5,1,1\n.9,1,1\n", [0.5, 0.9], None),
     ],
 )
 def test_files_that_are_read(tmp_path, content, times, peaks):
     path = tmp_path / "times.csv"
-    path.write_text(content, encoding="utf-8", newline="")
-    for found in (read_impact_times(path), read_impact_times(str(path))):
+    for encoding in ("utf-8", "utf-16"):
+        path.write_bytes(content.removeprefix("\ufeff").encode(encoding))
+        found = read_impact_times(path if encoding == "utf-8" else str(path))
         np.testing.assert_array_equal(found[0], times)
         assert (found[1] is None) == (peaks is None)
         if peaks is not None:
@@ -63,25 +77,38 @@ def test_files_that_are_read(tmp_path, content, times, peaks):
 PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
 
 
+UNCLEAR = ", line 1: names of the columns were expected, .* since"
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (None, ": the file cannot be read: No such file or directory"),
         (..., ": the file cannot be read: Is a directory"),
         (b"1\n\xff\xfe\x00", ": a text file was expected, this one is binary"),
-        (b"", ": at least two lines, each with the time of an impact, were expected, got 0"),
+        (b"", ": the file is empty"),
+        (
+            b"# none\n",
+            ": a line with the names of the columns was expected, got comments only",
+        ),
         (b"time\n# none\n", ": at least two lines, each with the time of an impact, .* got 0"),
         (b"0.5\n", ": at least two lines, each with the time of an impact, .* got 1"),
-        (b"0;0.1\n1;0.1\n", ", line 1: columns were expected .* by commas .* got '0;0.1'"),
-        (b"0,5;0,1\n", ", line 1: .* and decimals by points, got '0,5;0,1'"),
+        (
+            b"0,5;0.1\n0,9;0.1\n",
+            ", line 1: decimals must all stand behind points or all behind",
+        ),
+        (
+            b"1,234;\n1,238;\n",
+            ", line 1: '1,234' may be a number with decimals, or one of thous",
+        ),
         (b"0\n1,0.1,3\n", ", line 2: without names .* at most one peak .* got '1,0.1,3'"),
-        (b"t\n0\n1,0.1,3\n", ", line 3: 1 fields were expected at most, got '1,0.1,3'"),
+        (b"t\n0\n1,0.1,3\n", ", line 3: 1 fields .* were expected, got 3"),
         (b"counter\n0\n1\n", ", line 1: one column must be times, .* got 'counter'"),
         (b"time [furlong]\n0\n1\n", ", line 1: one column must be times, .* got 'time"),
         (b"time,t\n0,1\n1,2\n", ", line 1: one column must be times, .* got 'time,t'"),
         (b"peak time [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'peak time"),
         (b"interval [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'interval"),
-        (b"time,\n0,1\n1,2\n", ", line 1: every column must have a name, .* got 'time,'"),
+        (b"time,\n0,1\n1,2\n", ", line 2: names of the columns were expected above '0,1'"),
         (
             b"time,peak [cm]\n0,1\n1,2\n",
             ", line 1: rotations must be peaks with their unit, .* got",
@@ -97,14 +124,25 @@ PEAK = "a peak rotation must be between -pi/2 and pi/2 rad and not 0"
         (b"500\n900\n1200\n", ", line 1: names of the columns .* are 350 s apart"),
         (
             b"0.512\n0.987\n1.2",
-            ", line 3: the file seems to be cut within a number, .* '1.2': end the last",
+            ", line 3: the file looks truncated: its last number '1.2' has",
         ),
-        (b"0.5s\n1\n", ", line 1: the time of an impact was expected, .* got '0.5s'"),
+        (b"t;n\n0,512;1\n0,987;2\n1,2", ", line 4: the file looks truncated: its last number"),
+        # Units that no column has would be lost.
+        (b"# time [s],peak, deg\n0.5,0.9\n1,0.7\n", f"{UNCLEAR} 'deg' may be the unit of one"),
+        (b"# all times in ms\n5\n9\n", f"{UNCLEAR} 'ms' may be the unit of one"),
+        (
+            b"# interval [s],theta [deg]\n0.5,0.9\n1,0.7\n",
+            ", line 1: one column must be times",
+        ),
+        (b"Unit: ms\n5\n9\n", ", line 1: names of the columns .* got 'Unit: ms'"),
+        (b"time [s] [ms]\n5\n9\n", ", line 1: one column must be times, .* got"),
+        (b"time [g]\n5\n9\n", ", line 1: one column must be times, .* got"),
+        (b"0.5s\n1\n", ", line 1: one column must be times, .* got '0.5s'"),
         (b"t\n0\nsoon\n", ", line 3: the time of an impact was expected, .* got 'soon'"),
         (b"0\n1 2\n", ", line 2: the time of an impact was expected, .* got '1 2'"),
         (b"0\n1_0\n", ", line 2: the time of an impact was expected, .* got '1_0'"),
         (b"0,0.1\n,0.1\n", ", line 2: the time of an impact was expected, .* got ',0.1'"),
-        (b"0,high\n1\n", ", line 1: the time of an impact was expected, .* got '0,high'"),
+        (b"0,high\n1\n", ", line 1: one column must be times, .* got '0,high'"),
         (b"0\nnan\n", ", line 2: a time must be finite, got 'nan'"),
         (b"0\ninf,1\n", ", line 2: a time must be finite, got 'inf,1'"),
         (b"0,0\n1\n", f", line 1: {PEAK}, or empty if unknown, got '0,0'"),
