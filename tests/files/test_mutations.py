@@ -1,0 +1,410 @@
+"""Files that are cut, shifted, exchanged or encoded otherwise are read right, or refused.
+
+The kinds stand in the table `KINDS`; their contents are written by the tests of the formats.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import test_cosmos
+import test_csmip
+import test_esm
+import test_geonet
+import test_hazard_files
+import test_measurement_files
+import test_peer_folder
+import test_smc
+import test_tables
+from references.mutations import read_mutations
+
+import jaxrock as jr
+from jaxrock.calibration import read_impact_times
+
+pytestmark = pytest.mark.float64
+
+G = 9.80665
+GAL = 0.01
+REFUSED = np.nan
+
+
+class Kind(NamedTuple):
+    """A file, how it is read, and what is right.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    content : bytes or str
+        As it should be.
+    read : callable
+        Takes the path.
+    same : callable
+        Takes what was read and perhaps factors by names, and returns whether it is right.
+    statements : tuple
+        A text, what takes its place, a name, and the factor of this or `REFUSED`.
+    """
+
+    name: str
+    content: bytes | str
+    read: Callable
+    same: Callable
+    statements: tuple = ()
+
+
+def read_columns(columns, path, **options):
+    return [jr.read_record(path, column=column, **options) for column in columns]
+
+
+def read_one(path, **options):
+    return [jr.read_record(path, **options)]
+
+
+def match_rows(known, step, samples, row, whole, records, *, acceleration=1.0, time=1.0):
+    """Return whether records consist of known rows: which of them changed places, none can say.
+
+    A table without a number of values may be a shorter one.
+    """
+    known = acceleration * np.concatenate([split_rows(values, row) for values in known])
+    for record in records:
+        rows = split_rows(np.asarray(record.acceleration), row)
+        near = np.isclose(rows[:, None], known, rtol=1e-9, atol=0, equal_nan=True)
+        if not near.all(axis=-1).any(axis=1).all():
+            return False
+        if not abs(float(record.time_step) / (time * step) - 1) < 1e-3:
+            return False
+        if whole and record.samples != samples:
+            return False
+    return True
+
+
+def split_rows(values, row):
+    """Split values into rows, the last of which is filled with NaN."""
+    return np.append(values, [np.nan] * (-len(values) % row)).reshape(-1, row)
+
+
+def match_run(right, step, records, *, acceleration=1.0, time=1.0):
+    """Return whether a record is the right one, or a part of it without gaps."""
+    (record,) = records
+    found = np.asarray(record.acceleration)
+    right = acceleration * right
+    first = int(np.argmin(np.abs(right - found[0])))
+    right = right[first : first + found.size]
+    fits = right.size == found.size and np.allclose(found, right, rtol=1e-9)
+    return fits and abs(float(record.time_step) / (time * step) - 1) < 1e-3
+
+
+def make_at2():
+    right = G * test_peer_folder.VALUES
+    return Kind(
+        "a.AT2",
+        test_peer_folder.MUTATED,
+        read_one,
+        partial(match_rows, [right], 0.01, right.size, 1, True),
+        (
+            ("UNITS OF G", "UNITS OF CM/S2", "acceleration", GAL / G),
+            ("UNITS OF G", "UNITS OF CM", "acceleration", REFUSED),
+            ("ACCELERATION", "VELOCITY", "acceleration", REFUSED),
+            ("ACCELERATION TIME SERIES", "SPECTRAL ACCELERATION", "acceleration", REFUSED),
+            (".0100 SEC", ".0100 MSEC", "time", 1e-3),
+        ),
+    )
+
+
+def make_table(layout):
+    content = test_tables.TABLES[layout]
+    statements = (
+        ("acc_g", "acc_gal", "acceleration", GAL / G),
+        ("acc_g", "acc_mm", "acceleration", REFUSED),
+        ("acc_g", "Sa_g", "acceleration", REFUSED),
+        ("time [s]", "time [ms]", "time", 1e-3),
+        ("time", "frequency", "time", REFUSED),
+        ("a station, 1999", "sampling rate 50 Hz", "time", REFUSED),
+        ("a station, 1999", "Fs = 50 Hz", "time", REFUSED),
+        ("a station, 1999", "response spectrum", "acceleration", REFUSED),
+    )
+    return Kind(
+        "a.csv",
+        content,
+        read_one,
+        partial(match_run, G * test_tables.SAMPLES, 0.01),
+        tuple(each for each in statements if each[0] in content),
+    )
+
+
+def make_plain():
+    values = np.random.default_rng(3).normal(size=40).round(6)
+    numbers = "".join(f"{value:.6f}\n" for value in values)
+    return Kind(
+        "a.csv",
+        "# Time step: 0.01 s\n" + numbers,
+        partial(read_one, unit="g", time_step=0.01),
+        partial(match_rows, [G * values], 0.01, 40, 1, False),
+        (
+            ("Time step: 0.01 s", "Time step: 0.005 s", "time", REFUSED),
+            ("# Time step: 0.01 s", "Time step: 0.005 s", "time", REFUSED),
+            ("Time step: 0.01 s", "fs = 200", "time", REFUSED),
+            ("Time step: 0.01 s", "dt = 10 ms", "time", 1),
+            ("Time step: 0.01 s", "Accelerations in gal", "acceleration", REFUSED),
+            ("Time step: 0.01 s", "Velocities in cm/s", "acceleration", REFUSED),
+        ),
+    )
+
+
+def make_esm():
+    right = test_esm.EAST * GAL
+    return Kind(
+        test_esm.NAME,
+        test_esm.write(),
+        read_one,
+        partial(match_rows, [right], 0.005, right.size, 1, True),
+        (
+            ("UNITS: cm/s^2", "UNITS: m/s^2", "acceleration", 100),
+            ("UNITS: cm/s^2", "UNITS: cm/s", "acceleration", REFUSED),
+            ("TYPE: ACC", "TYPE: VELOCITY OR ACC", "acceleration", REFUSED),
+            ("INTERVAL_S: 0.005", "INTERVAL_S: 0.01", "time", REFUSED),
+        ),
+    )
+
+
+def make_cosmos():
+    known = [
+        GAL * values
+        for values in (
+            test_cosmos.NORTH,
+            test_cosmos.NORTH[:20],
+            test_cosmos.EAST,
+            test_cosmos.UP,
+        )
+    ]
+    return Kind(
+        "made.V2c",
+        test_cosmos.STATION,
+        partial(read_columns, ["90", "360", "up"]),
+        partial(match_rows, known, test_cosmos.STEP, test_cosmos.POINTS, 8, True),
+        (
+            ("units=cm/sec2", "units=g", "acceleration", REFUSED),
+            ("units=cm/sec2 (4)", "units=g (2)", "acceleration", REFUSED),
+            ("units=cm/sec2 (4)", "units=counts (50)", "acceleration", REFUSED),
+        ),
+    )
+
+
+def make_csmip(volume):
+    if volume == 1:
+        known = [G * each for each in (test_csmip.EAST, test_csmip.NORTH, test_csmip.UP)]
+        statements = (
+            ("in units of g.", "in units of cm/sec2.", "acceleration", GAL / G),
+            ("in units of g.", "in units of g/10.", "acceleration", 0.1),
+            ("at 100 pts/sec", "at 200 pts/sec", "time", REFUSED),
+        )
+    else:
+        motions = test_csmip.WEAK, test_csmip.STRONG, test_csmip.RISING
+        # Velocities and displacements are in the file as well.
+        known = [GAL * np.round(each / by, 5) for each in motions for by in (1, 100, 1000)]
+        statements = (
+            ("in cm/sec2.", "in g.", "acceleration", G / GAL),
+            ("in cm/sec2.", "in cm/sec.", "acceleration", REFUSED),
+            ("at  .010 sec", "at  .020 sec", "time", REFUSED),
+        )
+    return Kind(
+        "made.v2",
+        [test_csmip.VOLUME_1, test_csmip.VOLUME_2][volume - 1],
+        partial(read_columns, ["90", "360", "up"]),
+        partial(match_rows, known, test_csmip.STEP, test_csmip.POINTS, 8, True),
+        statements,
+    )
+
+
+def make_geonet():
+    known = [test_geonet.ALONG, test_geonet.ACROSS, test_geonet.UP, test_geonet.OTHERS]
+    return Kind(
+        "made.V2A",
+        test_geonet.V2A,
+        partial(read_columns, ["N28W", "S62W", "up"]),
+        partial(
+            match_rows,
+            [1e-3 * values for values in known],
+            test_geonet.STEP,
+            test_geonet.POINTS,
+            10,
+            True,
+        ),
+        (
+            ("mm/s/s", "cm/s/s", "acceleration", 10),
+            ("mm/s/s", "mm/s", "acceleration", REFUSED),
+            ("at 0.020 sec", "at 0.010 sec", "time", REFUSED),
+        ),
+    )
+
+
+def make_smc():
+    right = test_smc.NORTH * GAL
+    return Kind(
+        "a.smc",
+        test_smc.write(),
+        read_one,
+        partial(match_rows, [right], 0.005, right.size, 1, True),
+        (
+            ("CORRECTED ACCELEROGRAM", "VELOCITY", "acceleration", REFUSED),
+            ("CORRECTED ACCELEROGRAM", "RESPONSE SPECTRUM", "acceleration", REFUSED),
+            ("|ref - A. Author", "|acceleration in g", "acceleration", REFUSED),
+        ),
+    )
+
+
+def make_knet():
+    # Obspy is not there everywhere: then only this kind is left out.
+    import test_obspy
+
+    right = test_obspy.COUNTS * test_obspy.KNET_FACTOR
+    return Kind(
+        "a.ew",
+        test_obspy.knet(),
+        read_one,
+        partial(match_rows, [right], 0.01, right.size, 1, True),
+        (
+            ("(gal)/", "(g)/", "acceleration", REFUSED),
+            ("100Hz", "200Hz", "time", REFUSED),
+            ("Dir.              E-W", "Dir.              U-D", "acceleration", REFUSED),
+        ),
+    )
+
+
+def make_hazard(layout, name="hazard.csv", statements=()):
+    right = test_hazard_files.RIGHT[layout]
+    stated = test_hazard_files.STATED.get(layout, {})
+
+    def same(hazard, *, level=1.0, rate=1.0):
+        # A table that lost whole lines is a shorter curve, of the same points.
+        points = np.transpose([hazard.levels, hazard.rates])
+        near = np.isclose(points[:, None], right * [level, rate], rtol=1e-9, atol=0)
+        shorter = layout in ("rates", "periods") or len(points) == len(right)
+        return shorter and near.all(axis=-1).any(axis=1).all()
+
+    content = test_hazard_files.LAYOUTS[layout]
+    return Kind(name, content, lambda path: jr.read_hazard(path, **stated), same, statements)
+
+
+def make_openquake(layout):
+    statements = (
+        ("imt='PGA'", "imt='PGV'", "level", GAL / G),
+        ("imt='PGA'", "imt='SA(0.1)'", "level", REFUSED),
+        ("kind='mean'", "kind='std'", "rate", REFUSED),
+        ("time=50.0", "time=1.0", "rate", 50),
+    )
+    return make_hazard(layout, "hazard_curve.csv", statements)
+
+
+def make_rates():
+    statements = (
+        ("pgv [m/s]", "pgv [cm/s]", "level", 0.01),
+        ("pgv [m/s]", "pgv [m/s2]", "level", REFUSED),
+        ("pgv [m/s]", "Sa [m/s2]", "level", REFUSED),
+        ("rate [1/yr]", "standard deviation of rate [1/yr]", "rate", REFUSED),
+        ("pgv [m/s]", "# standard deviations\npgv [m/s]", "rate", REFUSED),
+    )
+    return make_hazard("rates", statements=statements)
+
+
+def make_periods():
+    statements = (
+        ("PGA [g]", "PGA [cm/s2]", "level", GAL / G),
+        ("PGA [g]", "Sa [g]", "level", REFUSED),
+        ("period [yr]", "period [s]", "rate", REFUSED),
+        ("a site", "spectral accelerations", "level", REFUSED),
+    )
+    return make_hazard("periods", statements=statements[:3])
+
+
+def make_inventory():
+    content = (
+        "# a museum\nname,width [cm],height [m],restitution\n"
+        "vase,20.25,0.615,0.81\nbust of a man,30.50,0.925,0.82\nchest,61.00,1.250,0.83\n"
+    )
+    right = np.array([[0.2025, 0.615, 0.81], [0.305, 0.925, 0.82], [0.61, 1.25, 0.83]])
+
+    def same(inventory, *, width=1.0, height=1.0):
+        block = inventory.block
+        sizes = 2 * block.half_width, 2 * block.half_height, inventory.restitution
+        rows = np.transpose([np.broadcast_to(size, len(inventory.names)) for size in sizes])
+        near = np.isclose(rows[:, None], right * [width, height, 1], rtol=1e-9, atol=0)
+        return len(rows) <= len(right) and near.all(axis=-1).any(axis=1).all()
+
+    statements = (
+        ("width [cm]", "width [mm]", "width", 0.1),
+        ("width [cm]", "half width [cm]", "width", REFUSED),
+        ("width [cm]", "width [g]", "width", REFUSED),
+        ("height [m]", "weight [kg]", "height", REFUSED),
+        ("height [m]", "height [cm]", "height", 0.01),
+        ("0.83\n", "0.83\nTotal,111.75,2.790,0.82\n", "height", REFUSED),
+    )
+    return Kind("objects.csv", content, jr.risk.read_inventory, same, statements)
+
+
+def make_impacts(layout):
+    files = test_measurement_files
+    content = "".join(line + "\n" for line in files.LAYOUTS[layout])
+
+    def same(found, *, time=1.0, rotation=1.0):
+        # A table that lost a line has the same times and peaks, as it would of a missed impact.
+        times, peaks = found
+        right = time * files.TIMES
+        at = abs(times[:, None] - right).argmin(axis=1)
+        if not np.allclose(times, right[at], rtol=1e-12) or len(np.unique(at)) < len(at):
+            return False
+        if peaks is None:
+            return layout in ("times", "without names")
+        expected = rotation * np.append(files.PEAKS, np.nan)[at[:-1]] * files.DEGREE
+        return np.isclose(peaks, expected, rtol=1e-12, atol=0).all()
+
+    statements = (
+        ("time [s]", "time [ms]", "time", 1e-3),
+        ("time [ms]", "time [s]", "time", 1e3),
+        ("time [", "interval [", "time", REFUSED),
+        ("[deg]", "[mm]", "rotation", REFUSED),
+        ("[deg]", "[mrad]", "rotation", 1e-3 / files.DEGREE),
+        ("a test of a cabinet", "rotations in radians", "rotation", REFUSED),
+    )
+    statements = tuple(each for each in statements if each[0] in content)
+    return Kind("times.csv", content, read_impact_times, same, statements)
+
+
+KINDS = {
+    "AT2": make_at2,
+    "plain numbers": make_plain,
+    "ESM": make_esm,
+    "COSMOS": make_cosmos,
+    "CSMIP volume 1": partial(make_csmip, 1),
+    "CSMIP volume 2": partial(make_csmip, 2),
+    "GeoNet": make_geonet,
+    "SMC": make_smc,
+    "K-NET": make_knet,
+    "hazard by rates": make_rates,
+    "hazard by return periods": make_periods,
+    "OpenQuake": partial(make_openquake, "openquake"),
+    "OpenQuake, two sites": partial(make_openquake, "sites"),
+    "nshmp-haz": partial(make_hazard, "usgs"),
+    "inventory": make_inventory,
+}
+KINDS |= {f"table, {layout}": partial(make_table, layout) for layout in test_tables.TABLES}
+KINDS |= {
+    f"impacts, {layout}": partial(make_impacts, layout)
+    for layout in test_measurement_files.LAYOUTS
+}
+
+
+@pytest.mark.parametrize("number", [200, pytest.param(1000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("kind", KINDS)
+def test_mutations(tmp_path, kind, number):
+    name, content, read, same, statements = KINDS[kind]()
+    content = content if isinstance(content, bytes) else content.encode()
+    path = Path(tmp_path / name)
+    path.write_bytes(content)
+    assert same(read(path))
+    faults, counts = read_mutations(content, path, read, same, number, statements=statements)
+    assert not faults, (len(faults), faults[:3])
+    assert min(counts.values()) > number / 20, counts
