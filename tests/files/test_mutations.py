@@ -1,6 +1,6 @@
 """Files that are cut, shifted, exchanged or encoded otherwise are read right, or refused.
 
-The kinds stand in the table `KINDS`; their contents are written by the tests of the formats.
+The kinds stand in the table `KINDS`. Files of networks are written by the tests of their formats.
 """
 
 from collections.abc import Callable
@@ -14,12 +14,9 @@ import test_cosmos
 import test_csmip
 import test_esm
 import test_geonet
-import test_hazard_files
-import test_measurement_files
-import test_peer_folder
 import test_smc
-import test_tables
 from references.mutations import read_mutations
+from test_hazard_files import ELSEWHERE, EXPECTED, LEVELS, NSHMP, POES, YEARLY, openquake
 
 import jaxrock as jr
 from jaxrock.calibration import read_impact_times
@@ -89,19 +86,29 @@ def split_rows(values, row):
 def match_run(right, step, records, *, acceleration=1.0, time=1.0):
     """Return whether a record is the right one, or a part of it without gaps."""
     (record,) = records
-    found = np.asarray(record.acceleration)
+    values = np.asarray(record.acceleration)
     right = acceleration * right
-    first = int(np.argmin(np.abs(right - found[0])))
-    right = right[first : first + found.size]
-    fits = right.size == found.size and np.allclose(found, right, rtol=1e-9)
+    first = int(np.argmin(np.abs(right - values[0])))
+    right = right[first : first + values.size]
+    fits = right.size == values.size and np.allclose(values, right, rtol=1e-9)
     return fits and abs(float(record.time_step) / (time * step) - 1) < 1e-3
 
 
+PEER_VALUES = 1e-3 * np.array([1.5, -2, 3, -4.25, 5, -6, 7, -8, 9, -10, 11, -12.5, 13])
+PEER_ROWS = ["".join(f"{value:15.7E}" for value in PEER_VALUES[k : k + 5]) for k in (0, 5, 10)]
+PEER = (
+    "PEER NGA STRONG MOTION DATABASE RECORD\nDuzce, 11/12/1999, Lamont 1061, 090\n"
+    "ACCELERATION TIME SERIES IN UNITS OF G\nNPTS=  13, DT=   .0100 SEC\n"
+    + "\n".join(PEER_ROWS)
+    + "\n"
+)
+
+
 def make_at2():
-    right = G * test_peer_folder.VALUES
+    right = G * PEER_VALUES
     return Kind(
         "a.AT2",
-        test_peer_folder.MUTATED,
+        PEER,
         read_one,
         partial(match_rows, [right], 0.01, right.size, 1, True),
         (
@@ -114,8 +121,20 @@ def make_at2():
     )
 
 
+SAMPLES = np.random.default_rng(2).normal(size=40).round(6)
+SECONDS = 0.01 * np.arange(40)
+PRINTED = [f"{t:.2f},{value:.6f}" for t, value in zip(SECONDS, SAMPLES, strict=True)]
+SCIENTIFIC = [f"{t:.18e},{value:.18e}" for t, value in zip(SECONDS, SAMPLES, strict=True)]
+TABLES = {
+    "csv": "# a station, 1999\ntime [s],acc_g\n" + "\n".join(PRINTED) + "\n",
+    "numpy": "# a station, 1999\n# time,acc_g\n" + "\n".join(SCIENTIFIC) + "\n",
+    "tabs": ("time,acc_g\n" + "\n".join(PRINTED) + "\n").replace(",", "\t"),
+    "sep": "sep=,\ntime,acc_g\n" + "\n".join(PRINTED) + "\n",
+}
+
+
 def make_table(layout):
-    content = test_tables.TABLES[layout]
+    content = TABLES[layout]
     statements = (
         ("acc_g", "acc_gal", "acceleration", GAL / G),
         ("acc_g", "acc_mm", "acceleration", REFUSED),
@@ -130,8 +149,8 @@ def make_table(layout):
         "a.csv",
         content,
         read_one,
-        partial(match_run, G * test_tables.SAMPLES, 0.01),
-        tuple(each for each in statements if each[0] in content),
+        partial(match_run, G * SAMPLES, 0.01),
+        tuple(row for row in statements if row[0] in content),
     )
 
 
@@ -170,6 +189,34 @@ def make_esm():
     )
 
 
+def make_broadband():
+    """A file of SCEC's Broadband Platform: names by blanks, rows by tabs."""
+    values = np.random.default_rng(4).normal(0, 30, (3, 40))
+    rows = [
+        "\t".join([f"{0.02 * k:.6e}", *(f"{value:.6e}" for value in row)])
+        for k, row in enumerate(values.T)
+    ]
+    head = (
+        "# Sim stat=S01\n#    time(sec)      N-S(cm/s/s)      E-W(cm/s/s)      U-D(cm/s/s)\n"
+    )
+    known = [np.array([GAL * float(f"{value:.6e}") for value in row]) for row in values]
+
+    return Kind(
+        "s01.acc.bbp",
+        head + "".join(row + "\n" for row in rows),
+        partial(read_columns, ["N-S", "E-W", "up"]),
+        partial(match_rows, known, 0.02, 40, 1, False),
+        (
+            ("(cm/s/s)", "(g)", "acceleration", G / GAL),
+            ("(cm/s/s)", "(cm/s)", "acceleration", REFUSED),
+            ("(cm/s/s)", "(cm)", "acceleration", REFUSED),
+            ("time(sec)", "time(ms)", "time", 1e-3),
+            ("time(sec)", "freq(Hz)", "time", REFUSED),
+            ("Sim stat=S01", "sampling rate 200 Hz", "time", REFUSED),
+        ),
+    )
+
+
 def make_cosmos():
     known = [
         GAL * values
@@ -195,7 +242,7 @@ def make_cosmos():
 
 def make_csmip(volume):
     if volume == 1:
-        known = [G * each for each in (test_csmip.EAST, test_csmip.NORTH, test_csmip.UP)]
+        known = [G * values for values in (test_csmip.EAST, test_csmip.NORTH, test_csmip.UP)]
         statements = (
             ("in units of g.", "in units of cm/sec2.", "acceleration", GAL / G),
             ("in units of g.", "in units of g/10.", "acceleration", 0.1),
@@ -204,7 +251,7 @@ def make_csmip(volume):
     else:
         motions = test_csmip.WEAK, test_csmip.STRONG, test_csmip.RISING
         # Velocities and displacements are in the file as well.
-        known = [GAL * np.round(each / by, 5) for each in motions for by in (1, 100, 1000)]
+        known = [GAL * np.round(values / by, 5) for values in motions for by in (1, 100, 1000)]
         statements = (
             ("in cm/sec2.", "in g.", "acceleration", G / GAL),
             ("in cm/sec2.", "in cm/sec.", "acceleration", REFUSED),
@@ -274,9 +321,40 @@ def make_knet():
     )
 
 
+RETURN_PERIODS = (
+    "# a site\nreturn period [yr],PGA [g],PGV [cm/s]\n"
+    "10.50,0.0250,2.10\n100.00,0.0880,8.00\n475.00,0.1900,16.50\n2475.00,0.4100,40.10\n"
+)
+PERIODS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 / 2475]])
+HAZARDS = {
+    "rates": "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n",
+    "periods": RETURN_PERIODS,
+    "openquake": openquake(),
+    "sites": openquake(
+        places=[
+            (-122.4, 37.75, POES),
+            (-122.1, 37.75, ELSEWHERE),
+        ]
+    ),
+    "usgs": NSHMP,
+}
+RIGHT = {
+    "rates": np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]]),
+    "periods": PERIODS * [G, 1],
+    "openquake": np.transpose([G * LEVELS[1:], EXPECTED]),
+    "usgs": np.transpose([G * LEVELS, YEARLY]),
+}
+RIGHT["sites"] = RIGHT["openquake"]
+OPTIONS = {
+    "periods": {"measure": "pga"},
+    "sites": {"site": (-122.4, 37.75)},
+    "usgs": {"measure": "pga", "unit": "g"},
+}
+
+
 def make_hazard(layout, name="hazard.csv", statements=()):
-    right = test_hazard_files.RIGHT[layout]
-    stated = test_hazard_files.STATED.get(layout, {})
+    right = RIGHT[layout]
+    options = OPTIONS.get(layout, {})
 
     def same(hazard, *, level=1.0, rate=1.0):
         # A table that lost whole lines is a shorter curve, of the same points.
@@ -285,8 +363,8 @@ def make_hazard(layout, name="hazard.csv", statements=()):
         shorter = layout in ("rates", "periods") or len(points) == len(right)
         return shorter and near.all(axis=-1).any(axis=1).all()
 
-    content = test_hazard_files.LAYOUTS[layout]
-    return Kind(name, content, lambda path: jr.read_hazard(path, **stated), same, statements)
+    content = HAZARDS[layout]
+    return Kind(name, content, lambda path: jr.read_hazard(path, **options), same, statements)
 
 
 def make_openquake(layout):
@@ -345,20 +423,48 @@ def make_inventory():
     return Kind("objects.csv", content, jr.risk.read_inventory, same, statements)
 
 
-def make_impacts(layout):
-    files = test_measurement_files
-    content = "".join(line + "\n" for line in files.LAYOUTS[layout])
+DEGREE = np.pi / 180
+IMPACT_TIMES = np.array([0.5123, 1.4471, 2.2310, 2.9014, 3.4875])
+PEAKS = np.array([9.1234, 7.5012, 6.2345, 5.1876])  # [deg]
+COLUMNS = [[f"{t:.4f}" for t in IMPACT_TIMES], [f"{p:.4f}" for p in PEAKS] + [""]]
+MILLISECONDS = [f"{1000 * t:.1f}" for t in IMPACT_TIMES]
+IMPACTS = {
+    "times": ["time [s]", *COLUMNS[0]],
+    "without names": COLUMNS[0],
+    "peaks": ["time [s],peak rotation [deg]", *map(",".join, zip(*COLUMNS, strict=True))],
+    "counter": [
+        "# a test of a cabinet",
+        "impact,time [ms],velocity [m/s],peak rotation [deg],notes",
+        *(
+            f"{n},{t},{0.5 - 0.1 * n:.2f},{p},{'phone, moved'[:5]}"
+            for n, t, p in zip(range(5), MILLISECONDS, COLUMNS[1], strict=True)
+        ),
+    ],
+    "tabs": [
+        "No.\ttime [ms]\tpeak [deg]",
+        *map("\t".join, zip("12345", MILLISECONDS, COLUMNS[1], strict=True)),
+    ],
+    "semicolons": [
+        "sep=;",
+        "peak [deg];time [s]",
+        *map(";".join, zip(*COLUMNS[::-1], strict=True)),
+    ],
+}
 
-    def same(found, *, time=1.0, rotation=1.0):
+
+def make_impacts(layout):
+    content = "".join(line + "\n" for line in IMPACTS[layout])
+
+    def same(measurements, *, time=1.0, rotation=1.0):
         # A table that lost a line has the same times and peaks, as it would of a missed impact.
-        times, peaks = found
-        right = time * files.TIMES
+        times, peaks = measurements
+        right = time * IMPACT_TIMES
         at = abs(times[:, None] - right).argmin(axis=1)
         if not np.allclose(times, right[at], rtol=1e-12) or len(np.unique(at)) < len(at):
             return False
         if peaks is None:
             return layout in ("times", "without names")
-        expected = rotation * np.append(files.PEAKS, np.nan)[at[:-1]] * files.DEGREE
+        expected = rotation * np.append(PEAKS, np.nan)[at[:-1]] * DEGREE
         return np.isclose(peaks, expected, rtol=1e-12, atol=0).all()
 
     statements = (
@@ -366,10 +472,10 @@ def make_impacts(layout):
         ("time [ms]", "time [s]", "time", 1e3),
         ("time [", "interval [", "time", REFUSED),
         ("[deg]", "[mm]", "rotation", REFUSED),
-        ("[deg]", "[mrad]", "rotation", 1e-3 / files.DEGREE),
+        ("[deg]", "[mrad]", "rotation", 1e-3 / DEGREE),
         ("a test of a cabinet", "rotations in radians", "rotation", REFUSED),
     )
-    statements = tuple(each for each in statements if each[0] in content)
+    statements = tuple(row for row in statements if row[0] in content)
     return Kind("times.csv", content, read_impact_times, same, statements)
 
 
@@ -377,6 +483,7 @@ KINDS = {
     "AT2": make_at2,
     "plain numbers": make_plain,
     "ESM": make_esm,
+    "Broadband Platform": make_broadband,
     "COSMOS": make_cosmos,
     "CSMIP volume 1": partial(make_csmip, 1),
     "CSMIP volume 2": partial(make_csmip, 2),
@@ -390,11 +497,8 @@ KINDS = {
     "nshmp-haz": partial(make_hazard, "usgs"),
     "inventory": make_inventory,
 }
-KINDS |= {f"table, {layout}": partial(make_table, layout) for layout in test_tables.TABLES}
-KINDS |= {
-    f"impacts, {layout}": partial(make_impacts, layout)
-    for layout in test_measurement_files.LAYOUTS
-}
+KINDS |= {f"table, {layout}": partial(make_table, layout) for layout in TABLES}
+KINDS |= {f"impacts, {layout}": partial(make_impacts, layout) for layout in IMPACTS}
 
 
 @pytest.mark.parametrize("number", [200, pytest.param(1000, marks=pytest.mark.thorough)])
