@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 from jaxrock.host.tables import _is_cut
@@ -342,53 +341,3 @@ def test_usgs(tmp_path):
 )
 def test_numbers_that_were_cut(word, others, cut):
     assert _is_cut(word, others) == cut
-
-
-PLAIN = (
-    "# a site\nreturn period [yr],PGA [g],PGV [cm/s]\n"
-    "10.50,0.0250,2.10\n100.00,0.0880,8.00\n475.00,0.1900,16.50\n2475.00,0.4100,40.10\n"
-)
-POINTS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 / 2475]])
-LAYOUTS = {
-    "rates": "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n",
-    "periods": PLAIN,
-    "openquake": openquake(),
-    "sites": openquake(places=[(-122.4, 37.75, POES), (-122.1, 37.75, ELSEWHERE)]),
-    "usgs": NSHMP,
-}
-RIGHT = {
-    "rates": np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]]),
-    "periods": POINTS * [G, 1],
-    "openquake": np.transpose([G * LEVELS[1:], EXPECTED]),
-    "usgs": np.transpose([G * LEVELS, YEARLY]),
-}
-RIGHT["sites"] = RIGHT["openquake"]
-STATED = {
-    "periods": {"measure": "pga"},
-    "sites": {"site": (-122.4, 37.75)},
-    "usgs": {"measure": "pga", "unit": "g"},
-}
-
-
-@pytest.mark.parametrize("number", [45, pytest.param(200, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_mutations(tmp_path, layout, number):
-    """A table that lost whole lines is a shorter curve, of the same points."""
-    right = RIGHT[layout]
-
-    def same(hazard):
-        points = np.transpose([hazard.levels, hazard.rates])
-        near = np.isclose(points[:, None], right, rtol=1e-9, atol=0).all(axis=-1)
-        lost_lines = layout in ("rates", "periods")
-        return near.any(axis=1).all() and (lost_lines or len(points) == len(right))
-
-    def read(path):
-        return jr.read_hazard(path, **STATED.get(layout, {}))
-
-    path = tmp_path / "hazard.csv"
-    content = LAYOUTS[layout].encode()
-    path.write_bytes(content)
-    assert same(read(path))
-    faults, counts = read_mutations(content, path, read, same, number)
-    assert not faults, faults[:3]
-    assert min(counts.values()) > number / 10, counts
