@@ -555,7 +555,11 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
             "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2",
             "line 1: .* states COUNTS, which is not",
         ),
-        ("a.AT2", "ACC (RAD/S2)\n2 .01 NPTS, DT\n1 2", "line 1: .* states RAD/S2, which is not"),
+        (
+            "a.AT2",
+            "ACC (RAD/S2)\n2 .01 NPTS, DT\n1 2",
+            "line 1: .* states RAD/S2, which is not",
+        ),
         (
             "a.AT2",
             "ACC (G)\nUNITS: GAL\n2 1 NPTS, DT\n1 2",

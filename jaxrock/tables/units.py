@@ -68,8 +68,7 @@ _PRODUCTS = {
     (("years", -1),): "rate",
 }
 UNITS_OF_ACCELERATION = (
-    "one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g', '%g', 'mg',"
-    " 'in/s2', 'ft/s2'"
+    "one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g', '%g', 'mg', 'in/s2', 'ft/s2'"
 )
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 from jaxrock.ground_motion.files.claims import Claims
@@ -202,32 +201,3 @@ def test_the_caller_may_not_contradict(path):
         ValueError, match=r"time_step is 0.01 s, but the header states 5.0+ ms"
     ):
         jr.read_record(path, time_step=0.01)
-
-
-@pytest.mark.parametrize(
-    "number", [60, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
-)
-def test_mutations(tmp_path, number):
-    path = tmp_path / "made.V2c"
-
-    def rows(values):
-        return {tuple(values[k : k + 8]) for k in range(0, len(values), 8)}
-
-    known = rows(NORTH) | rows(EAST) | rows(UP) | rows(NORTH[:20])
-
-    def read(path):
-        jr.read_record(path, column="90", vertical="up")
-        return read_cosmos(TextFile(path), Claims())
-
-    def same(components):
-        # Lines of values that changed places, perhaps between channels, cannot be told.
-        return [each.direction for each in components] == ["level", "level", "up"] and all(
-            each.values.size == POINTS
-            and rows(each.values) <= known
-            and (each.factor, each.step) == (0.01, STEP)
-            for each in components
-        )
-
-    faults, counts = read_mutations(STATION.encode(), path, read, same, number)
-    assert not faults
-    assert min(counts.values()) > number / 20

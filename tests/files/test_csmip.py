@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 from jaxrock.ground_motion.files.claims import Claims
@@ -238,66 +237,3 @@ def test_the_caller_may_not_contradict(path):
         jr.read_record(path, unit="gal")
     with pytest.raises(ValueError, match=r"time_step is 0.02 s, but the header states"):
         jr.read_record(path, time_step=0.02)
-
-
-@pytest.mark.parametrize(
-    "number", [30, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
-)
-@pytest.mark.parametrize(
-    ("content", "known", "factor"),
-    [
-        (VOLUME_1, [EAST, NORTH, UP], 9.80665),
-        (
-            VOLUME_2,
-            [each / by for each in (WEAK, STRONG, RISING) for by in (1, 100, 1000)],
-            0.01,
-        ),
-    ],
-    ids=["volume-1", "volume-2"],
-)
-def test_mutations(path, content, known, factor, number):
-    decimals = 6 if factor > 1 else 5
-
-    def rows(values):
-        return {tuple(np.round(values[k : k + 8], decimals)) for k in range(0, POINTS, 8)}
-
-    rows_of_all = set().union(*map(rows, known))
-
-    def read(path):
-        jr.read_record(path, column="90", vertical="up")
-        return read_csmip(TextFile(path), Claims())
-
-    def same(components):
-        # Lines of values that changed places, perhaps between quantities, cannot be told.
-        return [each.direction for each in components] == ["level", "level", "up"] and all(
-            each.values.size == POINTS
-            and rows(each.values) <= rows_of_all
-            and (each.factor, each.step) == (factor, STEP)
-            for each in components
-        )
-
-    faults, counts = read_mutations(content.encode(), path, read, same, number)
-    assert not faults
-    assert min(counts.values()) > number / 20
-
-
-@pytest.mark.parametrize(
-    "number", [30, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
-)
-def test_mutations_of_pairs(path, number):
-    def same(components):
-        # Times say in which order values are.
-        return all(
-            np.array_equal(each.values, values)
-            and each.factor == pytest.approx(0.980665)
-            and each.step == pytest.approx(STEP, rel=1e-3)
-            for each, values in zip(components, (ALONG, ACROSS, ABOVE), strict=True)
-        )
-
-    def read(path):
-        jr.read_record(path, column="EW", vertical="up")
-        return read_csmip(TextFile(path), Claims())
-
-    faults, counts = read_mutations(RENADIC.encode(), path, read, same, number)
-    assert not faults
-    assert min(counts.values()) > number / 20

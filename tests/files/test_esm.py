@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 
@@ -166,19 +165,3 @@ def test_two_values_in_a_line_are_refused(tmp_path):
         ValueError, match=r"line 34: a value must be a number, got '0\.000000 1"
     ):
         read(tmp_path / NAME, write().replace(b"0.000000\n1", b"0.000000 1", 1))
-
-
-@pytest.mark.parametrize(
-    "number", [63, pytest.param(1000, marks=pytest.mark.thorough)], ids=["", "all"]
-)
-def test_mutations(tmp_path, number):
-    def same(record):
-        # Which of two lines of values was exchanged cannot be told.
-        found = np.sort(np.asarray(record.acceleration))
-        close = found.size == EAST.size and np.allclose(found, np.sort(EAST / 100), rtol=1e-14)
-        return record.time_step == 0.005 and close
-
-    faults, counts = read_mutations(write(), tmp_path / NAME, jr.read_record, same, number)
-    assert not faults
-    assert counts["read"] > 0.3 * number
-    assert counts["refused"] > 0.3 * number

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 from jaxrock.ground_motion.files.claims import Claims
@@ -167,36 +166,3 @@ def test_the_caller_may_not_contradict(path):
         jr.read_record(path, unit="g")
     with pytest.raises(ValueError, match=r"time_step is 0.01 s, but the header states"):
         jr.read_record(path, time_step=0.01)
-
-
-@pytest.mark.parametrize(
-    "number", [60, pytest.param(1000, marks=pytest.mark.thorough)], ids=str
-)
-def test_mutations(path, number):
-    def rows(values):
-        return {tuple(values[k : k + 10]) for k in range(0, len(values), 10)}
-
-    # All lines with columns of eight characters, those of the header as well.
-    known = {
-        tuple(float(line[k : k + 8]) for k in range(0, len(line), 8))
-        for line in V2A.splitlines()
-        if len(line) % 8 == 0 and set(line) <= set("0123456789.- ")
-    }
-    assert rows(ALONG) | rows(ACROSS) | rows(UP) | rows(OTHERS) < known
-
-    def read(path):
-        jr.read_record(path, column="S62W", vertical="up")
-        return read_geonet(TextFile(path), Claims())
-
-    def same(components):
-        # Lines of numbers that changed places, perhaps with the header, cannot be told.
-        return [each.direction for each in components] == ["level", "level", "up"] and all(
-            each.values.size == POINTS
-            and rows(each.values) <= known
-            and (each.factor, each.step) == (0.001, STEP)
-            for each in components
-        )
-
-    faults, counts = read_mutations(V2A.encode(), path, read, same, number)
-    assert not faults
-    assert min(counts.values()) > number / 20

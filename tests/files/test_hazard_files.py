@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 
@@ -425,39 +424,3 @@ def test_sites(tmp_path, content, name, options, answer):
     elif content == SITES:
         np.testing.assert_allclose(hazard.rates[-1], -np.log(0.999) / 50, rtol=1e-12)
 
-
-PLAIN = (
-    "# a site\nreturn period [yr],PGA [g],PGV [cm/s]\n"
-    "10.50,0.0250,2.10\n100.00,0.0880,8.00\n475.00,0.1900,16.50\n2475.00,0.4100,40.10\n"
-)
-PERIODS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 / 2475]])
-RATES = "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n"
-LAYOUTS = {
-    "rates": (RATES, {}, np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]])),
-    "periods": (PLAIN, {"measure": "pga"}, PERIODS * [G, 1]),
-    "openquake": (NEWER, {}, POINTS),
-    "sites": (SITES, {"site": (-122.4, 37.75)}, POINTS),
-    "usgs": (NSHMP, {"measure": "pga", "unit": "g"}, np.transpose([G * LEVELS, YEARLY])),
-}
-
-
-@pytest.mark.parametrize("number", [45, pytest.param(200, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_mutations(tmp_path, layout, number):
-    """A table that lost whole lines is a shorter curve, of the same points."""
-    content, options, right = LAYOUTS[layout]
-
-    def same(hazard):
-        points = np.transpose([hazard.levels, hazard.rates])
-        near = np.isclose(points[:, None], right, rtol=1e-9, atol=0).all(axis=-1)
-        lost_lines = layout in ("rates", "periods")
-        return near.any(axis=1).all() and (lost_lines or len(points) == len(right))
-
-    def read(path):
-        return jr.read_hazard(path, **options)
-
-    path = write(tmp_path, content)
-    assert same(read(path))
-    faults, counts = read_mutations(content.encode(), path, read, same, number)
-    assert not faults, faults[:3]
-    assert min(counts.values()) > number / 10, counts

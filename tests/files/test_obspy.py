@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 from tools.command import run
 
 import jaxrock as jr
@@ -416,23 +415,6 @@ def test_commands(tmp_path, capsys):
     options = dict.fromkeys(("column", "vertical", "time_step"))
     record = read_motion(str(path), unit="cm/s2", **options)
     assert is_same(record, GALS["HNE"], 0.005)
-
-
-@pytest.mark.parametrize("number", [90, pytest.param(1000, marks=pytest.mark.thorough)])
-def test_mutations_of_knet(tmp_path, number):
-    content = knet()
-    right = COUNTS * KNET_FACTOR
-
-    def same(record):
-        # That lines or columns of numbers have changed places cannot be known.
-        found = np.sort(np.asarray(record.acceleration))
-        close = np.isclose(found, np.sort(right), rtol=1e-13, atol=0)
-        return record.time_step == 0.01 and found.size == right.size and close.all()
-
-    faults, counts = read_mutations(content, tmp_path / "a.ew", jr.read_record, same, number)
-    assert not faults
-    assert counts["read"] > number / 6
-    assert counts["refused"] > number / 3
 
 
 def is_same(record, data, step):

@@ -1,7 +1,6 @@
 """Folders as PEER's database and networks hand them out, and the components in them."""
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 import jaxrock as jr
 from jaxrock.ground_motion.files import formats
 from jaxrock.ground_motion.files.components import Component
-from tests.references.mutations import read_mutations
 
 G = 9.80665
 # Names of a horizontal component and of the vertical one beside it, after those in the flat
@@ -323,29 +321,3 @@ def test_a_line_that_ends_the_data(write):
         write({"elCentro.at2": "".join(wrong)})
         with pytest.raises(ValueError, match=r"elCentro\.at2', line [467]: "):
             jr.read_record(folder / "elCentro.at2")
-
-
-VALUES = 1e-3 * np.array([1.5, -2, 3, -4.25, 5, -6, 7, -8, 9, -10, 11, -12.5, 13])
-ROWS = ["".join(f"{value:15.7E}" for value in VALUES[k : k + 5]) for k in (0, 5, 10)]
-MUTATED = (
-    "PEER NGA STRONG MOTION DATABASE RECORD\nDuzce, 11/12/1999, Lamont 1061, 090\n"
-    "ACCELERATION TIME SERIES IN UNITS OF G\nNPTS=  13, DT=   .0100 SEC\n"
-    + "\n".join(ROWS)
-    + "\n"
-)
-
-
-@pytest.mark.parametrize("number", [60, pytest.param(1000, marks=pytest.mark.thorough)])
-def test_mutations(tmp_path, number):
-    """No file of this format says in which order its values are, and nobody can."""
-
-    def same(record):
-        found = np.sort(np.asarray(record.acceleration))
-        right = np.allclose(found, G * np.sort(VALUES), rtol=1e-6)
-        return right and abs(float(record.time_step) - 0.01) < 1e-8
-
-    faults, counts = read_mutations(
-        MUTATED.encode(), Path(tmp_path / "a.AT2"), jr.read_record, same, number
-    )
-    assert not faults, faults[:3]
-    assert min(counts.values()) > number / 10

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from tests.references.mutations import read_mutations
 
 G = 9.80665
 
@@ -232,33 +231,3 @@ def test_varying_digits_are_no_sign_of_a_cut(read, form):
     # A number so much shorter than all others is one.
     with pytest.raises(ValueError, match="the file looks truncated"):
         read("time,acc_g\n0.00,0.12345\n0.01,-0.3456\n0.02,0.2")
-
-
-SAMPLES = np.random.default_rng(2).normal(size=40).round(6)
-TIMES = 0.01 * np.arange(40)
-PRINTED = [f"{t:.2f},{value:.6f}" for t, value in zip(TIMES, SAMPLES, strict=True)]
-SCIENTIFIC = [f"{t:.18e},{value:.18e}" for t, value in zip(TIMES, SAMPLES, strict=True)]
-TABLES = {
-    "csv": "# a station, 1999\ntime [s],acc_g\n" + "\n".join(PRINTED) + "\n",
-    "numpy": "# a station, 1999\n# time,acc_g\n" + "\n".join(SCIENTIFIC) + "\n",
-    "tabs": ("time,acc_g\n" + "\n".join(PRINTED) + "\n").replace(",", "\t"),
-    "sep": "sep=,\ntime,acc_g\n" + "\n".join(PRINTED) + "\n",
-}
-
-
-@pytest.mark.parametrize("number", [60, pytest.param(1000, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("kind", TABLES)
-def test_mutations(tmp_path, kind, number):
-    """A table that is cut between two lines is a shorter one, which no table can say."""
-
-    def same(record):
-        found = np.asarray(record.acceleration)
-        first = int(np.argmin(np.abs(G * SAMPLES - found[0])))
-        right = SAMPLES[first : first + found.size]
-        fits = right.size == found.size and np.allclose(found, G * right, rtol=1e-5)
-        return fits and abs(float(record.time_step) - 0.01) < 1e-6
-
-    path = tmp_path / "a.csv"
-    faults, counts = read_mutations(TABLES[kind].encode(), path, jr.read_record, same, number)
-    assert not faults, faults[:3]
-    assert min(counts.values()) > number / 20

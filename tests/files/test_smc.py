@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 
@@ -174,21 +173,3 @@ def test_numbers_too_large_for_their_columns_are_refused(tmp_path):
     content = write().replace(b" 6.6123E+1", b"**********", 1)
     with pytest.raises(ValueError, match=r"line 31: a value must be a number, got '\*\*\*"):
         read(tmp_path / "a.smc", content)
-
-
-@pytest.mark.parametrize(
-    "number", [63, pytest.param(1000, marks=pytest.mark.thorough)], ids=["", "all"]
-)
-def test_mutations(tmp_path, number):
-    def same(record):
-        # Which of two lines of values was exchanged cannot be told.
-        found = np.sort(np.asarray(record.acceleration))
-        close = found.size == NORTH.size and np.allclose(
-            found, np.sort(NORTH / 100), rtol=1e-14
-        )
-        return record.time_step == 0.005 and close
-
-    faults, counts = read_mutations(write(), tmp_path / "a.smc", jr.read_record, same, number)
-    assert not faults
-    assert counts["read"] > 0.1 * number
-    assert counts["refused"] > 0.3 * number

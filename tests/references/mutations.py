@@ -1,4 +1,6 @@
-"""Files as they arrive: cut, shifted, with exchanged columns, other line ends and encodings."""
+"""Files as they arrive: cut, shifted, with other columns, units, separators and encodings."""
+
+import re
 
 import numpy as np
 
@@ -69,6 +71,21 @@ def insert_letters(content, random):
     return content[:at] + letters.encode(code, errors="replace") + content[at:]
 
 
+def write_decimal_commas(content, random):
+    """As programs in half of Europe do, with another separator of columns or the same."""
+    separator = [b";", b"\t", b","][random.integers(3)]
+    return re.sub(rb"\.(?=\d)", b",", content.replace(b",", separator))
+
+
+def separate_otherwise(content, random):
+    """Commas between columns, or else blanks, become something else."""
+    separators = [b";", b"\t", b"|", b" ", b", ", b","]
+    separator = separators[random.integers(len(separators))]
+    if content.count(b",") > content.count(b"\n"):
+        return content.replace(b",", separator)
+    return re.sub(rb"(?<=\S) +(?=\S)", separator, content)
+
+
 MUTATIONS = [
     cut,
     lose_a_line,
@@ -79,31 +96,48 @@ MUTATIONS = [
     end_lines_otherwise,
     encode_otherwise,
     insert_letters,
+    write_decimal_commas,
+    separate_otherwise,
 ]
 
 
-def read_mutations(content, path, read, same, number=1000, seed=0):
+def read_mutations(content, path, read, same, number=1000, seed=0, statements=()):
     """Read mutations of a file, and tell which are neither read right nor refused properly.
 
     `read` takes the path, `same` what `read` returned and tells whether it is right: that is
     for the caller to say, since a table that is cut between two lines is a shorter table.
-    A refusal is a `ValueError` that names the file. Returns the faults: the mutation's name
-    and content with the answer or the error, and how many were read and refused.
+    Each of the `statements` is a text in the file, another one that takes its place, the name
+    of what it is about, and the factor by which that changes: `same` takes the factor by this
+    name. Of NaN, the file has to be refused.
+
+    A refusal is a `ValueError` of one line that names the file. Returns the faults: the
+    mutation's name and content with the answer or the error, and how many were read and
+    refused.
     """
     random = np.random.default_rng(seed)
     faults, counts = [], {"read": 0, "refused": 0}
+    mutations = MUTATIONS + ["other statement"] * bool(statements)
     for k in range(number):
-        mutation = MUTATIONS[k % len(MUTATIONS)]
-        mutated = mutation(content, random)
+        mutation = mutations[k % len(mutations)]
+        factors = {}
+        if mutation == "other statement":
+            old, new, name, factor = statements[random.integers(len(statements))]
+            mutation = f"{old} -> {new}"
+            mutated = content.replace(old.encode(), new.encode())
+            assert mutated != content, mutation
+            factors = {name: factor}
+        else:
+            mutated = mutation(content, random)
+            mutation = mutation.__name__
         path.write_bytes(mutated)
         try:
             answer = read(path)
         except ValueError as error:
             counts["refused"] += 1
-            if path.name not in str(error):
-                faults.append((mutation.__name__, mutated, error))
+            if path.name not in str(error) or len(str(error).splitlines()) > 1:
+                faults.append((mutation, mutated, error))
             continue
         counts["read"] += 1
-        if not same(answer):
-            faults.append((mutation.__name__, mutated, answer))
+        if not same(answer, **factors):
+            faults.append((mutation, mutated, answer))
     return faults, counts
