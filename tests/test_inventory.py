@@ -119,7 +119,10 @@ HEAD = "name,width [m],height [m],restitution,restitution scatter"
     ("text", "message"),
     [
         ("", "the file is empty"),
-        ("# none\n", "a line with the names of the columns was expected, all lines are comments"),
+        (
+            "# none\n",
+            "a line with the names of the columns was expected, all lines are comments",
+        ),
         (HEAD, "at least one object was expected, got none"),
         (f"{HEAD}\n,,,,\n", "at least one object was expected, got none"),
         (

@@ -197,11 +197,12 @@ class Table:
 
     def _read_quickly(self, lines: list[str], columns: Sequence[int]) -> np.ndarray | None:
         """Read columns of plain numbers; None if anything is unusual."""
-        # With quotes, or with fields missing in some lines, `loadtxt` would not always raise: it
-        # does for a missing last one that is wanted, and the sum shows that none is too many.
+        # Behind semicolons a point may be of thousands. With quotes, or with fields missing in
+        # some lines, `loadtxt` would not always raise: it does for a missing last one that is
+        # wanted, and the sum shows that none is too many.
         between = len(self.heads) - 1
         separator = self.separator
-        if separator == " " or not lines or '"' in self.text.content:
+        if separator in " ;" or not lines or '"' in self.text.content:
             return None
         if between in columns:
             number = self.text.content.count(separator)

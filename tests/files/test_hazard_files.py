@@ -423,4 +423,3 @@ def test_sites(tmp_path, content, name, options, answer):
         np.testing.assert_allclose(hazard.rates, YEARLY, rtol=1e-12)
     elif content == SITES:
         np.testing.assert_allclose(hazard.rates[-1], -np.log(0.999) / 50, rtol=1e-12)
-

@@ -70,7 +70,10 @@ def test_heads_and_separators(read, content):
             "line 3: decimals must all stand behind points or all behind commas, got '1,5'",
         ),
         ("time;acc_g\n0;1,500\n1;2,500\n", "line 2: '1,500' may be a number with decimals"),
-        ("time\tacc_g\n0\t1\n1\n", "line 3: 2 fields separated by tabs were expected, got 1"),
+        (
+            "time\tacc_g\n0\t1\n1\n2\t3\n",
+            "line 3: 2 fields separated by tabs were expected, got 1",
+        ),
         ("time,acc_g\n0,1\n\n1,2\n", "line 3: 2 fields separated by commas were expected"),
         (
             "time,acc_g\n0,1.0-02\n1,2\n",
