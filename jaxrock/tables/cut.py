@@ -9,7 +9,9 @@ from .text import TextFile, quote_word
 # A number at the end of a word: in fixed columns several may run together, and Fortran may
 # write 1.0-100 for 1e-100.
 _NUMBER = re.compile(
-    r"\s*(?:[-+.\d]|(?<=[\d.])[ed])*?(?:(?P<digits>\d+\.|\.(?=\d))(?P<decimals>\d*)(?P<exponent>[ed][-+]?\d+|[-+]\d{2,3})?"
+    r"\s*(?:[-+.\d]|(?<=[\d.])[ed])*?"
+    r"(?:(?P<digits>\d+\.|\.(?=\d))(?P<decimals>\d*)"
+    r"(?P<exponent>[ed][-+]?\d+|[-+]\d{2,3})?"
     r"|(?P<whole>\d+)(?P<power>[ed][-+]?\d+)?)",
     re.I,
 )
@@ -34,16 +36,16 @@ def require_whole_end(text: TextFile, words: Sequence[str]) -> None:
     does.
 
     A file that ends with a line end or a blank is not cut within a number. Of any other the
-    last number is doubtful if it has fewer digits after its point than each of the others, or
+    last number is doubtful if it has fewer digits after its point than each number before it, or
     a shorter exponent. A number that was cut down to as many digits as another one has by
     chance cannot be told from it.
     """
     if text.ends or not words:
         return
-    *others, last = words[-_MANY:]
-    if _has_fewer_digits(last, others):
+    *before, last = words[-_MANY:]
+    if _has_fewer_digits(last, before):
         reason = "has fewer digits than the others"
-    elif _ends_early(last, others):
+    elif _ends_early(last, before):
         reason = "ends before those above it do"
     else:
         return
@@ -54,10 +56,10 @@ def require_whole_end(text: TextFile, words: Sequence[str]) -> None:
     )
 
 
-def _has_fewer_digits(last: str, others: list[str]) -> bool:
-    """Return whether a number has fewer digits than each of the others."""
+def _has_fewer_digits(last: str, before: list[str]) -> bool:
+    """Return whether a number has fewer digits than each number before it."""
     counted = _count_digits(last)
-    counts = [digits for digits in map(_count_digits, others) if digits is not None]
+    counts = [digits for digits in map(_count_digits, before) if digits is not None]
     # Among numbers that differ from it, a 0 may be printed in a way of its own.
     counts = [digits for digits in counts if not digits.is_zero] or counts
     if counted is None or not counts:
@@ -72,10 +74,10 @@ def _has_fewer_digits(last: str, others: list[str]) -> bool:
     return counted.decimals < decimals or counted.exponent < exponent
 
 
-def _ends_early(last: str, others: list[str]) -> bool:
-    """Return whether a number ends before its column, in which all others end at one place."""
-    ends = {len(word) for word in others}
-    is_padded = any(word[:1].isspace() for word in others)
+def _ends_early(last: str, before: list[str]) -> bool:
+    """Return whether a number ends before its column, in which all before it end at one place."""
+    ends = {len(word) for word in before}
+    is_padded = any(word[:1].isspace() for word in before)
     return is_padded and len(ends) == 1 and len(last) < min(ends)
 
 

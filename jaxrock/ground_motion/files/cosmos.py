@@ -87,10 +87,9 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
     number = header.fields["number"][0].word
     name = f"channel {number} of {str(text.path)!r}"
-    no_step = "the real header states no time step"
-    component, end = header.read_component(data + 1, columns, name, no_step)
     channel, direction = _find_orientation(text, header, text.lines[at + 1 : data])
-    component = component._replace(direction=direction, channel=channel)
+    component, end = header.read_component(data + 1, columns, name, direction)
+    component = component._replace(channel=channel)
     return [(number, component)], _end_channel(text, end, quantity)
 
 

@@ -31,6 +31,7 @@ _DATA = (
     r"(?:,?\s*in\s+(?:units\s+of\s+)?(?P<unit>[^\s(]+?)\s*\.?\s*(?:format:)?\s*"
     r"(?P<format>\(.*)?|\(units:\s*(?P<declared>[^\s)]+?)\.?\s*\)\s*)$"
 )
+_PAIRS_LINE = 11
 _PAIRS_UNIT = r"\s*units\s+of\s+uncor\s+\w+\s+are\s+sec\s+and\s+(?P<unit>g/10|g)\b"
 # The second line of the integers, and the place of the orientation in it.
 _INTEGERS = Columns(16, 5)
@@ -116,18 +117,18 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
     if text.lines[top].lower().lstrip().startswith(_CORRECTED):
         volume = _SECOND
         match_line(text, top + 1, rf"\s*{_RAW}\b", "the title of the uncorrected data")
-    head = Header(text, claims)
-    head.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
-    direction = _find_direction(text, head, top + volume.text + 1)
-    number = head.fields["number"][0].word
-    name = f"channel {number} of {str(text.path)!r}"
     at = top + volume.text + volume.headers
-    components: list[Component] = []
+    numbered: list[Numbered] = []
     while not re.match(r"\W*end of data\b", get_line(text, at, "'End of data'"), re.I):
         header = Header(text, claims)
+        header.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
+        number = header.fields["number"][0].word
+        name = f"channel {number} of {str(text.path)!r}"
+        direction = _find_direction(text, header, top + volume.text + 1)
         if volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at]):
-            component, at = _read_pairs(text, header, top, at, name)
-            components.append(component)
+            _read_statements(header, top, volume)
+            component, at = _read_pairs(text, header, top, at, name, direction)
+            numbered.append((number, component))
             continue
         expected = "a line such as '7200 points of accel data equally spaced at ...'"
         header.read_line(at, _DATA, expected)
@@ -141,13 +142,9 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         if declared := header.find("declared"):
             header.add("unit", declared.line, declared.word)
         _read_statements(header, top, volume)
-        component, at = header.read_component(at + 1, columns, name)
-        components.append(component)
-    channel = head.fields["channel"][0].word
-    return [
-        (number, component._replace(direction=direction, channel=channel))
-        for component in components
-    ], at + 1
+        component, at = header.read_component(at + 1, columns, name, direction)
+        numbered.append((number, component))
+    return numbered, at + 1
 
 
 def _read_statements(header: Header, top: int, volume: _Volume) -> None:
@@ -158,24 +155,21 @@ def _read_statements(header: Header, top: int, volume: _Volume) -> None:
 
 
 def _read_pairs(
-    text: TextFile, header: Header, top: int, at: int, name: str
+    text: TextFile, header: Header, top: int, at: int, name: str, direction: Direction
 ) -> tuple[Component, int]:
     """Read pairs of time and acceleration, from the line with index `at` on."""
-    _read_statements(header, top, _FIRST)
-    unit = match_line(
-        text, top + 11, _PAIRS_UNIT, "a line 'Units of uncor accel are sec and g/10'"
-    )
-    factor = convert_unit("g") * (0.1 if unit["unit"].endswith("/10") else 1.0)
-    header.add_unit(top + 12, f"the header states {unit['unit']}", factor)
+    expected = "a line 'Units of uncor accel are sec and g/10'"
+    unit = match_line(text, top + _PAIRS_LINE, _PAIRS_UNIT, expected)["unit"]
+    factor = convert_unit("g") * (0.1 if unit.endswith("/10") else 1.0)
+    header.add_unit(top + _PAIRS_LINE + 1, f"the header states {unit}", factor)
     points = header.require_points()
     factor = header.require_unit()
     numbers = read_numbers(text, at, 2 * points, _PAIRS)
     step = header.require_even_times(numbers.words[::2], numbers.values[::2], at + 1)
     header.require_duration(points, step)
-    words = numbers.words[1::2]
     values = numbers.values[1::2]
-    header.require_peak(words, values, factor)
-    return Component(name, factor, values, step), numbers.end
+    header.require_peak(numbers.words[1::2], values, factor)
+    return header.make_component(name, factor, values, step, direction), numbers.end
 
 
 def _find_direction(text: TextFile, header: Header, integers: int) -> Direction:

@@ -69,17 +69,8 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
         )
     header.require_duration(points, step)
     header.require_peak(words, values, factor)
-    channel = header.find("channel")
-    return [
-        Component(
-            repr(str(text.path)),
-            factor,
-            values,
-            step,
-            find_direction(text, header, _DIRECTIONS, {}),
-            channel.word if channel else "",
-        )
-    ]
+    direction = find_direction(text, header, _DIRECTIONS, {})
+    return [header.make_component(repr(str(text.path)), factor, values, step, direction)]
 
 
 def _read_keys(text: TextFile, header: Header) -> int:

@@ -75,11 +75,11 @@ def _read_component(text: TextFile, claims: Claims, top: int) -> tuple[list[Numb
         header.add("azimuth", line, word)
     direction = find_direction(text, header, _DIRECTIONS, {})
     name = f"component {channel} of {str(text.path)!r}"
-    component, end = header.read_component(top + _HEADER_LINES, _COLUMNS, name)
+    component, end = header.read_component(top + _HEADER_LINES, _COLUMNS, name, direction)
     # Only to see that they are whole: what is cut or shifted in them shifts the next component.
     for quantity in ("velocities", "displacements"):
         line, word, value = header.fields[quantity][0]
         if not (value >= 0 and value % 1 == 0):
             raise text.error(f"a whole number of {quantity} was expected, got {word}", line)
         end = read_numbers(text, end, int(value), _COLUMNS).end
-    return [("", component._replace(direction=direction, channel=channel))], end
+    return [("", component)], end

@@ -34,7 +34,7 @@ import numpy as np
 from ...tables import UNITS_OF_ACCELERATION, Statement, TextFile
 from ..units import convert_unit
 from .claims import UNIFORM, Claims
-from .components import Component
+from .components import Component, Direction
 from .fixed_columns import Columns, match_line, read_numbers
 from .printed_times import explain_times, find_printed_halves, find_printed_step
 
@@ -243,20 +243,28 @@ class Header:
             )
 
     def read_component(
-        self, at: int, columns: Columns, name: str, no_step: str = ""
+        self, at: int, columns: Columns, name: str, direction: Direction
     ) -> tuple[Component, int]:
         """Read accelerations in columns, and check all that the header states of them.
 
-        They begin in the line with index `at`. Returns them, with no direction yet, and the
-        index of the line after them.
+        They begin in the line with index `at`. Returns them and the index of the line after.
         """
         points = self.require_points()
         factor = self.require_unit()
-        step = self.require_step(no_step)
+        step = self.require_step("the header states no time step")
         self.require_duration(points, step)
         numbers = read_numbers(self._text, at, points, columns)
         self.require_peak(numbers.words, numbers.values, factor)
-        return Component(name, factor, numbers.values, step), numbers.end
+        return self.make_component(name, factor, numbers.values, step, direction), numbers.end
+
+    def make_component(
+        self, name: str, factor: float, values: np.ndarray, step: float, direction: Direction
+    ) -> Component:
+        """Make a component with the channel's name, if the header states one."""
+        channel = self.find("channel")
+        return Component(
+            name, factor, values, step, direction, channel.word if channel else ""
+        )
 
     def _find_peak_unit(self, factor: float) -> float:
         """Find the unit [m/s2] in which the peak is stated: if it is not, that of the values."""

@@ -1,4 +1,4 @@
-"""Where channels point: by the names, azimuths and codes that headers state, which must agree."""
+"""Directions of channels, by the names, azimuths and codes of headers, which have to agree."""
 
 import re
 from collections.abc import Mapping

@@ -11,7 +11,7 @@ from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line
 from .headers import Header
-from .orientations import find_azimuth, find_direction
+from .orientations import find_direction
 
 # The first line says what the file holds.
 _FIRST = r"\s*\d\s+(?:unknown|(?:un)?corrected acc|velocity|displacement|response|fourier)"
@@ -65,12 +65,11 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
     direction = _find_direction(text, header)
     first = get_line(text, top, "the values")
     columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
-    component, end = header.read_component(top, columns, repr(str(text.path)))
+    component, end = header.read_component(top, columns, repr(str(text.path)), direction)
     if end < len(text.lines):
         points = header.fields["points"][0].word
         raise text.error(f"the header states {points} values, but more lines follow", end + 1)
-    channel = header.find("channel")
-    return [component._replace(direction=direction, channel=channel.word if channel else "")]
+    return [component]
 
 
 def _read_block(
@@ -116,12 +115,5 @@ def _find_direction(text: TextFile, header: Header) -> Direction:
             tilt.line,
         )
     header.add("code", tilt.line, tilt.word)
-    name = header.find("channel")
-    is_clear = name and (
-        find_azimuth(name.word) is not None
-        or any(re.fullmatch(pattern, name.word, re.I) for pattern in _NAMES)
-    )
-    if name and not is_clear:
-        # The degrees say it.
-        return _TILTS[int(tilt.value)]
-    return find_direction(text, header, _NAMES, _TILTS)
+    # By the degrees, a name that is not understood says nothing.
+    return find_direction(text, header, {**_NAMES, ".*": ""}, _TILTS)
