@@ -17,7 +17,6 @@ from ..tables import (
     quote_word,
     read_head,
     read_table,
-    require_whole_end,
 )
 
 # Rotations that are not the largest ones after an impact.
@@ -87,10 +86,7 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
             raise table.text.error(reason, rows[k].line)
     if not heads:
         _refuse_unclear(table, rows, times)
-    # Numbers of a column are printed alike, and rows may be shorter.
-    end = len(rows[-1].cells) - 1
-    words = [row.cells[end].replace(",", ".") for row in rows if len(row.cells) > end]
-    require_whole_end(table.text, words)
+    table.refuse_cut()
     # After the last impact no other one ends the half-cycle.
     peaks = peaks[:-1]
     return times, None if np.isnan(peaks).all() else peaks

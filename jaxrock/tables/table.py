@@ -174,16 +174,22 @@ class Table:
                 # A line that is missing would shift all samples that follow.
                 if not line.strip():
                     raise self.error_of_width(Row(number, [""]))
-        self.refuse_cut()
+            self.refuse_cut()
+        else:
+            words = [line.rpartition(self.separator)[2] for line in lines[-_LAST_LINES:]]
+            require_whole_end(self.text, [word.strip() for word in words])
         return values.T
 
     def refuse_cut(self) -> None:
         """Refuse a file that is cut within the last number of its last row."""
-        lines = self.text.lines[self._top :][-_LAST_LINES:]
-        words = [line.rpartition(self.separator)[2].strip(' "') for line in lines]
+        if self.text.ends or not self.rows:
+            return
+        # Rows may be shorter than others: a number is compared with those above it.
+        end = len(self.rows[-1].cells) - 1
+        words = [row.cells[end] for row in self.rows if len(row.cells) > end]
         if self.separator != ",":
             words = [word.replace(",", ".") for word in words]
-        require_whole_end(self.text, [word for word in words if word])
+        require_whole_end(self.text, words)
 
     def _read_quickly(self, lines: list[str], columns: Sequence[int]) -> np.ndarray | None:
         """Read columns of plain numbers; None if anything is unusual."""
@@ -348,7 +354,7 @@ def _find_names_in_comments(
 
 def _find_separator(text: TextFile) -> str:
     """Find what separates fields: what splits most lines into the same number of them."""
-    candidates: dict[str, tuple[float, bool, float]] = {}
+    candidates: dict[str, tuple[float, float, bool]] = {}
     for separator in _SEPARATORS:
         rows = [*itertools.islice(_split_lines(text, 0, separator), _SAMPLE)]
         if not rows:
@@ -366,7 +372,7 @@ def _find_separator(text: TextFile) -> str:
         # "0,5;0,1" has as many commas as semicolons, but only these leave numbers.
         cells = [cell for row in rows for cell in row.cells if cell]
         numbers = sum(map(_is_number, cells)) / max(len(cells), 1)
-        candidates[separator] = (number / len(rows), not inside, numbers)
+        candidates[separator] = (number / len(rows), numbers, not inside)
     if not candidates:
         # What is in none of the lines leaves each whole.
         return next((s for s in _SEPARATORS if s in text.lines[0] and s != " "), ",")
