@@ -174,19 +174,18 @@ class Table:
                 # A line that is missing would shift all samples that follow.
                 if not line.strip():
                     raise self.error_of_width(Row(number, [""]))
-            self.refuse_cut()
-        else:
-            words = [line.rpartition(self.separator)[2] for line in lines[-_LAST_LINES:]]
-            require_whole_end(self.text, [word.strip() for word in words])
+        self.refuse_cut()
         return values.T
 
     def refuse_cut(self) -> None:
         """Refuse a file that is cut within the last number of its last row."""
-        if self.text.ends or not self.rows:
+        if self.text.ends or _is_comment(self.text.lines[-1]):
             return
+        top = max(self._top, len(self.text.lines) - _LAST_LINES)
+        rows = [*_split_lines(self.text, top, self.separator)]
         # Rows may be shorter than others: a number is compared with those above it.
-        end = len(self.rows[-1].cells) - 1
-        words = [row.cells[end] for row in self.rows if len(row.cells) > end]
+        end = len(rows[-1].cells) - 1 if rows else 0
+        words = [row.cells[end] for row in rows if len(row.cells) > end]
         if self.separator != ",":
             words = [word.replace(",", ".") for word in words]
         require_whole_end(self.text, words)

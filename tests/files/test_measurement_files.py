@@ -126,6 +126,7 @@ UNCLEAR = ", line 1: names of the columns were expected, .* since"
             b"0.512\n0.987\n1.2",
             ", line 3: the file looks truncated: its last number '1.2' has",
         ),
+        (b"0.5,.091\n0.9,.071\n1", ", line 3: the file looks truncated: its last number '1'"),
         (b"t;n\n0,512;1\n0,987;2\n1,2", ", line 4: the file looks truncated: its last number"),
         # Units that no column has would be lost.
         (b"# time [s],peak, deg\n0.5,0.9\n1,0.7\n", f"{UNCLEAR} 'deg' may be the unit of one"),
