@@ -196,9 +196,10 @@ def _refuse_unclear(table: Table, rows: Sequence[Row], times: np.ndarray) -> Non
         line, words = titles[-1]
         raise table.text.error(f"{_EXPECTED}, got {quote_word(words)}", line)
     for line, words in _list_comments(table):
-        for word in re.findall(r"[^\W\d_]+|\u00b0", words):
+        for word in re.findall(r"[^\W\d_]+|\u00b0(?!\s?C)", words):
             unit = parse_unit(word)
-            if unit.dimension in ("time", "angle") and unit.factor < 1:
+            # NS is a direction, and us are people.
+            if unit.dimension in ("time", "angle") and 1e-3 <= unit.factor < 1:
                 reason = f"since {word!r} may be the unit of one that has no name"
                 raise table.text.error(f"{_EXPECTED}, {reason}", line)
     second = [table.parse_number(row, 1) for row in rows]

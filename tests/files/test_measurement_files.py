@@ -58,6 +58,7 @@ DEGREE = np.pi / 180
         ("t,peak\n[ms],[deg]\n500,9\n900,\n", [0.5, 0.9], [9 * DEGREE]),
         ("time in ms,maximum angle / deg,n\n500,9,\n900,,\n", [0.5, 0.9], [9 * DEGREE]),
         ("# t [ms],peak [deg]\n# by phone\n500,9\n900,\n", [0.5, 0.9], [9 * DEGREE]),
+        ("# NS, 21 \u00b0C, 3 min, by us\n.5,.1\n.9,\n", [0.5, 0.9], [0.1]),
         ("# Cabinet, left\n.5,.1\n.9,\n", [0.5, 0.9], [0.1]),
         ("# at 240 fps\ncamera time [s],time\n.6,.5\n.8,.9\n", [0.5, 0.9], None),
         ("t,rotation time [s],tilt rate [deg/s]\n.5,1,1\n.9,1,1\n", [0.5, 0.9], None),
