@@ -153,6 +153,7 @@ HEAD = "name,width [m],height [m],restitution,restitution scatter"
         (f'{HEAD}\n"a,1,2,,\nb,1,2,,\n', "2: a quote in this line does not end"),
         (f"{HEAD}\na,1,2,0.85,0.05\nb,1,2,0.85,0.1", "3: the file looks truncated: its last"),
         ("name;height [m];width [m]\na;3,25;1,25\nb;3,25;1,2", "3: the file looks truncated"),
+        ("name;width m;height m;;\na;0,3;1,2;;\nb;0,3;1", "3: the file looks truncated"),
         # Cells.
         (f"{HEAD}\na,0.2,tall,,\n", r"2: column 'height \[m\]' must have a .* got 'tall'"),
         (f"{HEAD}\na,0.2,,,\n", r"2: column 'height \[m\]' must have .*, got an empty cell"),

@@ -17,7 +17,6 @@ from ..tables import (
     quote_word,
     read_head,
     read_table,
-    require_whole_end,
 )
 
 # Rotations that are not the largest ones after an impact.
@@ -87,10 +86,7 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
             raise table.text.error(reason, rows[k].line)
     if not heads:
         _refuse_unclear(table, rows, times)
-    # Numbers of a column are printed alike, and rows may be shorter.
-    end = len(rows[-1].cells) - 1
-    words = [row.cells[end].replace(",", ".") for row in rows if len(row.cells) > end]
-    require_whole_end(table.text, words)
+    table.refuse_cut()
     # After the last impact no other one ends the half-cycle.
     peaks = peaks[:-1]
     return times, None if np.isnan(peaks).all() else peaks
@@ -200,9 +196,10 @@ def _refuse_unclear(table: Table, rows: Sequence[Row], times: np.ndarray) -> Non
         line, words = titles[-1]
         raise table.text.error(f"{_EXPECTED}, got {quote_word(words)}", line)
     for line, words in _list_comments(table):
-        for word in re.findall(r"[^\W\d_]+|\u00b0", words):
+        for word in re.findall(r"[^\W\d_]+|\u00b0(?!\s?C)", words):
             unit = parse_unit(word)
-            if unit.dimension in ("time", "angle") and unit.factor < 1:
+            # NS is a direction, and us are people.
+            if unit.dimension in ("time", "angle") and 1e-3 <= unit.factor < 1:
                 reason = f"since {word!r} may be the unit of one that has no name"
                 raise table.text.error(f"{_EXPECTED}, {reason}", line)
     second = [table.parse_number(row, 1) for row in rows]

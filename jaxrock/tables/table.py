@@ -187,13 +187,16 @@ class Table:
 
     def refuse_cut(self) -> None:
         """Refuse a file that is cut within the last number of its last row."""
-        if self.text.ends:
+        if self.text.ends or _is_comment(self.text.lines[-1]):
             return
-        lines = self.text.lines[self._top :][-_LAST_LINES:]
-        words = [line.rpartition(self.separator)[2].strip(' "') for line in lines]
+        top = max(self._top, len(self.text.lines) - _LAST_LINES)
+        rows = [*_split_lines(self.text, top, self.separator)]
+        # Rows may be shorter than others: a number is compared with those above it.
+        end = len(rows[-1].cells) - 1 if rows else 0
+        words = [row.cells[end] for row in rows if len(row.cells) > end]
         if self.separator != ",":
             words = [word.replace(",", ".") for word in words]
-        require_whole_end(self.text, [word for word in words if word])
+        require_whole_end(self.text, words)
 
     def _read_quickly(self, lines: list[str], columns: Sequence[int]) -> np.ndarray | None:
         """Read columns of plain numbers; None if anything is unusual."""
@@ -370,7 +373,7 @@ def _find_names_in_comments(
 
 def _find_separator(text: TextFile) -> str:
     """Find what separates fields: what splits most lines into the same number of them."""
-    candidates: dict[str, tuple[float, bool, float]] = {}
+    candidates: dict[str, tuple[float, float, bool]] = {}
     for separator in _SEPARATORS:
         if separator not in text.content:
             continue
@@ -390,7 +393,7 @@ def _find_separator(text: TextFile) -> str:
         # "0,5;0,1" has as many commas as semicolons, but only these leave numbers.
         cells = [cell for row in rows for cell in row.cells if cell]
         numbers = sum(map(_is_number, cells)) / max(len(cells), 1)
-        candidates[separator] = (number / len(rows), not inside, numbers)
+        candidates[separator] = (number / len(rows), numbers, not inside)
     if not candidates:
         # What is in none of the lines leaves each whole.
         return next((s for s in _SEPARATORS if s in text.lines[0] and s != " "), ",")

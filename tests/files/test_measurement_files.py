@@ -57,6 +57,7 @@ DEGREE = np.pi / 180
         ("t,peak\n[ms],[deg]\n500,9\n900,\n", [0.5, 0.9], [9 * DEGREE]),
         ("time in ms,maximum angle / deg,n\n500,9,\n900,,\n", [0.5, 0.9], [9 * DEGREE]),
         ("# t [ms],peak [deg]\n# by phone\n500,9\n900,\n", [0.5, 0.9], [9 * DEGREE]),
+        ("# NS, 21 \u00b0C, 3 min, by us\n.5,.1\n.9,\n", [0.5, 0.9], [0.1]),
         ("# Cabinet, left\n.5,.1\n.9,\n", [0.5, 0.9], [0.1]),
         ("# at 240 fps\ncamera time [s],time\n.6,.5\n.8,.9\n", [0.5, 0.9], None),
         ("t,rotation time [s],tilt rate [deg/s]\n.5,1,1\n.9,1,1\n", [0.5, 0.9], None),
@@ -125,6 +126,7 @@ UNCLEAR = ", line 1: names of the columns were expected, .* since"
             b"0.512\n0.987\n1.2",
             ", line 3: the file looks truncated: its last number '1.2' has",
         ),
+        (b"0.5,.091\n0.9,.071\n1", ", line 3: the file looks truncated: its last number '1'"),
         (b"t;n\n0,512;1\n0,987;2\n1,2", ", line 4: the file looks truncated: its last number"),
         # Units that no column has would be lost.
         (b"# time [s],peak, deg\n0.5,0.9\n1,0.7\n", f"{UNCLEAR} 'deg' may be the unit of one"),
