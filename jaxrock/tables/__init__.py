@@ -5,6 +5,7 @@ from .quantities import QUANTITIES as QUANTITIES
 from .quantities import Head as Head
 from .quantities import find_quantity as find_quantity
 from .quantities import read_head as read_head
+from .rows import Row as Row
 from .statements import NUMBER as NUMBER
 from .statements import collect_statements as collect_statements
 from .statements import find_contents as find_contents
@@ -12,7 +13,6 @@ from .statements import find_steps as find_steps
 from .statements import find_unit_after as find_unit_after
 from .statements import find_units as find_units
 from .statements import read_fortran as read_fortran
-from .table import Row as Row
 from .table import Table as Table
 from .table import read_table as read_table
 from .text import Statement as Statement

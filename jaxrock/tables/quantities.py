@@ -199,7 +199,7 @@ class Head(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """Whether all of its name is that of a quantity, not a word of it only."""
+        """True if all of its name is that of a quantity, not a word of it only."""
         return bool(_match_whole(self.name))
 
     @property

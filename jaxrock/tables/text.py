@@ -22,7 +22,7 @@ _MARKS = {
 
 
 class Statement(NamedTuple):
-    """What a caller or a file states about a quantity.
+    """Statement of a caller or a file about a quantity.
 
     Attributes
     ----------

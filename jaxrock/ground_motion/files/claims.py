@@ -1,4 +1,4 @@
-"""What a caller and a file state about the unit and the time step of accelerations."""
+"""Statements of a caller and a file about the unit and the time step of accelerations."""
 
 import math
 from typing import NamedTuple

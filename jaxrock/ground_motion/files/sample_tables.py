@@ -71,7 +71,7 @@ class SampleTable:
 
     @property
     def states_unit(self) -> bool:
-        """Whether a name or a note states a unit, understood or not."""
+        """True if a name or a note states a unit, understood or not."""
         return any(head.units for head in self.table.heads) or any(
             find_units(note[1]) for note in self.table.notes
         )

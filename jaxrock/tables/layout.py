@@ -1,0 +1,194 @@
+"""Layout of a table: what separates its cells, where its names stand, and what is above them."""
+
+import itertools
+import re
+from collections import Counter
+from typing import NamedTuple
+
+from .quantities import read_head
+from .rows import SEPARATORS, Row, is_comment, is_number, split_line, split_lines
+from .text import TextFile, quote_word
+from .units import parse_unit
+
+# By the first line, as Excel understands it, or else what fits best.
+_SEPARATOR_LINE = re.compile(r'\s*"?sep=(?P<separator>[,;|\t]?)"?\s*', re.I)
+# As many lines tell how a table is laid out.
+_SAMPLE = 30
+# In a comment above numbers: a word, and perhaps its unit in brackets.
+_NAME_IN_COMMENT = re.compile(r"[^\s\[\]()]+(?:\s*[\[(][^\[\]()]*[\])])?")
+# A line above one column that is no name of it: "Time Step: 0.005", "dt = 0.01".
+_STATEMENT = re.compile(r"[^:=]*[:=].*")
+
+
+class Layout(NamedTuple):
+    """Layout of a table.
+
+    Attributes
+    ----------
+    names : list of str
+        The names of the columns, with their units; empty if they have none.
+    line : int
+        Line of the names, or the first one below if there are none.
+    notes : list of (int, str)
+        Comments and lines above the names, with the numbers of their lines.
+    separator : str
+        The character between two cells.
+    top : int
+        Number of the line above the first row.
+    """
+
+    names: list[str]
+    line: int
+    notes: list[tuple[int, str]]
+    separator: str
+    top: int
+
+
+def find_layout(text: TextFile) -> Layout:
+    """Find the layout of a table; a `ValueError` if it has no rows, or titles but no names."""
+    notes: list[tuple[int, str]] = []
+    if "#" in text.content:
+        notes = [(n, line) for n, line in enumerate(text.lines, 1) if is_comment(line)]
+    stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
+    top = 1 if stated else 0
+    # Of a tab at the end of the first line the reader of lines has taken away, as it may be.
+    separator = (stated["separator"] or "\t") if stated else _find_separator(text)
+    sample = [*itertools.islice(split_lines(text, top, separator), _SAMPLE)]
+    if not sample:
+        raise text.error(
+            "a line with the names of the columns was expected, all lines are comments"
+        )
+    head, first = _find_head(sample)
+    titles = [row for k, row in enumerate(sample[:first]) if k != head]
+    top = sample[first].line - 1 if first < len(sample) else len(text.lines)
+    if head is not None:
+        names = sample[head].cells
+        line = sample[head].line
+        units = titles[-1].cells if titles and head + 1 < first else []
+        if _are_units(units, len(names)):
+            del titles[-1]
+            names = [
+                f"{n} [{u.strip('[]()')}]" if u else n
+                for n, u in zip(names, units, strict=True)
+            ]
+        # Spreadsheets end lines with separators of empty cells.
+        while len(names) > 1 and not names[-1]:
+            del names[-1]
+    elif first == len(sample):
+        got = quote_word(text.lines[sample[-1].line - 1])
+        raise text.error(f"rows of numbers were expected below {got}", sample[-1].line)
+    else:
+        names, line = _find_names_in_comments(notes, sample[first:], separator)
+        if not names and titles:
+            got = quote_word(text.lines[top])
+            raise text.error(f"names of the columns were expected above {got}", top + 1)
+    notes = [note for note in notes if note[0] != line]
+    notes += [(row.line, text.lines[row.line - 1]) for row in titles]
+    return Layout(names, line, sorted(notes), separator, top)
+
+
+def _find_head(sample: list[Row]) -> tuple[int | None, int]:
+    """Find the row of the names, None if there is none, and the first row below it."""
+    leading = [0]
+    while leading[-1] + 1 < len(sample) and not any(
+        map(is_number, sample[leading[-1] + 1].cells)
+    ):
+        leading.append(leading[-1] + 1)
+    if all(map(is_number, filter(None, sample[0].cells))):
+        return None, 0
+    width = Counter(len(row.cells) for row in sample).most_common(1)[0][0]
+    # Titles have one cell, or are statements such as "Time Step: 0.005".
+    names = [
+        k
+        for k in leading
+        if (width == 1 or any(sample[k].cells[1:]))
+        and not (len(sample[k].cells) == 1 and _STATEMENT.fullmatch(sample[k].cells[0]))
+    ]
+    if not names:
+        return None, leading[-1] + 1
+    known = {k: sum(bool(read_head(cell).quantity) for cell in sample[k].cells) for k in names}
+    fitting = [k for k in names if len(sample[k].cells) == width] or names
+    head = max(names, key=lambda k: known[k])
+    if not known[head]:
+        head = fitting[-1 if width == 1 else 0]
+    first = head + 1
+    while first < len(sample) and _stands_between(
+        sample[first].cells, len(sample[head].cells)
+    ):
+        first += 1
+    return head, first
+
+
+def _stands_between(cells: list[str], width: int) -> bool:
+    """Return whether a row below the names is none of numbers: of units, or a statement."""
+    return _are_units(cells, width) or (
+        len(cells) == 1 and not is_number(cells[0]) and bool(_STATEMENT.fullmatch(cells[0]))
+    )
+
+
+def _are_units(cells: list[str], width: int) -> bool:
+    """Return whether cells are units, or empty: the line below names in some logs."""
+    words = [cell.strip("[]() ") for cell in cells]
+    known = [word for word in words if word and parse_unit(word).dimension]
+    numbers = [word for word in words if is_number(word)]
+    return (
+        len(cells) == width
+        and bool(known)
+        and not numbers
+        and len(known) == sum(map(bool, words))
+    )
+
+
+def _find_names_in_comments(
+    notes: list[tuple[int, str]], rows: list[Row], separator: str
+) -> tuple[list[str], int]:
+    """Find names in the last comment above numbers, and its line; else names of one column."""
+    first = rows[0].line
+    width = max(len(row.cells) for row in rows)
+    above = [note for note in notes if note[0] < first]
+    if above and width > 1:
+        line, comment = above[-1]
+        names = split_line(comment.strip(), separator)
+        # A lone # is the name of a counter.
+        names[0] = names[0].lstrip("# ") or "#"
+        # Of sentences, which have commas as well, the parts are seldom single words.
+        plain = all(
+            _NAME_IN_COMMENT.fullmatch(name)
+            or (name.endswith(("]", ")")) and read_head(name).units)
+            or read_head(name).is_whole
+            for name in names
+        )
+        if plain and len(names) == width and not any(map(is_number, names)):
+            return names, line
+    # One column needs no name.
+    return (["column 1"] if width == 1 else []), first
+
+
+def _find_separator(text: TextFile) -> str:
+    """Find what separates fields: what splits most lines into the same number of them."""
+    candidates: dict[str, tuple[float, float, bool]] = {}
+    for separator in SEPARATORS:
+        if separator not in text.content:
+            continue
+        rows = [*itertools.islice(split_lines(text, 0, separator), _SAMPLE)]
+        if not rows:
+            return ","
+        counts = Counter(len(row.cells) for row in rows)
+        width, number = counts.most_common(1)[0]
+        if width == 1 or (separator == " " and (candidates or number < len(rows))):
+            continue
+        # Rather commas within fields than semicolons or tabs.
+        inside = any(
+            set(cell) & (set(SEPARATORS) - {separator, " "})
+            for row in rows
+            for cell in row.cells
+        )
+        # "0,5;0,1" has as many commas as semicolons, but only these leave numbers.
+        cells = [cell for row in rows for cell in row.cells if cell]
+        numbers = sum(map(is_number, cells)) / max(len(cells), 1)
+        candidates[separator] = (number / len(rows), numbers, not inside)
+    if not candidates:
+        # What is in none of the lines leaves each whole.
+        return next((s for s in SEPARATORS if s in text.lines[0] and s != " "), ",")
+    # Of equal ones the first.
+    return max(candidates, key=lambda separator: candidates[separator])
