@@ -557,8 +557,8 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
         ),
         (
             "a.AT2",
-            "ACC (RAD/S2)\n2 .01 NPTS, DT\n1 2",
-            "line 1: .* states RAD/S2, which is not",
+            "ACC (FT/S)\n2 .01 NPTS, DT\n1 2",
+            "line 1: .* states FT/S, which is not",
         ),
         (
             "a.AT2",
