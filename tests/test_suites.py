@@ -399,7 +399,7 @@ NONE = ": the folder has no file of a record: .at2, .csv"
         (
             {"a.csv": ALONE},
             {"vertical": True},
-            ["a.csv': one vertical column was expected, got 0"],
+            ["a.csv': no file is its vertical component by the name"],
         ),
         (
             {"a.AT2": LEVEL},

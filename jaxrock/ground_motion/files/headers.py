@@ -36,7 +36,7 @@ from ..units import convert_unit
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, match_line, read_numbers
-from .printed_times import explain_times, find_printed_halves, find_printed_step
+from .printed_times import find_printed_step, find_uniform_step
 
 # A number in decimals, in a pattern.
 DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)"
@@ -45,8 +45,6 @@ _STEPS = {"step": "s", "milliseconds": "ms", "rate": "samples per second"}
 _SHORTEST = 1e-5
 # Significant digits of a number of single precision, which headers are computed in.
 _SIGNIFICANT = 6
-# As many are enough to see how times are printed.
-_MANY = 1000
 NO_COUNTS = (
     "the values are counts of an instrument, no accelerations: take a processed file of the"
     " record, or remove the response from its waveform by obspy and use"
@@ -175,18 +173,10 @@ class Header:
         They have to be printed times of an even step, which is what the caller and the header
         state. `line` is where they begin.
         """
-        halves = find_printed_halves(words[:: 1 + len(words) // _MANY], times)
         stated = [step.value for step in self._claims.steps]
-        explained = [step for step in stated if explain_times(times, halves, step)]
-        steps = np.diff(times)
-        mean = float(times[-1] - times[0]) / steps.size
-        if explained:
-            step = explained[0]
-        elif mean > 0 and (abs(steps - mean) <= UNIFORM * mean).all():
-            step = mean
-        else:
-            step = find_printed_step(times, halves)
+        step = find_uniform_step(times) or find_printed_step(words, times, stated)
         if step is None:
+            steps = np.diff(times)
             raise self._text.error(
                 f"the times beside the values are not evenly spaced, from {steps.min():.6g} to"
                 f" {steps.max():.6g} s, as where film was digitized: take volume 2 of the record"

@@ -2,12 +2,10 @@
 
 import math
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
 from ...tables import (
-    Row,
     Statement,
     Table,
     TextFile,
@@ -23,7 +21,7 @@ from ...tables import (
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
 from .directions import find_clear_direction, find_column_direction
-from .printed_times import explain_times, find_printed_halves, find_printed_step
+from .printed_times import find_printed_step, find_uniform_step
 
 # PEER puts it beside the records that a search has found.
 _SEARCH_REPORT = re.compile(r'[\s"]*(?:PEER Ground Motion Database\b|-- Summary of )')
@@ -33,8 +31,6 @@ _SPECTRUM = re.compile(r"(?<![^\W_])spectr(?:um|a)(?![^\W_])", re.I)
 _NO_SERIES = ("pga", "pgv", "intensity", "rate", "probability", "return period")
 # Of fewer numbers nothing can be told.
 _FEW = 4
-# As many are enough to see how times are printed.
-_MANY_LINES = 1000
 
 
 class SampleTable:
@@ -254,24 +250,20 @@ class SampleTable:
         column = self.times or 0
         head = self.table.heads[column]
         seconds = head.unit.factor if head.unit else 1.0
+        step = find_uniform_step(times)
+        if step is not None:
+            return seconds * step
+        rows = self.table.rows
+        words = [row.cells[column] for row in rows]
+        stated = [claim.value / seconds for claim in claims.steps]
+        step = find_printed_step(words, times, stated)
+        if step is not None:
+            return seconds * step
         steps = np.diff(times)
         # The median, so that the error names the odd step, not all others.
         usual = float(np.median(steps))
-        differs = abs(steps - usual) > UNIFORM * usual
-        if (steps > 0).all() and not differs.any():
-            # The mean, whose error by printed digits falls with the number of steps.
-            return seconds * float(times[-1] - times[0]) / steps.size
-        # Few digits may be printed: a step that is stated explains them, or one that they tell.
-        rows = self.table.rows
-        halves = find_printed_halves(_take_words(rows, column), times)
-        for stated in claims.steps:
-            if explain_times(times, halves, stated.value / seconds):
-                return stated.value
-        printed = find_printed_step(times, halves)
-        if printed is not None:
-            return seconds * printed
         increase = bool((steps > 0).all())
-        at = int(np.argmax(differs if increase else steps <= 0))
+        at = int(np.argmax(abs(steps - usual) > UNIFORM * usual if increase else steps <= 0))
         reason = (
             f"must have a uniform step, mostly {seconds * usual:.6g} s" if increase else ""
         )
@@ -306,8 +298,3 @@ def is_search_report(text: TextFile) -> bool:
     """Return whether a table is PEER's report of a search for records."""
     first = next((line for line in text.lines if line.strip()), "")
     return _SEARCH_REPORT.match(first) is not None
-
-
-def _take_words(rows: Sequence[Row], column: int) -> list[str]:
-    """Take the words of a column from rows that are spread over the whole table."""
-    return [row.cells[column] for row in rows[:: 1 + len(rows) // _MANY_LINES]]
