@@ -151,10 +151,6 @@ def _read_columns(table: Table, measure: str | None) -> Curve:
             table.line,
         )
     ((often, frequency),) = frequencies
-    if len(table.rows) < 2:
-        raise table.text.error(
-            f"at least two lines of levels and rates were expected, got {len(table.rows)}"
-        )
     points = [
         (row.line, read_number(table, row, column), read_number(table, row, often))
         for row in table.rows
@@ -301,4 +297,8 @@ def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
         raise table.text.error(fault.reason, points[fault.point][0])
     # Levels that are certain to be exceeded, at a probability of 1.
     possible = np.isfinite(rates)
+    if possible.sum() < 2:
+        raise table.text.error(
+            f"at least two levels with finite rates were expected, got {possible.sum()}"
+        )
     return levels[possible], rates[possible]

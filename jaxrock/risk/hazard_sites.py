@@ -26,6 +26,7 @@ _LEVEL = (
 # What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so
 # first in the comment.
 _STATISTIC = r"(?:mean|max|std|quantile-(?:\d*\.)?\d+|rlz-\d+)"
+_BRANCH = "single realization"
 _IN_COMMENT = rf"(?i)#[,\s\"']*({_STATISTIC})(?![\w.])"
 _IN_FILE_NAME = rf"(?i)(?:hazard_curve-|(?=quantile))({_STATISTIC})(?![^\W_]|\.\d)"
 
@@ -196,7 +197,7 @@ def _read_statement(table: Table, key: str) -> str:
     values = _find_statements(table, key)
     if len(values) != 1:
         raise table.text.error(
-            f"one {key} was expected in a comment above, as OpenQuake writes it, got"
+            f"one {key} was expected in comments, as in '# investigation_time=50.0, imt=PGA', got"
             f" {quote_names(sorted(values)) or 'none'}"
         )
     return values.pop()
@@ -211,9 +212,9 @@ def _find_statements(table: Table, key: str) -> set[str]:
 
 def _read_statistic(table: Table) -> str:
     """Read which of OpenQuake's curves this is, from the comment and the name of the file."""
-    if _find_statements(table, "source_model_tree_path"):
-        return "single realization"
     stated = _find_statements(table, "kind")
+    if _find_statements(table, "source_model_tree_path"):
+        stated.add(_BRANCH)
     stated |= {word for _, line in table.notes for word in re.findall(_IN_COMMENT, line)}
     # Older versions name a file quantile_curve-0.1.csv.
     name = table.text.path.name.replace("quantile_curve-", "quantile-")
@@ -222,7 +223,7 @@ def _read_statistic(table: Table) -> str:
         raise table.text.error(
             "standard deviations of a logic tree are no hazard curve: take the mean or a quantile"
         )
-    if len(stated) > 1 or not all(re.fullmatch(_STATISTIC, words) for words in stated):
+    if len(stated) > 1 or not all(re.fullmatch(f"{_STATISTIC}|{_BRANCH}", w) for w in stated):
         raise table.text.error(
             "one kind of curve was expected in the comment and the name of the file, such as mean,"
             f" max, quantile-0.85 or rlz-000, got {quote_names(sorted(stated))}"
