@@ -26,7 +26,6 @@ _LEVEL = (
 # What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so
 # first in the comment.
 _STATISTIC = r"(?:mean|max|std|quantile-(?:\d*\.)?\d+|rlz-\d+)"
-_BRANCH = "single realization"
 _IN_COMMENT = rf"(?i)#[,\s\"']*({_STATISTIC})(?![\w.])"
 _IN_FILE_NAME = rf"(?i)(?:hazard_curve-|(?=quantile))({_STATISTIC})(?![^\W_]|\.\d)"
 
@@ -213,8 +212,6 @@ def _find_statements(table: Table, key: str) -> set[str]:
 def _read_statistic(table: Table) -> str:
     """Read which of OpenQuake's curves this is, from the comment and the name of the file."""
     stated = _find_statements(table, "kind")
-    if _find_statements(table, "source_model_tree_path"):
-        stated.add(_BRANCH)
     stated |= {word for _, line in table.notes for word in re.findall(_IN_COMMENT, line)}
     # Older versions name a file quantile_curve-0.1.csv.
     name = table.text.path.name.replace("quantile_curve-", "quantile-")
@@ -223,12 +220,14 @@ def _read_statistic(table: Table) -> str:
         raise table.text.error(
             "standard deviations of a logic tree are no hazard curve: take the mean or a quantile"
         )
-    if len(stated) > 1 or not all(re.fullmatch(f"{_STATISTIC}|{_BRANCH}", w) for w in stated):
+    if len(stated) > 1 or not all(re.fullmatch(_STATISTIC, words) for words in stated):
         raise table.text.error(
             "one kind of curve was expected in the comment and the name of the file, such as mean,"
             f" max, quantile-0.85 or rlz-000, got {quote_names(sorted(stated))}"
         )
-    return "".join(stated)
+    # Version 2.0 wrote the path of a branch above means and quantiles as well.
+    is_branch = not stated and _find_statements(table, "source_model_tree_path")
+    return "single realization" if is_branch else "".join(stated)
 
 
 def _describe_nshmp(table: Table, measure: str | None) -> tuple[Levels, str]:
