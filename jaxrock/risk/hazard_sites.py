@@ -20,7 +20,7 @@ _LIMITS = {"longitude": 360.0, "latitude": 90.0}
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
 # Some versions of OpenQuake write the type of a column behind its name.
 _LEVEL = (
-    r"(?:(?P<kind>poe|[a-z]\w*(?:\([\d.]+\))?)-)?"
+    r"(?:(?P<kind>poe|pg[avd]|(?:avg)?sa(?:\([\d.]+\))?|ia|cav|rsd\d*|mmi|[avd]si)-)?"
     r"(?P<level>[\d.]+(?:e[-+]?\d+)?)(?::float\d\d)?"
 )
 # What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so

@@ -95,6 +95,7 @@ FLAT = [TEN, TEN, 0]
             {},
             [2e-3, 1e-3],
         ),
+        ("return period [yr],PGA [g],id\n475,.1,1 2\n1000,1,1 3\n", {}, [1 / 475, 1e-3]),
         ("sep=;\nnote;rate;pga [g]\na, b;2e-3;0.1\n;1e-3;1\n", {}, [2e-3, 1e-3]),
         ("pga [g];rate\n0,1;2,0e-3\n1,0;1,0e-3\n", {}, [2e-3, 1e-3]),
         ("pga [g];rate;\n0,1;0,002;\n1,0;0,001;\n", {}, [2e-3, 1e-3]),
@@ -130,6 +131,7 @@ EARLY = "several numbers, .* first versions of OpenQuake .* export them"
         ("0.0 0.0,4.5E-01 5.8E-02,6.8E-01 0.1\n", f".*: a field has {EARLY}"),
         ("4.5E-01 5.8E-02 6.8E-03\n", ", line 1: names of the columns .* '4.5E-01 5.8E-02"),
         ("1,1e-2\n2,1e-3\n3,1e-4\n", ", line 1: names of the columns .* above '1,1e-2'"),
+        ("pga [g],rate\n", ": at least two levels .* got 0"),
         ("pga [g],rate\n1,1e-3\n", ": at least two levels .* got 1"),
         ("pga [g],rate\n1,often\n2,1e-3\n", ", line 2: column 'rate' must be .* got 'often'"),
         ("# site\npga [g],rate\n1,2\n2,1,0\n", ", line 4: 2 fields .* commas .* got 3"),
@@ -164,7 +166,7 @@ def test_tables_that_are_refused(tmp_path, content, message):
     assert refuses(message, write(tmp_path, content))
 
 
-OFTEN = "one column must be a rate of exceedance per year"
+OFTEN = "one column must be a rate per year, a probability"
 LEVEL = "one column must be pgv or pga with its unit"
 SILENT = "the head does not say which measure .* so that measure must be given"
 
