@@ -8,6 +8,8 @@ import jaxrock as jr
 
 pytestmark = pytest.mark.float64
 G = 9.80665
+PGA = {"measure": "pga"}
+PGV = {"measure": "pgv"}
 # 10 % in 50 years is the probability of a return period of 474.6 years.
 TEN = -np.log(0.9) / 50
 
@@ -42,12 +44,12 @@ def refuses(message, path, **options):
         ("pgv,rate", {"unit": "in/s"}, 0.0254, "pgv"),
         ("pgv [cm/s],rate", {"unit": "cm/s"}, 0.01, "pgv"),
         ("level,rate", {"unit": "g", "measure": "pga"}, G, "pga"),
-        ("intensity measure [gal],rate per year", {"measure": "pga"}, 0.01, "pga"),
+        ("intensity measure [gal],rate per year", PGA, 0.01, "pga"),
         # A comment may name the measure; below a name it may be about other columns.
         ("# PGA at the site\nIML [g],annual rate", {}, G, "pga"),
         ("PGA at the site\n\nx [g],annual rate", {}, G, "pga"),
         ("# PGV, or SA(1.0)\nPGA [g],annual rate", {}, G, "pga"),
-        ("# PGA and PGV\nlevel [cm/s],annual rate", {"measure": "pgv"}, 0.01, "pgv"),
+        ("# PGA and PGV\nlevel [cm/s],annual rate", PGV, 0.01, "pgv"),
         ("# PGA [g],rate [1/yr]", {}, G, "pga"),
         ("# PGA [g],annual rate", {}, G, "pga"),
         ("PGA,rate\n[g],[1/yr]", {}, G, "pga"),
@@ -83,15 +85,13 @@ FLAT = [TEN, TEN, 0]
         ("PGA [g],rate\n2,0\n1,1e-3\n.1,1e-3\n", {}, [1e-3, 1e-3, 0]),
         ("n,return period [yr],PGA [g]\n1,475,.1\n2,1000,1\n", {}, [1 / 475, 1e-3]),
         (
-            "RP,recurrence interval (years),SA(0.2) [g],PGV [cm/s],PGA [g]\n"
-            "x,475,.2,4,0.1\ny,1000,2,5,1\n",
-            {"measure": "pga"},
+            "recurrence interval (years),SA [g],PGV [m/s],PGA [g]\n475,2,4,0.1\n1000,2,5,1\n",
+            PGA,
             [1 / 475, 1e-3],
         ),
         # Of a curve and what else is known of the logic tree the curve is meant.
         (
-            "pga [g],rate std [1/yr],mean rate [1/yr],84th percentile rate [1/yr],rate (16th)\n"
-            ".1,1,2e-3,3e-3,1e-3\n1,1,1e-3,2e-3,1e-3\n",
+            "pga [g],rate std [1/yr],mean rate,84th rate,rate (max)\n.1,1,2e-3,3,4\n1,1,1e-3,3,4\n",
             {},
             [2e-3, 1e-3],
         ),
@@ -145,17 +145,11 @@ EARLY = "several numbers, .* first versions of OpenQuake .* export them"
         ("pgv [m/s],rate\n1,.1\n2,-1\n", ", line 3: a rate must be .* at least 0, got -1"),
         ("pgv [m/s],rate\n0,.1\n2,0\n", ", line 2: a level must be .* than 0, got 0"),
         ("pgv [m/s],rate\n1,.1\n2,.1\n", ": rates must fall with the level, got only"),
-        (
-            "pga [g],poe in 9 years\n1,1.1\n2,1\n",
-            ", line 2: a probability must be .*, got 1.1",
-        ),
+        ("pga [g],poe in 9 years\n1,1.1\n2,1\n", ", line 2: a probability .* got 1.1"),
         ("pga [g],poe in 9 yr [%]\n1,11\n2,-1\n", ", line 3: a probability .* 100 %, got -1"),
         ("pga [g],poe in 9 years\n1,.1\n2,1\n", ", line 3: rates must not rise"),
         ("pga [g],poe in 9 years\n1,1\n2,1\n3,.1\n", ": at least two levels .* got 1"),
-        (
-            "pga [g],return period [yr]\n1,9\n2,0\n",
-            ", line 3: a return period .* than 0, got 0",
-        ),
+        ("pga [g],return period [yr]\n1,9\n2,0\n", ", line 3: a return period .* got 0"),
         ("pga [g]:rate\n1:1e-2\n", ".*: rows of numbers .* were expected"),
         ("pga [g];rate\n0,100;2\n0,200;1.5\n", ", line 3: decimals must all stand behind"),
         ("pga [g],rate\n0.1,2.345E-02\n0.2,1.345E-0", ", line 3: the file looks truncated"),
@@ -203,12 +197,8 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         ("intensity [m/s],rate", {}, f"1: {SILENT}"),
         ("level,rate", {"unit": "g"}, f"1: {SILENT}"),
         ("pgv,rate", {}, "1: the head states no unit, so that unit must be given, got 'pgv'"),
-        (
-            "pga [g],rate",
-            {"measure": "pgv"},
-            "1: a hazard of pgv was expected, got one of pga",
-        ),
-        ("level [g],rate", {"measure": "pgv"}, "1: 'g' is not understood as a unit of pgv"),
+        ("pga [g],rate", PGV, "1: a hazard of pgv was expected, got one of pga"),
+        ("level [g],rate", PGV, "1: 'g' is not understood as a unit of pgv"),
         ("pga [g],rate", {"unit": "m/s2"}, "1: unit is 'm/s2', but the head states 'pga"),
         ("pga [g],rate", {"unit": "cm/s"}, "1: unit is 'cm/s', but the head states 'pga"),
         ("pga [cm/s],rate", {}, "1: 'cm/s' is not understood as a unit of pga"),
@@ -217,12 +207,12 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         ("lon,lat,depth,poe-0.1,poe-x", {}, "1: column 'poe-x' is not understood"),
         # What a comment or a title names instead.
         ("# SA(1.0 s), 5 % damping\nIML [g],annual rate", {}, "1: a comment names another"),
-        ("# IMT: SA(1.0)\nlevel [g],rate", {"measure": "pga"}, "1: a comment names another"),
+        ("# IMT: SA(1.0)\nlevel [g],rate", PGA, "1: a comment names another"),
         ("# a\n# spectral acceleration\nx [g],rate", {}, "2: a comment names another"),
-        ("Arias\n\nx [m/s],rate", {"measure": "pgv"}, "1: a comment names another measure"),
+        ("Arias\n\nx [m/s],rate", PGV, "1: a comment names another measure"),
         ("# probabilities in 50 years\nPGA [g],rate", {}, "1: a comment names a probability"),
         ("# PoE, 50 yr\n# PGA [g],annual rate", {}, "1: a comment names a probability"),
-        ("# PGV\nlevel [m/s],rate", {"measure": "pga"}, "2: a hazard of pga was expected"),
+        ("# PGV\nlevel [m/s],rate", PGA, "2: a hazard of pga was expected"),
         ("# PGV\nlevel [g],rate", {}, "2: 'g' is not understood as a unit of pgv"),
     ],
 )
@@ -239,14 +229,14 @@ def test_heads_that_are_refused(tmp_path, head, options, message):
         ({"unit": "knots"}, "^unit must be one like 'm/s', .* got 'knots'"),
         ({"unit": "m"}, "^unit must be one like 'm/s', .* got 'm'"),
         ({"site": (1.0, 2.0)}, "site goes with a table of several sites only, got"),
-        ({}, None),
+        ({}, "cannot be read: No such file"),
     ],
 )
 def test_arguments(tmp_path, options, message):
     path = write(tmp_path, "pga [g],rate\n1,.1\n2,0\n")
-    if message is None:
+    if not options:
         path.unlink()
-    with pytest.raises(ValueError, match=message or "cannot be read: No such file"):
+    with pytest.raises(ValueError, match=message):
         jr.read_hazard(path, **options)
 
 
@@ -262,7 +252,7 @@ SITES = NEWER + "-122.10000,37.75000,0.00000,9.0E-01,8.0E-01,2.0E-01,1.0E-02,1.0
 COMMENT = NEWER.splitlines()[0]
 OLDER = NEWER.replace(COMMENT, '# mean, investigation_time=50.0, imt="PGA"')
 TREE = (
-    "source_model_tree_path=('b1',), gsim_tree_path=('b1',), investigation_time=50.0, imt=PGA"
+    "source_model_tree_path=('b1',), gsim_tree_path=('b1',), investigation_time=50.0,imt=PGA"
 )
 NAMES = NEWER.splitlines()[1]
 TYPES = NEWER.replace(NAMES, NAMES.replace(",", ":float32,") + ":float32")
@@ -271,6 +261,7 @@ SECOND = (
     "# max, investigation_time=50.0\nlon,lat,PGA-0.005,PGA-0.0137,PGA-0.103,PGA-0.556,PGA-1.52"
     f",SA(0.1)-0.01,SA(0.1)-0.2\n-122.4,37.75,{POES},9E-1,1E-1\n"
 )
+BOTH = SECOND.replace("SA(0.1)", "PGV")
 POINTS = np.transpose([G * LEVELS[1:], [-np.log(1 - 0.8123456) / 50, TEN, TEN, 0.0]])
 
 
@@ -285,11 +276,7 @@ POINTS = np.transpose([G * LEVELS[1:], [-np.log(1 - 0.8123456) / 50, TEN, TEN, 0
         (NEWER.replace("kind='mean', ", ""), "a.csv", ""),
         (OLDER, "hazard_curve-mean-PGA.csv", "mean"),
         (OLDER.replace("mean", "quantile-0.1"), "quantile_curve-0.1.csv", "quantile-0.1"),
-        (
-            NEWER.replace(COMMENT, f"# {TREE}"),
-            "hazard_curve-smltp_b1.csv",
-            "single realization",
-        ),
+        (NEWER.replace(COMMENT, f"# {TREE}"), "curve.csv", "single realization"),
         (TYPES, "a.csv", "mean"),
         (SEMICOLONS, "a.csv", "mean"),
         (SECOND, "hazard_curve-max.csv", "max"),
@@ -307,8 +294,8 @@ def test_openquake(tmp_path, content, name, statistic):
     ("old", "new", "options", "message"),
     [
         ("'PGA'", "'PGV'", {}, 0.01),
-        ("", "", {"measure": "pga", "unit": "g"}, G),
-        ("", "", {"measure": "pgv"}, ", line 2: a hazard of pgv was expected, got one of pga"),
+        ("", "", PGA | {"unit": "g"}, G),
+        ("", "", PGV, ", line 2: a hazard of pgv was expected, got one of pga"),
         ("", "", {"unit": "m/s2"}, ", line 2: unit is 'm/s2', but OpenQuake has PGA in g by"),
         ("'mean'", "'std'", {}, ": standard deviations of a logic tree are no hazard curve"),
         ("'mean'", "'max'", {}, ": one kind of curve was expected .* got 'max', 'mean'"),
@@ -319,27 +306,12 @@ def test_openquake(tmp_path, content, name, statistic):
         ("=50.0", "=0", {}, ": investigation_time must be greater than 0, got '0'"),
         ("investigation_time=50.0, ", "", {}, ": one investigation_time was expected"),
         ("8.123456E-01", "none", {}, ", line 3: column 'poe-0.0137000' must be a number"),
-        (
-            "8.123456E-01",
-            "1.1E+00",
-            {},
-            ", line 3: a probability must be from 0 to 1, got 1.1",
-        ),
+        ("8.123456E-01", "1.1E+00", {}, ", line 3: a probability must be .* got 1.1"),
         ("8.123456E-01", "0.000000E+00", {}, ", line 3: rates must not rise"),
-        (
-            "-122.40000",
-            "-522.4",
-            {},
-            ", line 3: a longitude must be .* 360 degrees, got -522.4",
-        ),
+        ("-122.40000", "-522.4", {}, ", line 3: a longitude must be .* got -522.4"),
         ("lat", "lon", {}, ", line 2: one longitude was expected, got 2"),
         (",0.00000,", ",", {}, ", line 3: 8 fields separated by commas were expected, got 7"),
-        (
-            "0.0137000",
-            "0.0030000",
-            {},
-            ", line 3: levels must increase, got 0.003 after 0.005",
-        ),
+        ("0.0137000", "0.0030000", {}, ", line 3: levels must increase, got 0.003 a"),
         ("poe-0.0137000", "0.2~PGA", {}, ", line 2: column '0.2~PGA' is not understood"),
     ],
 )
@@ -367,52 +339,22 @@ YEARLY = np.array([2.8528077e-3, 2.8528077e-3, 1.5e-3, 1e-4, 0.0])
         (SITES, "a.csv", {"site": (1, 2)}, r": one curve at .* \(1, 2\) .* got 0 there, of 2"),
         (SITES, "a.csv", {"site": (-122.10001, 37.75)}, "mean hazard of pga"),
         # Of engine 2 the name says whether it is a curve, and there may be several measures.
-        (
-            SECOND,
-            "hazard_map-max.csv",
-            {},
-            ", line 2: columns such as 'SA.* in its hazard maps",
-        ),
-        (
-            SECOND,
-            "curve.csv",
-            {"measure": "pgv"},
-            ", line 2: columns of one measure .* pgv, got",
-        ),
-        (
-            SECOND.replace("SA(0.1)", "PGV"),
-            "curve.csv",
-            {},
-            ", line 2: .* got those of 'pga', ",
-        ),
-        (
-            SECOND.replace("SA(0.1)", "PGV"),
-            "curve.csv",
-            {"measure": "pgv"},
-            "max hazard of pgv",
-        ),
+        (SECOND, "hazard_map-max.csv", {}, ", line 2: columns .* in its hazard maps"),
+        (SECOND, "curve.csv", PGV, ", line 2: columns of .* pgv, got"),
+        (BOTH, "curve.csv", {}, ", line 2: .* got those of 'pga', "),
+        (BOTH, "curve.csv", PGV, "max hazard of pgv"),
         (SECOND.replace("max", "std"), "curve.csv", {}, ": standard deviations"),
         # The folder of nshmp-haz names the measure, or the caller does, and then the unit as well.
         (NSHMP, "PGA/curves.csv", {}, "hazard of pga"),
         (NSHMP, "PGA/source/FAULT/curves.csv", {}, "source FAULT hazard of pga"),
         (NSHMP, "PGA/gmm/CY_08.csv", {}, "gmm CY_08 hazard of pga"),
         (NSHMP, "SA0P2/gmm/CY_08.csv", {}, ": a hazard of pga or pgv .* got one of sa0p2"),
-        (NSHMP, "total.csv", {"measure": "pga", "unit": "g"}, "hazard of pga"),
-        (
-            NSHMP,
-            "PGA/curves.csv",
-            {"measure": "pgv"},
-            ", line 1: a hazard of pgv was expected",
-        ),
+        (NSHMP, "total.csv", PGA | {"unit": "g"}, "hazard of pga"),
+        (NSHMP, "PGA/curves.csv", PGV, ", line 1: a hazard of pgv was"),
         (NSHMP, "total.csv", {"unit": "g"}, ": neither the table nor its folder names"),
-        (NSHMP, "total.csv", {"measure": "pgv"}, ", line 1: the head states no unit"),
-        (
-            NSHMP,
-            "a.csv",
-            {"measure": "pgv", "unit": "g"},
-            ", line 1: 'g' is not .* unit of pgv",
-        ),
-        (NSHMP, "SA0P2.csv", {"measure": "pga", "unit": "g"}, ": a hazard of pga .* sa0p2"),
+        (NSHMP, "total.csv", PGV, ", line 1: the head states no unit"),
+        (NSHMP, "a.csv", PGV | {"unit": "g"}, ", line 1: 'g' is not .* unit of pgv"),
+        (NSHMP, "SA0P2.csv", PGA | {"unit": "g"}, ": a hazard of pga .* sa0p2"),
     ],
 )
 def test_sites(tmp_path, content, name, options, answer):
@@ -437,10 +379,10 @@ PERIODS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 
 RATES = "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n"
 LAYOUTS = {
     "rates": (RATES, {}, np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]])),
-    "periods": (PLAIN, {"measure": "pga"}, PERIODS * [G, 1]),
+    "periods": (PLAIN, PGA, PERIODS * [G, 1]),
     "openquake": (NEWER, {}, POINTS),
     "sites": (SITES, {"site": (-122.4, 37.75)}, POINTS),
-    "usgs": (NSHMP, {"measure": "pga", "unit": "g"}, np.transpose([G * LEVELS, YEARLY])),
+    "usgs": (NSHMP, PGA | {"unit": "g"}, np.transpose([G * LEVELS, YEARLY])),
 }
 
 
