@@ -34,6 +34,7 @@ def refuses(message, path, **options):
     [
         ("pga [g],rate [1/yr]", {}, G, "pga"),
         ("PGV (cm/s),annual rate", {}, 0.01, "pgv"),
+        ("PGV m/s,rate 1/yr", {}, 1.0, "pgv"),
         ("pga_cm_s2,mean annual frequency of exceedance", {}, 0.01, "pga"),
         ("peak ground velocity [m s^-1],\u03bb [yr^-1]", {}, 1.0, "pgv"),
         ("Peak horizontal ground acceleration (m/s\u00b2),MAFE", {}, 1.0, "pga"),
