@@ -61,8 +61,8 @@ def read_hazard(
           ``return period [yr]``. Other columns are ignored. A comment must not name a
           probability above rates, nor spectral acceleration above levels without a measure in
           their name.
-        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with measure, years and kind
-          of curve in the comment. Standard deviations are refused.
+        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with years, kind of curve
+          and mostly the measure in the comment. Standard deviations are refused.
         - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
           rates, which nshmp-haz writes unless told otherwise.
     unit : str, optional
@@ -79,8 +79,10 @@ def read_hazard(
     Returns
     -------
     Hazard
-        Levels in m/s or m/s2. Of a probability P in T years the rate is -ln(1 - P) / T. The
-        lowest levels, where P is printed as 1, have no finite rate and are left out.
+        Levels in m/s or m/s2; its `statistic` says whether they are of a mean, a maximum, a
+        quantile, one branch of a logic tree, or a part of the hazard. Of a
+        probability P in T years the rate is -ln(1 - P) / T. The lowest levels, where P is printed
+        as 1, have no finite rate and are left out.
 
     Raises
     ------
