@@ -1,10 +1,7 @@
 """Hazard curves from files: what heads say, layouts of programs, and what is refused."""
 
-from functools import partial
-
 import numpy as np
 import pytest
-from references.mutations import read_mutations
 
 import jaxrock as jr
 
@@ -365,40 +362,3 @@ def test_sites(tmp_path, content, name, options, answer):
     np.testing.assert_allclose(hazard.levels[-2:], levels, rtol=1e-12)
     last = {NSHMP: 1e-4, SITES: -np.log(0.99) / 50}.get(content, hazard.rates[-2])
     np.testing.assert_allclose(hazard.rates[-2], last, rtol=1e-12)
-
-
-PLAIN = (
-    "# a site\nreturn period [yr],PGA [g],PGV [cm/s]\n"
-    "10.50,0.0250,2.10\n100.00,0.0880,8.00\n475.00,0.1900,16.50\n2475.00,0.4100,40.10\n"
-)
-PERIODS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 / 2475]])
-RATES = "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n"
-YEARLY = np.transpose([G * LEVELS, [2.8528077e-3, 2.8528077e-3, 1.5e-3, 1e-4, 0.0]])
-LAYOUTS = {
-    "rates": (RATES, {}, np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]])),
-    "periods": (PLAIN, PGA, PERIODS * [G, 1]),
-    "openquake": (NEWER, {}, POINTS),
-    "semicolons": (SEMICOLONS, {}, POINTS),
-    "sites": (SITES, {"site": (-122.4, 37.75)}, POINTS),
-    "usgs": (NSHMP, PGA | {"unit": "g"}, YEARLY),
-}
-
-
-@pytest.mark.parametrize("number", [45, pytest.param(200, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_mutations(tmp_path, layout, number):
-    """A table that lost whole lines is a shorter curve, of the same points."""
-    content, options, right = LAYOUTS[layout]
-
-    def same(hazard):
-        points = np.transpose([hazard.levels, hazard.rates])
-        near = np.isclose(points[:, None], right, rtol=1e-9, atol=0).all(axis=-1)
-        is_whole = layout in ("rates", "periods") or len(points) == len(right)
-        return near.any(axis=1).all() and is_whole
-
-    path = write(tmp_path, content)
-    read = partial(jr.read_hazard, **options)
-    assert same(read(path))
-    faults, counts = read_mutations(content.encode(), path, read, same, number)
-    assert not faults, faults[:3]
-    assert min(counts.values()) > number / 10, counts
