@@ -37,6 +37,7 @@ _OTHER_MEASURES = (
     f"{QUANTITIES['spectral acceleration'].words}|{QUANTITIES['intensity'].words}"
 )
 _PROBABILITIES = QUANTITIES["probability"].words
+_DEVIATIONS = r"(?i)(?<![^\W_])(?:std|standard[\s_]+deviations?)(?![^\W_])"
 _Column = TypeVar("_Column", Levels, Frequency)
 
 
@@ -223,6 +224,7 @@ def _is_list(cell: str) -> bool:
 
 def _refuse_comments(table: Table, curve: Curve) -> None:
     """Refuse comments that name something else than the columns hold."""
+    names = " ".join(table.names)
     for line, comment in table.notes:
         words = re.findall(r"[^\W\d_]+", comment)
         # Below a name that is clear the comment may be about other columns.
@@ -230,6 +232,8 @@ def _refuse_comments(table: Table, curve: Curve) -> None:
             other = "another measure than pga or pgv"
         elif curve.frequency.kind == "rate" and _match_any(_PROBABILITIES, words):
             other = "a probability above a column of rates"
+        elif re.search(_DEVIATIONS, comment) and not re.search(_DEVIATIONS, names):
+            other = "standard deviations, which are no hazard curve"
         else:
             continue
         raise table.text.error(f"a comment names {other}, got {quote_word(comment)}", line)

@@ -80,6 +80,7 @@ FLAT = [TEN, TEN, 0]
         ("pga [g],probability per year\n.1,1e-9\n1,1e-12\n", {}, [1.0000000005e-9, 1e-12]),
         # From the highest level down.
         ("return period [yr],PGA [g]\n1000,1\n475,.1\n", {}, [1 / 475, 1e-3]),
+        ("# mean, std\npga [g],rate,std\n.1,2e-3,1\n1,1e-3,1\n", {}, [2e-3, 1e-3]),
         ("PGA [g],return period in years\n1,1000\n.1,475\n", {}, [1 / 475, 1e-3]),
         ("n,return period [yr],PGA [g]\n1,475,.1\n2,1000,1\n", {}, [1 / 475, 1e-3]),
         (
@@ -214,6 +215,8 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         ("Arias\n\nx [m/s],rate", PGV, "1: a comment names another measure"),
         ("# probabilities in 50 years\nPGA [g],rate", {}, "1: a comment names a probability"),
         ("# PoE, 50 yr\n# PGA [g],annual rate", {}, "1: a comment names a probability"),
+        ("# standard deviations\nPGA [g],rate", {}, "1: a comment names standard deviations"),
+        ("# std of rates\nPGA [g],rate", {}, "1: a comment names standard deviations"),
         ("# PGV\nlevel [m/s],rate", PGA, "2: a hazard of pga was expected"),
         ("# PGV\nlevel [g],rate", {}, "2: 'g' is not understood as a unit of pgv"),
     ],
