@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..tables import (
+    QUANTITIES,
     Head,
     Row,
     Table,
@@ -153,7 +154,22 @@ def _find_columns(table: Table, heads: Sequence[Head], line: int) -> tuple[int, 
     if len(peaks) > 1:
         reason = "at most one column must be rotations"
         raise table.text.error(f"{reason}, got {len(peaks)} in {printed}", line)
+    for k in (*times, *peaks) if line else ():
+        _refuse_other_unit(table, heads[k])
     return times[0], peaks[0] if peaks else None
+
+
+def _refuse_other_unit(table: Table, head: Head) -> None:
+    """Raise a `ValueError` if a comment states another unit of such a quantity than its head."""
+    dimension = QUANTITIES[head.quantity].dimensions[0] if head.quantity else ""
+    for line, words in _list_comments(table):
+        for word in re.findall(r"\bin\s+([^\W\d_]+|\u00b0)", words):
+            unit = parse_unit(word)
+            if unit.dimension == dimension and not math.isclose(unit.factor, head.factor):
+                raise table.text.error(
+                    f"a comment states the unit {word!r}, but the column is {head.words!r}",
+                    line,
+                )
 
 
 def _is_rotation(head: Head) -> bool:

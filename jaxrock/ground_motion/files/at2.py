@@ -13,9 +13,7 @@ from ...tables import (
     NUMBER,
     TextFile,
     find_contents,
-    find_steps,
     find_unit_after,
-    find_units,
     quote_word,
     read_fortran,
 )
@@ -46,14 +44,8 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     contents = find_contents(lines)
     if contents is not None:
         raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
-    for n, line in lines:
-        for words, unit in find_units(line):
-            header.add_unit(n, f"the header states {words}", unit)
+    header.read_text(lines, "the header")
     factor = header.require_unit("the header states no unit")
-    # All have to agree: the caller, the line with DT, and what other lines say of the step.
-    for n, line in lines:
-        for words, step in find_steps(line):
-            header.add_step(n, f"the header states {words}", step)
     step = header.require_step()
     points = header.require_points()
     values = read_free_numbers(text, top)

@@ -26,12 +26,19 @@ what the caller states, and with the values.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ...tables import UNITS_OF_ACCELERATION, Statement, TextFile
+from ...tables import (
+    UNITS_OF_ACCELERATION,
+    Statement,
+    TextFile,
+    collect_statements,
+    find_steps,
+    find_units,
+)
 from ..units import convert_unit
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
@@ -96,6 +103,14 @@ class Header:
     def add_step(self, line: int, words: str, step: float) -> None:
         """Add a time step [s] that the file states in other words than by its number."""
         self._claims = self._claims.add_step(line, words, step)
+
+    def read_text(self, lines: Iterable[tuple[int, str]], where: str) -> None:
+        """Add units and time steps that running text states; `where` says what it is."""
+        lines = [*lines]
+        for line, words, unit in collect_statements(find_units, lines, where):
+            self.add_unit(line, words, unit)
+        for line, words, step in collect_statements(find_steps, lines, where):
+            self.add_step(line, words, step)
 
     def read_line(self, at: int, pattern: str, description: str) -> None:
         """Add the groups of a pattern that the line with index `at` has to match."""
