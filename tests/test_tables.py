@@ -71,7 +71,7 @@ HEADS = [
     ),
     ("A1, 090, up, HNE, E-W, #", "", None),
     ("time, t, Elapsed time, time of the impact, sec", "time", None),
-    ("time_s, T (sec), Zeit [s], time/s, t [s]", "time", 1),
+    ("time_s, T (sec), Zeit [s], time/s, t [s], time since trigger [s.]", "time", 1),
     ("time [ms], time_ms, impact time [ms]", "time", 0.001),
     ("time [g]", "time", NONE),
     ("dt [ms], S-P delay [ms]", "duration", 0.001),

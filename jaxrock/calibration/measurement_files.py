@@ -28,11 +28,13 @@ _NO_PEAK = (
 # Names of something else, though a word or the unit is one of a rotation, or of a time.
 _NO_ROTATION = r"veloc|speed|accel|time|/\s*s"
 _NO_TIME = (
-    r"duration|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
+    r"duration|between|uplift|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
     r"|peak|rotation|angle|tilt"
 )
 # Without names times are in s. No block that stands on the earth takes so long between impacts.
 _LONGEST = 60.0
+# Of fewer times nothing can be told.
+_FEW = 8
 _EXPECTED = "names of the columns were expected, such as 'impact,time [s]' or 'time [ms]'"
 
 
@@ -85,6 +87,9 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         if step <= 0:
             reason = f"a time after {times[k - 1]:.10g} s was expected, got {times[k]:.10g} s"
             raise table.text.error(reason, rows[k].line)
+    if times.size > _FEW and np.ptp(np.diff(times)) < 1e-3 * (times[1] - times[0]):
+        reason = "times of impacts were expected, whose distances shrink, got times of samples"
+        raise table.text.error(f"{reason}, {times[1] - times[0]:.6g} s apart", rows[0].line)
     if not heads:
         _refuse_unclear(table, rows, times)
     table.refuse_cut()

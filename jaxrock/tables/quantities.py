@@ -289,9 +289,10 @@ def _settle(words: str, name: str, units: list[Unit]) -> Head:
         return Head(words, name, quantity)
     dimension = units[0].dimension
     known = QUANTITIES[quantity].dimensions if quantity else ()
-    # T in g is no time, but a transverse acceleration; x in g no level, base in g no width.
-    says_little = bool(_SHORT.fullmatch(name)) and (
-        dimension not in known or quantity == "level"
+    # T in g is no time, but a transverse acceleration; x in g no level, base in g no width; and
+    # a time since a trigger no counter.
+    says_little = quantity == "counter" or (
+        bool(_SHORT.fullmatch(name)) and (dimension not in known or quantity == "level")
     )
     if not quantity or (says_little and dimension):
         return Head(words, name, _BY_DIMENSION.get(dimension, dimension), tuple(units))

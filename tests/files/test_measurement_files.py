@@ -104,6 +104,15 @@ UNCLEAR = ", line 1: names of the columns were expected, .* since"
         (b"0\n1,0.1,3\n", ", line 2: without names .* at most one peak .* got '1,0.1,3'"),
         (b"t\n0\n1,0.1,3\n", ", line 3: 1 fields .* were expected, got 3"),
         (b"counter\n0\n1\n", ", line 1: one column must be times, .* got 'counter'"),
+        (b"time between impacts [s],n\n1,1\n2,2\n", ", line 1: one column must be times"),
+        (
+            b"# rotations in radians\ntime [s],peak [deg]\n0,1\n1,2\n",
+            ", line 1: a comment states the unit 'radians', but the column is 'peak .deg.'",
+        ),
+        (
+            b"\n".join(b"%d,0.1" % k for k in range(2, 12)),
+            ", line 1: times of impacts were expected, .* got times of samples, 1 s apart",
+        ),
         (b"time [furlong]\n0\n1\n", ", line 1: one column must be times, .* got 'time"),
         (b"time,t\n0,1\n1,2\n", ", line 1: one column must be times, .* got 'time,t'"),
         (b"peak time [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'peak time"),

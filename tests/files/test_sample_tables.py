@@ -79,6 +79,12 @@ def test_heads_and_separators(read, content):
             "time,acc_g\n0,1.0-02\n1,2\n",
             "line 2: column 'acc_g' must be a number, got '1.0-02'",
         ),
+        (
+            "# multiply by 9.81\ntime,acc_g\n" + ROWS,
+            "line 1: accelerations in their unit were",
+        ),
+        ("time,acc_g\n0,1\n#0.5,2\n1,2\n", "line 3: '#0.5,2' is a comment, but looks like a"),
+        ("time,acc_g\n0,1\n# x\n1,2\n", "line 3: samples were expected up to the end, got a"),
         ("time,acc_g\n0,1.0D\n1,2\n", "line 2: column 'acc_g' must be a number, got '1.0D'"),
         ("time,acc_g\n0,1.0D999\n1,2\n", "line 2: column 'acc_g' must be finite"),
     ],

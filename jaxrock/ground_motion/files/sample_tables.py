@@ -11,6 +11,7 @@ from ...tables import (
     TextFile,
     collect_statements,
     find_contents,
+    find_factor,
     find_quantity,
     find_steps,
     find_units,
@@ -129,6 +130,13 @@ class SampleTable:
         if contents is not None:
             line, other = contents
             raise self.text.error(f"acceleration was expected, not {other}", line)
+        for line, words in self.table.notes:
+            if factor := find_factor(words):
+                raise self.text.error(
+                    f"accelerations in their unit were expected, a comment states {factor!r}:"
+                    " apply the factor, if it is not, and leave the statement out",
+                    line,
+                )
         factors = {k: self._find_unit(k, claims) for k in columns}
         wanted = [*columns] if self.times is None else [*columns, self.times]
         values = self.table.read_samples(wanted)
