@@ -21,74 +21,63 @@ def read(tmp_path):
 ROWS = "0,1\n0.5,-2.5\n1,0.25\n"
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        "time,acc_g\n" + ROWS,
-        "# time,acc_g\n" + ROWS,
-        "# a station, in Italy\n#time [s], acc [g]\n" + ROWS,
-        "# time,acc_g\n\n\n" + ROWS,
-        "time,acc_g\n\n \n" + ROWS,
-        "sep=,\ntime,acc_g\n" + ROWS,
-        '"sep=,"\r\ntime,acc_g\r\n' + ROWS,
-        "SEP=,\n# time,acc_g\n" + ROWS,
-        ("time,acc_g\n" + ROWS).replace(",", "\t"),
-        ("# time [s],acc [g]\n" + ROWS).replace(",", "\t"),
-        "sep=\t\n" + ("time,acc_g\n" + ROWS).replace(",", "\t"),
-        ("time,acc_g\n" + ROWS).replace(",", ",\t"),
-        "time,acc_g\n0,1.0D+00\n.5d0,-25.0d-1\n1.0D0,2.5D-01\n",
-        "sep=;\ntime;acc_g\n0;1\n0.5;-2.5\n1;0.25\n",
-        "sep=|\ntime|acc_g\n0|1\n0.5|-2.5\n1|0.25\n",
-        "time;acc_g\n0;1\n0,5;-2,5\n1;0,25\n",
-        "time\tacc_g\n0\t1,0\n0,5\t-2,5\n1\t0,25\n",
-        'time,acc_g\n0,1\n"0,5","-2,5"\n1,"0,25"\n',
-        "time acc_g\n 0.0  1.0\n 0.5 -2.5\n 1.0  0.25\n",
-        "Shaking table, test 3\ntime,acc_g\n" + ROWS,
-        "Sample rate,2\nUnits,g\ntime,acc\n" + ROWS,
-        "time,acc\n[s],[g]\n" + ROWS,
-        '"time\n[s]","acc\n[g]"\n' + ROWS,
-        "time,acc_g,\n0,1,\n0.5,-2.5,\n1,0.25,\n",
-        "time,acc_g\n0,1.0D+00\n0.5,-2.5\n1,.25\n",
-    ],
-)
+HEADS_AND_SEPARATORS = [
+    "time,acc_g\n" + ROWS,
+    "# time,acc_g\n" + ROWS,
+    "# a station, in Italy\n#time [s], acc [g]\n" + ROWS,
+    "# time,acc_g\n\n\n" + ROWS,
+    "time,acc_g\n\n \n" + ROWS,
+    "sep=,\ntime,acc_g\n" + ROWS,
+    '"sep=,"\r\ntime,acc_g\r\n' + ROWS,
+    "SEP=,\n# time,acc_g\n" + ROWS,
+    ("time,acc_g\n" + ROWS).replace(",", "\t"),
+    ("# time [s],acc [g]\n" + ROWS).replace(",", "\t"),
+    "sep=\t\n" + ("time,acc_g\n" + ROWS).replace(",", "\t"),
+    ("time,acc_g\n" + ROWS).replace(",", ",\t"),
+    "time,acc_g\n0,1.0D+00\n.5d0,-25.0d-1\n1.0D0,2.5D-01\n",
+    "sep=;\ntime;acc_g\n0;1\n0.5;-2.5\n1;0.25\n",
+    "sep=|\ntime|acc_g\n0|1\n0.5|-2.5\n1|0.25\n",
+    "time;acc_g\n0;1\n0,5;-2,5\n1;0,25\n",
+    "time\tacc_g\n0\t1,0\n0,5\t-2,5\n1\t0,25\n",
+    'time,acc_g\n0,1\n"0,5","-2,5"\n1,"0,25"\n',
+    "time acc_g\n 0.0  1.0\n 0.5 -2.5\n 1.0  0.25\n",
+    "Shaking table, test 3\ntime,acc_g\n" + ROWS,
+    "Sample rate,2\nUnits,g\ntime,acc\n" + ROWS,
+    "time,acc\n[s],[g]\n" + ROWS,
+    '"time\n[s]","acc\n[g]"\n' + ROWS,
+    "time,acc_g,\n0,1,\n0.5,-2.5,\n1,0.25,\n",
+    "time,acc_g\n0,1.0D+00\n0.5,-2.5\n1,.25\n",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("content", HEADS_AND_SEPARATORS)
 def test_heads_and_separators(read, content):
     record = read(content)
     np.testing.assert_allclose(record.acceleration, G * np.array([1, -2.5, 0.25]), rtol=1e-6)
     assert float(record.time_step) == 0.5
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (ROWS, "line 1: names of the columns were expected, got '0,1'"),
-        ("# accelerations, in g\n" + ROWS, "line 2: names of the columns were expected"),
-        ("# time,acc_g,up_g\n" + ROWS, "line 2: names of the columns were expected"),
-        ("# 0.0,acc_g\n" + ROWS, "line 2: names of the columns were expected"),
-        ("# time,acc_g\n# of a station\n" + ROWS, "line 3: names of the columns were"),
-        (
-            "time;acc_g\n0;1,5\n1;2.5\n",
-            "line 3: decimals must all stand behind points or all behind commas, got '1,5'",
-        ),
-        ("time;acc_g\n0;1,500\n1;2,500\n", "line 2: '1,500' may be a number with decimals"),
-        (
-            "time\tacc_g\n0\t1\n1\n2\t3\n",
-            "line 3: 2 fields separated by tabs were expected, got 1",
-        ),
-        ("time,acc_g\n0,1\n\n1,2\n", "line 3: 2 fields separated by commas were expected"),
-        (
-            "time,acc_g\n0,1.0-02\n1,2\n",
-            "line 2: column 'acc_g' must be a number, got '1.0-02'",
-        ),
-        (
-            "# multiply by 9.81\ntime,acc_g\n" + ROWS,
-            "line 1: accelerations in their unit were",
-        ),
-        ("time,acc_g\n0,1\n#0.5,2\n1,2\n", "line 3: '#0.5,2' is a comment, but looks like a"),
-        ("time,acc_g\n0,1\n# x\n1,2\n", "line 3: samples were expected up to the end, got a"),
-        ("time,acc_g\n0,1.0D\n1,2\n", "line 2: column 'acc_g' must be a number, got '1.0D'"),
-        ("time,acc_g\n0,1.0D999\n1,2\n", "line 2: column 'acc_g' must be finite"),
-    ],
-)
+TABLES_THAT_ARE_REFUSED = [
+    (ROWS, "line 1: names of the columns were expected, got '0,1'"),
+    ("# accelerations, in g\n" + ROWS, "line 2: names of the columns were expected"),
+    ("# time,acc_g,up_g\n" + ROWS, "line 2: names of the columns were expected"),
+    ("# 0.0,acc_g\n" + ROWS, "line 2: names of the columns were expected"),
+    ("# time,acc_g\n# of a station\n" + ROWS, "line 3: names of the columns were"),
+    ("time;acc_g\n0;1,5\n1;2.5\n",
+     "line 3: decimals must all stand behind points or all behind commas, got '1,5'"),
+    ("time;acc_g\n0;1,500\n1;2,500\n", "line 2: '1,500' may be a number with decimals"),
+    ("time\tacc_g\n0\t1\n1\n2\t3\n", "line 3: 2 fields separated by tabs were expected, got 1"),
+    ("time,acc_g\n0,1\n\n1,2\n", "line 3: 2 fields separated by commas were expected"),
+    ("time,acc_g\n0,1.0-02\n1,2\n", "line 2: column 'acc_g' must be a number, got '1.0-02'"),
+    ("# multiply by 9.81\ntime,acc_g\n" + ROWS, "line 1: accelerations in their unit were"),
+    ("time,acc_g\n0,1\n#0.5,2\n1,2\n", "line 3: '#0.5,2' is a comment, but looks like a"),
+    ("time,acc_g\n0,1\n# x\n1,2\n", "line 3: samples were expected up to the end, got a"),
+    ("time,acc_g\n0,1.0D\n1,2\n", "line 2: column 'acc_g' must be a number, got '1.0D'"),
+    ("time,acc_g\n0,1.0D999\n1,2\n", "line 2: column 'acc_g' must be finite"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "message"), TABLES_THAT_ARE_REFUSED)
 def test_tables_that_are_refused(read, content, message):
     with pytest.raises(ValueError, match=r"a\.csv', ") as caught:
         read(content)
@@ -117,30 +106,21 @@ def test_columns_by_where_they_point(read, options, right):
         assert float(record.vertical[0]) == pytest.approx(G * right[1])
 
 
-@pytest.mark.parametrize(
-    ("content", "options", "message"),
-    [
-        (LETTERS, {"vertical": "down [g]"}, "'down [g]' points downward"),
-        (LETTERS, {"vertical": "down"}, "'down [g]' points downward"),
-        (LETTERS, {"vertical": "E [g]"}, "'E [g]' is horizontal, a vertical component was"),
-        (LETTERS.replace("E [", "HNE ["), {"vertical": "HNE [g]"}, "'HNE [g]' is horizontal"),
-        (
-            LETTERS.replace("b [", "Z ["),
-            {"vertical": "up"},
-            "line 1: one column that points up was expected, got 'up [g]', 'Z [g]'",
-        ),
-        (
-            "time,N [g],E [g]\n0,1,2\n.5,3,4\n",
-            {"vertical": "up"},
-            "line 1: one column that points up was expected, got none",
-        ),
-        (
-            "time,up [g]\n0,1\n.5,2\n",
-            {"column": None},
-            "line 1: no component is horizontal; column names a vertical one: 'up [g]'",
-        ),
-    ],
-)
+COLUMNS_THAT_POINT_ELSEWHERE = [
+    (LETTERS, {"vertical": "down [g]"}, "'down [g]' points downward"),
+    (LETTERS, {"vertical": "down"}, "'down [g]' points downward"),
+    (LETTERS, {"vertical": "E [g]"}, "'E [g]' is horizontal, a vertical component was"),
+    (LETTERS.replace("E [", "HNE ["), {"vertical": "HNE [g]"}, "'HNE [g]' is horizontal"),
+    (LETTERS.replace("b [", "Z ["), {"vertical": "up"},
+     "line 1: one column that points up was expected, got 'up [g]', 'Z [g]'"),
+    ("time,N [g],E [g]\n0,1,2\n.5,3,4\n", {"vertical": "up"},
+     "line 1: one column that points up was expected, got none"),
+    ("time,up [g]\n0,1\n.5,2\n", {"column": None},
+     "line 1: no component is horizontal; column names a vertical one: 'up [g]'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "options", "message"), COLUMNS_THAT_POINT_ELSEWHERE)
 def test_columns_that_point_elsewhere(read, content, options, message):
     with pytest.raises(ValueError, match=r"a\.csv', ") as caught:
         read(content, **{"column": "N [g]", **options})
