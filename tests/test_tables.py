@@ -77,7 +77,7 @@ HEADS = [
     ("dt [ms], S-P delay [ms]", "duration", 0.001),
     ("Period, frequency, natural period", "period", None),
     ("Sa (g), PSA [g], Spectral acceleration (g), SaRotD50_g", "spectral acceleration", G),
-    ("Se, Se(T), PSA, FAS, design acceleration, pseudo-acc", "spectral acceleration", None),
+    ("Se, Se(T), PSA, FAS, pseudo-acc", "spectral acceleration", None),
     ("LVDT1 [mm], x [mm], stroke_mm", "displacement", 0.001),
     ("disp, displacement, TableDisp", "displacement", None),
     ("d (in)", "displacement", 0.0254),

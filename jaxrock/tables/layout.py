@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from .quantities import read_head
+from .heads import read_head
 from .rows import SEPARATORS, Row, is_comment, is_number, split_line, split_lines
 from .text import TextFile, quote_word
 from .units import parse_unit

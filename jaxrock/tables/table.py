@@ -15,8 +15,8 @@ import numpy as np
 
 from ..host import show_progress
 from .cut import require_whole_end
+from .heads import Head, read_head
 from .layout import find_layout
-from .quantities import Head, read_head
 from .rows import (
     DECIMAL_COMMA,
     DECIMAL_POINT,

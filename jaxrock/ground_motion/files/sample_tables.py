@@ -26,8 +26,8 @@ from .printed_times import find_printed_step, find_uniform_step
 
 # PEER puts it beside the records that a search has found.
 _SEARCH_REPORT = re.compile(r'[\s"]*(?:PEER Ground Motion Database\b|-- Summary of )')
-# A column T beside accelerations may be of periods, if the text above says so.
-_SPECTRUM = re.compile(r"(?<![^\W_])spectr(?:um|a)(?![^\W_])", re.I)
+# A column T beside accelerations may be of periods, if other names or the text above say so.
+_SPECTRUM = re.compile(r"(?<![^\W_])(?:spectr(?:um|a)|response|design)(?![^\W_])", re.I)
 # Of which there is one for a record or a site, and not one for a sample.
 _NO_SERIES = ("pga", "pgv", "intensity", "rate", "probability", "return period")
 # Of fewer numbers nothing can be told.
@@ -203,12 +203,13 @@ class SampleTable:
             raise self._error(
                 f"accelerations were expected, got column {spectral[0].words!r}: {way}"
             )
-        above = [note[1] for note in self.table.notes] + [self.text.path.stem]
+        above = [note[1] for note in self.table.notes]
+        above += [self.text.path.stem, *self.table.names]
         unclear = self.times is not None and heads[self.times].name == "T"
         if unclear and any(map(_SPECTRUM.search, above)):
             raise self._error(
-                "'T' may be the periods of the spectrum that the text above or the name of the"
-                f" file speaks of, and {way}: name the times 'time'"
+                "'T' may be the periods of the spectrum of which the text above, another column or"
+                f" the name of the file speaks, and {way}: name the times 'time'"
             )
 
     def _list_accelerations(self) -> list[int]:
