@@ -232,7 +232,7 @@ OTHER_QUANTITIES = [
     ("T [s],PSA\n" + SPECTRUM, G_GIVEN, "got column 'PSA': a spectrum over periods"),
     ("T,Se\n" + SPECTRUM, G_GIVEN, "got column 'Se': a spectrum over periods"),
     ("Period [s],a [g]\n" + SPECTRUM, LATER, "got column 'Period [s]': a spectrum over"),
-    ("# response spectrum, 5 % damping\nT [s],A [g]\n" + SPECTRUM, {}, "'T' may be the periods of the"),
+    ("# response spectrum, 5 % damping\nT [s],A [g]\n" + SPECTRUM, {}, "'T' may be the"),
     ("T [s],design acceleration [g]\n" + SPECTRUM, {}, "'T' may be the periods of the spectrum"),
     ("PGA [g],rate\n" + SPECTRUM, LATER, "samples in time were expected, got column 'PGA [g]'"),
     ("time,LVDT1 [mm]\n" + SPECTRUM, G_GIVEN, "got columns 'LVDT1 [mm]' (displacement)"),
