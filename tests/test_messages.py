@@ -285,12 +285,12 @@ FILES = {
     "semicolons": (
         "r.csv",
         "t;a\n0;1\n",
-        "line 1: columns must be separated by commas, got semi",
+        "at least two samples were expected, got 1",
     ),
     "decimal commas": (
         "r.csv",
-        "t;a\n0,1;1,2\n",
-        "line 1: columns must be separated by commas",
+        "t;a\n0,1;1.2\n",
+        "line 2: decimals must all stand behind points or all behind commas, got '0,1'",
     ),
     "columns without names": (
         "r.csv",
@@ -300,7 +300,7 @@ FILES = {
     "a column without a step": (
         "r.csv",
         "0.1\n0.2\n",
-        "time_step must be given, since no column of times is among 'column 1'",
+        "no column of times is among 'column 1', so that time_step must be given",
     ),
     "another suffix": (
         "r.txt",

@@ -16,7 +16,7 @@ from jaxrock.cli import study as study_file
 from jaxrock.cli.command import Answer
 from jaxrock.cli.commands import Critical, RockingSpectrum
 from jaxrock.cli.study import Run, _make_job
-from jaxrock.ground_motion.files import text as record_text
+from jaxrock.tables import text as text_files
 
 pytestmark = pytest.mark.float64
 
@@ -155,7 +155,7 @@ def test_records_are_read_once_and_jobs_checked_once(tmp_path, capsys, monkeypat
 
         monkeypatch.setattr(owner, name, counting)
 
-    count(record_text, "read_regular", lambda path: path.name)
+    count(text_files, "read_regular", lambda path: path.name)
     count(RockingSpectrum, "check", lambda job: f"check {job.out.name}")
     count(study_file, "show_progress", lambda items, label: label)
 
@@ -182,7 +182,7 @@ def test_a_record_that_is_faulty_is_read_once(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_text("t,acc_g\n0,x\n")
     read = []
     monkeypatch.setattr(
-        record_text, "read_regular", lambda path: read.append(path) or path.read_bytes()
+        text_files, "read_regular", lambda path: read.append(path) or path.read_bytes()
     )
     text = "".join(f"[[job]]\ncommand = 'rocking-spectrum'\nout = '{i}'\n" for i in range(3))
     with pytest.raises(ValueError, match=r"(?s)(job \d .*column 'acc_g' must be a num.*){3}"):
