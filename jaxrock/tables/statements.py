@@ -52,7 +52,7 @@ _OTHER_SERIES = (
     r"|\b(?:response|fourier|design|target)\s+(?:spectr(?:um|a)|amplitudes?)"
 )
 _COMPARED = r"\b(?:match\w*|compatible|fit\w*|scaled)\b"
-_OTHERS = r"\b(?:velocity|displacement|spectr(?:um|a|al))\b"
+_OTHERS = r"\b(?:velocit(?:y|ies)|displacements?|rotations?|spectr(?:um|a|al))\b"
 
 # Fortran may write 1.0-100 for 1e-100.
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"

@@ -407,7 +407,9 @@ def make_inventory():
         sizes = 2 * block.half_width, 2 * block.half_height, inventory.restitution
         rows = np.transpose([np.broadcast_to(size, len(inventory.names)) for size in sizes])
         near = np.isclose(rows[:, None], right * [width, height, 1], rtol=1e-9, atol=0)
-        return len(rows) <= len(right) and near.all(axis=-1).any(axis=1).all()
+        # Of a single row nothing shows that its last number was cut.
+        numbers = 2 if len(rows) == 1 else 3
+        return len(rows) <= len(right) and near[..., :numbers].all(axis=-1).any(axis=1).all()
 
     statements = (
         ("width [cm]", "width [mm]", "width", 0.1),
