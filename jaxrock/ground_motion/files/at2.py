@@ -23,7 +23,6 @@ from .claims import Claims
 from .components import Component, Direction
 from .directions import Stated, find_name_direction, find_word_direction, settle_direction
 from .headers import Header
-from .plain import read_free_numbers
 
 # At most; usually there are four.
 _HEADER_LINES = 20
@@ -49,17 +48,11 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     for n, line in lines:
         for words, unit in find_units(line):
             header.add_unit(n, f"the header states {words}", unit)
-    factor = header.require_unit("the header states no unit")
     # All have to agree: the caller, the line with DT, and what other lines say of the step.
     for n, line in lines:
         for words, step in find_steps(line):
             header.add_step(n, f"the header states {words}", step)
-    step = header.require_step()
-    points = header.require_points()
-    values = read_free_numbers(text, top)
-    if values.size != points:
-        raise text.error(f"NPTS is {points}, but {values.size} values follow", top)
-    return [Component(repr(str(text.path)), factor, values, step, direction)]
+    return [header.read_component(top, direction)[0]]
 
 
 def find_peer_direction(text: TextFile, paths: Iterable[Path]) -> Direction:
@@ -92,11 +85,6 @@ def _read_points_and_step(text: TextFile, header: Header) -> int:
         match = next(filter(None, matches), None)
         if match is None:
             continue
-        points = text.parse_number(match["points"], number, "NPTS")
-        if points < 2 or points % 1 > 0:
-            raise text.error(
-                f"NPTS must be a whole number from 2 on, got {match['points']}", number
-            )
         header.add("points", number, match["points"])
         step = _parse_step(text, f"{match['step']} {match['tail']}".strip(), number)
         header.add_step(number, f"the header states DT= {step:.6g} s", step)

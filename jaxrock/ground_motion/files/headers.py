@@ -26,16 +26,18 @@ what the caller states, and with the values.
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ...tables import UNITS_OF_ACCELERATION, Statement, TextFile
+from ...tables import NUMBER, UNITS_OF_ACCELERATION, Statement, TextFile
 from ..units import convert_unit
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
-from .fixed_columns import Columns, match_line, read_numbers
+from .fixed_columns import Columns, Numbers, match_line, read_numbers
+from .plain import read_free_numbers
 from .printed_times import explain_times, find_printed_halves, find_printed_step
 
 # A number in decimals, in a pattern.
@@ -213,8 +215,14 @@ class Header:
                     line,
                 )
 
-    def require_peak(self, words: Sequence[str], values: np.ndarray, factor: float) -> None:
-        """Raise an error if the peak of the values is not the one that is stated.
+    def require_peak(
+        self,
+        words: Sequence[str],
+        values: np.ndarray,
+        factor: float,
+        name: str = "the values",
+    ) -> None:
+        """Raise an error if the peak of the values, of this name, is not the one that is stated.
 
         Of several that are stated, such as the largest value and the smallest, the one of the
         largest size counts. Some programs print it without its sign. Both numbers are rounded
@@ -238,33 +246,51 @@ class Header:
             scale = f" in units of {unit:.6g} m/s2" if unit != factor else ""
             printed = words[lowest if stated < 0 else largest]
             raise self._text.error(
-                f"the header states a peak of {word}{scale}, but that of the values is {printed}",
+                f"the header states a peak of {word}{scale}, but that of {name} is {printed}",
                 line,
             )
 
     def read_component(
-        self, at: int, columns: Columns, name: str, direction: Direction
+        self, at: int, direction: Direction, columns: Columns | None = None
     ) -> tuple[Component, int]:
-        """Read accelerations in columns, and check all that the header states of them.
+        """Read accelerations, and check all that the header states of them.
 
-        They begin in the line with index `at`. Returns them and the index of the line after.
+        They begin in the line with index `at`. Without columns all numbers from there on are
+        theirs. Returns them and the index of the line after.
         """
         points = self.require_points()
-        factor = self.require_unit()
+        factor = self.require_unit("the header states no unit")
         step = self.require_step("the header states no time step")
         self.require_duration(points, step)
-        numbers = read_numbers(self._text, at, points, columns)
+        if columns is None:
+            numbers = self._read_free_numbers(at, points)
+        else:
+            numbers = read_numbers(self._text, at, points, columns)
         self.require_peak(numbers.words, numbers.values, factor)
-        return self.make_component(name, factor, numbers.values, step, direction), numbers.end
+        return self.make_component(factor, numbers.values, step, direction), numbers.end
 
     def make_component(
-        self, name: str, factor: float, values: np.ndarray, step: float, direction: Direction
+        self, factor: float, values: np.ndarray, step: float, direction: Direction
     ) -> Component:
         """Make a component with the channel's name, if the header states one."""
         channel = self.find("channel")
+        name = repr(str(self._text.path))
         return Component(
             name, factor, values, step, direction, channel.word if channel else ""
         )
+
+    def _read_free_numbers(self, at: int, points: int) -> Numbers:
+        """Read numbers up to the end of the file, which have to be as many as `points`."""
+        values = read_free_numbers(self._text, at)
+        if values.size != points:
+            raise self._text.error(
+                f"the header states {points} values, but {values.size} follow",
+                self.fields["points"][0].line,
+            )
+        lines = self._text.lines
+        # How they are printed matters only beside a peak.
+        printed = "\n".join(lines[at:]) if "peak" in self.fields else ""
+        return Numbers(re.findall(NUMBER, printed, re.I), values, len(lines))
 
     def _find_peak_unit(self, factor: float) -> float:
         """Find the unit [m/s2] in which the peak is stated: if it is not, that of the values."""
@@ -296,12 +322,15 @@ def read_channels(
     if not numbered:
         raise text.error(f"the {kind} file holds no accelerations")
     names = [component.channel.lower() for _, component in numbered]
-    return [
-        component
-        if names.count(component.channel.lower()) == 1
-        else component._replace(channel=f"{number or k}: {component.channel}")
-        for k, (number, component) in enumerate(numbered, 1)
-    ]
+    components: list[Component] = []
+    for k, (number, component) in enumerate(numbered, 1):
+        channel = component.channel
+        if names.count(channel.lower()) > 1:
+            channel = f"{number or k}: {channel}"
+        components.append(
+            component._replace(name=f"{component.name} {channel}", channel=channel)
+        )
+    return components
 
 
 def _find_half_unit(word: str) -> float:

@@ -9,6 +9,8 @@ import re
 import struct
 from typing import NamedTuple
 
+from ...tables import NamedFile
+
 # Sequence number, quality and a blank.
 _START = re.compile(rb"[\d \0]{6}[DRQM][ \0]")
 _VERSION_3 = b"MS\x03"
@@ -39,20 +41,20 @@ def is_miniseed(content: bytes) -> bool:
     return bool(_START.match(content)) or content.startswith(_VERSION_3)
 
 
-def count_samples(name: str, content: bytes) -> int:
+def count_samples(file: NamedFile, content: bytes) -> int:
     """Count the samples that the records of a file state, and hold as floating-point numbers.
 
-    Raises a `ValueError`, with the `name` of the file, if it cannot be read safely.
+    Raises a `ValueError` if it cannot be read safely.
     """
     if content.startswith(_VERSION_3):
-        raise ValueError(f"{name}: miniSEED of version 3 is not read: convert it to version 2")
+        raise file.error("miniSEED of version 3 is not read: convert it to version 2")
     # Those of a channel are the same, unless some records have more blockettes.
     layouts: dict[tuple[bytes, int], _Layout] = {}
     start = 0
     samples = 0
     while start < len(content):
         if not _START.match(content, start):
-            raise ValueError(f"{name}: a record of miniSEED was expected at byte {start}")
+            raise file.error(f"a record of miniSEED was expected at byte {start}")
         record = content[start : start + 2 ** _EXPONENTS[-1]]
         try:
             layout, stated = _measure_record(record)
@@ -63,7 +65,7 @@ def count_samples(name: str, content: bytes) -> int:
                     f" {first._asdict()}"
                 )
         except ValueError as error:
-            raise ValueError(f"{name}: the record at byte {start} {error}") from None
+            raise file.error(f"the record at byte {start} {error}") from None
         start += layout.length
         samples += stated
     return samples

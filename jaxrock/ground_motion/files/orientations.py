@@ -2,22 +2,23 @@
 
 import re
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from ...tables import TextFile, quote_word
 from .components import Direction
+from .directions import find_channel_direction
 from .headers import Header, HeaderField
 
 
 def find_direction(
     text: TextFile,
     header: Header,
-    names: Mapping[str, Direction],
-    codes: Mapping[int, Direction],
+    names: Mapping[str, Direction] = MappingProxyType({}),
+    codes: Mapping[int, Direction] = MappingProxyType({}),
 ) -> Direction:
     """Find where a channel points, by the statements "channel", "azimuth" and "code".
 
-    `names` are patterns of names other than azimuths and points of the compass, `codes` the
-    numbers of a format.
+    `names` are patterns of names that are a format's own, `codes` its numbers.
     """
     channel = header.find("channel")
     named: Direction = "" if channel is None else _find_named(text, channel, names)
@@ -64,9 +65,9 @@ def _find_named(
     """Find the direction of a name; an error if it is not understood."""
     if find_azimuth(channel.word) is not None:
         return "level"
-    for pattern, direction in names.items():
-        if re.fullmatch(pattern, channel.word, re.I):
-            return direction
+    direction = find_channel_direction(channel.word, names)
+    if direction is not None:
+        return direction
     raise text.error(
         "an orientation such as '360 deg', 'N28W', 'Up' or 'Down' was expected, got"
         f" {quote_word(channel.word)}",
