@@ -321,18 +321,22 @@ REFUSED = {
         knet(**{"Scale Factor": "2001(gal)/8388608", "Max. Acc. (gal)": "7.177"}),
         {},
     ),
-    "line 13: 'Dir.' with a value was expected, got 'Dir.  *X'": ("a.ew", knet("X"), {}),
-    "line 14: 'Scale Factor' with a value was expected, got 'Scala": (
+    "line 13: 'Dir.' with one of N-S, .*, 6 was expected, got 'Dir.  *X'": (
+        "a.ew",
+        knet("X"),
+        {},
+    ),
+    "line 14: 'Scale Factor' with a factor .* was expected, got 'Scala": (
         "a.ew",
         knet().replace(b"Scale", b"Scala"),
         {},
     ),
-    "line 11: .* was expected, got 'Sampling .* 0Hz'": (
+    "line 11: .* with a number above 0 was expected, got 'Sampling .* 0Hz'": (
         "a.ew",
         knet(**{"Sampling Freq(Hz)": "0Hz"}),
         {},
     ),
-    "the file ends before 'Dir.' with a value": (
+    "the file ends before 'Dir.' with one of N-S": (
         "a.ew",
         b"\n".join(knet().split(b"\n")[:12]),
         {},

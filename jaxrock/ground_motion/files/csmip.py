@@ -18,6 +18,7 @@ from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import (
     Columns,
+    Numbers,
     get_line,
     match_line,
     match_title,
@@ -166,9 +167,9 @@ def _read_pairs(
     numbers = read_numbers(text, at, 2 * points, _PAIRS)
     step = header.require_even_times(numbers.words[::2], numbers.values[::2], at + 1)
     header.require_duration(points, step)
-    values = numbers.values[1::2]
-    header.require_peak(numbers.words[1::2], values, factor)
-    return header.make_component(factor, values, step, direction), numbers.end
+    numbers = Numbers(numbers.words[1::2], numbers.values[1::2], numbers.end)
+    header.require_peak(numbers, factor)
+    return header.make_component(factor, numbers.values, step, direction), numbers.end
 
 
 def _find_direction(text: TextFile, header: Header, integers: int) -> Direction:

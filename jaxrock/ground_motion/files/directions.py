@@ -128,28 +128,27 @@ def find_channel_direction(name: str, names: Mapping[str, Direction]) -> Directi
 def settle_direction(name: Stated, title: Stated) -> Direction | None:
     """Settle a direction by what the name of a file and its title say; None if they differ."""
     stated = {name, title} - {""}
-    if len(stated - {"vertical"}) > 1 or {"level", "vertical"} <= stated:
-        return None
-    for direction in ("level", "down", "up"):
-        if direction in stated:
-            return direction
-    return "up" if stated else ""
+    if stated <= {"up", "vertical"}:
+        return "up" if stated else ""
+    if stated <= {"down", "vertical"}:
+        return "down"
+    return "level" if stated == {"level"} else None
 
 
 def is_same_station(level: Path, vertical: Path) -> bool:
     """Return whether the names of two files differ only in the parts for their components."""
     if level.parent != vertical.parent:
         return False
-    names = (level.name.lower(), vertical.name.lower())
+    names = [level.name.lower(), vertical.name.lower()]
     # Separators belong to the parts, and the common end begins with one.
-    begin = len(_find_common(*names).rstrip("-_. "))
-    end = _find_common(*(name[begin:][::-1] for name in names))[::-1]
+    begin = len(_find_common(names).rstrip("-_. "))
+    end = _find_common([name[begin:][::-1] for name in names])[::-1]
     end = re.sub(r"^[^-_. ]*", "", end)
     parts = "/".join(name[begin : len(name) - len(end)] for name in names)
     return re.fullmatch(_PARTS, parts) is not None
 
 
-def _find_common(word: str, second: str) -> str:
-    """Find the letters with which two words begin alike."""
-    alike = [a == b for a, b in zip(word, second, strict=False)]
-    return word[: (*alike, False).index(False)]
+def _find_common(names: list[str]) -> str:
+    """Find the letters with which two names begin alike."""
+    alike = [letter == second for letter, second in zip(*names, strict=False)]
+    return names[0][: [*alike, False].index(False)]

@@ -215,19 +215,14 @@ class Header:
                     line,
                 )
 
-    def require_peak(
-        self,
-        words: Sequence[str],
-        values: np.ndarray,
-        factor: float,
-        name: str = "the values",
-    ) -> None:
-        """Raise an error if the peak of the values, of this name, is not the one that is stated.
+    def require_peak(self, numbers: Numbers, factor: float, name: str = "the values") -> None:
+        """Raise an error if the peak of numbers, called `name`, is not the one that is stated.
 
         Of several that are stated, such as the largest value and the smallest, the one of the
         largest size counts. Some programs print it without its sign. Both numbers are rounded
         to their printed digits, and may have been numbers of single precision.
         """
+        words, values, _ = numbers
         if "peak" not in self.fields or not values.size:
             return
         peaks = self.fields["peak"]
@@ -262,11 +257,19 @@ class Header:
         factor = self.require_unit("the header states no unit")
         step = self.require_step("the header states no time step")
         self.require_duration(points, step)
-        if columns is None:
-            numbers = self._read_free_numbers(at, points)
-        else:
+        if columns is not None:
             numbers = read_numbers(self._text, at, points, columns)
-        self.require_peak(numbers.words, numbers.values, factor)
+        else:
+            values = read_free_numbers(self._text, at)
+            # How they are printed matters only beside a peak.
+            printed = "\n".join(self._text.lines[at:]) if "peak" in self.fields else ""
+            numbers = Numbers(re.findall(NUMBER, printed, re.I), values, len(self._text.lines))
+        if numbers.values.size != points:
+            raise self._text.error(
+                f"the header states {points} values, but {numbers.values.size} follow",
+                self.fields["points"][0].line,
+            )
+        self.require_peak(numbers, factor)
         return self.make_component(factor, numbers.values, step, direction), numbers.end
 
     def make_component(
@@ -278,19 +281,6 @@ class Header:
         return Component(
             name, factor, values, step, direction, channel.word if channel else ""
         )
-
-    def _read_free_numbers(self, at: int, points: int) -> Numbers:
-        """Read numbers up to the end of the file, which have to be as many as `points`."""
-        values = read_free_numbers(self._text, at)
-        if values.size != points:
-            raise self._text.error(
-                f"the header states {points} values, but {values.size} follow",
-                self.fields["points"][0].line,
-            )
-        lines = self._text.lines
-        # How they are printed matters only beside a peak.
-        printed = "\n".join(lines[at:]) if "peak" in self.fields else ""
-        return Numbers(re.findall(NUMBER, printed, re.I), values, len(lines))
 
     def _find_peak_unit(self, factor: float) -> float:
         """Find the unit [m/s2] in which the peak is stated: if it is not, that of the values."""
@@ -322,15 +312,14 @@ def read_channels(
     if not numbered:
         raise text.error(f"the {kind} file holds no accelerations")
     names = [component.channel.lower() for _, component in numbered]
-    components: list[Component] = []
-    for k, (number, component) in enumerate(numbered, 1):
-        channel = component.channel
-        if names.count(channel.lower()) > 1:
-            channel = f"{number or k}: {channel}"
-        components.append(
-            component._replace(name=f"{component.name} {channel}", channel=channel)
-        )
-    return components
+    channels = [
+        component.channel if names.count(name) == 1 else f"{number or k}: {component.channel}"
+        for k, (name, (number, component)) in enumerate(zip(names, numbered, strict=True), 1)
+    ]
+    return [
+        component._replace(name=f"{component.name} {channel}", channel=channel)
+        for channel, (_, component) in zip(channels, numbered, strict=True)
+    ]
 
 
 def _find_half_unit(word: str) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from ...tables import TextFile, quote_names, require_whole_end
 from .claims import Claims
 from .components import Component
-from .fixed_columns import match_title
+from .fixed_columns import Numbers, match_title
 from .headers import Header
 from .orientations import find_direction
 from .plain import read_free_numbers
@@ -29,14 +29,18 @@ _SURFACE = (".ns2", ".ew2", ".ud2")
 
 _HEADER_LINES = 17
 _POSITIVE = r"(?=[\d.]*[1-9])\d+\.?\d*"
-# What is read of the header, by the index of the line: the name of a field, and what stands
-# behind it. The description of the format has Max Acc., its files Max. Acc.
+# What is read of the header, by the index of the line: the name of a field, what stands behind
+# it, and words for that. The description of the format has Max Acc., its files Max. Acc.
 _FIELDS = {
-    10: ("Sampling Freq(Hz)", rf"(?P<rate>{_POSITIVE})(?:Hz)?"),
-    11: ("Duration Time(s)", rf"(?P<duration>{_POSITIVE})"),
-    12: ("Dir.", rf"(?P<sensor>{'|'.join(_CHANNELS)})"),
-    13: ("Scale Factor", rf"(?P<gals>{_POSITIVE})\(gal\)/(?P<counts>{_POSITIVE})"),
-    14: ("Max. Acc. (gal)", r"(?P<peak>\S+)"),
+    10: ("Sampling Freq(Hz)", rf"(?P<rate>{_POSITIVE})(?:Hz)?", "a number above 0"),
+    11: ("Duration Time(s)", rf"(?P<duration>{_POSITIVE})", "a number above 0"),
+    12: ("Dir.", rf"(?P<sensor>{'|'.join(_CHANNELS)})", f"one of {', '.join(_CHANNELS)}"),
+    13: (
+        "Scale Factor",
+        rf"(?P<gals>{_POSITIVE})\(gal\)/(?P<counts>{_POSITIVE})",
+        "a factor such as 2000(gal)/8388608",
+    ),
+    14: ("Max. Acc. (gal)", r"(?P<peak>\S+)", "a number"),
 }
 # As many are enough to see where the numbers of a column end.
 _LAST_LINES = 200
@@ -51,9 +55,9 @@ def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     though not in the peak that is stated.
     """
     header = Header(text, claims)
-    for at, (name, pattern) in _FIELDS.items():
+    for at, (name, pattern, words) in _FIELDS.items():
         field = re.escape(name).replace(r"\.", r"\.?")
-        header.read_line(at, rf"{field} +{pattern}\s*$", f"'{name}' with a value")
+        header.read_line(at, rf"{field} +{pattern}\s*$", f"'{name}' with {words}")
     line, sensor, _ = header.fields["sensor"][0]
     header.add("channel", line, _CHANNELS[sensor.upper()])
     line, peak, _ = header.fields["peak"][0]
@@ -76,8 +80,8 @@ def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     # a unit of their last digit.
     extremes = gals_per_count * (np.array([values.min(), values.max()]) - values.mean())
     decimals = len(peak.partition(".")[2])
-    words = [f"{extreme:.{decimals}f}" for extreme in extremes]
-    header.require_peak(words, extremes, factor, "the values less their mean")
+    numbers = Numbers([f"{extreme:.{decimals}f}" for extreme in extremes], extremes, 0)
+    header.require_peak(numbers, factor, "the values less their mean")
     direction = find_direction(text, header)
     return [header.make_component(factor * gals_per_count, values, step, direction)]
 
@@ -90,20 +94,20 @@ def leave_out_boreholes(paths: list[Path]) -> list[Path]:
     stations = {
         (path.parent, path.stem.lower()) for path in paths if path.suffix.lower() in _SURFACE
     }
-    # A dictionary, in which a path is found at once: archives have thousands of files.
-    deep = {
-        path: path.name
-        for path in paths
-        if path.suffix.lower() in _BOREHOLE and (path.parent, path.stem.lower()) in stations
-    }
+    kept: list[Path] = []
+    deep: list[str] = []
+    for path in paths:
+        if path.suffix.lower() in _BOREHOLE and (path.parent, path.stem.lower()) in stations:
+            deep.append(path.name)
+        else:
+            kept.append(path)
     if deep:
         warnings.warn(
             f"{len(deep)} files are left out, since their sensors are in a borehole and others"
-            f" of the station at the surface: {quote_names(deep.values())}."
-            " read_record reads one of them",
+            f" of the station at the surface: {quote_names(deep)}. read_record reads one of them",
             stacklevel=3,
         )
-    return [path for path in paths if path not in deep]
+    return kept
 
 
 def _require_whole_column(text: TextFile) -> None:

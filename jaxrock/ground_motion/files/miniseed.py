@@ -18,10 +18,10 @@ _VERSION_3 = b"MS\x03"
 _FLOATS = {4: 4, 5: 8}
 # Where fields stand in the head of a record, and the first blockette behind it.
 _CODES = slice(8, 20)
-_YEAR = 20
-_SAMPLES = 30
 _BLOCKETTES = 39
-_OFFSETS = 44
+_YEAR = 20
+# From the year on: year, day, samples, and where they and the first blockette begin.
+_FIELDS = "HH6xH12xHH"
 _HEAD = 48
 # Lengths of records, as powers of 2.
 _EXPONENTS = range(7, 17)
@@ -76,9 +76,8 @@ def _measure_record(record: bytes) -> tuple[_Layout, int]:
     # obspy finds by the date which byte of a number comes first.
     order = ">" if 1900 <= int.from_bytes(record[_YEAR : _YEAR + 2], "big") <= 2100 else "<"
     try:
-        year, day = struct.unpack_from(f"{order}HH", record, _YEAR)
-        (samples,) = struct.unpack_from(f"{order}H", record, _SAMPLES)
-        offset, blockette = struct.unpack_from(f"{order}HH", record, _OFFSETS)
+        fields = struct.unpack_from(order + _FIELDS, record, _YEAR)
+        year, day, samples, offset, blockette = fields
         encoding, word_order, exponent = _read_blockette_1000(record, blockette, order)
     except struct.error:
         raise ValueError("is cut") from None
