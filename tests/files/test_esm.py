@@ -160,6 +160,14 @@ def test_what_is_no_acceleration_in_a_folder(tmp_path):
     assert {*jr.read_suite(tmp_path).names} == {*found, *(f"{name}.MP" for name in found)}
 
 
+def test_two_values_that_run_together(tmp_path):
+    """A sign tells them apart, and their number is that of the header."""
+    together = write().replace(b"\n-", b"-", 1)
+    assert together.count(b"\n") == write().count(b"\n") - 1
+    record = read(tmp_path / NAME, together)
+    np.testing.assert_allclose(record.acceleration, EAST / 100, rtol=1e-15)
+
+
 def test_two_values_in_a_line_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"line 34: one value a line .*, got '0\.000000 1"):
         read(tmp_path / NAME, write().replace(b"0.000000\n1", b"0.000000 1", 1))

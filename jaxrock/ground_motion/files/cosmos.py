@@ -24,7 +24,7 @@ _COMMENTS = r"\s*(\d+)\s+comment line\(s\) follow"
 # The line above the values.
 _DATA = (
     r"\s*(?P<points>\d+)\s+(?P<quantity>[a-z]+(?:[\s.]+[a-z]+)*)[.\s]+pts,"
-    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<words>[^\s(,]+)"
+    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<unit>[^\s(,]+)"
     r"\s*(?:\(\s*(?P<unit_code>\d+)\s*\))?\s*,?\s*format\s*=(?P<format>.*)$"
 )
 # Station, channel, network and location; the channel's last letter is its direction.
@@ -116,12 +116,11 @@ def _add_units(text: TextFile, header: Header) -> None:
             " acceleration",
             parameter.line,
         )
-    line, words, _ = header.fields["words"][0]
-    codes = [code for code in header.fields.get("unit_code", []) if code.value != _UNKNOWN]
-    if words.lower().startswith("count") or _COUNTS in [code.value for code in codes]:
-        raise text.error(NO_COUNTS, line)
-    header.add_unit(line, f"the header states {words}", words.rstrip("."))
-    for line, word, code in codes:
+    # By its words first, with which the codes have to agree.
+    header.require_unit()
+    for line, word, code in header.fields.get("unit_code", []):
+        if code == _COUNTS:
+            raise text.error(NO_COUNTS, line)
         header.add_unit(line, f"the header states unit {word}", _UNIT_CODES.get(int(code), ""))
 
 

@@ -263,7 +263,11 @@ class Header:
             values = read_free_numbers(self._text, at)
             # How they are printed matters only beside a peak.
             printed = "\n".join(self._text.lines[at:]) if "peak" in self.fields else ""
-            numbers = Numbers(re.findall(NUMBER, printed, re.I), values, len(self._text.lines))
+            words = printed.split()
+            if len(words) < values.size:
+                # Some run together, where a sign fills the column; the pattern is slow.
+                words = re.findall(NUMBER, printed, re.I)
+            numbers = Numbers(words, values, len(self._text.lines))
         if numbers.values.size != points:
             raise self._text.error(
                 f"the header states {points} values, but {numbers.values.size} follow",
