@@ -357,7 +357,9 @@ def test_fragility(tmp_path, capsys):
         (tmp_path / f"{name}.csv").write_text(f"# time step 0.004 s\nacc_g\n{text}")
     hazard = tmp_path / "hazard" / "curve.csv"
     hazard.parent.mkdir()
-    hazard.write_text("PGV m/s,rate 1/yr\n0.2,1e-2\n2,1e-4\n")
+    hazard.write_text(
+        "# kind='max', investigation_time=1, imt='PGV'\nlon,lat,poe-20,poe-200\n1,2,1e-2,1e-4\n"
+    )
     options = ("--records", tmp_path, "--width", 0.2, "--slenderness", 5, "--restitution", 0.8)
     options += ("--threshold", 0.5, "overturning", "--levels", 0.2, 0.5, 0.8, "--json")
     out = tmp_path / "out"
@@ -367,6 +369,7 @@ def test_fragility(tmp_path, capsys):
     suite, block = jr.read_suite(tmp_path), jr.Block(0.1, 5.0)
     expected = jr.overturning_rate(block, 0.8, suite, jr.read_hazard(hazard))
     assert answer["rate"] == pytest.approx(float(expected.rate), rel=1e-12)
+    assert answer["hazard"].startswith("max hazard of pgv")
     assert answer["thresholds"] == ["0.5", "overturning"]
     assert answer["elasticities"]["half_width"] < 0
     assert len(list(out.iterdir())) == 3

@@ -115,65 +115,61 @@ def test_names_of_objects(tmp_path, printed, names):
 HEAD = "name,width [m],height [m],restitution,restitution scatter"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "the file is empty"),
-        (
-            "# none\n",
-            "a line with the names of the columns was expected, all lines are comments",
-        ),
-        (HEAD, "at least one object was expected, got none"),
-        (f"{HEAD}\n,,,,\n", "at least one object was expected, got none"),
-        (
-            "1,0.2,1\n2,.3,1\n",
-            "1: a line with the names of the columns was .*; they are name,",
-        ),
-        # Heads.
-        ("a,0.2,1,,\n", "1: column 'a' is not understood: leave it out or rename it; columns"),
-        ("name,width [m]\na,1\n", "1: column 'height' is missing; columns are name"),
-        ("name;height [m]\n", "1: column 'width' is missing; columns are name"),
-        ("name,width,height [m]\n", "1: column 'width': a unit of length was expected"),
-        ("name,width [kg],height [m]\n", r"1: column 'width \[kg\]': a unit of length was"),
-        ("name,width [cm] [m],height [m]\n", "1: .*: a unit of length was expected"),
-        ("name,width [m],height [m],C [%]\n", r"column 'C \[%\]': no unit was expected"),
-        ("name,width [m],height [m],C,cov of C [m]\n", r"1: .* no unit or % was expected"),
-        ("name,width [m],base [cm]\n", r"column 'base \[cm\]': a column 'width' is there"),
-        ("name,B [m],height [m]\n", r"1: column 'B \[m\]' is not understood: leave it out or"),
-        ("name,half width [m],height [m]\n", r"1: column 'half width \[m\]' is not underst"),
-        (f"{HEAD},remarks\na,1,2,,,old\n", "1: column 'remarks' is not understood: leave it"),
-        (f"id,{HEAD}\n1,a,1,2,,\n", "1: column 'id' is not understood: leave it out"),
-        (f"{HEAD},\na,1,2,,,old\n", "2: 5 fields separated by commas were expected, got 6"),
-        # Rows.
-        (f"{HEAD}\n\na,0.2,1\n", "3: 5 fields separated by commas were expected, got 3"),
-        (f"{HEAD}\na,0.2,1,,,9\n", "2: 5 fields separated by commas were expected, got 6"),
-        (f"{HEAD}\na,1,2,,\n,1,2,,\n", "3: a name was expected, got none: leave out rows"),
-        (f"{HEAD}\na,1,2,,\na,1,2,,\n", "3: names must differ, got 'a' twice"),
-        (f"{HEAD}\na,2,1,,\n", "2: a restitution must be given for an object this stocky"),
-        (f'{HEAD}\n"a,1,2,,\nb,1,2,,\n', "2: a quote in this line does not end"),
-        (f"{HEAD}\na,1,2,0.85,0.05\nb,1,2,0.85,0.1", "3: the file looks truncated: its last"),
-        ("name;height [m];width [m]\na;3,25;1,25\nb;3,25;1,2", "3: the file looks truncated"),
-        ("name;width m;height m;;\na;0,3;1,2;;\nb;0,3;1", "3: the file looks truncated"),
-        # Cells.
-        (f"{HEAD}\na,0.2,tall,,\n", r"2: column 'height \[m\]' must have a .* got 'tall'"),
-        (f"{HEAD}\na,0.2,,,\n", r"2: column 'height \[m\]' must have .*, got an empty cell"),
-        (f"{HEAD}\na,20 cm,2,,\n", "2: .* a number, its unit in the head only, got '20 cm'"),
-        (f"{HEAD}\na,1,2,.9,5 %\n", "2: .* a number, its unit in the head only, got '5 %'"),
-        (f"{HEAD}\na,1_0,2,,\n", "2: column 'width .* got '1_0'"),
-        (f"{HEAD}\na,-1,2,,\n", r"2: .*'width \[m\]' must be finite and .* 0, got '-1'"),
-        (f"{HEAD}\na,1,inf,,\n", r"2: .*'height \[m\]' must be finite .*, got 'inf'"),
-        (f"{HEAD}\na,1,nan,,\n", r"2: .*'height \[m\]' must be finite .*, got 'nan'"),
-        (f"{HEAD}\na,1,2,1.1,\n", "2: .*'restitution' must be between 0 and 1, got '1.1'"),
-        (f"{HEAD}\na,1,2,0.8,-1\n", "2: .*'restitution scatter' must be finite and at least"),
-        (f"{HEAD}\na,1,2,1,0.1\n", "2: restitution scatter: .* must be 0 at 1"),
-        # Separators of thousands.
-        ('name,width [mm],height [mm]\na,450,"1,200"\n', "2: '1,200' may be .* of thousands"),
-        ("name;width [mm];height [mm]\na;450;1.200\n", "2: '1.200' may be .* of thousands"),
-        ('name,width [mm],height [mm]\na,450,"1,200.5"\n', "2: .* got '1,200.5'"),
-        ("name;width [mm];height [mm]\na;450;1.200,5\n", "2: .* got '1.200,5'"),
-        ("name;width [m];height [m]\na;0,45;1.2\n", "2: decimals must all stand behind"),
-    ],
-)
+TABLES_THAT_ARE_REFUSED = [
+    ("", "the file is empty"),
+    ("# none\n", "a line with the names of the columns was expected, all lines are comments"),
+    (HEAD, "at least one object was expected, got none"),
+    (f"{HEAD}\n,,,,\n", "at least one object was expected, got none"),
+    ("1,0.2,1\n2,.3,1\n", "1: a line with the names of the columns was .*; they are name,"),
+    # Heads.
+    ("a,0.2,1,,\n", "1: column 'a' is not understood: leave it out or rename it; columns"),
+    ("name,width [m]\na,1\n", "1: column 'height' is missing; columns are name"),
+    ("name;height [m]\n", "1: column 'width' is missing; columns are name"),
+    ("name,width,height [m]\n", "1: column 'width': a unit of length was expected"),
+    ("name,width [kg],height [m]\n", r"1: column 'width \[kg\]': a unit of length was"),
+    ("name,width [cm] [m],height [m]\n", "1: .*: a unit of length was expected"),
+    ("name,width [m],height [m],C [%]\n", r"column 'C \[%\]': no unit was expected"),
+    ("name,width [m],height [m],C,cov of C [m]\n", r"1: .* no unit or % was expected"),
+    ("name,width [m],base [cm]\n", r"column 'base \[cm\]': a column 'width' is there"),
+    ("name,B [m],height [m]\n", r"1: column 'B \[m\]' is not understood: leave it out or"),
+    ("name,half width [m],height [m]\n", r"1: column 'half width \[m\]' is not underst"),
+    (f"{HEAD},remarks\na,1,2,,,old\n", "1: column 'remarks' is not understood: leave it"),
+    (f"id,{HEAD}\n1,a,1,2,,\n", "1: column 'id' is not understood: leave it out"),
+    (f"{HEAD},\na,1,2,,,old\n", "2: 5 fields separated by commas were expected, got 6"),
+    # Rows.
+    (f"{HEAD}\n\na,0.2,1\n", "3: 5 fields separated by commas were expected, got 3"),
+    (f"{HEAD}\na,0.2,1,,,9\n", "2: 5 fields separated by commas were expected, got 6"),
+    (f"{HEAD}\na,1,2,,\nTotal,1,2,,\n", "3: a name was expected, got 'Total': leave out"),
+    (f"{HEAD}\na,1,2,,\n#5,1,2,,\n", "3: '#5,1,2,,' is a comment, but looks like a row"),
+    (f"{HEAD}\na,1,2,,\n,1,2,,\n", "3: a name was expected, got '': leave out rows"),
+    (f"{HEAD}\na,1,2,,\na,1,2,,\n", "3: names must differ, got 'a' twice"),
+    (f"{HEAD}\na,2,1,,\n", "2: a restitution must be given for an object this stocky"),
+    (f'{HEAD}\n"a,1,2,,\nb,1,2,,\n', "2: a quote in this line does not end"),
+    (f"{HEAD}\na,1,2,0.85,0.05\nb,1,2,0.85,0.1", "3: the file looks truncated: its last"),
+    ("name;height [m];width [m]\na;3,25;1,25\nb;3,25;1,2", "3: the file looks truncated"),
+    ("name;width m;height m;;\na;0,3;1,2;;\nb;0,3;1", "3: the file looks truncated"),
+    # Cells.
+    (f"{HEAD}\na,0.2,tall,,\n", r"2: column 'height \[m\]' must have a .* got 'tall'"),
+    (f"{HEAD}\na,0.2,,,\n", r"2: column 'height \[m\]' must have .*, got an empty cell"),
+    (f"{HEAD}\na,20 cm,2,,\n", "2: .* a number, its unit in the head only, got '20 cm'"),
+    (f"{HEAD}\na,1,2,.9,5 %\n", "2: .* a number, its unit in the head only, got '5 %'"),
+    (f"{HEAD}\na,1_0,2,,\n", "2: column 'width .* got '1_0'"),
+    (f"{HEAD}\na,-1,2,,\n", r"2: .*'width \[m\]' must be finite and .* 0, got '-1'"),
+    (f"{HEAD}\na,1,inf,,\n", r"2: .*'height \[m\]' must be finite .*, got 'inf'"),
+    (f"{HEAD}\na,1,nan,,\n", r"2: .*'height \[m\]' must be finite .*, got 'nan'"),
+    (f"{HEAD}\na,1,2,1.1,\n", "2: .*'restitution' must be between 0 and 1, got '1.1'"),
+    (f"{HEAD}\na,1,2,0.8,-1\n", "2: .*'restitution scatter' must be finite and at least"),
+    (f"{HEAD}\na,1,2,1,0.1\n", "2: restitution scatter: .* must be 0 at 1"),
+    # Separators of thousands.
+    ('name,width [mm],height [mm]\na,450,"1,200"\n', "2: '1,200' may be .* of thousands"),
+    ("name;width [mm];height [mm]\na;450;1.200\n", "2: '1.200' may be .* of thousands"),
+    ('name,width [mm],height [mm]\na,450,"1,200.5"\n', "2: .* got '1,200.5'"),
+    ("name;width [mm];height [mm]\na;450;1.200,5\n", "2: .* got '1.200,5'"),
+    ("name;width [m];height [m]\na;0,45;1.2\n", "2: decimals must all stand behind"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), TABLES_THAT_ARE_REFUSED)
 def test_tables_that_are_refused(tmp_path, text, message):
     path = write(tmp_path, text)
     where = ", line " if message[1:2] == ":" else ""

@@ -60,30 +60,27 @@ GLUED = """\
 HEADED_NINE = HEADER + "NPTS=     9, DT=   .0100 SEC\n" + FIVE_COLUMNS
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "expected"),
-    [
-        ("a.AT2", HEADED_NINE, NINE),
-        ("a.at2", HEADER + "NPTS=9,DT=.01SEC, 0 POLE @ 30. HZ\n" + EIGHT_COLUMNS, NINE),
-        ("a.At2", HEADER + "   9    0.0100    NPTS, DT\n" + EIGHT_COLUMNS, NINE),
-        (
-            "filter.AT2",
-            TITLE
-            + "Acceleration time history in units of g. Filter points: HP=0.1 Hz\n"
-            + "PRESS Ctrl-C: VELOCITY OF SHEAR WAVES 300 M/S\n9 0.01 NPTS, DT\n"
-            + EIGHT_COLUMNS,
-            NINE,
-        ),
-        (
-            "glued.AT2",
-            HEADER + "8 .01 NPTS, DT\n" + GLUED,
-            [1e-3, -2e-3, 3e-3, -4e-3, 5e-3, -6e-3, -7e-3, 14e-3],
-        ),
-        ("exponent.AT2", HEADER + "3 .01 NPTS, DT\n.50-101-1.0+001-.250", [0, -10, -0.25]),
-        ("dos.AT2", HEADED_NINE.replace("\n", "\r\n").encode() + b"\x1a", NINE),
-        ("latin.AT2", "D\u00fczce\n".encode("latin-1") + HEADED_NINE.encode(), NINE),
-    ],
-)
+AT2 = [
+    ("a.AT2", HEADED_NINE, NINE),
+    ("a.at2", HEADER + "NPTS=9,DT=.01SEC, 0 POLE @ 30. HZ\n" + EIGHT_COLUMNS, NINE),
+    ("a.At2", HEADER + "   9    0.0100    NPTS, DT\n" + EIGHT_COLUMNS, NINE),
+    (
+        "filter.AT2",
+        TITLE
+        + "Acceleration time history in units of g. Filter points: HP=0.1 Hz\n"
+        + "PRESS Ctrl-C: VELOCITY OF SHEAR WAVES 300 M/S\n9 0.01 NPTS, DT\n"
+        + EIGHT_COLUMNS,
+        NINE,
+    ),
+    ("glued.AT2", HEADER + "8 .01 NPTS, DT\n" + GLUED, [1e-3, -2e-3, 3e-3, -4e-3, 5e-3, -6e-3,
+     -7e-3, 14e-3]),
+    ("exponent.AT2", HEADER + "3 .01 NPTS, DT\n.50-101-1.0+001-.250", [0, -10, -0.25]),
+    ("dos.AT2", HEADED_NINE.replace("\n", "\r\n").encode() + b"\x1a", NINE),
+    ("latin.AT2", "D\u00fczce\n".encode("latin-1") + HEADED_NINE.encode(), NINE),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "content", "expected"), AT2)
 def test_at2(write, holds, name, content, expected):
     expected = np.asarray(expected) * G
     record = read_record(write(name, content))
@@ -105,25 +102,18 @@ def test_at2_without_a_unit(write, holds):
     holds(read_record(path, unit="cm/s2", time_step=0.02), 0.02, [0.5, -0.25])
 
 
-@pytest.mark.parametrize(
-    ("content", "options", "expected"),
-    [
-        ("time,a\n0,1\n0.5,-2.5\n1,3e-1\n", {}, ([1, -2.5, 0.3],)),
-        ("# one\n#two\n\na\n1\n-2.5\n\n\n", {"time_step": 0.5}, ([1, -2.5],)),
-        ("a,T [s],b\n1,3.0,2\n2,3.5,4", {"column": "b"}, ([2, 4],)),
-        (
-            '"a", "up, z"\n"1", "2"\n3,4\n',
-            {"vertical": "up, z", "time_step": 0.5},
-            ([1, 3], [2, 4]),
-        ),
-        (
-            "\ufeff# \u00e9\r\nup, a ,Time_S,station\r\n1,2,0.0000,CLC\r\n3,4,0.4996,\r\n5,6,1,nan",
-            {"vertical": "up", "column": "a", "time_step": 0.5},
-            ([2, 4, 6], [1, 3, 5]),
-        ),
-        ("time (sec),090,360\n0,1,2\n0.5,3,4\n", {"column": "360"}, ([2, 4],)),
-    ],
-)
+CSV = [
+    ("time,a\n0,1\n0.5,-2.5\n1,3e-1\n", {}, ([1, -2.5, 0.3],)),
+    ("# one\n#two\n\na\n1\n-2.5\n\n\n", {"time_step": 0.5}, ([1, -2.5],)),
+    ("a,T [s],b\n1,3.0,2\n2,3.5,4", {"column": "b"}, ([2, 4],)),
+    ('"a", "up, z"\n"1", "2"\n3,4\n', {"vertical": "up, z", "time_step": 0.5}, ([1, 3], [2, 4])),
+    ("\ufeff# \u00e9\r\nup, a ,Time_S,station\r\n1,2,0.0000,CLC\r\n3,4,0.4996,\r\n5,6,1,nan",
+     {"vertical": "up", "column": "a", "time_step": 0.5}, ([2, 4, 6], [1, 3, 5])),
+    ("time (sec),090,360\n0,1,2\n0.5,3,4\n", {"column": "360"}, ([2, 4],)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "options", "expected"), CSV)
 def test_csv(write, holds, content, options, expected):
     holds(read_record(write("a.CSV", content), unit="m/s2", **options), 0.5, *expected)
 
@@ -150,262 +140,86 @@ A, B = {"unit": "g", "column": "a"}, {"unit": "g", "time_step": 0.5}
 PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "options", "message"),
-    [
-        # The file as a whole
-        ("a.txt", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
-        ("a", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
-        ("a.csv", None, {}, ": the file cannot be read: No such file or directory"),
-        ("a.AT2", None, {}, ": the file cannot be read: No such file or directory"),
-        (
-            "a.AT2",
-            b"\x89PNG\r\n\x1a\n\0",
-            {},
-            ": a text file was expected, this one is binary",
-        ),
-        ("a.csv", " \r\n", A, ": the file is empty"),
-        ("a.AT2", "", {}, ": the file is empty"),
-        ("a.AT2", "<html>\n", {}, ": an .AT2 file was expected, with 'NPTS= ..., DT= ...' or"),
-        # The header of an .AT2 file
-        (
-            "a.AT2",
-            PAIR.replace(".01", "0."),
-            {},
-            ", line 4: DT must be greater than 0, got 0.",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace(".01", "-1"),
-            {},
-            ", line 4: DT must be greater than 0, got -1",
-        ),
-        ("a.AT2", PAIR.replace(".01", "inf"), {}, ", line 4: DT must be finite, got 'INF'"),
-        ("a.AT2", PAIR.replace(".01", "s"), {}, ", line 4: DT must be a number, got 'S'"),
-        (
-            "a.AT2",
-            PAIR.replace("2 .", "1 ."),
-            {},
-            ", line 4: the header states 1 values, where a whole number",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace("2 .", "2.5 ."),
-            {},
-            ", line 4: the header states 2.5 values, where a whole number",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace("2 .", "3 ."),
-            {},
-            ", line 4: the header states 3 values, but 2",
-        ),
-        ("a.AT2", PAIR + "\n3", {}, ", line 4: the header states 2 values, but 3 follow"),
-        (
-            "a.AT2",
-            PAIR.replace(" G", " CM/S/S"),
-            {"unit": "g"},
-            ", line 3: unit is 'g', but the header states CM/S/S",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace("ACCELERATION", "VELOCITY"),
-            {},
-            ", line 3: acceleration was expected, not velocity",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace(IN_G, "DISPLACEMENT\n"),
-            {"unit": "g"},
-            ", line 3: acceleration was expected, not displacement",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace(IN_G, "UNCORRECTED ACCELERATION\nVELOCITY TIME HISTORY\n"),
-            {"unit": "g"},
-            ", line 4: acceleration was expected, not velocity",
-        ),
-        (
-            "a.AT2",
-            PAIR.replace(IN_G, ""),
-            {},
-            ": the header states no unit, so that unit must be",
-        ),
-        ("a.AT2", PAIR, {"unit": "gal"}, ": unit is 'gal', but the header states G"),
-        (
-            "a.AT2",
-            PAIR,
-            {"time_step": 0.02},
-            ", line 4: time_step is 0.02 s, but the header states DT= 0.01 s",
-        ),
-        ("a.AT2", PAIR, {"column": "a"}, "column is for .csv files, {path} has only one"),
-        (
-            "a.AT2",
-            PAIR,
-            {"vertical": "b"},
-            "vertical must be a component of the file, or another file, got 'b' for {path}",
-        ),
-        (
-            "a.AT2",
-            PAIR,
-            {"vertical": "none.AT2"},
-            "'none.AT2': the file cannot be read: No such",
-        ),
-        # The values of an .AT2 file
-        ("a.AT2", PAIR + "\n****", {}, ", line 6: a value must be a number, got '****'"),
-        ("a.AT2", PAIR + "\n0,5", {}, ", line 6: a value must be a number, got '0,5'"),
-        ("a.AT2", PAIR + "\n1_0", {}, ", line 6: a value must be a number, got '1_0'"),
-        ("a.AT2", PAIR + "\nNaN", {}, ", line 6: a value must be finite, got 'NaN'"),
-        (
-            "a.AT2",
-            PAIR.replace("1 2", "1 9e307"),
-            {},
-            ": acceleration must be finite, got inf",
-        ),
-        # The columns of a .csv file
-        (
-            "a.csv",
-            "# a\n#b",
-            A,
-            ": a line with the names of the columns was expected, all lines are com",
-        ),
-        ("a.csv", "#\n0,1\n1,2", A, ", line 2: names of the columns were expected, got '0,1'"),
-        (
-            "a.csv",
-            CSV,
-            B,
-            ", line 1: column must be given, the name of the horizontal acceleration",
-        ),
-        ("a.csv", CSV, B, "acceleration: 'a', 'b'"),
-        (
-            "a.csv",
-            "t\n0\n1",
-            B,
-            ", line 1: column must be given, the name of the horizontal accel",
-        ),
-        (
-            "a.csv",
-            CSV,
-            B | {"column": "c"},
-            ", line 1: column is 'c', but there are 0 such colu",
-        ),
-        (
-            "a.csv",
-            CSV,
-            A | {"vertical": "c"},
-            "vertical is 'c', but there are 0 such columns amon",
-        ),
-        (
-            "a.csv",
-            "a,a\n1,2",
-            B | {"column": "a"},
-            ", line 1: column is 'a', but there are 2 such",
-        ),
-        (
-            "a.csv",
-            CSV,
-            A | {"vertical": "a"},
-            ", line 1: column and vertical are the same, 'a'",
-        ),
-        (
-            "a.csv",
-            CSV,
-            A | {"column": "time"},
-            ", line 1: column is 'time', which is taken for th",
-        ),
-        (
-            "a.csv",
-            "#\nt,time_s,a\n1,1,1",
-            A,
-            ", line 2: one column of times was expected, got 't'",
-        ),
-        # The values of a .csv file
-        (
-            "a.csv",
-            CSV + "1.5,7,8,9",
-            A,
-            ", line 5: 3 fields separated by commas were expected, got 4",
-        ),
-        (
-            "a.csv",
-            CSV + "\n1.5,7,8",
-            A,
-            ", line 5: 3 fields separated by commas were expected, got 1",
-        ),
-        (
-            "a.csv",
-            CSV + "1.5,,8",
-            A,
-            ", line 5: column 'a' must be a number, got an empty field",
-        ),
-        ("a.csv", CSV + "1.5,x,8", A, ", line 5: column 'a' must be a number, got 'x'"),
-        ("a.csv", CSV + "1.5,inf,8", A, ", line 5: column 'a' must be finite, got 'inf'"),
-        ("a.csv", CSV + "nan,7,8", A, ", line 5: column 'time' must be finite, got 'nan'"),
-        (
-            "a.csv",
-            "a\n" + 999 * "x",
-            B,
-            f", line 2: column 'a' must be a number, got '{57 * 'x'}...'",
-        ),
-        ("a.csv", "a\n1", B, ": at least two samples were expected, got 1"),
-        # Its times
-        (
-            "a.csv",
-            CSV + "1.6,7,8",
-            A,
-            "line 5: column 'time' must have a uniform step, mostly 0.5 s",
-        ),
-        (
-            "a.csv",
-            CSV + "1.502,7,8",
-            A,
-            "line 5: column 'time' must have a uniform step, mostly 0.5 s",
-        ),
-        (
-            "a.csv",
-            CSV + "1,7,8",
-            A,
-            ", line 5: column 'time' must increase, got 1.0 and then 1.0",
-        ),
-        (
-            "a.csv",
-            "t,a\n2,1\n1,2",
-            A,
-            ", line 3: column 't' must increase, got 2.0 and then 1.0",
-        ),
-        (
-            "a.csv",
-            "a\n1\n2",
-            A,
-            ", line 1: no column of times is among 'a', so that time_step must be",
-        ),
-        (
-            "a.csv",
-            CSV,
-            A | {"time_step": 0.501},
-            ": time_step is 0.501 s, but column 'time' has a step of 0.5 s",
-        ),
-        (
-            "a.csv",
-            CSV,
-            A | {"time_step": 0.0},
-            "time_step must be finite and greater than 0, got 0",
-        ),
-        # The unit
-        (
-            "a.csv",
-            CSV,
-            {},
-            ": unit must be given for a .csv file: one of 'm/s2', 'cm/s2', 'mm/s2',",
-        ),
-        (
-            "a.csv",
-            CSV,
-            {"unit": "rad/s2"},
-            "unit must be one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g'",
-        ),
-    ],
-)
+WHAT_IS_WRONG_IS_SAID = [
+    # The file as a whole
+    ("a.txt", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+    ("a", "x", {}, ": a file in one of these formats was expected: .AT2, .csv"),
+    ("a.csv", None, {}, ": the file cannot be read: No such file or directory"),
+    ("a.AT2", None, {}, ": the file cannot be read: No such file or directory"),
+    ("a.AT2", b"\x89PNG\r\n\x1a\n\0", {}, ": a text file was expected, this one is binary"),
+    ("a.csv", " \r\n", A, ": the file is empty"),
+    ("a.AT2", "", {}, ": the file is empty"),
+    ("a.AT2", "<html>\n", {}, ": an .AT2 file was expected, with 'NPTS= ..., DT= ...' or"),
+    # The header of an .AT2 file
+    ("a.AT2", PAIR.replace(".01", "0."), {}, ", line 4: DT must be greater than 0, got 0."),
+    ("a.AT2", PAIR.replace(".01", "-1"), {}, ", line 4: DT must be greater than 0, got -1"),
+    ("a.AT2", PAIR.replace(".01", "inf"), {}, ", line 4: DT must be finite, got 'INF'"),
+    ("a.AT2", PAIR.replace(".01", "s"), {}, ", line 4: DT must be a number, got 'S'"),
+    ("a.AT2", PAIR.replace("2 .", "1 ."), {}, ", line 4: the header states 1 values, where"),
+    ("a.AT2", PAIR.replace("2 .", "2.5 ."), {}, ", line 4: the header states 2.5 values, where"),
+    ("a.AT2", PAIR.replace("2 .", "3 ."), {}, ", line 4: the header states 3 values, but 2"),
+    ("a.AT2", PAIR + "\n3", {}, ", line 4: the header states 2 values, but 3 follow"),
+    ("a.AT2", PAIR.replace(" G", " CM/S/S"), {"unit": "g"},
+     ", line 3: unit is 'g', but the header states CM/S/S"),
+    ("a.AT2", PAIR.replace("ACCELERATION", "VELOCITY"), {},
+     ", line 3: acceleration was expected, not velocity"),
+    ("a.AT2", PAIR.replace(IN_G, "DISPLACEMENT\n"), {"unit": "g"},
+     ", line 3: acceleration was expected, not displacement"),
+    ("a.AT2", PAIR.replace(IN_G, "UNCORRECTED ACCELERATION\nVELOCITY TIME HISTORY\n"),
+     {"unit": "g"}, ", line 4: acceleration was expected, not velocity"),
+    ("a.AT2", PAIR.replace(IN_G, ""), {}, ": the header states no unit, so that unit must be"),
+    ("a.AT2", PAIR, {"unit": "gal"}, ": unit is 'gal', but the header states G"),
+    ("a.AT2", PAIR, {"time_step": 0.02},
+     ", line 4: time_step is 0.02 s, but the header states DT= 0.01 s"),
+    ("a.AT2", PAIR, {"column": "a"}, "column is for .csv files, {path} has only one"),
+    ("a.AT2", PAIR, {"vertical": "b"},
+     "vertical must be a component of the file, or another file, got 'b' for {path}"),
+    ("a.AT2", PAIR, {"vertical": "none.AT2"}, "'none.AT2': the file cannot be read: No such"),
+    # The values of an .AT2 file
+    ("a.AT2", PAIR + "\n****", {}, ", line 6: a value must be a number, got '****'"),
+    ("a.AT2", PAIR + "\n0,5", {}, ", line 6: a value must be a number, got '0,5'"),
+    ("a.AT2", PAIR + "\n1_0", {}, ", line 6: a value must be a number, got '1_0'"),
+    ("a.AT2", PAIR + "\nNaN", {}, ", line 6: a value must be finite, got 'NaN'"),
+    ("a.AT2", PAIR.replace("1 2", "1 9e307"), {}, ": acceleration must be finite, got inf"),
+    # The columns of a .csv file
+    ("a.csv", "# a\n#b", A,
+     ": a line with the names of the columns was expected, all lines are com"),
+    ("a.csv", "#\n0,1\n1,2", A, ", line 2: names of the columns were expected, got '0,1'"),
+    ("a.csv", CSV, B, ", line 1: column must be given, the name of the horizontal acceleration"),
+    ("a.csv", CSV, B, "acceleration: 'a', 'b'"),
+    ("a.csv", "t\n0\n1", B, ", line 1: column must be given, the name of the horizontal accel"),
+    ("a.csv", CSV, B | {"column": "c"}, ", line 1: column is 'c', but there are 0 such colu"),
+    ("a.csv", CSV, A | {"vertical": "c"}, "vertical is 'c', but there are 0 such columns amon"),
+    ("a.csv", "a,a\n1,2", B | {"column": "a"}, ", line 1: column is 'a', but there are 2 such"),
+    ("a.csv", CSV, A | {"vertical": "a"}, ", line 1: column and vertical are the same, 'a'"),
+    ("a.csv", CSV, A | {"column": "time"}, ", line 1: column is 'time', which is taken for th"),
+    ("a.csv", "#\nt,time_s,a\n1,1,1", A, ", line 2: one column of times was expected, got 't'"),
+    # The values of a .csv file
+    ("a.csv", CSV + "1.5,7,8,9", A, ", line 5: 3 fields separated by commas were expected, got 4"),
+    ("a.csv", CSV + "\n1.5,7,8", A, ", line 5: 3 fields separated by commas were expected, got 1"),
+    ("a.csv", CSV + "1.5,,8", A, ", line 5: column 'a' must be a number, got an empty field"),
+    ("a.csv", CSV + "1.5,x,8", A, ", line 5: column 'a' must be a number, got 'x'"),
+    ("a.csv", CSV + "1.5,inf,8", A, ", line 5: column 'a' must be finite, got 'inf'"),
+    ("a.csv", CSV + "nan,7,8", A, ", line 5: column 'time' must be finite, got 'nan'"),
+    ("a.csv", "a\n" + 999 * "x", B, f", line 2: column 'a' must be a number, got '{57 * 'x'}...'"),
+    ("a.csv", "a\n1", B, ": at least two samples were expected, got 1"),
+    # Its times
+    ("a.csv", CSV + "1.6,7,8", A, "line 5: column 'time' must have a uniform step, mostly 0.5 s"),
+    ("a.csv", CSV + "1.502,7,8", A, "line 5: column 'time' must have a uniform step, mostly 0.5 s"),
+    ("a.csv", CSV + "1,7,8", A, ", line 5: column 'time' must increase, got 1.0 and then 1.0"),
+    ("a.csv", "t,a\n2,1\n1,2", A, ", line 3: column 't' must increase, got 2.0 and then 1.0"),
+    ("a.csv", "a\n1\n2", A, ", line 1: no column of times is among 'a', so that time_step must be"),
+    ("a.csv", CSV, A | {"time_step": 0.501},
+     ": time_step is 0.501 s, but column 'time' has a step of 0.5 s"),
+    ("a.csv", CSV, A | {"time_step": 0.0}, "time_step must be finite and greater than 0, got 0"),
+    # The unit
+    ("a.csv", CSV, {}, ": unit must be given for a .csv file: one of 'm/s2', 'cm/s2', 'mm/s2',"),
+    ("a.csv", CSV, {"unit": "rad/s2"},
+     "unit must be one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "content", "options", "message"), WHAT_IS_WRONG_IS_SAID)
 def test_what_is_wrong_is_said(write, tmp_path, monkeypatch, name, content, options, message):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / name if content is None else write(name, content)
@@ -552,55 +366,34 @@ def test_a_time_step_that_is_stated_is_used_and_not_contradicted(write, holds, k
                 read_record(path, column=column, time_step=given)
 
 
+WHAT_A_FILE_SAYS_AND_IS_NOT_UNDERSTOOD_OR_CONTRADICTS_ITSELF = [
+    ("a.AT2", "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2", "line 1: .* states COUNTS, which is not"),
+    ("a.AT2", "ACC (FT/S)\n2 .01 NPTS, DT\n1 2", "line 1: .* states FT/S, which is not"),
+    ("a.AT2", "ACC (G)\nUNITS: GAL\n2 1 NPTS, DT\n1 2",
+     "2: the header states G in line 1, but .* GAL"),
+    ("a.AT2", "(G)\nNPTS= 2, DT= 10 FOO\n1 2", "line 2: DT must be .*, got '10 FOO'"),
+    ("a.AT2", "(G)\nNPTS= 2, DT= 200 HZ\n1 2", "line 2: DT must be .*, got '200 HZ'"),
+    ("a.AT2", "(G)\nNPTS= 2, DT= 1,5 MSEC\n1 2", "line 2: DT must be .*, got '1,5 MSEC'"),
+    ("a.AT2", "(G)\nDT= 10 MS\n2 .1 NPTS, DT\n1 2",
+     "2: the header states DT= 0.1 s in line 3, but .* DT= 10 MS"),
+    ("a.csv", "t,acc [counts]\n0,1\n1,2", "line 1: column .* states counts, which is not"),
+    ("a.csv", "t,acc [cm/s]\n0,1\n1,2", "line 1: column .* states cm/s, which is not"),
+    ("a.csv", "t,x_g,a_g2 [g]\n0,1,1\n1,2,2", "column must be given"),
+    ("a.csv", "# in G\nt,velocity\n0,1\n1,2", "acceleration was expected, got columns 'velocity'"),
+    ("a.csv", "# (gal)\nt,acc_g\n0,1\n1,2",
+     "line 1: column .* states g in line 2, but a comment .* gal"),
+    ("a.csv", "time [ticks],acc_g\n0,1\n1,2", "the unit of the times is not understood"),
+    ("a.csv", "# time step 0,01 s\nacc_g\n1\n2", "line 1: .* time step 0, which is not"),
+    ("a.csv", "# sampling rate 0.01\nacc_g\n1\n2", "line 1: .* rate 0.01, which is not"),
+    ("a.csv", "# dt = 2 s\nt,acc_g\n0,1\n1,2",
+     "line 2: a comment states dt = 2 s in line 1, but column 't' has a step of 1 s"),
+    ("a.csv", "t,a_g\n0,1\n1,2", "unit must be given"),  # ground acceleration as well
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
-    [
-        (
-            "a.AT2",
-            "UNITS: COUNTS\n2 .01 NPTS, DT\n1 2",
-            "line 1: .* states COUNTS, which is not",
-        ),
-        (
-            "a.AT2",
-            "ACC (FT/S)\n2 .01 NPTS, DT\n1 2",
-            "line 1: .* states FT/S, which is not",
-        ),
-        (
-            "a.AT2",
-            "ACC (G)\nUNITS: GAL\n2 1 NPTS, DT\n1 2",
-            "2: the header states G in line 1, but .* GAL",
-        ),
-        ("a.AT2", "(G)\nNPTS= 2, DT= 10 FOO\n1 2", "line 2: DT must be .*, got '10 FOO'"),
-        ("a.AT2", "(G)\nNPTS= 2, DT= 200 HZ\n1 2", "line 2: DT must be .*, got '200 HZ'"),
-        ("a.AT2", "(G)\nNPTS= 2, DT= 1,5 MSEC\n1 2", "line 2: DT must be .*, got '1,5 MSEC'"),
-        (
-            "a.AT2",
-            "(G)\nDT= 10 MS\n2 .1 NPTS, DT\n1 2",
-            "2: the header states DT= 0.1 s in line 3, but .* DT= 10 MS",
-        ),
-        ("a.csv", "t,acc [counts]\n0,1\n1,2", "line 1: column .* states counts, which is not"),
-        ("a.csv", "t,acc [cm/s]\n0,1\n1,2", "line 1: column .* states cm/s, which is not"),
-        ("a.csv", "t,x_g,a_g2 [g]\n0,1,1\n1,2,2", "column must be given"),
-        (
-            "a.csv",
-            "# in G\nt,velocity\n0,1\n1,2",
-            "acceleration was expected, got columns 'velocity'",
-        ),
-        (
-            "a.csv",
-            "# (gal)\nt,acc_g\n0,1\n1,2",
-            "line 1: column .* states g in line 2, but a comment .* gal",
-        ),
-        ("a.csv", "time [ticks],acc_g\n0,1\n1,2", "the unit of the times is not understood"),
-        ("a.csv", "# time step 0,01 s\nacc_g\n1\n2", "line 1: .* time step 0, which is not"),
-        ("a.csv", "# sampling rate 0.01\nacc_g\n1\n2", "line 1: .* rate 0.01, which is not"),
-        (
-            "a.csv",
-            "# dt = 2 s\nt,acc_g\n0,1\n1,2",
-            "line 2: a comment states dt = 2 s in line 1, but column 't' has a step of 1 s",
-        ),
-        ("a.csv", "t,a_g\n0,1\n1,2", "unit must be given"),  # ground acceleration as well
-    ],
+    WHAT_A_FILE_SAYS_AND_IS_NOT_UNDERSTOOD_OR_CONTRADICTS_ITSELF,
 )
 def test_what_a_file_says_and_is_not_understood_or_contradicts_itself(
     write, name, content, message
@@ -753,37 +546,21 @@ def test_a_calibration_factor_that_obspy_leaves_in_place(holds, calibrated, fact
 PLAIN = trace(np.ones(3), starttime=0)
 
 
-@pytest.mark.parametrize(
-    ("horizontal", "vertical", "message"),
-    [
-        (
-            trace(np.ma.array(np.ones(3), mask=[0, 1, 0])),
-            None,
-            "trace must have no gaps, got 1 mas",
-        ),
-        (
-            PLAIN,
-            trace(np.ma.masked_greater(np.ones(3), 0)),
-            "vertical must have no gaps, got 3",
-        ),
-        (trace(np.array([1, 2, np.nan])), None, "trace must be finite, got nan as sample 2"),
-        (
-            trace(np.ones((2, 3))),
-            None,
-            r"trace must be a row of real numbers, got float64 of shape",
-        ),
-        (trace(np.ones(3) * 1j), None, "trace must be a row of real numbers, got complex128"),
-        (trace(np.ones(1)), None, "trace: acceleration must have at least two samples"),
-        (
-            trace(np.ones(3), 0.0),
-            None,
-            "stats.delta of trace must be finite and greater than 0",
-        ),
-        (PLAIN, trace(np.ones(4)), "vertical has 4 samples, but trace has 3"),
-        (PLAIN, trace(np.ones(3), 0.02), "vertical has a step of 0.02 s, but trace of 0.01 s"),
-        (PLAIN, trace(np.ones(3), starttime=1), "vertical starts at 1, but trace at 0"),
-    ],
-)
+TRACES_THAT_ARE_REFUSED = [
+    (trace(np.ma.array(np.ones(3), mask=[0, 1, 0])), None, "trace must have no gaps, got 1 mas"),
+    (PLAIN, trace(np.ma.masked_greater(np.ones(3), 0)), "vertical must have no gaps, got 3"),
+    (trace(np.array([1, 2, np.nan])), None, "trace must be finite, got nan as sample 2"),
+    (trace(np.ones((2, 3))), None, r"trace must be a row of real numbers, got float64 of shape"),
+    (trace(np.ones(3) * 1j), None, "trace must be a row of real numbers, got complex128"),
+    (trace(np.ones(1)), None, "trace: acceleration must have at least two samples"),
+    (trace(np.ones(3), 0.0), None, "stats.delta of trace must be finite and greater than 0"),
+    (PLAIN, trace(np.ones(4)), "vertical has 4 samples, but trace has 3"),
+    (PLAIN, trace(np.ones(3), 0.02), "vertical has a step of 0.02 s, but trace of 0.01 s"),
+    (PLAIN, trace(np.ones(3), starttime=1), "vertical starts at 1, but trace at 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("horizontal", "vertical", "message"), TRACES_THAT_ARE_REFUSED)
 def test_traces_that_are_refused(horizontal, vertical, message):
     with pytest.raises(ValueError, match=message):
         from_obspy(horizontal, unit="m/s2", vertical=vertical)
@@ -793,34 +570,20 @@ class Stream(list):
     """As obspy has it: a list of traces."""
 
 
+WHAT_IS_NO_TRACE_OR_IN_ANOTHER_UNIT = [
+    (Stream([PLAIN, PLAIN]), None, "trace must be one trace, .* got a Stream of 2: take one"),
+    (PLAIN, Stream([PLAIN]), "vertical must be one trace, .* got a Stream of 1: take one"),
+    (np.ones(3), None, "trace must be one trace, .* got a ndarray"),
+    (None, None, "trace must be one trace, .* got a NoneType"),
+    (SimpleNamespace(data=np.ones(3)), None, "trace must be one trace, .* SimpleNamespace"),
+    (trace(np.ones(3), "a"), None, "stats.delta of trace must be a real number"),
+    (trace(np.ones(3), standard={"units": "cm/s^2"}), None, "unit is 'm/s2', but trace states"),
+    (PLAIN, trace(np.ones(3), standard={"units": "counts"}), "but vertical states 'counts'"),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    ("horizontal", "vertical", "message"),
-    [
-        (
-            Stream([PLAIN, PLAIN]),
-            None,
-            "trace must be one trace, .* got a Stream of 2: take one",
-        ),
-        (PLAIN, Stream([PLAIN]), "vertical must be one trace, .* got a Stream of 1: take one"),
-        (np.ones(3), None, "trace must be one trace, .* got a ndarray"),
-        (None, None, "trace must be one trace, .* got a NoneType"),
-        (
-            SimpleNamespace(data=np.ones(3)),
-            None,
-            "trace must be one trace, .* SimpleNamespace",
-        ),
-        (trace(np.ones(3), "a"), None, "stats.delta of trace must be a real number"),
-        (
-            trace(np.ones(3), standard={"units": "cm/s^2"}),
-            None,
-            "unit is 'm/s2', but trace states",
-        ),
-        (
-            PLAIN,
-            trace(np.ones(3), standard={"units": "counts"}),
-            "but vertical states 'counts'",
-        ),
-    ],
+    ("horizontal", "vertical", "message"), WHAT_IS_NO_TRACE_OR_IN_ANOTHER_UNIT
 )
 def test_what_is_no_trace_or_in_another_unit(horizontal, vertical, message):
     with pytest.raises(ValueError, match=message):

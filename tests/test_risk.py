@@ -39,6 +39,9 @@ def test_hazard_is_straight_in_logarithms(eps):
         )
     assert float(jax.grad(hazard)(20.0)) == 0
     assert str(hazard) == "hazard from 0.01 1/yr at 0.1 to 1e-05 1/yr at 10"
+    hazard = jr.Hazard([0.1, 10.0], [1e-2, 1e-5], "pgv", statistic="quantile-0.85")
+    assert str(hazard).startswith("quantile-0.85 hazard of pgv from")
+    assert jax.grad(lambda curve: curve(1.0))(hazard).statistic == "quantile-0.85"
 
 
 @pytest.mark.parametrize(

@@ -93,55 +93,31 @@ TWICE = ONE.scaled(np.ones(2))
 STILL = SUITE.scaled(np.array([1.0, 0.0, 1.0]))
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: jr.Suite([]), "records must be at least one record, got none"),
-        (lambda: jr.Suite(ONE), "records must be a list of records, got a Record"),
-        (lambda: jr.Suite([ONE, 3.0]), "records must be records, got a float as number 2"),
-        (
-            lambda: jr.Suite([ONE, MANY]),
-            "records must be single ones, number 2 is an array of",
-        ),
-        (lambda: jr.Suite([STEPS]), "records must have one time step and start, not number 1"),
-        (
-            lambda: jr.Suite([ONE, TWICE]),
-            r"scales of one shape, got \(\) and, in number 2, \(2,\)",
-        ),
-        (lambda: jr.Suite([ONE], "a"), "names must be a list of names, got 'a'"),
-        (lambda: jr.Suite([ONE], [1]), "names must be words, got 1"),
-        (
-            lambda: jr.Suite([ONE] * 2, ["a"]),
-            "must be as many as records, got 1 names of 2 rec",
-        ),
-        (
-            lambda: jr.Suite([ONE] * 3, ["a", "b", "a"]),
-            "must differ from each other, got 'a' tw",
-        ),
-        (
-            lambda: SUITE.scaled(np.ones(2)),
-            r"for each of 3 records, got an array of shape \(2,\)",
-        ),
-        (lambda: SUITE.scaled(np.nan), "factors must be finite, got nan"),
-        (lambda: SUITE.factors([1.0, 0.0], "pga"), "levels must be finite and greater than 0"),
-        (
-            lambda: STILL.factors(1.0, "pgv"),
-            "a pgv greater than 0 to be scaled, got 0 for 'b'",
-        ),
-        (
-            lambda: SUITE.measure("pgd"),
-            "must be one of pga, pgv, pga_ratio, pgv_ratio, got 'pgd'",
-        ),
-        (
-            lambda: SUITE.measure("pga_ratio"),
-            "block must be given for the measure 'pga_ratio'",
-        ),
-        (lambda: intensity_measure(ONE, "PGA"), "measure must be one of .* got 'PGA'"),
-        (lambda: jr.read_suite([]), "a suite needs at least one file, got none"),
-        (lambda: jr.read_suite("none"), "'none': there is no such folder or file"),
-        (lambda: jr.read_suite(["a.txt"]), "'a.txt': the file cannot be read: No such file"),
-    ],
-)
+WHAT_IS_REFUSED = [
+    (lambda: jr.Suite([]), "records must be at least one record, got none"),
+    (lambda: jr.Suite(ONE), "records must be a list of records, got a Record"),
+    (lambda: jr.Suite([ONE, 3.0]), "records must be records, got a float as number 2"),
+    (lambda: jr.Suite([ONE, MANY]), "records must be single ones, number 2 is an array of"),
+    (lambda: jr.Suite([STEPS]), "records must have one time step and start, not number 1"),
+    (lambda: jr.Suite([ONE, TWICE]), r"scales of one shape, got \(\) and, in number 2, \(2,\)"),
+    (lambda: jr.Suite([ONE], "a"), "names must be a list of names, got 'a'"),
+    (lambda: jr.Suite([ONE], [1]), "names must be words, got 1"),
+    (lambda: jr.Suite([ONE] * 2, ["a"]), "must be as many as records, got 1 names of 2 rec"),
+    (lambda: jr.Suite([ONE] * 3, ["a", "b", "a"]), "must differ from each other, got 'a' tw"),
+    (lambda: SUITE.scaled(np.ones(2)), r"for each of 3 records, got an array of shape \(2,\)"),
+    (lambda: SUITE.scaled(np.nan), "factors must be finite, got nan"),
+    (lambda: SUITE.factors([1.0, 0.0], "pga"), "levels must be finite and greater than 0"),
+    (lambda: STILL.factors(1.0, "pgv"), "a pgv greater than 0 to be scaled, got 0 for 'b'"),
+    (lambda: SUITE.measure("pgd"), "must be one of pga, pgv, pga_ratio, pgv_ratio, got 'pgd'"),
+    (lambda: SUITE.measure("pga_ratio"), "block must be given for the measure 'pga_ratio'"),
+    (lambda: intensity_measure(ONE, "PGA"), "measure must be one of .* got 'PGA'"),
+    (lambda: jr.read_suite([]), "a suite needs at least one file, got none"),
+    (lambda: jr.read_suite("none"), "'none': there is no such folder or file"),
+    (lambda: jr.read_suite(["a.txt"]), "'a.txt': the file cannot be read: No such file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "message"), WHAT_IS_REFUSED)
 def test_what_is_refused(monkeypatch, call, message):
     """Also where types are not checked, as for those who use the library."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
@@ -365,54 +341,24 @@ LEVEL, UP, ALONE = (CONTENTS[name] for name in ("RSN1_A-000.AT2", "RSN1_A-UP.AT2
 NONE = ": the folder has no file of a record: .at2, .csv"
 
 
-@pytest.mark.parametrize(
-    ("contents", "options", "messages"),
-    [
-        ({}, {}, [NONE]),
-        ({"index.csv": WORDS, "a.txt": WORDS}, {}, [NONE]),
-        (
-            {"a.csv": WORDS},
-            {"unit": "g", "time_step": 1.0},
-            ["a.csv': at least two samples were expected, got 0"],
-        ),
-        (
-            {"a.csv": "acc_g\n1\n"},
-            {"time_step": 1.0},
-            ["at least two samples were expected, got"],
-        ),
-        ({"b.csv": ALONE}, {"unit": "g"}, ["unit is 'g', but column 'acc [cm/s2]' states"]),
-        (
-            {"a.csv": "", "b.AT2": WORDS},
-            {},
-            ["a.csv': the file is empty", "b.AT2': an .AT2 file"],
-        ),
-        (
-            {"a-UP.AT2": UP},
-            {},
-            ["a suite needs at least one horizontal component, got 1 files"],
-        ),
-        (
-            {"a.csv": "t,up_g\n0,1\n1,2\n"},
-            {},
-            ["a.csv': no column is a horizontal acceleration"],
-        ),
-        (
-            {"a.csv": ALONE},
-            {"vertical": True},
-            ["a.csv': one vertical column was expected, got 0"],
-        ),
-        (
-            {"a.AT2": LEVEL},
-            {"vertical": True},
-            ["a.AT2': no file is its vertical component by"],
-        ),
-        (
-            {"a.AT2": LEVEL, "a.csv": ALONE},
-            {},
-            ["a.csv': another record is named 'a' as well"],
-        ),
-    ],
-)
+FOLDERS_THAT_ARE_REFUSED = [
+    ({}, {}, [NONE]),
+    ({"index.csv": WORDS, "a.txt": WORDS}, {}, [NONE]),
+    ({"a.csv": WORDS}, {"unit": "g", "time_step": 1.0},
+     ["a.csv': at least two samples were expected, got 0"]),
+    ({"a.csv": "acc_g\n1\n"}, {"time_step": 1.0}, ["at least two samples were expected, got"]),
+    ({"b.csv": ALONE}, {"unit": "g"}, ["unit is 'g', but column 'acc [cm/s2]' states"]),
+    ({"a.csv": "", "b.AT2": WORDS}, {}, ["a.csv': the file is empty", "b.AT2': an .AT2 file"]),
+    ({"a-UP.AT2": UP}, {}, ["a suite needs at least one horizontal component, got 1 files"]),
+    ({"a.csv": "t,up_g\n0,1\n1,2\n"}, {}, ["a.csv': no column is a horizontal acceleration"]),
+    ({"a.csv": ALONE}, {"vertical": True},
+     ["a.csv': no file is its vertical component by the name"]),
+    ({"a.AT2": LEVEL}, {"vertical": True}, ["a.AT2': no file is its vertical component by"]),
+    ({"a.AT2": LEVEL, "a.csv": ALONE}, {}, ["a.csv': another record is named 'a' as well"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("contents", "options", "messages"), FOLDERS_THAT_ARE_REFUSED)
 def test_folders_that_are_refused(folder, contents, options, messages):
     """One line for each file."""
     with pytest.raises(ValueError, match=re.escape(messages[0])) as error:

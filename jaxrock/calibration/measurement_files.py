@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..tables import (
+    QUANTITIES,
     Head,
     Row,
     Table,
@@ -27,11 +28,13 @@ _NO_PEAK = (
 # Names of something else, though a word or the unit is one of a rotation, or of a time.
 _NO_ROTATION = r"veloc|speed|accel|time|/\s*s"
 _NO_TIME = (
-    r"duration|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
+    r"duration|between|uplift|interval|period|half|delta|d\s?t\b|differen|step|error|sigma|std"
     r"|peak|rotation|angle|tilt"
 )
 # Without names times are in s. No block that stands on the earth takes so long between impacts.
 _LONGEST = 60.0
+# Of fewer times nothing can be told.
+_FEW = 8
 _EXPECTED = "names of the columns were expected, such as 'impact,time [s]' or 'time [ms]'"
 
 
@@ -84,6 +87,9 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
         if step <= 0:
             reason = f"a time after {times[k - 1]:.10g} s was expected, got {times[k]:.10g} s"
             raise table.text.error(reason, rows[k].line)
+    if times.size > _FEW and np.ptp(np.diff(times)) < 1e-3 * (times[1] - times[0]):
+        reason = "times of impacts were expected, whose distances shrink, got times of samples"
+        raise table.text.error(f"{reason}, {times[1] - times[0]:.6g} s apart", rows[0].line)
     if not heads:
         _refuse_unclear(table, rows, times)
     table.refuse_cut()
@@ -153,7 +159,22 @@ def _find_columns(table: Table, heads: Sequence[Head], line: int) -> tuple[int, 
     if len(peaks) > 1:
         reason = "at most one column must be rotations"
         raise table.text.error(f"{reason}, got {len(peaks)} in {printed}", line)
+    for k in (*times, *peaks) if line else ():
+        _refuse_other_unit(table, heads[k])
     return times[0], peaks[0] if peaks else None
+
+
+def _refuse_other_unit(table: Table, head: Head) -> None:
+    """Raise a `ValueError` if a comment states another unit of such a quantity than its head."""
+    dimension = QUANTITIES[head.quantity].dimensions[0] if head.quantity else ""
+    for line, words in _list_comments(table):
+        for word in re.findall(r"\bin\s+([^\W\d_]+|\u00b0)", words):
+            unit = parse_unit(word)
+            if unit.dimension == dimension and not math.isclose(unit.factor, head.factor):
+                raise table.text.error(
+                    f"a comment states the unit {word!r}, but the column is {head.words!r}",
+                    line,
+                )
 
 
 def _is_rotation(head: Head) -> bool:

@@ -143,6 +143,7 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
                 lines.append(str(hazard))
             lines.append(f"{found}\n{about}")
             data |= {
+                "hazard": str(hazard),
                 "rate": float(found.rate),
                 "standard_error": float(found.standard_error),
                 "unseen": float(found.unseen),

@@ -20,10 +20,6 @@ from .progress import hide_progress as hide_progress
 from .progress import show_clock as show_clock
 from .progress import show_progress as show_progress
 from .progress import speak_of_waits as speak_of_waits
-from .tables import Row as Row
-from .tables import TextTable as TextTable
-from .tables import is_number as is_number
-from .tables import read_text_table as read_text_table
 from .threads import apply_settings as apply_settings
 from .threads import count_processors as count_processors
 from .threads import map_in_threads as map_in_threads

@@ -42,10 +42,9 @@ def as_hazard_measure(measure: object) -> str | None:
 class Hazard(Printed, Checked):
     """A hazard curve: the yearly rate at which levels of an intensity measure are exceeded.
 
-    Straight between its points in logarithms of both, and without a value beyond them. Curves
-    as they are computed may stay level for a while, and end with rates of 0. From the last rate
-    above 0 to the first 0 the rate falls in a straight line over the logarithm of the level;
-    from there on it is 0. Rates too small for a normal number of their precision count as 0.
+    Log-log linear between its points, NaN outside. Plateaus and trailing rates of 0 are allowed.
+    From the last positive rate to the first 0 the rate falls linearly with the logarithm of the
+    level; above, it is 0. Rates too small for a normal number of their precision count as 0.
 
     Parameters
     ----------
@@ -141,7 +140,7 @@ class Hazard(Printed, Checked):
 
 
 def find_last_point(hazard: Hazard) -> int:
-    """Find the first point with a rate of 0, or the last point: beyond it nothing happens."""
+    """Find the first point with a rate of 0, or else the last point."""
     rates = np.asarray(hazard.rates)
     positive = rates >= np.finfo(rates.dtype).tiny
     return min(int(np.count_nonzero(positive)), len(rates) - 1)

@@ -4,6 +4,7 @@ import math
 import os
 import re
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -36,6 +37,8 @@ _OTHER_MEASURES = (
     f"{QUANTITIES['spectral acceleration'].words}|{QUANTITIES['intensity'].words}"
 )
 _PROBABILITIES = QUANTITIES["probability"].words
+_DEVIATIONS = r"(?i)(?<![^\W_])(?:std|standard[\s_]+deviations?)(?![^\W_])"
+_Column = TypeVar("_Column", Levels, Frequency)
 
 
 def read_hazard(
@@ -59,8 +62,8 @@ def read_hazard(
           ``return period [yr]``. Other columns are ignored. A comment must not name a
           probability above rates, nor spectral acceleration above levels without a measure in
           their name.
-        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with measure, years and kind
-          of curve in the comment. Standard deviations are refused.
+        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with years, kind of curve
+          and mostly the measure in the comment. Standard deviations are refused.
         - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
           rates, which nshmp-haz writes unless told otherwise.
     unit : str, optional
@@ -77,8 +80,10 @@ def read_hazard(
     Returns
     -------
     Hazard
-        Levels in m/s or m/s2. Of a probability P in T years the rate is -ln(1 - P) / T. The
-        lowest levels, where P is printed as 1, have no finite rate and are left out.
+        Levels in m/s or m/s2; its `statistic` says whether they are of a mean, a maximum, a
+        quantile, one branch of a logic tree, or a part of the hazard. Of a
+        probability P in T years the rate is -ln(1 - P) / T. The lowest levels, where P is printed
+        as 1, have no finite rate and are left out.
 
     Raises
     ------
@@ -128,59 +133,58 @@ def read_hazard(
 
 def _read_columns(table: Table, measure: str | None) -> Curve:
     """Read a table with a line for each level."""
+    if not table.heads:
+        row = table.rows[0]
+        line = quote_word(table.text.lines[row.line - 1])
+        raise table.text.error(f"names of the columns were expected above {line}", row.line)
+    parsed = {k: _parse_frequency(head) for k, head in enumerate(table.heads)}
+    frequencies = {k: frequency for k, frequency in parsed.items() if frequency}
     cells = [*table.names, *(cell for row in table.rows[:1] for cell in row.cells)]
     lists = [cell for cell in cells if _is_list(cell)]
-    if lists:
+    if lists and not frequencies:
         raise table.text.error(
             f"a field has several numbers, {quote_word(lists[0])}: the first versions of OpenQuake"
             " wrote curves so, without their levels; export them with a later one",
             table.line,
         )
-    if not table.heads:
-        row = table.rows[0]
-        line = quote_word(table.text.lines[row.line - 1])
-        raise table.text.error(f"names of the columns were expected above {line}", row.line)
-    column, levels = _choose_levels(table, measure)
-    known = {k: _parse_frequency(head) for k, head in enumerate(table.heads)}
-    frequencies = [(k, frequency) for k, frequency in known.items() if frequency]
-    if len(frequencies) != 1:
-        raise table.text.error(
-            f"one column must be a rate of exceedance per year, as in {_EXAMPLE}, or a probability"
-            " of exceedance in a number of years, or a return period [yr], got"
-            f" {len(frequencies)} of them in {quote_names(table.names)}",
-            table.line,
-        )
-    ((often, frequency),) = frequencies
-    if len(table.rows) < 2:
-        raise table.text.error(
-            f"at least two lines of levels and rates were expected, got {len(table.rows)}"
-        )
+    level, levels = _choose_column(
+        table, _find_levels(table, measure), "pgv or pga with its unit"
+    )
+    expected = "a rate per year, a probability in a number of years, or a return period [yr]"
+    often, frequency = _choose_column(table, frequencies, expected)
     points = [
-        (row.line, read_number(table, row, column), read_number(table, row, often))
+        (row.line, read_number(table, row, level), read_number(table, row, often))
         for row in table.rows
     ]
     return Curve(levels, frequency, points)
 
 
-def _choose_levels(table: Table, measure: str | None) -> tuple[int, Levels]:
-    """Choose the column of levels."""
-    columns: list[tuple[int, Levels]] = []
-    for k, head in enumerate(table.heads):
-        for quantity in ("pga", "pgv", "level"):
-            if _match_name(head, quantity) and len(head.units) < 2:
-                stated = quantity if quantity in HAZARD_MEASURES else ""
-                source = f"the head states {head.words!r}"
-                columns.append((k, Levels(head.words, stated, head.unit, source)))
-    # A column that names its measure is meant, whatever else might be one of levels.
-    named = [pair for pair in columns if pair[1].measure]
-    chosen = [pair for pair in named if pair[1].measure == measure] or named or columns
-    if len(chosen) != 1:
+def _choose_column(
+    table: Table, columns: dict[int, _Column], expected: str
+) -> tuple[int, _Column]:
+    """Choose the only column of a kind."""
+    if len(columns) != 1:
         raise table.text.error(
-            f"one column must be pgv or pga with its unit, as in {_EXAMPLE}, got {len(chosen)} of"
-            f" them in {quote_names(table.names)}",
+            f"one column must be {expected}, as in {_EXAMPLE}, got {len(columns)} of them in"
+            f" {quote_names(table.names)}",
             table.line,
         )
-    return chosen[0]
+    return columns.popitem()
+
+
+def _find_levels(table: Table, measure: str | None) -> dict[int, Levels]:
+    """Find the columns of levels."""
+    columns: dict[int, Levels] = {}
+    for k, head in enumerate(table.heads):
+        for quantity in (*HAZARD_MEASURES, "level"):
+            if _match_name(head, quantity) and len(head.units) < 2:
+                stated = "" if quantity == "level" else quantity
+                source = f"the head states {head.words!r}"
+                columns[k] = Levels(head.words, stated, head.unit, source)
+    # A column that names its measure is meant, whatever else might be one of levels.
+    named = {k: levels for k, levels in columns.items() if levels.measure}
+    expected = {k: levels for k, levels in named.items() if levels.measure == measure}
+    return expected or named or columns
 
 
 def _parse_frequency(head: Head) -> Frequency | None:
@@ -220,6 +224,7 @@ def _is_list(cell: str) -> bool:
 
 def _refuse_comments(table: Table, curve: Curve) -> None:
     """Refuse comments that name something else than the columns hold."""
+    names = " ".join(table.names)
     for line, comment in table.notes:
         words = re.findall(r"[^\W\d_]+", comment)
         # Below a name that is clear the comment may be about other columns.
@@ -227,6 +232,8 @@ def _refuse_comments(table: Table, curve: Curve) -> None:
             other = "another measure than pga or pgv"
         elif curve.frequency.kind == "rate" and _match_any(_PROBABILITIES, words):
             other = "a probability above a column of rates"
+        elif re.search(_DEVIATIONS, comment) and not re.search(_DEVIATIONS, names):
+            other = "standard deviations, which are no hazard curve"
         else:
             continue
         raise table.text.error(f"a comment names {other}, got {quote_word(comment)}", line)
@@ -282,8 +289,9 @@ def _choose_unit(table: Table, levels: Levels, given: Unit | None, measure: str)
 def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     """Convert what a table states to rates; an error names the first line that is wrong."""
     # Some tables begin with the highest level.
-    order = -1 if curve.points[0][1] > curve.points[-1][1] else 1
-    points = curve.points[::order]
+    points = curve.points
+    if points and points[0][1] > points[-1][1]:
+        points = points[::-1]
     frequency = curve.frequency
     rates = np.array([frequency.convert(value) for _, _, value in points])
     for (line, level, value), rate in zip(points, rates, strict=True):
@@ -301,4 +309,8 @@ def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
         raise table.text.error(fault.reason, points[fault.point][0])
     # Levels that are certain to be exceeded, at a probability of 1.
     possible = np.isfinite(rates)
+    if possible.sum() < 2:
+        raise table.text.error(
+            f"at least two levels with finite rates were expected, got {possible.sum()}"
+        )
     return levels[possible], rates[possible]

@@ -20,7 +20,7 @@ _LIMITS = {"longitude": 360.0, "latitude": 90.0}
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
 # Some versions of OpenQuake write the type of a column behind its name.
 _LEVEL = (
-    r"(?:(?P<kind>poe|[a-z]\w*(?:\([\d.]+\))?)-)?"
+    r"(?:(?P<kind>poe|pg[avd]|(?:avg)?sa(?:\([\d.]+\))?|ia|cav|rsd\d*|mmi|[avd]si)-)?"
     r"(?P<level>[\d.]+(?:e[-+]?\d+)?)(?::float\d\d)?"
 )
 # What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so
@@ -196,7 +196,7 @@ def _read_statement(table: Table, key: str) -> str:
     values = _find_statements(table, key)
     if len(values) != 1:
         raise table.text.error(
-            f"one {key} was expected in a comment above, as OpenQuake writes it, got"
+            f"one {key} was expected in comments, as in '# investigation_time=50.0, imt=PGA', got"
             f" {quote_names(sorted(values)) or 'none'}"
         )
     return values.pop()
@@ -211,8 +211,6 @@ def _find_statements(table: Table, key: str) -> set[str]:
 
 def _read_statistic(table: Table) -> str:
     """Read which of OpenQuake's curves this is, from the comment and the name of the file."""
-    if _find_statements(table, "source_model_tree_path"):
-        return "single realization"
     stated = _find_statements(table, "kind")
     stated |= {word for _, line in table.notes for word in re.findall(_IN_COMMENT, line)}
     # Older versions name a file quantile_curve-0.1.csv.
@@ -227,7 +225,9 @@ def _read_statistic(table: Table) -> str:
             "one kind of curve was expected in the comment and the name of the file, such as mean,"
             f" max, quantile-0.85 or rlz-000, got {quote_names(sorted(stated))}"
         )
-    return "".join(stated)
+    # Version 2.0 wrote the path of a branch above means and quantiles as well.
+    is_branch = not stated and _find_statements(table, "source_model_tree_path")
+    return "single realization" if is_branch else "".join(stated)
 
 
 def _describe_nshmp(table: Table, measure: str | None) -> tuple[Levels, str]:

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +23,11 @@ _DOMAINS = {
     "restitution": UNIT_INTERVAL,
     "restitution scatter": NON_NEGATIVE,
 }
+# What spreadsheets call rows below the objects, in a few languages.
+_TOTALS = (
+    r"(?:sub|grand )?totals?|sums?|means?|averages?|max(?:imum)?|min(?:imum)?|median|std\.?"
+    r"|summe|gesamt|mittelwert|totale|moyenne|media|promedio|somme?"
+)
 _NEEDED = ("name", "width", "height")
 _ALLOWED = (
     "name, width [m], height [m], and perhaps depth [m], inertia ratio, restitution,"
@@ -145,11 +151,9 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
     if len(row.cells) < len(table.heads):
         raise table.error_of_width(row)
     name = row.cells[columns["name"]]
-    if not name:
-        reason = (
-            "a name was expected, got none: leave out rows that are no object, as of totals"
-        )
-        raise table.text.error(reason, row.line)
+    if not name or re.fullmatch(_TOTALS, name, re.I):
+        reason = "leave out rows that are no object, as of totals, and rename others"
+        raise table.text.error(f"a name was expected, got {name!r}: {reason}", row.line)
     values = {
         quantity: _read_number(table, row, columns[quantity], quantity)
         for quantity in _DOMAINS

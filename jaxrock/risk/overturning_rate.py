@@ -297,9 +297,10 @@ def check_falling(rates: AnyArray) -> None:
         )
     # Where a curve is level, its rates differ by what rounding makes of their logarithms.
     slack = 64 * float(np.finfo(values.dtype).eps)
-    if (np.diff(values) > slack * values[:-1]).any():
+    for k in np.flatnonzero(np.diff(values) > slack * values[:-1]):
         raise ValueError(
-            "the rates of the hazard must fall with the level or stay, got others"
+            "the rates of the hazard must fall with the level or stay, got"
+            f" {values[k + 1]:.6g} after {values[k]:.6g}"
         )
 
 

@@ -1,14 +1,15 @@
 """Tables and other text files: read with errors that name file and line, written in one style."""
 
 from .cut import require_whole_end as require_whole_end
+from .heads import Head as Head
+from .heads import find_quantity as find_quantity
+from .heads import read_head as read_head
 from .quantities import QUANTITIES as QUANTITIES
-from .quantities import Head as Head
-from .quantities import find_quantity as find_quantity
-from .quantities import read_head as read_head
 from .rows import Row as Row
 from .statements import NUMBER as NUMBER
 from .statements import collect_statements as collect_statements
 from .statements import find_contents as find_contents
+from .statements import find_factor as find_factor
 from .statements import find_steps as find_steps
 from .statements import find_unit_after as find_unit_after
 from .statements import find_units as find_units

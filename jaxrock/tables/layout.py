@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from .quantities import read_head
+from .heads import read_head
 from .rows import SEPARATORS, Row, is_comment, is_number, split_line, split_lines
 from .text import TextFile, quote_word
 from .units import parse_unit
@@ -48,7 +48,8 @@ def find_layout(text: TextFile) -> Layout:
     """Find the layout of a table; a `ValueError` if it has no rows, or titles but no names."""
     notes: list[tuple[int, str]] = []
     if "#" in text.content:
-        notes = [(n, line) for n, line in enumerate(text.lines, 1) if is_comment(line)]
+        lines = enumerate(text.lines, 1)
+        notes = [(n, line) for n, line in lines if "#" in line and is_comment(line)]
     stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
     top = 1 if stated else 0
     # Of a tab at the end of the first line the reader of lines has taken away, as it may be.

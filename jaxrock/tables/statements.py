@@ -56,6 +56,11 @@ _OTHERS = r"\b(?:velocity|displacement|spectr(?:um|a|al))\b"
 
 # Fortran may write 1.0-100 for 1e-100.
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+|[-+]\d{2,3}(?![\d.]))?"
+# A factor to be applied, or perhaps applied already.
+_FACTOR = (
+    r"\b(?:multiply\s+(?:by|with)|(?:scale|scaling|conversion|calibration)\s*factor|factor(?=\s*[=:]))"
+    rf"\s*(?:[=:]|is|of)?\s*(?P<number>{NUMBER})"
+)
 # Letters of any script. Possessive: backtracking into a word would find shorter words in it.
 _WORD = r"[^\W\d_]++"
 # Fortran's bare exponent only behind a point, since 10-20 may be from 10 to 20.
@@ -125,6 +130,12 @@ def find_contents(
         return None
     mentions = ((n, re.search(_OTHERS, line, re.I)) for n, line in lines)
     return next(((n, match[0].lower()) for n, match in mentions if match), None)
+
+
+def find_factor(line: str) -> str:
+    """Find a factor that a line states for the values, which nobody applies; empty if none."""
+    match = re.search(_FACTOR, line, re.I)
+    return match[0] if match and read_fortran(match["number"]) != 1 else ""
 
 
 def find_units(line: str) -> list[Found]:

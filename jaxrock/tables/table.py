@@ -15,8 +15,8 @@ import numpy as np
 
 from ..host import show_progress
 from .cut import require_whole_end
+from .heads import Head, read_head
 from .layout import find_layout
-from .quantities import Head, read_head
 from .rows import (
     DECIMAL_COMMA,
     DECIMAL_POINT,
@@ -24,6 +24,7 @@ from .rows import (
     SEPARATORS,
     Row,
     is_comment,
+    split_line,
     split_lines,
 )
 from .text import TextFile, as_number, quote_word
@@ -70,6 +71,15 @@ class Table:
         """The rows, without empty lines and comments; an error if one has too many cells."""
         rows = [*split_lines(self.text, self._top, self.separator)]
         width = len(self.heads)
+        for line, comment in self.notes:
+            # A name may begin with #, as #12 of a catalogue.
+            is_row = width > 1 and len(split_line(comment, self.separator)) == width
+            if is_row and line > self._top and re.match(r"#\w", comment):
+                raise self.text.error(
+                    f"{quote_word(comment)} is a comment, but looks like a row: write '# ' if it"
+                    " is one, and quotes around a name that begins with #",
+                    line,
+                )
         for row in rows:
             # Spreadsheets end lines with separators of empty cells.
             while width and len(row.cells) > width and not row.cells[-1]:

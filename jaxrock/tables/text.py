@@ -188,7 +188,8 @@ def quote_word(word: str) -> str:
 
 def _decode(content: bytes) -> str:
     """Decode a text from UTF-8, or from Latin-1 those lines which are not in it."""
-    content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"\r" in content:
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     # Only names of stations and comments have other letters: numbers are the same in both.
     try:
         return content.decode()

@@ -127,7 +127,7 @@ _FACTOR = re.compile(
 
 def parse_unit(words: str) -> Unit:
     """Parse a unit, alone or a product; of no dimension if it is not understood."""
-    plain = normalize(words).lower().replace("_", " ").strip()
+    plain = normalize(words).lower().replace("_", " ").strip(" .")
     for dimension, factor, spellings in _UNITS:
         if re.fullmatch(spellings, plain):
             return Unit(words, dimension, factor)

@@ -170,8 +170,8 @@ def parse_at2(lines):
 
 def parse_bbp(lines):
     """The Broadband Platform's files: names of the columns by blanks, three components."""
-    heads = next(line for line in lines if "time(sec)" in line)
-    if "(cm/s/s)" not in heads:
+    heads = [line for line in lines if "time(sec)" in line or "Column" in line]
+    if not any("cm/s/s" in line for line in heads):
         return []
     rows = np.loadtxt([line for line in lines if not line.lstrip().startswith(("#", "%"))])
     return [(0.01 * row, rows[1, 0] - rows[0, 0]) for row in rows.T[1:]]
@@ -181,7 +181,7 @@ def parse_plain(lines):
     """Numbers alone, as OpenSees takes them; the user knows that they are g, 0.01 s apart."""
     if lines[4:] and lines[4].split() == ["Time[s]", "Accel[g]"]:
         return [(G * np.loadtxt(lines[5:])[:, 1], 0.01)]
-    return [(G * read_words(lines), 0.01)]
+    return [(G * read_words([line for line in lines if "End" not in line]), 0.01)]
 
 
 def parse_two_columns(lines):

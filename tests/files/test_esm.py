@@ -133,6 +133,13 @@ REFUSED = [
 ]
 
 
+def test_the_name_says_what_the_header_does_not(tmp_path):
+    path = tmp_path / NAME.replace(".ACC.", ".VEL.")
+    assert path.name != NAME
+    with pytest.raises(ValueError, match=r"no DATA_TYPE and the name says VEL"):
+        read(path, write(DATA_TYPE=None))
+
+
 @pytest.mark.parametrize(("changes", "options", "message"), REFUSED)
 def test_refused(tmp_path, changes, options, message):
     with pytest.raises(ValueError, match=rf"HNE\.D.*{re.escape(message)}"):

@@ -7,6 +7,8 @@ import jaxrock as jr
 
 pytestmark = pytest.mark.float64
 G = 9.80665
+PGA = {"measure": "pga"}
+PGV = {"measure": "pgv"}
 # 10 % in 50 years is the probability of a return period of 474.6 years.
 TEN = -np.log(0.9) / 50
 
@@ -31,22 +33,22 @@ def refuses(message, path, **options):
     [
         ("pga [g],rate [1/yr]", {}, G, "pga"),
         ("PGV (cm/s),annual rate", {}, 0.01, "pgv"),
+        ("PGV m/s,rate 1/yr", {}, 1.0, "pgv"),
         ("pga_cm_s2,mean annual frequency of exceedance", {}, 0.01, "pga"),
         ("peak ground velocity [m s^-1],\u03bb [yr^-1]", {}, 1.0, "pgv"),
         ("Peak horizontal ground acceleration (m/s\u00b2),MAFE", {}, 1.0, "pga"),
         ("geometric mean PGA [%g],exceedance rate [1/a]", {}, 0.01 * G, "pga"),
         ("pgv [in/s],rate", {}, 0.0254, "pgv"),
         ("pgv [ft/s],frequency [1/yr]", {}, 0.3048, "pgv"),
-        ("pgv,rate", {"unit": "mm/s"}, 1e-3, "pgv"),
         ("pgv,rate", {"unit": "in/s"}, 0.0254, "pgv"),
         ("pgv [cm/s],rate", {"unit": "cm/s"}, 0.01, "pgv"),
         ("level,rate", {"unit": "g", "measure": "pga"}, G, "pga"),
-        ("intensity measure [gal],rate per year", {"measure": "pga"}, 0.01, "pga"),
+        ("intensity measure [gal],rate per year", PGA, 0.01, "pga"),
         # A comment may name the measure; below a name it may be about other columns.
         ("# PGA at the site\nIML [g],annual rate", {}, G, "pga"),
-        ("PGA at the site\n\nx [g],annual rate", {}, G, "pga"),
+        ("PGA at the site\n\nIML [g],annual rate", {}, G, "pga"),
         ("# PGV, or SA(1.0)\nPGA [g],annual rate", {}, G, "pga"),
-        ("# PGA and PGV\nlevel [cm/s],annual rate", {"measure": "pgv"}, 0.01, "pgv"),
+        ("# PGA and PGV\nlevel [cm/s],annual rate", PGV, 0.01, "pgv"),
         ("# PGA [g],rate [1/yr]", {}, G, "pga"),
         ("# PGA [g],annual rate", {}, G, "pga"),
         ("PGA,rate\n[g],[1/yr]", {}, G, "pga"),
@@ -78,22 +80,21 @@ FLAT = [TEN, TEN, 0]
         ("pga [g],probability per year\n.1,1e-9\n1,1e-12\n", {}, [1.0000000005e-9, 1e-12]),
         # From the highest level down.
         ("return period [yr],PGA [g]\n1000,1\n475,.1\n", {}, [1 / 475, 1e-3]),
+        ("# mean, std\npga [g],rate,std\n.1,2e-3,1\n1,1e-3,1\n", {}, [2e-3, 1e-3]),
         ("PGA [g],return period in years\n1,1000\n.1,475\n", {}, [1 / 475, 1e-3]),
-        ("PGA [g],rate\n2,0\n1,1e-3\n.1,1e-3\n", {}, [1e-3, 1e-3, 0]),
         ("n,return period [yr],PGA [g]\n1,475,.1\n2,1000,1\n", {}, [1 / 475, 1e-3]),
         (
-            "RP,recurrence interval (years),SA(0.2) [g],PGV [cm/s],PGA [g]\n"
-            "x,475,.2,4,0.1\ny,1000,2,5,1\n",
-            {"measure": "pga"},
+            "recurrence interval (years),SA [g],PGV [m/s],PGA [g]\n475,2,4,0.1\n1000,2,5,1\n",
+            PGA,
             [1 / 475, 1e-3],
         ),
         # Of a curve and what else is known of the logic tree the curve is meant.
         (
-            "pga [g],rate std [1/yr],mean rate [1/yr],84th percentile rate [1/yr],rate (16th)\n"
-            ".1,1,2e-3,3e-3,1e-3\n1,1,1e-3,2e-3,1e-3\n",
+            "pga [g],rate std [1/yr],mean rate,84th rate,rate (max)\n.1,1,2e-3,3,4\n1,1,1e-3,3,4\n",
             {},
             [2e-3, 1e-3],
         ),
+        ("return period [yr],PGA [g],id\n475,.1,1 2\n1000,1,1 3\n", {}, [1 / 475, 1e-3]),
         ("sep=;\nnote;rate;pga [g]\na, b;2e-3;0.1\n;1e-3;1\n", {}, [2e-3, 1e-3]),
         ("pga [g];rate\n0,1;2,0e-3\n1,0;1,0e-3\n", {}, [2e-3, 1e-3]),
         ("pga [g];rate;\n0,1;0,002;\n1,0;0,001;\n", {}, [2e-3, 1e-3]),
@@ -113,46 +114,47 @@ def test_tables(tmp_path, content, options, rates):
     assert hazard.measure == "pga"
 
 
-EARLY = "several numbers, .* first versions of OpenQuake .* export them"
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (b"level,rate\n\xff\xfe\x00", ": a text file was expected, this one is binary"),
         ("", ": the file is empty"),
-        ("# a\n", ": a line with the names .* comments only"),
+        ("# a\n", ": a line with the names .* comments"),
         ("<?xml?>\n<nrml/>", ", line 1: .* got XML or JSON: let OpenQuake export"),
         ('{"type": "FeatureCollection"}', ", line 1: .* got XML or JSON"),
-        ("lon lat,PGA\n0.0 0.0,4.5E-01 5.8E-02 6.8E-03\n", f".*: a field has {EARLY}"),
-        ("lon,lat,PGA\n0.0,0.0,4.5E-01 5.8E-02 6.8E-03\n", f".*: a field has {EARLY}"),
-        ("0.0 0.0,4.5E-01 5.8E-02,6.8E-01 0.1\n", f".*: a field has {EARLY}"),
+        (
+            "lon lat,PGA\n0.0 0.0,4.5E-01 5.8E-02 6.8E-03\n",
+            ".*: a field .* first versions of OpenQuake",
+        ),
+        (
+            "lon,lat,PGA\n0.0,0.0,4.5E-01 5.8E-02 6.8E-03\n",
+            ".*: a field .* first versions of OpenQuake",
+        ),
+        (
+            "0.0 0.0,4.5E-01 5.8E-02,6.8E-01 0.1\n",
+            ".*: a field .* first versions of OpenQuake",
+        ),
         ("4.5E-01 5.8E-02 6.8E-03\n", ", line 1: names of the columns .* '4.5E-01 5.8E-02"),
         ("1,1e-2\n2,1e-3\n3,1e-4\n", ", line 1: names of the columns .* above '1,1e-2'"),
-        ("pga [g],rate\n1,1e-3\n", ": at least two lines .* got 1"),
+        ("pga [g],rate\n", ": at least two levels .* got 0"),
+        ("pga [g],rate\n1,1e-3\n", ": at least two levels .* got 1"),
         ("pga [g],rate\n1,often\n2,1e-3\n", ", line 2: column 'rate' must be .* got 'often'"),
         ("# site\npga [g],rate\n1,2\n2,1,0\n", ", line 4: 2 fields .* commas .* got 3"),
         ("pga [g],a,rate\n1,2,3\n2,1\n", ", line 3: 3 fields .* commas .* got 2"),
         ("pgv [m/s],rate\n1,.1\n2,.2\n", ", line 3: rates must not rise .* 0.2 after 0.1$"),
         ("pgv [m/s],rate\n.8,.1\n.5,.2\n.9,0\n", ", line 3: levels must increase, got 0.5 a"),
         ("pgv [m/s],rate\n1,.1\n1,.2\n", ", line 3: levels must increase, got 1 after 1$"),
-        ("pgv [m/s],rate\n3,0\n1,.1\n2,.2\n", ", line 3: levels must .* got 1 after 2$"),
         ("pgv [m/s],rate\n3,1\n2,.1\n1,2\n", ", line 2: rates must not rise .* 1 after 0.1$"),
         ("pgv [m/s],rate\n1,.1\n2,nan\n", ", line 3: a rate must be .* at least 0, got nan"),
         ("pgv [m/s],rate\n1,.1\n2,-1\n", ", line 3: a rate must be .* at least 0, got -1"),
         ("pgv [m/s],rate\n0,.1\n2,0\n", ", line 2: a level must be .* than 0, got 0"),
         ("pgv [m/s],rate\n1,.1\n2,.1\n", ": rates must fall with the level, got only"),
-        (
-            "pga [g],poe in 9 years\n1,1.1\n2,1\n",
-            ", line 2: a probability must be .*, got 1.1",
-        ),
+        ("pga [g],poe in 9 years\n1,1.1\n2,1\n", ", line 2: a probability .* got 1.1"),
         ("pga [g],poe in 9 yr [%]\n1,11\n2,-1\n", ", line 3: a probability .* 100 %, got -1"),
         ("pga [g],poe in 9 years\n1,.1\n2,1\n", ", line 3: rates must not rise"),
-        (
-            "pga [g],return period [yr]\n1,9\n2,0\n",
-            ", line 3: a return period .* than 0, got 0",
-        ),
-        ("pga [g]:rate\n1:1e-2\n", ".*: rows of numbers .* were expected"),
+        ("pga [g],poe in 9 years\n1,1\n2,1\n3,.1\n", ": at least two levels .* got 1"),
+        ("pga [g],return period [yr]\n1,9\n2,0\n", ", line 3: a return period .* got 0"),
+        ("pga [g]:rate\n1:1e-2\n", ".*: rows of numbers .*expected"),
         ("pga [g];rate\n0,100;2\n0,200;1.5\n", ", line 3: decimals must all stand behind"),
         ("pga [g],rate\n0.1,2.345E-02\n0.2,1.345E-0", ", line 3: the file looks truncated"),
         ("pga [g],rate\n0.1,0.0234\n0.2,0.00", ", line 3: the file looks truncated"),
@@ -162,7 +164,7 @@ def test_tables_that_are_refused(tmp_path, content, message):
     assert refuses(message, write(tmp_path, content))
 
 
-OFTEN = "one column must be a rate of exceedance per year"
+OFTEN = "one column must be a rate per year, a probability"
 LEVEL = "one column must be pgv or pga with its unit"
 SILENT = "the head does not say which measure .* so that measure must be given"
 
@@ -197,14 +199,9 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         # Spectral acceleration is in g as well, Arias intensity in m/s.
         ("level [g],rate", {}, f"1: {SILENT}"),
         ("intensity [m/s],rate", {}, f"1: {SILENT}"),
-        ("level,rate", {"unit": "g"}, f"1: {SILENT}"),
         ("pgv,rate", {}, "1: the head states no unit, so that unit must be given, got 'pgv'"),
-        (
-            "pga [g],rate",
-            {"measure": "pgv"},
-            "1: a hazard of pgv was expected, got one of pga",
-        ),
-        ("level [g],rate", {"measure": "pgv"}, "1: 'g' is not understood as a unit of pgv"),
+        ("pga [g],rate", PGV, "1: a hazard of pgv was expected, got one of pga"),
+        ("level [g],rate", PGV, "1: 'g' is not understood as a unit of pgv"),
         ("pga [g],rate", {"unit": "m/s2"}, "1: unit is 'm/s2', but the head states 'pga"),
         ("pga [g],rate", {"unit": "cm/s"}, "1: unit is 'cm/s', but the head states 'pga"),
         ("pga [cm/s],rate", {}, "1: 'cm/s' is not understood as a unit of pga"),
@@ -213,12 +210,14 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         ("lon,lat,depth,poe-0.1,poe-x", {}, "1: column 'poe-x' is not understood"),
         # What a comment or a title names instead.
         ("# SA(1.0 s), 5 % damping\nIML [g],annual rate", {}, "1: a comment names another"),
-        ("# IMT: SA(1.0)\nlevel [g],rate", {"measure": "pga"}, "1: a comment names another"),
-        ("# a\n# spectral acceleration\nx [g],rate", {}, "2: a comment names another"),
-        ("Arias\n\nx [m/s],rate", {"measure": "pgv"}, "1: a comment names another measure"),
+        ("# IMT: SA(1.0)\nlevel [g],rate", PGA, "1: a comment names another"),
+        ("# a\n# spectral acceleration\nlevel [g],rate", {}, "2: a comment names another"),
+        ("Arias\n\nlevel [m/s],rate", PGV, "1: a comment names another measure"),
         ("# probabilities in 50 years\nPGA [g],rate", {}, "1: a comment names a probability"),
         ("# PoE, 50 yr\n# PGA [g],annual rate", {}, "1: a comment names a probability"),
-        ("# PGV\nlevel [m/s],rate", {"measure": "pga"}, "2: a hazard of pga was expected"),
+        ("# standard deviations\nPGA [g],rate", {}, "1: a comment names standard deviations"),
+        ("# std of rates\nPGA [g],rate", {}, "1: a comment names standard deviations"),
+        ("# PGV\nlevel [m/s],rate", PGA, "2: a hazard of pga was expected"),
         ("# PGV\nlevel [g],rate", {}, "2: 'g' is not understood as a unit of pgv"),
     ],
 )
@@ -228,22 +227,15 @@ def test_heads_that_are_refused(tmp_path, head, options, message):
     assert refuses(f", line {message}", write(tmp_path, f"{head}\n{rows}"), **options)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"measure": "pgv_ratio"}, "must be one of pgv, pga, or None, got 'pgv_r"),
-        ({"unit": "knots"}, "^unit must be one like 'm/s', .* got 'knots'"),
-        ({"unit": "m"}, "^unit must be one like 'm/s', .* got 'm'"),
-        ({"site": (1.0, 2.0)}, "site goes with a table of several sites only, got"),
-        ({}, None),
-    ],
-)
-def test_arguments(tmp_path, options, message):
+def test_arguments(tmp_path):
     path = write(tmp_path, "pga [g],rate\n1,.1\n2,0\n")
-    if message is None:
-        path.unlink()
-    with pytest.raises(ValueError, match=message or "cannot be read: No such file"):
-        jr.read_hazard(path, **options)
+    assert refuses(": the file cannot be read: No such file", tmp_path / "none.csv")
+    assert refuses(": site goes with a table of several sites only, got", path, site=(1, 2))
+    with pytest.raises(ValueError, match="must be one of pgv, pga, or None, got 'pgv_r"):
+        jr.read_hazard(path, measure="pgv_ratio")
+    for unit in ("knots", "m"):
+        with pytest.raises(ValueError, match=f"^unit must be one like 'm/s', .* got '{unit}'"):
+            jr.read_hazard(path, unit=unit)
 
 
 LEVELS = np.array([0.005, 0.0137, 0.103, 0.556, 1.52])
@@ -258,7 +250,7 @@ SITES = NEWER + "-122.10000,37.75000,0.00000,9.0E-01,8.0E-01,2.0E-01,1.0E-02,1.0
 COMMENT = NEWER.splitlines()[0]
 OLDER = NEWER.replace(COMMENT, '# mean, investigation_time=50.0, imt="PGA"')
 TREE = (
-    "source_model_tree_path=('b1',), gsim_tree_path=('b1',), investigation_time=50.0, imt=PGA"
+    "source_model_tree_path=('b1',), gsim_tree_path=('b1',), investigation_time=50.0,imt=PGA"
 )
 NAMES = NEWER.splitlines()[1]
 TYPES = NEWER.replace(NAMES, NAMES.replace(",", ":float32,") + ":float32")
@@ -267,6 +259,7 @@ SECOND = (
     "# max, investigation_time=50.0\nlon,lat,PGA-0.005,PGA-0.0137,PGA-0.103,PGA-0.556,PGA-1.52"
     f",SA(0.1)-0.01,SA(0.1)-0.2\n-122.4,37.75,{POES},9E-1,1E-1\n"
 )
+BOTH = SECOND.replace("SA(0.1)", "PGV")
 POINTS = np.transpose([G * LEVELS[1:], [-np.log(1 - 0.8123456) / 50, TEN, TEN, 0.0]])
 
 
@@ -281,11 +274,7 @@ POINTS = np.transpose([G * LEVELS[1:], [-np.log(1 - 0.8123456) / 50, TEN, TEN, 0
         (NEWER.replace("kind='mean', ", ""), "a.csv", ""),
         (OLDER, "hazard_curve-mean-PGA.csv", "mean"),
         (OLDER.replace("mean", "quantile-0.1"), "quantile_curve-0.1.csv", "quantile-0.1"),
-        (
-            NEWER.replace(COMMENT, f"# {TREE}"),
-            "hazard_curve-smltp_b1.csv",
-            "single realization",
-        ),
+        (NEWER.replace(COMMENT, f"# {TREE}"), "curve.csv", "single realization"),
         (TYPES, "a.csv", "mean"),
         (SEMICOLONS, "a.csv", "mean"),
         (SECOND, "hazard_curve-max.csv", "max"),
@@ -303,39 +292,24 @@ def test_openquake(tmp_path, content, name, statistic):
     ("old", "new", "options", "message"),
     [
         ("'PGA'", "'PGV'", {}, 0.01),
-        ("", "", {"measure": "pga", "unit": "g"}, G),
-        ("", "", {"measure": "pgv"}, ", line 2: a hazard of pgv was expected, got one of pga"),
+        ("", "", PGA | {"unit": "g"}, G),
+        ("", "", PGV, ", line 2: a hazard of pgv was expected, got one of pga"),
         ("", "", {"unit": "m/s2"}, ", line 2: unit is 'm/s2', but OpenQuake has PGA in g by"),
         ("'mean'", "'std'", {}, ": standard deviations of a logic tree are no hazard curve"),
         ("'mean'", "'max'", {}, ": one kind of curve was expected .* got 'max', 'mean'"),
         ("'mean'", "'other'", {}, ": one kind of curve was expected .* got 'mean', 'other'"),
         ("'PGA'", "'SA(0.3)'", {}, ": a hazard of pga or pgv .* got one of 'SA\\(0.3\\)'"),
-        ("imt=", "im=", {}, ": one imt was expected in a comment above, .* got none"),
+        ("imt=", "im=", {}, ": one imt was expected in comments, .* got none"),
         ("=50.0", "=5 0.0", {}, ": investigation_time must be .* got '5 0.0'"),
         ("=50.0", "=0", {}, ": investigation_time must be greater than 0, got '0'"),
         ("investigation_time=50.0, ", "", {}, ": one investigation_time was expected"),
         ("8.123456E-01", "none", {}, ", line 3: column 'poe-0.0137000' must be a number"),
-        (
-            "8.123456E-01",
-            "1.1E+00",
-            {},
-            ", line 3: a probability must be from 0 to 1, got 1.1",
-        ),
+        ("8.123456E-01", "1.1E+00", {}, ", line 3: a probability must be .* got 1.1"),
         ("8.123456E-01", "0.000000E+00", {}, ", line 3: rates must not rise"),
-        (
-            "-122.40000",
-            "-522.4",
-            {},
-            ", line 3: a longitude must be .* 360 degrees, got -522.4",
-        ),
+        ("-122.40000", "-522.4", {}, ", line 3: a longitude must be .* got -522.4"),
         ("lat", "lon", {}, ", line 2: one longitude was expected, got 2"),
         (",0.00000,", ",", {}, ", line 3: 8 fields separated by commas were expected, got 7"),
-        (
-            "0.0137000",
-            "0.0030000",
-            {},
-            ", line 3: levels must increase, got 0.003 after 0.005",
-        ),
+        ("0.0137000", "0.0030000", {}, ", line 3: levels must increase, got 0.003 a"),
         ("poe-0.0137000", "0.2~PGA", {}, ", line 2: column '0.2~PGA' is not understood"),
     ],
 )
@@ -352,7 +326,6 @@ NSHMP = (
     "name,lon,lat,0.005,0.0137,0.103,0.556,1.52\n"
     "Test Site,-122.40000,37.75000,2.85280770e-03,2.85280770e-03,1.5e-03,1.00000000e-04,0.0\n"
 )
-YEARLY = np.array([2.8528077e-3, 2.8528077e-3, 1.5e-3, 1e-4, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -363,52 +336,22 @@ YEARLY = np.array([2.8528077e-3, 2.8528077e-3, 1.5e-3, 1e-4, 0.0])
         (SITES, "a.csv", {"site": (1, 2)}, r": one curve at .* \(1, 2\) .* got 0 there, of 2"),
         (SITES, "a.csv", {"site": (-122.10001, 37.75)}, "mean hazard of pga"),
         # Of engine 2 the name says whether it is a curve, and there may be several measures.
-        (
-            SECOND,
-            "hazard_map-max.csv",
-            {},
-            ", line 2: columns such as 'SA.* in its hazard maps",
-        ),
-        (
-            SECOND,
-            "curve.csv",
-            {"measure": "pgv"},
-            ", line 2: columns of one measure .* pgv, got",
-        ),
-        (
-            SECOND.replace("SA(0.1)", "PGV"),
-            "curve.csv",
-            {},
-            ", line 2: .* got those of 'pga', ",
-        ),
-        (
-            SECOND.replace("SA(0.1)", "PGV"),
-            "curve.csv",
-            {"measure": "pgv"},
-            "max hazard of pgv",
-        ),
+        (SECOND, "hazard_map-max.csv", {}, ", line 2: columns .* in its hazard maps"),
+        (SECOND, "curve.csv", PGV, ", line 2: columns of .* pgv, got"),
+        (BOTH, "curve.csv", {}, ", line 2: .* got those of 'pga', "),
+        (BOTH, "curve.csv", PGV, "max hazard of pgv"),
         (SECOND.replace("max", "std"), "curve.csv", {}, ": standard deviations"),
         # The folder of nshmp-haz names the measure, or the caller does, and then the unit as well.
         (NSHMP, "PGA/curves.csv", {}, "hazard of pga"),
         (NSHMP, "PGA/source/FAULT/curves.csv", {}, "source FAULT hazard of pga"),
         (NSHMP, "PGA/gmm/CY_08.csv", {}, "gmm CY_08 hazard of pga"),
         (NSHMP, "SA0P2/gmm/CY_08.csv", {}, ": a hazard of pga or pgv .* got one of sa0p2"),
-        (NSHMP, "total.csv", {"measure": "pga", "unit": "g"}, "hazard of pga"),
-        (
-            NSHMP,
-            "PGA/curves.csv",
-            {"measure": "pgv"},
-            ", line 1: a hazard of pgv was expected",
-        ),
+        (NSHMP, "total.csv", PGA | {"unit": "g"}, "hazard of pga"),
+        (NSHMP, "PGA/curves.csv", PGV, ", line 1: a hazard of pgv was"),
         (NSHMP, "total.csv", {"unit": "g"}, ": neither the table nor its folder names"),
-        (NSHMP, "total.csv", {"measure": "pgv"}, ", line 1: the head states no unit"),
-        (
-            NSHMP,
-            "a.csv",
-            {"measure": "pgv", "unit": "g"},
-            ", line 1: 'g' is not .* unit of pgv",
-        ),
-        (NSHMP, "SA0P2.csv", {"measure": "pga", "unit": "g"}, ": a hazard of pga .* sa0p2"),
+        (NSHMP, "total.csv", PGV, ", line 1: the head states no unit"),
+        (NSHMP, "a.csv", PGV | {"unit": "g"}, ", line 1: 'g' is not .* unit of pgv"),
+        (NSHMP, "SA0P2.csv", PGA | {"unit": "g"}, ": a hazard of pga .* sa0p2"),
     ],
 )
 def test_sites(tmp_path, content, name, options, answer):
@@ -418,8 +361,7 @@ def test_sites(tmp_path, content, name, options, answer):
         return
     hazard = jr.read_hazard(path, **options)
     assert str(hazard).startswith(f"{answer} from")
-    if content == NSHMP:
-        np.testing.assert_allclose(hazard.levels, G * LEVELS, rtol=1e-12)
-        np.testing.assert_allclose(hazard.rates, YEARLY, rtol=1e-12)
-    elif content == SITES:
-        np.testing.assert_allclose(hazard.rates[-1], -np.log(0.999) / 50, rtol=1e-12)
+    levels = 0.01 * np.array([0.01, 0.2]) if "pgv" in answer else G * LEVELS[-2:]
+    np.testing.assert_allclose(hazard.levels[-2:], levels, rtol=1e-12)
+    last = {NSHMP: 1e-4, SITES: -np.log(0.99) / 50}.get(content, hazard.rates[-2])
+    np.testing.assert_allclose(hazard.rates[-2], last, rtol=1e-12)

@@ -16,7 +16,7 @@ import test_esm
 import test_geonet
 import test_smc
 from references.mutations import read_mutations
-from test_hazard_files import ELSEWHERE, EXPECTED, LEVELS, NSHMP, POES, YEARLY, openquake
+from test_hazard_files import LEVELS, NEWER, NSHMP, POINTS, SITES
 
 import jaxrock as jr
 from jaxrock.calibration import read_impact_times
@@ -206,7 +206,7 @@ def make_broadband():
     return Kind(
         "s01.acc.bbp",
         head + "".join(row + "\n" for row in rows),
-        partial(read_columns, ["N-S", "E-W", "up"]),
+        partial(read_columns, ["NS", "EW", "up"]),
         partial(match_rows, known, 0.02, 40, 1, False),
         (
             ("(cm/s/s)", "(g)", "acceleration", G / GAL),
@@ -331,20 +331,15 @@ PERIODS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 
 HAZARDS = {
     "rates": "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n",
     "periods": RETURN_PERIODS,
-    "openquake": openquake(),
-    "sites": openquake(
-        places=[
-            (-122.4, 37.75, POES),
-            (-122.1, 37.75, ELSEWHERE),
-        ]
-    ),
+    "openquake": NEWER,
+    "sites": SITES,
     "usgs": NSHMP,
 }
 RIGHT = {
     "rates": np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]]),
     "periods": PERIODS * [G, 1],
-    "openquake": np.transpose([G * LEVELS[1:], EXPECTED]),
-    "usgs": np.transpose([G * LEVELS, YEARLY]),
+    "openquake": POINTS,
+    "usgs": np.transpose([G * LEVELS, [2.8528077e-3, 2.8528077e-3, 1.5e-3, 1e-4, 0.0]]),
 }
 RIGHT["sites"] = RIGHT["openquake"]
 OPTIONS = {

@@ -13,9 +13,7 @@ from ...tables import (
     NUMBER,
     TextFile,
     find_contents,
-    find_steps,
     find_unit_after,
-    find_units,
     quote_word,
     read_fortran,
 )
@@ -45,13 +43,7 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     contents = find_contents(lines)
     if contents is not None:
         raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
-    for n, line in lines:
-        for words, unit in find_units(line):
-            header.add_unit(n, f"the header states {words}", unit)
-    # All have to agree: the caller, the line with DT, and what other lines say of the step.
-    for n, line in lines:
-        for words, step in find_steps(line):
-            header.add_step(n, f"the header states {words}", step)
+    header.read_text(lines, "the header")
     return [header.read_component(top, direction)[0]]
 
 

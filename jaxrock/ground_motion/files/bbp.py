@@ -50,6 +50,7 @@ def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
                 )
             header.add("unit", n, unit)
     top = _count_comments(text.lines)
+    header.read_text(enumerate(text.lines[:top], 1), "a comment")
     factor = header.require_unit("the comments state no unit")
     values = _read_columns(text, top)
     words = [line.split()[0] for line in text.lines[top:]]

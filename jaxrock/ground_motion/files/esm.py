@@ -16,6 +16,8 @@ from .orientations import find_direction
 
 # Spectra, velocities and displacements have the same layout.
 _ACCELERATION = r"(?:(?:un)?processed )?acceleration"
+# Where the header does not say it, the name of the file may.
+_OTHER_NAMES = r"\.(VEL|DIS|SA|SD|PSV|PSA)\.(?:\w+\.)?ASC$"
 # What the values of keys state. STREAM, or COMPONENT in old files, is the channel.
 _KEYS = {
     "DATA_TYPE": "quantity",
@@ -38,6 +40,11 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
     header = Header(text, claims)
     top = _read_keys(text, header)
     quantity = header.find("quantity")
+    named = re.search(_OTHER_NAMES, text.path.name, re.I)
+    if named and not quantity:
+        raise text.error(
+            f"acceleration was expected, the header has no DATA_TYPE and the name says {named[1]}"
+        )
     if quantity and not re.fullmatch(_ACCELERATION, quantity.word, re.I):
         raise text.error(
             f"acceleration was expected, DATA_TYPE is {quote_word(quantity.word)}",

@@ -27,18 +27,26 @@ what the caller states, and with the values.
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ...tables import NUMBER, UNITS_OF_ACCELERATION, Statement, TextFile
+from ...tables import (
+    NUMBER,
+    UNITS_OF_ACCELERATION,
+    Statement,
+    TextFile,
+    collect_statements,
+    find_steps,
+    find_units,
+)
 from ..units import convert_unit
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, Numbers, match_line, read_numbers
 from .plain import read_free_numbers
-from .printed_times import explain_times, find_printed_halves, find_printed_step
+from .printed_times import find_printed_step, find_uniform_step
 
 # A number in decimals, in a pattern.
 DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)"
@@ -47,8 +55,6 @@ _STEPS = {"step": "s", "milliseconds": "ms", "rate": "samples per second"}
 _SHORTEST = 1e-5
 # Significant digits of a number of single precision, which headers are computed in.
 _SIGNIFICANT = 6
-# As many are enough to see how times are printed.
-_MANY = 1000
 NO_COUNTS = (
     "the values are counts of an instrument, no accelerations: take a processed file of the"
     " record, or remove the response from its waveform by obspy and use"
@@ -100,6 +106,14 @@ class Header:
     def add_step(self, line: int, words: str, step: float) -> None:
         """Add a time step [s] that the file states in other words than by its number."""
         self._claims = self._claims.add_step(line, words, step)
+
+    def read_text(self, lines: Iterable[tuple[int, str]], where: str) -> None:
+        """Add units and time steps that running text states; `where` says what it is."""
+        lines = [*lines]
+        for line, words, unit in collect_statements(find_units, lines, where):
+            self.add_unit(line, words, unit)
+        for line, words, step in collect_statements(find_steps, lines, where):
+            self.add_step(line, words, step)
 
     def read_line(self, at: int, pattern: str, description: str) -> None:
         """Add the groups of a pattern that the line with index `at` has to match."""
@@ -177,18 +191,10 @@ class Header:
         They have to be printed times of an even step, which is what the caller and the header
         state. `line` is where they begin.
         """
-        halves = find_printed_halves(words[:: 1 + len(words) // _MANY], times)
         stated = [step.value for step in self._claims.steps]
-        explained = [step for step in stated if explain_times(times, halves, step)]
-        steps = np.diff(times)
-        mean = float(times[-1] - times[0]) / steps.size
-        if explained:
-            step = explained[0]
-        elif mean > 0 and (abs(steps - mean) <= UNIFORM * mean).all():
-            step = mean
-        else:
-            step = find_printed_step(times, halves)
+        step = find_uniform_step(times) or find_printed_step(words, times, stated)
         if step is None:
+            steps = np.diff(times)
             raise self._text.error(
                 f"the times beside the values are not evenly spaced, from {steps.min():.6g} to"
                 f" {steps.max():.6g} s, as where film was digitized: take volume 2 of the record"

@@ -1,19 +1,44 @@
-"""Times that are printed with few digits: the step that explains them all, if there is one."""
+"""Times beside samples: their even step, also where they are printed with few digits."""
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from .claims import UNIFORM
 
 _PRINTED = r"[-+]?(?P<whole>\d*)(?:\.(?P<decimals>\d*))?(?P<exponent>[ed][-+]?\d+)?"
+# As many are enough to see how times are printed.
+_MANY = 1000
 # Steps of a golden section: each shortens the interval by more than a third.
 _ITERATIONS = 60
 
 
-def find_printed_halves(words: Sequence[str], times: np.ndarray) -> np.ndarray:
+def find_uniform_step(times: np.ndarray) -> float | None:
+    """Find the step of times whose steps are equal within 0.1 %; None of others."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    if not ((steps > 0).all() and (abs(steps - usual) <= UNIFORM * usual).all()):
+        return None
+    # The mean, whose error by printed digits falls with the number of steps.
+    return float(times[-1] - times[0]) / steps.size
+
+
+def find_printed_step(
+    words: Sequence[str], times: np.ndarray, stated: Iterable[float]
+) -> float | None:
+    """Find a step with which times would be printed as these words; None if there is none.
+
+    It is one that is `stated`, or the mean step if one explains the times and all that do are
+    nearly the same.
+    """
+    halves = _find_halves(words[:: 1 + len(words) // _MANY], times)
+    explained = (step for step in stated if _explain_times(times, halves, step))
+    return next(explained, None) or _search_step(times, halves)
+
+
+def _find_halves(words: Sequence[str], times: np.ndarray) -> np.ndarray:
     """Find half the unit of the last printed digit of each time; NaN if a word is no number.
 
     Zeros at the end may be left out, so that the word with most digits says how many all have:
@@ -22,7 +47,7 @@ def find_printed_halves(words: Sequence[str], times: np.ndarray) -> np.ndarray:
     decimals = 0.0
     digits = 1
     for word in words:
-        match = re.fullmatch(_PRINTED, word.strip(), re.I)
+        match = re.fullmatch(_PRINTED, word.strip().replace(",", "."), re.I)
         if match is None:
             return np.full(times.size, np.nan)
         after = match["decimals"] or ""
@@ -34,8 +59,8 @@ def find_printed_halves(words: Sequence[str], times: np.ndarray) -> np.ndarray:
     return 0.5 * 10.0 ** np.maximum(-decimals, powers + 1 - digits)
 
 
-def explain_times(times: np.ndarray, halves: np.ndarray, step: float) -> bool:
-    """Tell whether times with this step, from any first one on, would be printed like that.
+def _explain_times(times: np.ndarray, halves: np.ndarray, step: float) -> bool:
+    """Return whether times with this step, from any first one on, would be printed like that.
 
     The step has to be larger than two units of the last digit, or a time that is missing
     could not be noticed.
@@ -43,8 +68,8 @@ def explain_times(times: np.ndarray, halves: np.ndarray, step: float) -> bool:
     return step > 4 * float(np.max(halves)) and _find_excess(times, halves, step) <= 0
 
 
-def find_printed_step(times: np.ndarray, halves: np.ndarray) -> float | None:
-    """Find the mean step if one explains the times and all that do are nearly the same."""
+def _search_step(times: np.ndarray, halves: np.ndarray) -> float | None:
+    """Return the mean step if one explains the times and all that do are nearly the same."""
     intervals = times.size - 1
     mean = float(times[-1] - times[0]) / intervals
     spread = 2 * float(np.max(halves)) / intervals
@@ -55,20 +80,20 @@ def find_printed_step(times: np.ndarray, halves: np.ndarray) -> float | None:
     high = mean + spread
     ratio = (5**0.5 - 1) / 2
     for _ in range(_ITERATIONS):
-        one = high - ratio * (high - low)
-        other = low + ratio * (high - low)
-        if _find_excess(times, halves, one) < _find_excess(times, halves, other):
-            high = other
+        lower = high - ratio * (high - low)
+        upper = low + ratio * (high - low)
+        if _find_excess(times, halves, lower) < _find_excess(times, halves, upper):
+            high = upper
         else:
-            low = one
-        if explain_times(times, halves, one) or explain_times(times, halves, other):
+            low = lower
+        if _explain_times(times, halves, lower) or _explain_times(times, halves, upper):
             return mean
     return None
 
 
 def _find_excess(times: np.ndarray, halves: np.ndarray, step: float) -> float:
     """Find by how much times are outside of what half a unit of the last digit explains."""
-    rest = times - step * np.arange(times.size)
+    shifts = times - step * np.arange(times.size)
     # Numbers that are printed just at half a unit are not exact in binary.
     slack = 1e-9 * np.max(halves) + 4 * np.finfo(float).eps * np.max(np.abs(times))
-    return float(np.max(rest - halves) - np.min(rest + halves) - slack)
+    return float(np.max(shifts - halves) - np.min(shifts + halves) - slack)

@@ -31,23 +31,24 @@ def read_record(
 ) -> Record:
     """Read a recorded ground motion from a file.
 
-    An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` file has
-    columns separated by commas or tabs below a line with their names, and perhaps lines that
-    begin with # above it; the last of these may be the line of names, as NumPy writes it. A
-    column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like. Its step
-    is uniform to a thousandth, or explains all times to the last digit printed. One column
-    alone needs no name.
+    An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` or
+    ``.tsv`` file has columns below a line with their names, separated by commas, semicolons,
+    tabs, bars or blanks; titles and lines that begin with # may stand above the names, units
+    below them. A column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the
+    like. Steps must be equal within 0.1 %, or consistent with one step after rounding to the
+    printed digits. One column alone needs no name.
 
     Files of networks are told by their first lines, whatever their names are: ESM and ITACA,
-    COSMOS, CSMIP, GeoNet (V1A, V2A), SMC; and where obspy is installed (``pip install
-    "jaxrock[records]"``) K-NET and KiK-net, miniSEED and SAC. What these state about number of
-    samples, duration and peak has to be true of the samples. Velocities and displacements in
-    them are passed over.
+    COSMOS, CSMIP and RENADIC, GeoNet (V1A, V2A), SMC, K-NET and KiK-net, SCEC's Broadband
+    Platform, numbers alone; and where obspy is installed (``pip install "jaxrock[records]"``)
+    miniSEED and SAC. What these state about number of samples, duration and peak has to be
+    true of the samples. Velocities and displacements in them are passed over.
 
-    What a file states about its unit and its time step (in its header, in comments such as
-    ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``) is used.
-    It has to agree with itself and with `unit` and `time_step`, which are needed where the
-    file states nothing; a statement that is not understood is an error.
+    What a file states about its unit and its time step (in its header, in titles and comments
+    such as ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``)
+    is used. It has to agree with itself and with `unit` and `time_step`, which are needed where
+    the file states nothing; a statement that is not understood is an error, and so is a column
+    of another quantity, such as ``LVDT1 [mm]`` or spectral accelerations.
 
     Parameters
     ----------

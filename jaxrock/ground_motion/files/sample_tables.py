@@ -2,17 +2,16 @@
 
 import math
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
 from ...tables import (
-    Row,
     Statement,
     Table,
     TextFile,
     collect_statements,
     find_contents,
+    find_factor,
     find_quantity,
     find_steps,
     find_units,
@@ -23,18 +22,16 @@ from ...tables import (
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
 from .directions import find_clear_direction, find_column_direction
-from .printed_times import explain_times, find_printed_halves, find_printed_step
+from .printed_times import find_printed_step, find_uniform_step
 
 # PEER puts it beside the records that a search has found.
 _SEARCH_REPORT = re.compile(r'[\s"]*(?:PEER Ground Motion Database\b|-- Summary of )')
-# A column T beside accelerations may be of periods, if the text above says so.
-_SPECTRUM = re.compile(r"(?<![^\W_])spectr(?:um|a)(?![^\W_])", re.I)
+# A column T beside accelerations may be of periods, if other names or the text above say so.
+_SPECTRUM = re.compile(r"(?<![^\W_])(?:spectr(?:um|a)|response|design)(?![^\W_])", re.I)
 # Of which there is one for a record or a site, and not one for a sample.
 _NO_SERIES = ("pga", "pgv", "intensity", "rate", "probability", "return period")
 # Of fewer numbers nothing can be told.
 _FEW = 4
-# As many are enough to see how times are printed.
-_MANY_LINES = 1000
 
 
 class SampleTable:
@@ -133,6 +130,13 @@ class SampleTable:
         if contents is not None:
             line, other = contents
             raise self.text.error(f"acceleration was expected, not {other}", line)
+        for line, words in self.table.notes:
+            if factor := find_factor(words):
+                raise self.text.error(
+                    f"accelerations in their unit were expected, a comment states {factor!r}:"
+                    " apply the factor, if it is not, and leave the statement out",
+                    line,
+                )
         factors = {k: self._find_unit(k, claims) for k in columns}
         wanted = [*columns] if self.times is None else [*columns, self.times]
         values = self.table.read_samples(wanted)
@@ -199,12 +203,13 @@ class SampleTable:
             raise self._error(
                 f"accelerations were expected, got column {spectral[0].words!r}: {way}"
             )
-        above = [note[1] for note in self.table.notes] + [self.text.path.stem]
+        above = [note[1] for note in self.table.notes]
+        above += [self.text.path.stem, *self.table.names]
         unclear = self.times is not None and heads[self.times].name == "T"
         if unclear and any(map(_SPECTRUM.search, above)):
             raise self._error(
-                "'T' may be the periods of the spectrum that the text above or the name of the"
-                f" file speaks of, and {way}: name the times 'time'"
+                "'T' may be the periods of the spectrum of which the text above, another column or"
+                f" the name of the file speaks, and {way}: name the times 'time'"
             )
 
     def _list_accelerations(self) -> list[int]:
@@ -254,24 +259,20 @@ class SampleTable:
         column = self.times or 0
         head = self.table.heads[column]
         seconds = head.unit.factor if head.unit else 1.0
+        step = find_uniform_step(times)
+        if step is not None:
+            return seconds * step
+        rows = self.table.rows
+        words = [row.cells[column] for row in rows]
+        stated = [claim.value / seconds for claim in claims.steps]
+        step = find_printed_step(words, times, stated)
+        if step is not None:
+            return seconds * step
         steps = np.diff(times)
         # The median, so that the error names the odd step, not all others.
         usual = float(np.median(steps))
-        differs = abs(steps - usual) > UNIFORM * usual
-        if (steps > 0).all() and not differs.any():
-            # The mean, whose error by printed digits falls with the number of steps.
-            return seconds * float(times[-1] - times[0]) / steps.size
-        # Few digits may be printed: a step that is stated explains them, or one that they tell.
-        rows = self.table.rows
-        halves = find_printed_halves(_take_words(rows, column), times)
-        for stated in claims.steps:
-            if explain_times(times, halves, stated.value / seconds):
-                return stated.value
-        printed = find_printed_step(times, halves)
-        if printed is not None:
-            return seconds * printed
         increase = bool((steps > 0).all())
-        at = int(np.argmax(differs if increase else steps <= 0))
+        at = int(np.argmax(abs(steps - usual) > UNIFORM * usual if increase else steps <= 0))
         reason = (
             f"must have a uniform step, mostly {seconds * usual:.6g} s" if increase else ""
         )
@@ -306,8 +307,3 @@ def is_search_report(text: TextFile) -> bool:
     """Return whether a table is PEER's report of a search for records."""
     first = next((line for line in text.lines if line.strip()), "")
     return _SEARCH_REPORT.match(first) is not None
-
-
-def _take_words(rows: Sequence[Row], column: int) -> list[str]:
-    """Take the words of a column from rows that are spread over the whole table."""
-    return [row.cells[column] for row in rows[:: 1 + len(rows) // _MANY_LINES]]

@@ -7,7 +7,7 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 import re
 from functools import partial
 
-from ...tables import TextFile, find_units, quote_word
+from ...tables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line, match_title
@@ -91,9 +91,9 @@ def _read_comments(text: TextFile, header: Header) -> int:
     """Read the comments, which may state a unit; return the index of the line after them."""
     top = _COMMENTS
     while top < len(text.lines) and text.lines[top].startswith("|"):
-        for words, unit in find_units(text.lines[top]):
-            header.add_unit(top + 1, f"a comment states {words}", unit)
         top += 1
+    comments = enumerate(text.lines[_COMMENTS:top], _COMMENTS + 1)
+    header.read_text(comments, "a comment")
     stated = header.find("comments")
     count = max(stated.value, 0) if stated else 0
     if count != top - _COMMENTS:

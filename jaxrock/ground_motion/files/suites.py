@@ -108,11 +108,12 @@ def read_suite(
     for path in show_progress(paths, "reading records"):
         try:
             if path.suffix.lower() in TABLE_SUFFIXES:
-                content = _read_table(path, claims, vertical, of_folder)
+                components = _read_table(path, claims, vertical, of_folder)
             elif path.suffix.lower() == ".at2":
-                content = _read_at2(path, paths, claims, vertical)
+                components = _read_at2(path, paths, claims, vertical)
             else:
-                content = _read_channels(path, paths, claims, vertical)
+                components = read_components(path, claims, paths)
+            content = _sort_components(path, components, vertical)
         except ValueError as error:
             faults.append(str(error))
             continue
@@ -170,86 +171,74 @@ def _list_files(source: StrPath | Iterable[StrPath]) -> tuple[list[Path], bool]:
     return paths, False
 
 
-def _read_table(path: Path, claims: Claims, vertical: bool, of_folder: bool) -> _Content:
-    """Read the horizontal columns of a table, each with the vertical one if wanted."""
+def _read_table(
+    path: Path, claims: Claims, vertical: bool, of_folder: bool
+) -> list[Component]:
+    """Read the horizontal columns of a table, and the vertical one if it is wanted."""
     text = TextFile(path)
     if of_folder and is_search_report(text):
-        return _Content([])
+        return []
     table = SampleTable(text)
+    heads = table.table.heads
     directions = {k: table.find_direction(k) for k in table.accelerations}
     level = [k for k, direction in directions.items() if direction == "level"]
     upright = [k for k, direction in directions.items() if direction in ("up", "down")]
     if not level:
-        names = quote_names(table.table.names)
+        names = quote_names(head.words for head in heads)
         raise text.error(f"no column is a horizontal acceleration among {names}")
     if len(level) > 2:
-        names = quote_names(table.table.names[k] for k in level)
+        names = quote_names(heads[k].words for k in level)
         raise text.error(f"at most two horizontal columns were expected: {names}")
-    if vertical and len(upright) != 1:
-        raise text.error(f"one vertical column was expected, got {len(upright)}")
-    wanted = [*level, *upright] if vertical else level
-    components = table.read_components(dict.fromkeys(wanted, "column"), claims)
-    by_column = dict(zip(wanted, components, strict=True))
-    upward = tuple(
-        by_column[k]._replace(direction=directions[k] or "") for k in wanted if k in upright
-    )
-    motions: list[_Motion] = []
-    for k in level:
-        head = table.table.heads[k]
-        name = f"{path.stem} {head.name or head.words}" if len(level) > 1 else path.stem
-        motions.append(_Motion(name, path, by_column[k], upward))
-    return _Content(motions)
+    columns = [*level, *upright] if vertical else level
+    components = table.read_components(dict.fromkeys(columns, "column"), claims)
+    return [
+        component._replace(
+            channel=heads[k].name or heads[k].words, direction=directions[k] or ""
+        )
+        for k, component in zip(columns, components, strict=True)
+    ]
 
 
-def _read_at2(path: Path, paths: list[Path], claims: Claims, vertical: bool) -> _Content:
+def _read_at2(
+    path: Path, paths: list[Path], claims: Claims, vertical: bool
+) -> list[Component]:
     """Read an .AT2 file, unless it is a vertical component that is not wanted."""
     text = TextFile(path)
     # Before the values, which cost time and may be at fault where nobody wants them.
     if find_peer_direction(text, paths) in ("up", "down") and not vertical:
+        return []
+    return read_peer(text, claims, paths)
+
+
+def _sort_components(path: Path, components: list[Component], vertical: bool) -> _Content:
+    """Make records of components of a file, or one of those that belong to other files."""
+    if not components:
         return _Content([])
-    (component,) = read_peer(text, claims, paths)
-    return _sort_single(path, component, vertical)
-
-
-def _read_channels(path: Path, paths: list[Path], claims: Claims, vertical: bool) -> _Content:
-    """Read a file of another format, which may have several components."""
-    components = read_components(path, claims, paths)
+    level = [component for component in components if component.direction == "level"]
+    upright = tuple(component for component in components if component.direction != "level")
     if len(components) == 1:
-        return _sort_single(path, components[0], vertical)
-    unknown = [each.channel for each in components if not each.direction]
+        if components[0].direction in ("up", "down"):
+            return _Content([], components[0])
+        # The names of K-NET's files differ only in the suffix.
+        name = path.name if find_word_direction(path.suffix[1:]) else path.stem
+        return _Content([_Motion(name, path, components[0], None if vertical else ())])
+    unknown = [component.channel for component in components if not component.direction]
     if unknown:
         raise ValueError(
             f"{str(path)!r}: the file does not say where {quote_names(unknown)} points,"
             " read_record takes its channels one by one"
         )
-    level = [each for each in components if each.direction == "level"]
-    rises = tuple(each for each in components if each.direction != "level")
     if not level:
         raise ValueError(f"{str(path)!r}: no component is horizontal")
-    if vertical and len(rises) != 1:
+    if vertical and len(upright) != 1:
         raise ValueError(
-            f"{str(path)!r}: one vertical component was expected, got {len(rises)}"
+            f"{str(path)!r}: one vertical component was expected, got {len(upright)}"
         )
-    return _Content(
-        [
-            _Motion(
-                f"{path.stem} {each.channel}" if len(level) > 1 else path.stem,
-                path,
-                each,
-                rises if vertical else (),
-            )
-            for each in level
-        ]
-    )
-
-
-def _sort_single(path: Path, component: Component, vertical: bool) -> _Content:
-    """Tell whether the component of a file is a record or belongs to those in others."""
-    if component.direction in ("up", "down"):
-        return _Content([], component)
-    # The names of K-NET's files differ only in the suffix.
-    name = path.name if find_word_direction(path.suffix[1:]) else path.stem
-    return _Content([_Motion(name, path, component, None if vertical else ())])
+    motions: list[_Motion] = []
+    for component in level:
+        name = f"{path.stem} {component.channel}" if len(level) > 1 else path.stem
+        motions.append(_Motion(name, path, component, upright if vertical else ()))
+    return _Content(motions)
 
 
 def _make_record(motion: _Motion, verticals: dict[Path, Component]) -> Record:
