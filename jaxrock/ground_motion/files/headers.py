@@ -270,8 +270,8 @@ class Header:
             # How they are printed matters only beside a peak.
             printed = "\n".join(self._text.lines[at:]) if "peak" in self.fields else ""
             words = printed.split()
+            # Some may run together where a sign stands between; this pattern is slow.
             if len(words) < values.size:
-                # Some run together, where a sign fills the column; the pattern is slow.
                 words = re.findall(NUMBER, printed, re.I)
             numbers = Numbers(words, values, len(self._text.lines))
         if numbers.values.size != points:
