@@ -16,6 +16,7 @@ from .statements import find_units as find_units
 from .statements import read_fortran as read_fortran
 from .table import Table as Table
 from .table import read_table as read_table
+from .text import NamedFile as NamedFile
 from .text import Statement as Statement
 from .text import TextFile as TextFile
 from .text import as_number as as_number

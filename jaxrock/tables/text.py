@@ -39,8 +39,52 @@ class Statement(NamedTuple):
     value: float
 
 
-class TextFile:
-    """The lines of a text file, and errors that name it.
+class NamedFile:
+    """A file of any kind, and errors that name it.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path):
+        """Take the name."""
+        self.path = path
+
+    def error(self, reason: str, line: int = 0) -> ValueError:
+        """Make the error that gives the reason, with the file and perhaps the line."""
+        return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
+
+    def require_agreement(
+        self,
+        statements: Iterable[Statement],
+        allowed: str,
+        tolerance: float,
+        missing: str,
+        line: int = 0,
+    ) -> float:
+        """Return the value on which all statements agree, the first one's.
+
+        Raises a `ValueError` with the words `missing`, at this line, if there is no statement;
+        if the first one is not understood, with what is `allowed`; or if another one differs
+        from the first by more than the relative `tolerance`.
+        """
+        statements = [*statements]
+        if not statements:
+            raise self.error(missing, line)
+        first = statements[0]
+        if math.isnan(first.value):
+            raise self.error(f"{first.words}, which is not {allowed}", first.line)
+        for other in statements[1:]:
+            if not math.isclose(first.value, other.value, rel_tol=tolerance):
+                where = f" in line {first.line}" if first.line else ""
+                raise self.error(f"{first.words}{where}, but {other.words}", other.line)
+        return first.value
+
+
+class TextFile(NamedFile):
+    """The lines of a text file.
 
     Attributes
     ----------
@@ -59,7 +103,7 @@ class TextFile:
 
         Raises a `ValueError` if the file is empty, binary or cannot be read.
         """
-        self.path = path
+        super().__init__(path)
         content = read_content(path) if content is None else content
         if any(map(content.startswith, _MARKS)):
             mark, code = next(pair for pair in _MARKS.items() if content.startswith(pair[0]))
@@ -76,10 +120,6 @@ class TextFile:
             raise self.error("a text file was expected, this one is binary")
         self.content = _decode(content)
         self.lines = self.content.split("\n")
-
-    def error(self, reason: str, line: int = 0) -> ValueError:
-        """Make the error that gives the reason, with the file and perhaps the line."""
-        return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
 
     def parse_number(self, word: str, line: int, name: str = "a value") -> float:
         """Convert a word to a finite number; `name` says of what."""
@@ -113,32 +153,6 @@ class TextFile:
             pass
         numbered = enumerate(show_progress(lines, f"reading {self.path.name}"), top + 1)
         return np.array([value for n, line in numbered for value in parse_line(line, n)])
-
-    def require_agreement(
-        self,
-        statements: Iterable[Statement],
-        allowed: str,
-        tolerance: float,
-        missing: str,
-        line: int = 0,
-    ) -> float:
-        """Return the value on which all statements agree, the first one's.
-
-        Raises a `ValueError` with the words `missing`, at this line, if there is no statement;
-        if the first one is not understood, with what is `allowed`; or if another one differs
-        from the first by more than the relative `tolerance`.
-        """
-        statements = [*statements]
-        if not statements:
-            raise self.error(missing, line)
-        first = statements[0]
-        if math.isnan(first.value):
-            raise self.error(f"{first.words}, which is not {allowed}", first.line)
-        for other in statements[1:]:
-            if not math.isclose(first.value, other.value, rel_tol=tolerance):
-                where = f" in line {first.line}" if first.line else ""
-                raise self.error(f"{first.words}{where}, but {other.words}", other.line)
-        return first.value
 
 
 def read_content(path: Path) -> bytes:

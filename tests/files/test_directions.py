@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from jaxrock.ground_motion.files.directions import (
+    find_channel_direction,
     find_clear_direction,
     find_name_direction,
     is_same_station,
@@ -24,6 +25,21 @@ def test_columns(direction, names):
     assert {name: find_clear_direction(name) for name in names.split()} == dict.fromkeys(
         names.split(), direction
     )
+
+
+@pytest.mark.parametrize(
+    ("direction", "names"),
+    [
+        ("up", "UD2 U-D up Z HNZ"),
+        ("down", "DN down"),
+        ("level", "NS1 E-W HNE H1 TRAN N28W 090"),
+        (None, "V VERT U 3 HN3 OTHR"),
+    ],
+)
+def test_channels(direction, names):
+    for name in names.split():
+        assert find_channel_direction(name, {"X": "level"}) == direction, name
+    assert find_channel_direction("x", {"X": "level"}) == "level"
 
 
 @pytest.mark.parametrize(

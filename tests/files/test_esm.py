@@ -113,9 +113,9 @@ REFUSED = [
     ({"DATA_TYPE": "ACCELERATION RESPONSE SPECTRUM"}, {}, "DATA_TYPE is 'ACCELERATION RESP"),
     ({"UNITS": "cm/s"}, {}, "line 19: the header states cm/s, which is not one of 'm/s2'"),
     ({"UNITS": "counts"}, {}, "line 19: the values are counts of an instrument"),
-    ({"UNITS": ""}, {}, "the header has no UNITS, so that unit must be given"),
+    ({"UNITS": ""}, {}, "the header states no unit, so that unit must be given"),
     ({}, {"unit": "g"}, "line 19: unit is 'g', but the header states cm/s^2"),
-    ({"SAMPLING": ""}, {}, "no SAMPLING_INTERVAL_S, so that time_step must be given"),
+    ({"SAMPLING": ""}, {}, "the header states no time step, so that time_step must be given"),
     (
         {"SAMPLING": "-0.005"},
         {},
@@ -124,7 +124,7 @@ REFUSED = [
     ({"SAMPLING": "0.010"}, {}, "line 17: the header states a duration of 0.130 s, but"),
     ({}, {"time_step": 0.01}, "time_step is 0.01 s, but the header states 0.005000 s"),
     ({"NDATA": ""}, {}, "the header does not state the number of values"),
-    ({"NDATA": "27"}, {}, "line 16: NDATA is 27, but 26 values follow"),
+    ({"NDATA": "27"}, {}, "line 16: the header states 27 values, but 26 follow"),
     ({"PGA": "67.1"}, {}, "line 22: the header states a peak of 67.1"),
     ({"PGA": "much"}, {}, "line 22: the peak must be a number, got 'much'"),
     ({" UNITS": "g"}, {}, "line 34: UNITS is 'cm/s^2' in line 19, but 'g'"),
@@ -167,8 +167,14 @@ def test_what_is_no_acceleration_in_a_folder(tmp_path):
     assert {*jr.read_suite(tmp_path).names} == {*found, *(f"{name}.MP" for name in found)}
 
 
+def test_two_values_that_run_together(tmp_path):
+    """A sign tells them apart, and their number is that of the header."""
+    together = write().replace(b"\n-", b"-", 1)
+    assert together.count(b"\n") == write().count(b"\n") - 1
+    record = read(tmp_path / NAME, together)
+    np.testing.assert_allclose(record.acceleration, EAST / 100, rtol=1e-15)
+
+
 def test_two_values_in_a_line_are_refused(tmp_path):
-    with pytest.raises(
-        ValueError, match=r"line 34: a value must be a number, got '0\.000000 1"
-    ):
+    with pytest.raises(ValueError, match=r"line 34: one value a line .*, got '0\.000000 1"):
         read(tmp_path / NAME, write().replace(b"0.000000\n1", b"0.000000 1", 1))

@@ -184,7 +184,7 @@ def test_knet_that_is_cut_in_its_last_number(tmp_path):
     digits = len(str(abs(COUNTS[-1])))
     assert read(tmp_path / "a.ew", content).samples == COUNTS.size
     for cut in range(1, digits):
-        seems = rf"a\.ew', line 42: .* cut within its last number, '{str(COUNTS[-1])[:-cut]}'"
+        seems = rf"a\.ew', line 42: .* truncated: its last number '{str(COUNTS[-1])[:-cut]}'"
         with pytest.raises(ValueError, match=seems):
             read(tmp_path / "a.ew", content[:-cut])
 
@@ -306,33 +306,37 @@ REFUSED = {
     "HNE: all samples are whole": ("a.sac", pack_sac(data=INTEGERS), {"unit": "gal"}),
     "obspy cannot read it as SAC": ("a.sac", pack_sac()[:-4], {"unit": "gal"}),
     "unit is 'g', but the file is in gal": ("a.ew", knet(), {"unit": "g"}),
-    "time_step is 0.02 s, but the file states 100 samples": (
+    "time_step is 0.02 s, but the header states 100 samples": (
         "a.ew",
         knet(),
         {"time_step": 0.02},
     ),
-    "2 s were expected at 62.5 samples per second, got 200": (
+    "line 12: the header states 2 s at 62.5 samples per second, but 200 values": (
         "a.ew",
         knet(**{"Sampling Freq(Hz)": "62.5Hz"}),
         {},
     ),
-    r"line 15: Max. Acc. \(gal\) is 7.177, but": (
+    "line 15: the header states a peak of 7.177, but that of the values less their mean": (
         "a.ew",
         knet(**{"Scale Factor": "2001(gal)/8388608", "Max. Acc. (gal)": "7.177"}),
         {},
     ),
-    "line 13: Dir. must be one of N-S, .*, 6, got 'X'": ("a.ew", knet("X"), {}),
-    "line 14: Scale Factor was expected, got 'Scala": (
+    "line 13: 'Dir.' with one of N-S, .*, 6 was expected, got 'Dir.  *X'": (
+        "a.ew",
+        knet("X"),
+        {},
+    ),
+    "line 14: 'Scale Factor' with a factor .* was expected, got 'Scala": (
         "a.ew",
         knet().replace(b"Scale", b"Scala"),
         {},
     ),
-    "line 11: .* must be above 0, got '0'": (
+    "line 11: .* with a number above 0 was expected, got 'Sampling .* 0Hz'": (
         "a.ew",
         knet(**{"Sampling Freq(Hz)": "0Hz"}),
         {},
     ),
-    "line 13: Dir. was expected, got ''": (
+    "the file ends before 'Dir.' with one of N-S": (
         "a.ew",
         b"\n".join(knet().split(b"\n")[:12]),
         {},
@@ -373,10 +377,10 @@ def test_knet_as_obspy_reads_it():
     ("old", "new", "message"),
     [
         # The sample that is furthest from the mean.
-        (b" 377 ", b" 397 ", "line 15: Max. Acc"),
-        (b"2000(gal)", b"2001(gal)", "line 15: Max. Acc"),
-        (b"8388608", b"8386608", "line 15: Max. Acc"),
-        (b"100Hz", b"200Hz", "59 s were expected at 200 samples per second, got 5900 samples"),
+        (b" 377 ", b" 397 ", "line 15: the header states a peak"),
+        (b"2000(gal)", b"2001(gal)", "line 15: the header states a peak"),
+        (b"8388608", b"8386608", "line 15: the header states a peak"),
+        (b"100Hz", b"200Hz", "states 59 s at 200 samples per second, but 5900 values follow"),
     ],
 )
 def test_changes_in_a_file_of_k_net(tmp_path, old, new, message):

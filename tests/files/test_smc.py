@@ -149,7 +149,11 @@ REFUSED = [
     ({"reals": {1: 1.0}}, {}, "line 18: the first real must be that for missing ones"),
     ({"reals": {30: 66.13}}, {}, "line 23: the header states a peak of"),
     ({"reals": {30: 60.0, 32: -66.2}}, {}, "line 24: the header states a peak of"),
-    ({"integers": {13: 45}}, {}, "line 13: a sensor 45 degrees from upward is neither"),
+    (
+        {"integers": {13: 45}},
+        {},
+        "line 13: the header states an orientation of 45, which is not understood",
+    ),
     (
         {"integers": {13: 0}},
         {},

@@ -21,7 +21,6 @@ from .claims import Claims
 from .components import Component, Direction
 from .directions import Stated, find_name_direction, find_word_direction, settle_direction
 from .headers import Header
-from .plain import read_free_numbers
 
 # At most; usually there are four.
 _HEADER_LINES = 20
@@ -45,13 +44,7 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     if contents is not None:
         raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
     header.read_text(lines, "the header")
-    factor = header.require_unit("the header states no unit")
-    step = header.require_step()
-    points = header.require_points()
-    values = read_free_numbers(text, top)
-    if values.size != points:
-        raise text.error(f"NPTS is {points}, but {values.size} values follow", top)
-    return [Component(repr(str(text.path)), factor, values, step, direction)]
+    return [header.read_component(top, direction)[0]]
 
 
 def find_peer_direction(text: TextFile, paths: Iterable[Path]) -> Direction:
@@ -84,11 +77,6 @@ def _read_points_and_step(text: TextFile, header: Header) -> int:
         match = next(filter(None, matches), None)
         if match is None:
             continue
-        points = text.parse_number(match["points"], number, "NPTS")
-        if points < 2 or points % 1 > 0:
-            raise text.error(
-                f"NPTS must be a whole number from 2 on, got {match['points']}", number
-            )
         header.add("points", number, match["points"])
         step = _parse_step(text, f"{match['step']} {match['tail']}".strip(), number)
         header.add_step(number, f"the header states DT= {step:.6g} s", step)

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from ...tables import UNITS_OF_ACCELERATION, Statement, TextFile
+from ...tables import UNITS_OF_ACCELERATION, NamedFile, Statement
 from ...validation import POSITIVE, as_real, check
 from ..units import convert_unit, require_unit
 
@@ -37,20 +37,20 @@ class Claims(NamedTuple):
         """Add that a line states a time step [s]."""
         return self._replace(steps=(*self.steps, Statement(line, words, step)))
 
-    def require_unit(self, text: TextFile, missing: str = "") -> float:
+    def require_unit(self, file: NamedFile, missing: str = "") -> float:
         """Return the unit [m/s2]; a `ValueError` if it is `missing`, or statements disagree."""
         for stated in self.units:
             if math.isnan(stated.value):
-                raise text.error(
+                raise file.error(
                     f"{stated.words}, which is not {UNITS_OF_ACCELERATION}", stated.line
                 )
         missing = f"{missing}, so that unit must be given: {UNITS_OF_ACCELERATION}"
-        return text.require_agreement(self.units, UNITS_OF_ACCELERATION, _SAME_UNIT, missing)
+        return file.require_agreement(self.units, UNITS_OF_ACCELERATION, _SAME_UNIT, missing)
 
-    def require_step(self, text: TextFile, missing: str = "", line: int = 0) -> float:
+    def require_step(self, file: NamedFile, missing: str = "", line: int = 0) -> float:
         """Return the step [s]; a `ValueError` if it is `missing`, or statements disagree."""
         missing = f"{missing}, so that time_step must be given"
-        return text.require_agreement(self.steps, _STEP, UNIFORM, missing, line)
+        return file.require_agreement(self.steps, _STEP, UNIFORM, missing, line)
 
 
 def make_claims(unit: str | None, time_step: float | int | None) -> Claims:

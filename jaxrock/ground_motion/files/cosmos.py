@@ -6,11 +6,12 @@ https://www.strongmotioncenter.org/vdc/cosmos_format_1_20.pdf.
 """
 
 import re
+from functools import partial
 
 from ...tables import TextFile
 from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import match_line, parse_format
+from .fixed_columns import match_line, match_title, parse_format
 from .headers import NO_COUNTS, Header, Numbered, read_channels
 from .orientations import find_direction
 
@@ -23,7 +24,7 @@ _COMMENTS = r"\s*(\d+)\s+comment line\(s\) follow"
 # The line above the values.
 _DATA = (
     r"\s*(?P<points>\d+)\s+(?P<quantity>[a-z]+(?:[\s.]+[a-z]+)*)[.\s]+pts,"
-    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<words>[^\s(,]+)"
+    r"\s*approx\s+(?P<seconds>\d+)\s+secs,\s*units\s*=\s*(?P<unit>[^\s(,]+)"
     r"\s*(?:\(\s*(?P<unit_code>\d+)\s*\))?\s*,?\s*format\s*=(?P<format>.*)$"
 )
 # Station, channel, network and location; the channel's last letter is its direction.
@@ -44,17 +45,9 @@ _AZIMUTHS = range(1, 361)
 _VERTICAL = 402
 _ORIENTATIONS: dict[int, Direction] = {400: "up", 401: "down"}
 _ORIENTATIONS |= dict.fromkeys((*_AZIMUTHS, 500, 501, 600, 601, 700, 701), "level")
-_NAMES: dict[str, Direction] = {
-    "up": "up",
-    "down": "down",
-    "othe?r": "",
-    "h1|h2|radl|tran|long|tang": "level",
-}
+_NAMES: dict[str, Direction] = {"othe?r": ""}
 
-
-def recognize_cosmos(lines: list[str]) -> bool:
-    """Return whether the title states the version of the COSMOS format."""
-    return re.match(r".*\(format v\d+\.\d+ with\b", lines[0], re.I) is not None
+recognize_cosmos = partial(match_title, r".*\(format v\d+\.\d+ with\b")
 
 
 def read_cosmos(text: TextFile, claims: Claims) -> list[Component]:
@@ -86,9 +79,8 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
     if quantity != "acceleration":
         raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
     number = header.fields["number"][0].word
-    name = f"channel {number} of {str(text.path)!r}"
     channel, direction = _find_orientation(text, header, text.lines[at + 1 : data])
-    component, end = header.read_component(data + 1, columns, name, direction)
+    component, end = header.read_component(data + 1, direction, columns)
     component = component._replace(channel=channel)
     return [(number, component)], _end_channel(text, end, quantity)
 
@@ -124,12 +116,11 @@ def _add_units(text: TextFile, header: Header) -> None:
             " acceleration",
             parameter.line,
         )
-    line, words, _ = header.fields["words"][0]
-    codes = [code for code in header.fields.get("unit_code", []) if code.value != _UNKNOWN]
-    if words.lower().startswith("count") or _COUNTS in [code.value for code in codes]:
-        raise text.error(NO_COUNTS, line)
-    header.add_unit(line, f"the header states {words}", words.rstrip("."))
-    for line, word, code in codes:
+    # By its words first, with which the codes have to agree.
+    header.require_unit()
+    for line, word, code in header.fields.get("unit_code", []):
+        if code == _COUNTS:
+            raise text.error(NO_COUNTS, line)
         header.add_unit(line, f"the header states unit {word}", _UNIT_CODES.get(int(code), ""))
 
 

@@ -9,13 +9,22 @@ https://www.conservation.ca.gov/cgs/pages/program-smi/reports/other/osms85-03.as
 """
 
 import re
+from functools import partial
 from typing import NamedTuple
 
 from ...tables import TextFile
 from ..units import convert_unit
 from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import Columns, get_line, match_line, parse_format, read_numbers
+from .fixed_columns import (
+    Columns,
+    Numbers,
+    get_line,
+    match_line,
+    match_title,
+    parse_format,
+    read_numbers,
+)
 from .headers import DECIMAL, Header, Numbered, read_channels
 from .orientations import find_direction
 
@@ -86,23 +95,15 @@ _SECOND = _Volume(
 # Five pairs of time and acceleration in a line.
 _PAIRS = Columns(10, 7)
 
-# Names of channels beside azimuths. RENADIC writes V or Z for the vertical one, which points
-# up as in the names of other files, and INTC for another sensor beside three.
-_NAMES: dict[str, Direction] = {
-    "up|v|z": "up",
-    "down": "down",
-    "h1|h2|long|tran|radl|tang|l|t|ns|ew": "level",
-    "intc": "",
-}
+# RENADIC writes V for the vertical channel, which points up as in the names of other files, and
+# INTC for another sensor beside three.
+_NAMES: dict[str, Direction] = {"v": "up", "intc": ""}
 # Orientations in the integers. Any other number says nothing.
 _AZIMUTHS = range(1, 361)
 _CODES: dict[int, Direction] = {500: "up", 600: "down"}
 
-
-def recognize_csmip(lines: list[str]) -> bool:
-    """Return whether the title of volume 1 is there, perhaps below that of volume 2."""
-    first, second = [line.lower().lstrip() for line in [*lines[:2], ""][:2]]
-    return first.startswith(_RAW) or (first.startswith(_CORRECTED) and second.startswith(_RAW))
+# The title of volume 1, perhaps below that of volume 2.
+recognize_csmip = partial(match_title, rf"\s*(?:{_CORRECTED}.*\n\s*)?{_RAW}")
 
 
 def read_csmip(text: TextFile, claims: Claims) -> list[Component]:
@@ -123,11 +124,10 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         header = Header(text, claims)
         header.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
         number = header.fields["number"][0].word
-        name = f"channel {number} of {str(text.path)!r}"
         direction = _find_direction(text, header, top + volume.text + 1)
         if volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at]):
             _read_statements(header, top, volume)
-            component, at = _read_pairs(text, header, top, at, name, direction)
+            component, at = _read_pairs(text, header, top, at, direction)
             numbered.append((number, component))
             continue
         expected = "a line such as '7200 points of accel data equally spaced at ...'"
@@ -142,7 +142,7 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         if declared := header.find("declared"):
             header.add("unit", declared.line, declared.word)
         _read_statements(header, top, volume)
-        component, at = header.read_component(at + 1, columns, name, direction)
+        component, at = header.read_component(at + 1, direction, columns)
         numbered.append((number, component))
     return numbered, at + 1
 
@@ -155,7 +155,7 @@ def _read_statements(header: Header, top: int, volume: _Volume) -> None:
 
 
 def _read_pairs(
-    text: TextFile, header: Header, top: int, at: int, name: str, direction: Direction
+    text: TextFile, header: Header, top: int, at: int, direction: Direction
 ) -> tuple[Component, int]:
     """Read pairs of time and acceleration, from the line with index `at` on."""
     expected = "a line 'Units of uncor accel are sec and g/10'"
@@ -167,9 +167,9 @@ def _read_pairs(
     numbers = read_numbers(text, at, 2 * points, _PAIRS)
     step = header.require_even_times(numbers.words[::2], numbers.values[::2], at + 1)
     header.require_duration(points, step)
-    values = numbers.values[1::2]
-    header.require_peak(numbers.words[1::2], values, factor)
-    return header.make_component(name, factor, values, step, direction), numbers.end
+    numbers = Numbers(numbers.words[1::2], numbers.values[1::2], numbers.end)
+    header.require_peak(numbers, factor)
+    return header.make_component(factor, numbers.values, step, direction), numbers.end
 
 
 def _find_direction(text: TextFile, header: Header, integers: int) -> Direction:

@@ -5,12 +5,12 @@ needed here. They are described at https://esm-db.eu/#/data_and_services (format
 """
 
 import re
+from functools import partial
 
-import numpy as np
-
-from ...tables import TextFile, quote_word, require_whole_end
+from ...tables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
+from .fixed_columns import match_title
 from .headers import Header
 from .orientations import find_direction
 
@@ -29,17 +29,10 @@ _KEYS = {
     "STREAM": "channel",
     "COMPONENT": "channel",
 }
-# Ends of the names of channels; in old files they are WE, NS or UP.
-_DIRECTIONS: dict[str, Direction] = {
-    ".*Z|U|UP": "up",
-    ".*[NE12XY]|NS|WE|EW": "level",
-    ".*": "",
-}
+# Names of channels that are not SEED's; in old files they are WE, NS or UP.
+_NAMES: dict[str, Direction] = {".*z|u": "up", ".*[ne12xy]": "level", ".*": ""}
 
-
-def recognize_esm(lines: list[str]) -> bool:
-    """Return whether the first line is that of a file of the European database."""
-    return lines[0].lstrip().startswith("EVENT_NAME:")
+recognize_esm = partial(match_title, r"\s*EVENT_NAME:")
 
 
 def read_esm(text: TextFile, claims: Claims) -> list[Component]:
@@ -59,25 +52,11 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
         )
     if "peak" in header.fields:
         header.add("peak_unit", header.fields["peak"][0].line, "cm/s2")
-    factor = header.require_unit("the header has no UNITS")
-    step = header.require_step("the header has no SAMPLING_INTERVAL_S")
-    points = header.require_points()
-    values = text.read_values(
-        top,
-        lambda lines: np.array([float(line.replace("_", "?")) for line in lines]),
-        lambda line, n: [text.parse_number(line.strip(), n)] if line.strip() else [],
-    )
-    words = [line.strip() for line in text.lines[top:] if line.strip()]
-    require_whole_end(text, words)
-    if values.size != points:
-        raise text.error(
-            f"NDATA is {points}, but {values.size} values follow",
-            header.fields["points"][0].line,
-        )
-    header.require_duration(points, step)
-    header.require_peak(words, values, factor)
-    direction = find_direction(text, header, _DIRECTIONS, {})
-    return [header.make_component(repr(str(text.path)), factor, values, step, direction)]
+    for number, line in enumerate(text.lines[top:], top + 1):
+        if len(line.split()) > 1:
+            raise text.error(f"one value a line was expected, got {quote_word(line)}", number)
+    direction = find_direction(text, header, _NAMES)
+    return [header.read_component(top, direction)[0]]
 
 
 def _read_keys(text: TextFile, header: Header) -> int:

@@ -5,12 +5,12 @@ velocities and displacements, all in columns of one width. The format is describ
 https://www.geonet.org.nz/data/supplementary/strong_motion_file_formats.
 """
 
-import re
+from functools import partial
 
 from ...tables import TextFile
 from .claims import Claims
-from .components import Component, Direction
-from .fixed_columns import Columns, match_line, read_numbers
+from .components import Component
+from .fixed_columns import Columns, match_line, match_title, read_numbers
 from .headers import DECIMAL, Header, Numbered, read_channels
 from .orientations import find_azimuth, find_direction
 
@@ -41,12 +41,8 @@ _NUMBERS = {
     20: {7: "scale"},
     22: {5: "step"},
 }
-_DIRECTIONS: dict[str, Direction] = {"up": "up", "down": "down"}
 
-
-def recognize_geonet(lines: list[str]) -> bool:
-    """Return whether the title is that of GeoNet's files."""
-    return re.match(_TITLE, lines[0], re.I) is not None
+recognize_geonet = partial(match_title, _TITLE)
 
 
 def read_geonet(text: TextFile, claims: Claims) -> list[Component]:
@@ -73,9 +69,8 @@ def _read_component(text: TextFile, claims: Claims, top: int) -> tuple[list[Numb
     if find_azimuth(channel) is not None:
         line, word, _ = header.fields["degrees"][0]
         header.add("azimuth", line, word)
-    direction = find_direction(text, header, _DIRECTIONS, {})
-    name = f"component {channel} of {str(text.path)!r}"
-    component, end = header.read_component(top + _HEADER_LINES, _COLUMNS, name, direction)
+    direction = find_direction(text, header)
+    component, end = header.read_component(top + _HEADER_LINES, direction, _COLUMNS)
     # Only to see that they are whole: what is cut or shifted in them shifts the next component.
     for quantity in ("velocities", "displacements"):
         line, word, value = header.fields[quantity][0]

@@ -26,12 +26,14 @@ what the caller states, and with the values.
 """
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ...tables import (
+    NUMBER,
     UNITS_OF_ACCELERATION,
     Statement,
     TextFile,
@@ -42,7 +44,8 @@ from ...tables import (
 from ..units import convert_unit
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
-from .fixed_columns import Columns, match_line, read_numbers
+from .fixed_columns import Columns, Numbers, match_line, read_numbers
+from .plain import read_free_numbers
 from .printed_times import find_printed_step, find_uniform_step
 
 # A number in decimals, in a pattern.
@@ -218,13 +221,14 @@ class Header:
                     line,
                 )
 
-    def require_peak(self, words: Sequence[str], values: np.ndarray, factor: float) -> None:
-        """Raise an error if the peak of the values is not the one that is stated.
+    def require_peak(self, numbers: Numbers, factor: float, name: str = "the values") -> None:
+        """Raise an error if the peak of numbers, called `name`, is not the one that is stated.
 
         Of several that are stated, such as the largest value and the smallest, the one of the
         largest size counts. Some programs print it without its sign. Both numbers are rounded
         to their printed digits, and may have been numbers of single precision.
         """
+        words, values, _ = numbers
         if "peak" not in self.fields or not values.size:
             return
         peaks = self.fields["peak"]
@@ -243,30 +247,47 @@ class Header:
             scale = f" in units of {unit:.6g} m/s2" if unit != factor else ""
             printed = words[lowest if stated < 0 else largest]
             raise self._text.error(
-                f"the header states a peak of {word}{scale}, but that of the values is {printed}",
+                f"the header states a peak of {word}{scale}, but that of {name} is {printed}",
                 line,
             )
 
     def read_component(
-        self, at: int, columns: Columns, name: str, direction: Direction
+        self, at: int, direction: Direction, columns: Columns | None = None
     ) -> tuple[Component, int]:
-        """Read accelerations in columns, and check all that the header states of them.
+        """Read accelerations, and check all that the header states of them.
 
-        They begin in the line with index `at`. Returns them and the index of the line after.
+        They begin in the line with index `at`. Without columns all numbers from there on are
+        theirs. Returns them and the index of the line after.
         """
         points = self.require_points()
-        factor = self.require_unit()
+        factor = self.require_unit("the header states no unit")
         step = self.require_step("the header states no time step")
         self.require_duration(points, step)
-        numbers = read_numbers(self._text, at, points, columns)
-        self.require_peak(numbers.words, numbers.values, factor)
-        return self.make_component(name, factor, numbers.values, step, direction), numbers.end
+        if columns is not None:
+            numbers = read_numbers(self._text, at, points, columns)
+        else:
+            values = read_free_numbers(self._text, at)
+            # How they are printed matters only beside a peak.
+            printed = "\n".join(self._text.lines[at:]) if "peak" in self.fields else ""
+            words = printed.split()
+            # Some may run together where a sign stands between; this pattern is slow.
+            if len(words) < values.size:
+                words = re.findall(NUMBER, printed, re.I)
+            numbers = Numbers(words, values, len(self._text.lines))
+        if numbers.values.size != points:
+            raise self._text.error(
+                f"the header states {points} values, but {numbers.values.size} follow",
+                self.fields["points"][0].line,
+            )
+        self.require_peak(numbers, factor)
+        return self.make_component(factor, numbers.values, step, direction), numbers.end
 
     def make_component(
-        self, name: str, factor: float, values: np.ndarray, step: float, direction: Direction
+        self, factor: float, values: np.ndarray, step: float, direction: Direction
     ) -> Component:
         """Make a component with the channel's name, if the header states one."""
         channel = self.find("channel")
+        name = repr(str(self._text.path))
         return Component(
             name, factor, values, step, direction, channel.word if channel else ""
         )
@@ -301,11 +322,13 @@ def read_channels(
     if not numbered:
         raise text.error(f"the {kind} file holds no accelerations")
     names = [component.channel.lower() for _, component in numbered]
+    channels = [
+        component.channel if names.count(name) == 1 else f"{number or k}: {component.channel}"
+        for k, (name, (number, component)) in enumerate(zip(names, numbered, strict=True), 1)
+    ]
     return [
-        component
-        if names.count(component.channel.lower()) == 1
-        else component._replace(channel=f"{number or k}: {component.channel}")
-        for k, (number, component) in enumerate(numbered, 1)
+        component._replace(name=f"{component.name} {channel}", channel=channel)
+        for channel, (_, component) in zip(channels, numbered, strict=True)
     ]
 
 

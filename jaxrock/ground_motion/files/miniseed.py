@@ -9,6 +9,8 @@ import re
 import struct
 from typing import NamedTuple
 
+from ...tables import NamedFile
+
 # Sequence number, quality and a blank.
 _START = re.compile(rb"[\d \0]{6}[DRQM][ \0]")
 _VERSION_3 = b"MS\x03"
@@ -16,10 +18,10 @@ _VERSION_3 = b"MS\x03"
 _FLOATS = {4: 4, 5: 8}
 # Where fields stand in the head of a record, and the first blockette behind it.
 _CODES = slice(8, 20)
-_YEAR = 20
-_SAMPLES = 30
 _BLOCKETTES = 39
-_OFFSETS = 44
+_YEAR = 20
+# From the year on: year, day, samples, and where they and the first blockette begin.
+_FIELDS = "HH6xH12xHH"
 _HEAD = 48
 # Lengths of records, as powers of 2.
 _EXPONENTS = range(7, 17)
@@ -39,20 +41,20 @@ def is_miniseed(content: bytes) -> bool:
     return bool(_START.match(content)) or content.startswith(_VERSION_3)
 
 
-def count_samples(name: str, content: bytes) -> int:
+def count_samples(file: NamedFile, content: bytes) -> int:
     """Count the samples that the records of a file state, and hold as floating-point numbers.
 
-    Raises a `ValueError`, with the `name` of the file, if it cannot be read safely.
+    Raises a `ValueError` if it cannot be read safely.
     """
     if content.startswith(_VERSION_3):
-        raise ValueError(f"{name}: miniSEED of version 3 is not read: convert it to version 2")
+        raise file.error("miniSEED of version 3 is not read: convert it to version 2")
     # Those of a channel are the same, unless some records have more blockettes.
     layouts: dict[tuple[bytes, int], _Layout] = {}
     start = 0
     samples = 0
     while start < len(content):
         if not _START.match(content, start):
-            raise ValueError(f"{name}: a record of miniSEED was expected at byte {start}")
+            raise file.error(f"a record of miniSEED was expected at byte {start}")
         record = content[start : start + 2 ** _EXPONENTS[-1]]
         try:
             layout, stated = _measure_record(record)
@@ -63,7 +65,7 @@ def count_samples(name: str, content: bytes) -> int:
                     f" {first._asdict()}"
                 )
         except ValueError as error:
-            raise ValueError(f"{name}: the record at byte {start} {error}") from None
+            raise file.error(f"the record at byte {start} {error}") from None
         start += layout.length
         samples += stated
     return samples
@@ -74,9 +76,8 @@ def _measure_record(record: bytes) -> tuple[_Layout, int]:
     # obspy finds by the date which byte of a number comes first.
     order = ">" if 1900 <= int.from_bytes(record[_YEAR : _YEAR + 2], "big") <= 2100 else "<"
     try:
-        year, day = struct.unpack_from(f"{order}HH", record, _YEAR)
-        (samples,) = struct.unpack_from(f"{order}H", record, _SAMPLES)
-        offset, blockette = struct.unpack_from(f"{order}HH", record, _OFFSETS)
+        fields = struct.unpack_from(order + _FIELDS, record, _YEAR)
+        year, day, samples, offset, blockette = fields
         encoding, word_order, exponent = _read_blockette_1000(record, blockette, order)
     except struct.error:
         raise ValueError("is cut") from None

@@ -6,7 +6,6 @@ warning is an error, and statements are compared with the samples.
 
 import io
 import math
-import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from ...host import import_optional
-from ...tables import UNITS_OF_ACCELERATION
+from ...tables import NamedFile
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
+from .directions import find_channel_direction
 from .miniseed import count_samples, is_miniseed
 from .obspy_traces import take_component
 
@@ -38,9 +38,8 @@ _SAC_UNDEFINED = -12345.0
 _SAC_ANGLES: dict[Direction, float] = {"up": 0.0, "level": 90.0, "down": 180.0}
 _SAC_TILT = 5.0
 
-# Channels of SEED, by the last letter, and names such as UD. Where 3, U or V point varies.
-_LEVEL = r"(?:[A-Z]{2})?[NE12RT]|(?:NS|EW)[12]?"
-_UPWARD = r"(?:[A-Z]{2})?Z|UD[12]?"
+# Channels of SEED of any instrument, by the last letter. Where 3, U or V point varies.
+_CHANNELS: dict[str, Direction] = {r"(?:[a-z]{2})?[ne12rt]": "level", r"[a-z]{2}z": "up"}
 # Fraction of a step by which channels of one file may start apart.
 _TOGETHER = 0.01
 
@@ -65,46 +64,40 @@ def read_traces(path: Path, content: bytes, claims: Claims) -> list[Component]:
     Neither format states a unit that can be relied on, so that the caller has to. Counts of an
     instrument are refused, and channels with gaps.
     """
-    file = repr(str(path))
+    file = NamedFile(path)
     kind = find_trace_format(content, path.suffix)
     samples = count_samples(file, content) if kind == "MSEED" else None
     traces = _read_by_obspy(file, kind, content)
     sizes = [trace.data.size for trace in traces]
     if samples not in (None, sum(sizes)):
-        raise ValueError(f"{file}: obspy reads {sum(sizes)} samples of {samples}")
+        raise file.error(f"obspy reads {sum(sizes)} samples of {samples}")
     if min(sizes, default=0) < 2:
-        raise ValueError(f"{file}: less than two samples")
+        raise file.error("less than two samples")
     _require_whole(file, traces)
     channels = [trace.stats.channel for trace in traces]
-    components = []
+    missing = f"{_NAMES[kind]} states no unit that can be relied on"
+    components: list[Component] = []
     for trace in traces:
         # Several stations in a file may have channels of the same name.
         unique = channels.count(trace.stats.channel) == 1
         channel = trace.stats.channel if unique else trace.id
-        name = f"{file} {channel}".rstrip()
+        name = f"{str(path)!r} {channel}".rstrip()
         # The factor that obspy calls calib is 1, or refused.
         component = take_component(name, trace, "m/s2", calibrated=True)
         _refuse_counts(name, trace)
         step = component.step
-        direction = find_channel_direction(trace.stats.channel)
+        direction = find_channel_direction(trace.stats.channel, _CHANNELS) or ""
         if kind == "SAC":
             step = _check_sac(file, trace.stats.sac, component)
             direction = _find_sac_direction(file, trace.stats.sac, channel, direction)
-        for claim in claims.steps:
-            if not math.isclose(claim.value, step, rel_tol=UNIFORM):
-                raise ValueError(f"{file}: {claim.words}, but the file states {step:g} s")
-            step = claim.value
-        if not claims.units:
-            raise ValueError(
-                f"{file}: {_NAMES[kind]} states no unit that can be relied on, so that unit must"
-                f" be given: {UNITS_OF_ACCELERATION}"
-            )
-        unit = claims.units[0].value
+        stated = claims.add_step(0, f"the file states {step:g} s", step)
+        step = stated.require_step(file)
+        unit = claims.require_unit(file, missing)
         components.append(Component(name, unit, component.values, step, direction, channel))
     return components
 
 
-def _read_by_obspy(file: str, kind: str, content: bytes) -> list[Any]:
+def _read_by_obspy(file: NamedFile, kind: str, content: bytes) -> list[Any]:
     """Read traces; a `ValueError` for any error or warning of obspy, and if it is missing."""
     with warnings.catch_warnings():
         # What obspy's own imports warn of says nothing about a file.
@@ -112,7 +105,7 @@ def _read_by_obspy(file: str, kind: str, content: bytes) -> list[Any]:
         try:
             obspy: Any = import_optional("obspy", "records")
         except ModuleNotFoundError as error:
-            raise ValueError(f"{file}: {error}") from error
+            raise file.error(str(error)) from error
     options = {"checksize": True} if kind == "SAC" else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -122,23 +115,13 @@ def _read_by_obspy(file: str, kind: str, content: bytes) -> list[Any]:
         # Its readers pass on whatever goes wrong in them.
         except Exception as error:
             reason = _join_lines(str(error)) or type(error).__name__
-            raise ValueError(
-                f"{file}: obspy cannot read it as {_NAMES[kind]}: {reason}"
-            ) from error
+            raise file.error(f"obspy cannot read it as {_NAMES[kind]}: {reason}") from error
     for warning in caught:
         # Imports at need may warn of code. SAC's step is not taken as obspy has rounded it.
         about_code = issubclass(warning.category, DeprecationWarning | FutureWarning)
         if not about_code and "Sample spacing" not in str(warning.message):
-            raise ValueError(f"{file}: obspy warns: {_join_lines(str(warning.message))}")
+            raise file.error(f"obspy warns: {_join_lines(str(warning.message))}")
     return traces
-
-
-def find_channel_direction(channel: str) -> Direction:
-    """Find the direction of a channel by its name, empty if it is not known."""
-    # UD2 is K-NET's, though in SEED the last letter would be a horizontal one.
-    if re.fullmatch(_UPWARD, channel.upper()):
-        return "up"
-    return "level" if re.fullmatch(_LEVEL, channel.upper()) else ""
 
 
 def _join_lines(message: str) -> str:
@@ -146,19 +129,19 @@ def _join_lines(message: str) -> str:
     return " ".join(message.split())[:200].rstrip(". ")
 
 
-def _require_whole(file: str, traces: list[Any]) -> None:
+def _require_whole(file: NamedFile, traces: list[Any]) -> None:
     """Refuse channels in several pieces, and channels that do not start together."""
     names = [trace.id for trace in traces]
     first = traces[0].stats
     for name, trace in zip(names, traces, strict=True):
         if (pieces := names.count(name)) > 1:
-            raise ValueError(
-                f"{file}: {name} is in {pieces} pieces, with gaps, overlaps or other steps between"
+            raise file.error(
+                f"{name} is in {pieces} pieces, with gaps, overlaps or other steps between"
             )
         late = abs(trace.stats.starttime - first.starttime)
         if late > _TOGETHER * first.delta:
-            raise ValueError(
-                f"{file}: {name} starts {late:g} s apart from {names[0]}: trim them in obspy"
+            raise file.error(
+                f"{name} starts {late:g} s apart from {names[0]}: trim them in obspy"
             )
 
 
@@ -176,7 +159,9 @@ def _refuse_counts(name: str, trace: Any) -> None:
         )
 
 
-def _find_sac_direction(file: str, header: Any, channel: str, named: Direction) -> Direction:
+def _find_sac_direction(
+    file: NamedFile, header: Any, channel: str, named: Direction
+) -> Direction:
     """Find the direction that CMPINC states, on which the name of the channel has to agree."""
     angle = float(header.get("cmpinc", _SAC_UNDEFINED))
     if angle == _SAC_UNDEFINED:
@@ -186,24 +171,24 @@ def _find_sac_direction(file: str, header: Any, channel: str, named: Direction) 
             continue
         # A channel Z may point downward: the letter says that it is vertical.
         if named and (named == "level") != (stated == "level"):
-            raise ValueError(
-                f"{file}: CMPINC is {angle:g}, but KCMPNM is {channel!r}: 0 is upward,"
+            raise file.error(
+                f"CMPINC is {angle:g}, but KCMPNM is {channel!r}: 0 is upward,"
                 " 90 horizontal, 180 downward"
             )
         return stated
-    raise ValueError(
-        f"{file}: CMPINC must be 0, 90 or 180, for upward, horizontal or downward, got {angle:g}"
+    raise file.error(
+        f"CMPINC must be 0, 90 or 180, for upward, horizontal or downward, got {angle:g}"
     )
 
 
-def _check_sac(file: str, header: Any, component: Component) -> float:
+def _check_sac(file: NamedFile, header: Any, component: Component) -> float:
     """Compare the statements in a SAC header with the samples; return the step [s]."""
     quantity = int(header.get("idep", _SAC_UNKNOWN))
     if quantity not in (_SAC_UNKNOWN, _SAC_ACCELERATION):
         named = _SAC_QUANTITIES.get(quantity, str(quantity))
-        raise ValueError(f"{file}: acceleration was expected, but IDEP says {named}")
+        raise file.error(f"acceleration was expected, but IDEP says {named}")
     if header.get("iftype") != _SAC_OVER_TIME or header.get("leven") != 1:
-        raise ValueError(f"{file}: samples in even steps of time were expected")
+        raise file.error("samples in even steps of time were expected")
     # A float32, of which obspy makes whole microseconds. Here it is the shortest decimal
     # number that it may stand for.
     step = float(str(np.float32(header["delta"])))
@@ -214,15 +199,15 @@ def _check_sac(file: str, header: Any, component: Component) -> float:
     # Start and end are float32 as well, of about seven digits.
     digits = 1e-6 * (abs(start) + abs(end))
     if not math.isclose(end - start, duration, rel_tol=UNIFORM, abs_tol=digits):
-        raise ValueError(
-            f"{file}: DELTA is {step:g} s, but {values.size} samples last from B= {start:g} s to"
+        raise file.error(
+            f"DELTA is {step:g} s, but {values.size} samples last from B= {start:g} s to"
             f" E= {end:g} s"
         )
     largest = float(abs(values).max())
     for key, extreme in (("depmin", float(values.min())), ("depmax", float(values.max()))):
         stated = float(header.get(key, extreme))
         if not math.isclose(stated, extreme, abs_tol=1e-5 * largest):
-            raise ValueError(
-                f"{file}: {key.upper()} is {stated:g}, but that of the samples is {extreme:g}"
+            raise file.error(
+                f"{key.upper()} is {stated:g}, but that of the samples is {extreme:g}"
             )
     return step

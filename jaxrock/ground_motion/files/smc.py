@@ -5,11 +5,12 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 """
 
 import re
+from functools import partial
 
 from ...tables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import Columns, get_line
+from .fixed_columns import Columns, get_line, match_title
 from .headers import Header
 from .orientations import find_direction
 
@@ -20,7 +21,7 @@ _COMPONENT_LINE = 5
 _COMPONENT = r"(?:.*\bcomponent\s*=\s*(?P<channel>\S+))?"
 # Below 11 lines of text: index of the line, how many numbers, their columns, and what they
 # state, from index 0 on.
-_INTEGERS = 11, 48, Columns(8, 10), {12: "tilt", 15: "comments", 16: "points"}
+_INTEGERS = 11, 48, Columns(8, 10), {12: "code", 15: "comments", 16: "points"}
 _REALS = 17, 50, Columns(5, 15), {1: "rate", 29: "peak", 31: "peak"}
 _COMMENTS = 27
 # No number that is there is as large as that for missing ones.
@@ -30,12 +31,9 @@ _VALUES = Columns(8, 10)
 _LONG_VALUES = Columns(5, 14)
 # Degrees from upward, and names of components that are no azimuths.
 _TILTS: dict[int, Direction] = {0: "up", 90: "level", 180: "down"}
-_NAMES: dict[str, Direction] = {r"u|up": "up", r"d|dn|down": "down", r"[ns][ew]": "level"}
+_NAMES: dict[str, Direction] = {"u": "up", "d": "down", "ne|nw|se|sw": "level"}
 
-
-def recognize_smc(lines: list[str]) -> bool:
-    """Return whether the first line is that of an SMC file."""
-    return bool(re.match(_FIRST, lines[0], re.I))
+recognize_smc = partial(match_title, _FIRST)
 
 
 def read_smc(text: TextFile, claims: Claims) -> list[Component]:
@@ -62,10 +60,12 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
     if len(header.fields.get("peak", [])) < 2:
         # One alone may be the smaller of both.
         header.fields.pop("peak", None)
-    direction = _find_direction(text, header)
+    # By the degrees, a name that is not understood says nothing.
+    silent: dict[str, Direction] = {".*": ""} if "code" in header.fields else {}
+    direction = find_direction(text, header, _NAMES | silent, _TILTS)
     first = get_line(text, top, "the values")
     columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
-    component, end = header.read_component(top, columns, repr(str(text.path)), direction)
+    component, end = header.read_component(top, direction, columns)
     if end < len(text.lines):
         points = header.fields["points"][0].word
         raise text.error(f"the header states {points} values, but more lines follow", end + 1)
@@ -102,18 +102,3 @@ def _read_comments(text: TextFile, header: Header) -> int:
             _INTEGERS[0] + 2,
         )
     return top
-
-
-def _find_direction(text: TextFile, header: Header) -> Direction:
-    """Find the direction of the component, by both its name and the degrees from upward."""
-    tilt = header.find("tilt")
-    if tilt is None:
-        return find_direction(text, header, _NAMES, {})
-    if tilt.value not in _TILTS:
-        raise text.error(
-            f"a sensor {tilt.word} degrees from upward is neither horizontal nor vertical",
-            tilt.line,
-        )
-    header.add("code", tilt.line, tilt.word)
-    # By the degrees, a name that is not understood says nothing.
-    return find_direction(text, header, {**_NAMES, ".*": ""}, _TILTS)
