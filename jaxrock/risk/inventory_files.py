@@ -104,7 +104,9 @@ def read_inventory(path: str | os.PathLike[str]) -> Inventory:
     table.refuse_cut()
     last = table.rows[-1]
     if not table.text.ends and not last.cells[-1]:
-        reason = "the file looks truncated: its last cell is empty and no newline follows; add a"
+        reason = (
+            "the file looks truncated: its last cell is empty and no newline follows; add a"
+        )
         raise table.text.error(f"{reason} newline if it is complete", last.line)
     numbers = np.array([described.numbers for described in objects.values()])
     width, height, ratio, restitution, scatter = numbers.T

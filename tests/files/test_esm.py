@@ -173,8 +173,3 @@ def test_two_values_that_run_together(tmp_path):
     assert together.count(b"\n") == write().count(b"\n") - 1
     record = read(tmp_path / NAME, together)
     np.testing.assert_allclose(record.acceleration, EAST / 100, rtol=1e-15)
-
-
-def test_two_values_in_a_line_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"line 34: one value a line .*, got '0\.000000 1"):
-        read(tmp_path / NAME, write().replace(b"0.000000\n1", b"0.000000 1", 1))

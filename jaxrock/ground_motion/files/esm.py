@@ -52,9 +52,6 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
         )
     if "peak" in header.fields:
         header.add("peak_unit", header.fields["peak"][0].line, "cm/s2")
-    for number, line in enumerate(text.lines[top:], top + 1):
-        if len(line.split()) > 1:
-            raise text.error(f"one value a line was expected, got {quote_word(line)}", number)
     direction = find_direction(text, header, _NAMES)
     return [header.read_component(top, direction)[0]]
 
