@@ -25,9 +25,7 @@ from .hazard_notes import agree, find_measures_of_levels, find_statistic, refuse
 from .hazard_sites import Curve, Frequency, Levels, has_sites, read_number, read_site
 
 # A rate for a probability, or cm/s for m/s, would give a plausible answer that is wrong by
-# orders of magnitude. So every word of a name must be known, and nothing is guessed: a column
-# with a word that is no part of the name of a quantity is none, and the message says what was
-# expected.
+# orders of magnitude. So every word of a name must be known, and nothing is guessed.
 _EXAMPLE = "'pgv [m/s],rate [1/yr]' or 'pga [g],annual rate'"
 # Columns of words that say something of their rows.
 _QUALIFIERS = (
@@ -50,26 +48,21 @@ def read_hazard(
     ----------
     path : str or path
         A table of one of these kinds, separated by commas, semicolons, tabs or blanks. Lines that
-        begin with # are comments.
+        begin with # are comments, which must not contradict the columns.
 
         - A line for each level, rising or falling, below names such as
           ``pgv [m/s],rate [1/yr]``: a level, and a yearly rate of exceedance, a probability of
           exceedance in a number of years (``probability of exceedance in 50 years [%]``) or a
-          ``return period [yr]``. Other columns are ignored. A comment must not name a
-          probability above rates, nor spectral acceleration above levels without a measure in
-          their name.
-        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with years, kind of curve
-          and mostly the measure in the comment. Standard deviations are refused.
+          ``return period [yr]``. Other columns are ignored.
+        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like.
         - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
           rates, which nshmp-haz writes unless told otherwise.
     unit : str, optional
-        Of the levels, where the file does not state it: ``"m/s"``, ``"cm/s"`` and so on, or
-        a unit of acceleration as in `read_record`. OpenQuake and nshmp-haz have PGA in g and
-        PGV in cm/s.
+        Of the levels, where the file does not state it: ``"cm/s"``, ``"g"`` and so on, as in
+        `read_record`. OpenQuake and nshmp-haz have PGA in g and PGV in cm/s.
     measure : {"pgv", "pga"}, optional
-        Which measure is expected: the curve must not be of another one. Of a table with a
-        column for each, it chooses one. Needed where neither the name of the levels nor a
-        comment says the measure: ``level [g]`` may be spectral acceleration.
+        The measure that the curve must have. It chooses a column if there are several, and is
+        needed where the file states none: ``level [g]`` may be spectral acceleration.
     site : pair of float, optional
         Longitude and latitude of one of several sites [degrees], to 1e-4.
 
@@ -78,15 +71,14 @@ def read_hazard(
     Hazard
         Levels in m/s or m/s2; its `statistic` says whether they are of a mean, a maximum, a
         quantile, one branch of a logic tree, or a part of the hazard. Of a
-        probability P in T years the rate is -ln(1 - P) / T. The lowest levels, where P is printed
-        as 1, have no finite rate and are left out.
+        probability P in T years the rate is -ln(1 - P) / T; the lowest levels, where P is printed
+        as 1, are left out.
 
     Raises
     ------
     ValueError
-        With the file, and the line where there is one, if the file cannot be read, holds no
-        hazard curve, is about another measure, seems to be cut, or if its head is not
-        understood.
+        With file and line, if the file cannot be read, holds no hazard curve or one of another
+        measure, seems to be cut, or is not understood.
 
     Examples
     --------
@@ -136,8 +128,11 @@ def _read_columns(table: Table, measure: str | None) -> Curve:
         row = table.rows[0]
         line = quote_word(table.text.lines[row.line - 1])
         raise table.text.error(f"names of the columns were expected above {line}", row.line)
-    parsed = {k: _parse_frequency(head) for k, head in enumerate(table.heads)}
-    frequencies = {k: frequency for k, frequency in parsed.items() if frequency}
+    frequencies = {
+        k: frequency
+        for k, head in enumerate(table.heads)
+        if (frequency := _parse_frequency(head))
+    }
     cells = [*table.names, *(cell for row in table.rows[:1] for cell in row.cells)]
     lists = [cell for cell in cells if _is_list(cell)]
     if lists and not frequencies:
@@ -214,11 +209,11 @@ def _parse_frequency(head: Head) -> Frequency | None:
     if match is None or unit.dimension not in ("ratio", "none"):
         return None
     # In how many years must be stated once.
-    spans = [match["years"], "1" if match["annual"] or match["yearly"] else None]
-    years = [float(span) for span in spans if span]
-    if len(years) != 1 or not years[0]:
+    yearly = bool(match["annual"] or match["yearly"])
+    years = float(match["years"] or yearly)
+    if not years or (match["years"] and yearly):
         return None
-    return Frequency("probability", head.words, years[0], unit.factor)
+    return Frequency("probability", head.words, years, unit.factor)
 
 
 def _match_name(head: Head, quantity: str) -> re.Match[str] | None:
@@ -295,8 +290,9 @@ def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
         raise table.text.error(fault.reason, points[fault.point][0])
     # Levels that are certain to be exceeded, at a probability of 1.
     possible = np.isfinite(rates)
-    if possible.sum() < 2:
+    count = possible.sum()
+    if count < 2:
         raise table.text.error(
-            f"at least two levels with finite rates were expected, got {possible.sum()}"
+            f"at least two levels with finite rates were expected, got {count}"
         )
     return levels[possible], rates[possible]

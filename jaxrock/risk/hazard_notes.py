@@ -21,8 +21,9 @@ _REFUSED = {
         r"|(?<!\d )(?<!\d-)sigmas?(?!\s*=|\s+trunc)"
     ),
     "logarithms, where the values themselves were expected": (
-        r"(?<!log-)(?:log(?:e|10)|ln|log(?=\s*\(|\s+(?:values?|units?|rates?|pg[av]|levels?))"
-        r"|logarithms?|logarithmic\s+(?:values|rates|units))(?!.*interpol)"
+        r"^(?!.*interpol).*?(?<![^\W\d_])(?<!log-)(?:log(?:e|10)|ln|logarithms?"
+        r"|log(?=\s*\(|\s+(?:values?|units?|rates?|pg[av]|levels?))"
+        r"|logarithmic\s+(?:values|rates|units))"
     ),
     "what is not exceeded, where exceedance was expected": r"non[\s_-]*exceed\w*",
 }
@@ -37,7 +38,7 @@ _STATISTIC = r"mean|median|max|min|rlz-\d+|quantile-[\d.]+"
 _WORDS = r"(?:mean|median|max(?:imum)?|min(?:imum)?|rlz-\d+)"
 # A word of its own between commas and the like, or of a hazard: others may be of magnitudes.
 _IN_WORDS = (
-    rf"(?:(?:^|[#,;:=(\"']|hazard_curve-)\s*(?={_WORDS}\s*(?:$|[-_.,;)\"'/&]|and\b|rate))"
+    rf"(?:(?:^|[#,;:=(\"']|hazard_curve-)\s*(?={_WORDS}\s*(?:$|[-_,;)\"'/&]|and\b|rate))"
     rf"|\b(?={_WORDS}\s+(?:seismic\s+)?(?:hazard|curve)))({_WORDS})"
 )
 _QUANTILE = r"(?:quant|percent|fract)iles?"
@@ -83,14 +84,17 @@ def refuse_notes(table: Table, notes: Notes, kind: str, unit: Unit) -> None:
             # It may be about another column.
             match = _find_word(pattern, words)
             if match and not _find_word(pattern, names):
-                raise table.text.error(f"{match[0]!r} beside the columns names {content}", line)
+                raise table.text.error(
+                    f"{match[0]!r} beside the columns names {content}", line
+                )
         for spelling, _ in find_units(words):
             stated = parse_unit(spelling)
             if stated.dimension in ("acceleration", "velocity") and not any(
                 agree(stated, known) for known in units
             ):
                 raise table.text.error(
-                    f"{quote_word(words)} states {spelling}, but levels are in {unit.words}", line
+                    f"{quote_word(words)} states {spelling}, but levels are in {unit.words}",
+                    line,
                 )
 
 

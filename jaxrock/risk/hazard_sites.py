@@ -167,8 +167,7 @@ def _follow_convention(program: str, measure: str) -> Levels:
     """Describe levels in the unit that a program has for their measure."""
     unit = _CONVENTIONS[measure]
     name = measure.upper()
-    source = f"{program} has {name} in {unit} by its convention"
-    return Levels(name, measure, parse_unit(unit), source)
+    return Levels(name, measure, parse_unit(unit), f"{program} has {name} in {unit}")
 
 
 def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, str]:
@@ -215,7 +214,9 @@ def _describe_nshmp(path: Path) -> tuple[Levels, str, str]:
     to the hazard.
     """
     names = [*path.parts[-4:-1], path.stem]
-    at = next((k for k, name in enumerate(names[:-1]) if name in ("source", "gmm")), len(names))
+    at = next(
+        (k for k, name in enumerate(names[:-1]) if name in ("source", "gmm")), len(names)
+    )
     part = " ".join(names[at : at + 2])
     above = names[max(at - 2, 0) : at]
     measures = {m for m in _CONVENTIONS for name in above if m in find_measures(name)}

@@ -1,5 +1,7 @@
 """Hazard curves from files: what heads say, layouts of programs, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def write(folder, content, name="hazard.csv"):
 
 def refuses(message, path, **options):
     """Whether a file is refused with this message, in one sentence that names it."""
-    with pytest.raises(ValueError, match=f"^'[^']*{path.name}'{message}") as error:
+    with pytest.raises(ValueError, match=f"^'[^']*{re.escape(path.name)}'{message}") as error:
         jr.read_hazard(path, **options)
     return "\n" not in str(error.value)
 
@@ -224,8 +226,8 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         ("# PGV, or SA(1.0)\nPGA [g],rate", {}, "1: .* names another measure .* and pgv"),
         ("# per 50 years\nPGA [g],rate", {}, "1: 'per 50 years' .* names a number of years"),
         ("# investigation time 50\nPGA [g],rate", {}, "1: .* names a number of years"),
-        ("# log10 values\nPGA [g],rate", {}, "1: 'log10' .* names logarithms"),
-        ("# ln\nPGA [g],poe in 50 years", {}, "1: 'ln' .* names logarithms"),
+        ("# log10 values\nPGA [g],rate", {}, "1: .*log10' .* names logarithms"),
+        ("# ln\nPGA [g],poe in 50 years", {}, "1: .*ln' .* names logarithms"),
         ("# frequency of non-exceedance\nPGA [g],rate", {}, "1: .* not exceeded"),
         ("# units: m/s2\nPGA [g],rate", {}, "1: .* states m/s2, but levels are in g"),
         ("# unit cm/s2\nPGA,rate", {"unit": "g"}, "1: .* states cm/s2, but levels are in g"),
@@ -348,8 +350,13 @@ def test_openquake(tmp_path, content, name, statistic):
         ("'PGA'", "'PGV'", {}, 0.01),
         ("", "", PGA | {"unit": "g"}, G),
         ("", "", PGV, ", line 2: a hazard of pgv was expected, got one of pga"),
-        ("", "", {"unit": "m/s2"}, ", line 2: unit is 'm/s2', but OpenQuake has PGA in g by"),
-        ("'mean'", "'std'", {}, ", line 1: .std. beside .* standard deviations, .* take the mean"),
+        ("", "", {"unit": "m/s2"}, ", line 2: unit is 'm/s2', but OpenQuake has PGA in g"),
+        (
+            "'mean'",
+            "'std'",
+            {},
+            ", line 1: .std. beside .* standard deviations, .* take the mean",
+        ),
         ("'mean'", "'max'", {}, ": one kind of curve was expected .* got 'max', 'mean'"),
         ("'mean'", "'other'", {}, ": one kind of curve was expected .* got 'mean', 'other'"),
         ("'PGA'", "'SA(0.3)'", {}, ": a hazard of pga or pgv .* got one of 'SA\\(0.3\\)'"),
