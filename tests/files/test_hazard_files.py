@@ -104,6 +104,7 @@ FLAT = [TEN, TEN, 0]
         ("pga [g];rate\n0,1;2,0e-3\n1,0;1,0e-3\n", {}, [2e-3, 1e-3]),
         ("pga [g];rate;\n0,1;0,002;\n1,0;0,001;\n", {}, [2e-3, 1e-3]),
         ("Site A\nby us\n\npga [g];rate\n0.1;2d-3\n1;1D-3\n", {}, [2e-3, 1e-3]),
+        ("# a\n# pga[g] rate[1/yr]\n0.1 2e-3\n1 1e-3\n", {}, [2e-3, 1e-3]),
         ("# a\npga_g rate\n# b\n 0.1  2e-3\n\n 1 1e-3\n", {}, [2e-3, 1e-3]),
         ("pga [g]\trate [1/yr]\tlower 5 %\n0.1\t2e-3\t1\n1\t1e-3\t1\n", {}, [2e-3, 1e-3]),
         ('"pga [g]","rate"\n"0.1","2e-3"\n"1","2e-3"\n2,0\n', {}, [2e-3, 2e-3, 0]),
