@@ -1,4 +1,4 @@
-"""What comments, titles, columns of words and names of files say of a hazard curve."""
+"""Notes on a hazard curve: comments, titles, columns of words, and the names of files."""
 
 import math
 import re
@@ -69,7 +69,8 @@ def find_measures_of_levels(table: Table, notes: Notes, measure: str) -> set[str
         named = find_measures(words, _MEASURES[OTHER] if measure or not line else _ANY_OTHER)
         if (named and not named & columns) if measure else OTHER in named:
             names = " and ".join(sorted(named))
-            raise table.text.error(f"{quote_word(words)} names {names}", line)
+            levels = measure or "levels of no stated measure"
+            raise table.text.error(f"{quote_word(words)} names {names} beside {levels}", line)
         stated |= named
     return stated
 
@@ -100,8 +101,7 @@ def refuse_notes(table: Table, notes: Notes, kind: str, unit: Unit) -> None:
 
 def agree(unit: Unit, expected: Unit) -> bool:
     """Return whether two units are equal, however they are spelled."""
-    same = math.isclose(unit.factor, expected.factor)
-    return unit.dimension == expected.dimension and same
+    return unit.dimension == expected.dimension and math.isclose(unit.factor, expected.factor)
 
 
 def find_statistic(table: Table, notes: Notes, name: str) -> str:

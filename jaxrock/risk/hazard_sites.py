@@ -100,22 +100,21 @@ def read_site(
         elif not re.fullmatch(_ABOUT_SITES, name.partition(":")[0], re.I):
             raise table.text.error(f"column {quote_word(name)} is not understood", table.line)
     row = _choose_row(table, site)
-    stem = table.text.path.stem
+    said = table.text.path.stem
     part = ""
-    if [*columns] == [""]:
-        kind = ""
-        levels, stem, part = _describe_nshmp(table.text.path.absolute())
+    kind = ""
+    if [*columns] == [kind]:
+        levels, said, part = _describe_nshmp(table.text.path.absolute())
         frequency = Frequency("rate")
     else:
-        kind, imt = _choose_kind(table, [*columns], measure)
-        levels = _follow_convention("OpenQuake", imt)
+        kind, levels = _choose_kind(table, [*columns], measure)
         words = _read_statement(table, "investigation_time")
         years = as_number(words)
         if years is None or not 0 < years < math.inf:
             raise table.text.error(f"investigation_time must be greater than 0, got {words!r}")
-        frequency = Frequency("probability", "", years)
+        frequency = Frequency("probability", years=years)
     points = [(row.line, level, read_number(table, row, k)) for k, level in columns[kind]]
-    return Curve(levels, frequency, points, [*table.notes, (0, stem)], part)
+    return Curve(levels, frequency, points, [*table.notes, (0, said)], part)
 
 
 def read_number(table: Table, row: Row, column: int) -> float:
@@ -170,13 +169,13 @@ def _follow_convention(program: str, measure: str) -> Levels:
     return Levels(name, measure, parse_unit(unit), f"{program} has {name} in {unit}")
 
 
-def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, str]:
-    """Choose columns by what stands before their levels, and the measure of these levels."""
+def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, Levels]:
+    """Choose columns by what stands before their levels."""
     if kinds == ["poe"]:
         imt = _read_statement(table, "imt")
         if imt.lower() not in _CONVENTIONS:
             raise table.text.error(f"a hazard of pga or pgv was expected, got one of {imt!r}")
-        return "poe", imt.lower()
+        return "poe", _follow_convention("OpenQuake", imt.lower())
     # In maps of hazard the same columns hold accelerations, and PGA-0.1 a probability of 0.1.
     if "curve" not in table.text.path.stem.lower():
         raise table.text.error(
@@ -191,7 +190,7 @@ def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[s
             f" {quote_names(kinds)}",
             table.line,
         )
-    return known[0], known[0]
+    return known[0], _follow_convention("OpenQuake", known[0])
 
 
 def _read_statement(table: Table, key: str) -> str:
