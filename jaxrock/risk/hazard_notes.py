@@ -17,11 +17,12 @@ _ANY_OTHER = "|".join(
 )
 _REFUSED = {
     "standard deviations, which are no hazard curve: take the mean or a quantile": (
-        r"std(?:[\s_-]*dev)?s?|standard[\s_]+deviations?"
+        r"std(?:[\s_-]*dev)?s?|stdevs?|standard[\s_]+(?:deviations?|errors?)"
+        r"|coefficients?[\s_]+of[\s_]+variation"
         r"|(?<!\d )(?<!\d-)sigmas?(?!\s*=|\s+trunc)"
     ),
     "logarithms, where the values themselves were expected": (
-        r"^(?!.*interpol).*?(?<![^\W\d_])(?<!log-)(?:log(?:e|10)|ln|logarithms?"
+        r"^(?!.*interpol).*?(?<![^\W\d_])(?<!log-)(?:log(?:e|10)|ln(?!-)|logarithms?"
         r"|log(?=\s*\(|\s+(?:values?|units?|rates?|pg[av]|levels?))"
         r"|logarithmic\s+(?:values|rates|units))"
     ),
@@ -79,6 +80,7 @@ def refuse_notes(table: Table, notes: Notes, kind: str, unit: Unit) -> None:
     """Refuse notes that name something else than the columns hold."""
     names = " ".join(table.names)
     units = [unit, *(unit for head in table.heads for unit in head.units)]
+    measure = _MEASURES["pga" if unit.dimension == "acceleration" else "pgv"]
     refused = _REFUSED | (_REFUSED_ABOVE_RATES if kind == "rate" else {})
     for line, words in notes:
         for content, pattern in refused.items():
@@ -88,7 +90,9 @@ def refuse_notes(table: Table, notes: Notes, kind: str, unit: Unit) -> None:
                 raise table.text.error(
                     f"{match[0]!r} beside the columns names {content}", line
                 )
-        for spelling, _ in find_units(words):
+        # Behind the name of a measure in text a unit may belong to a value; of levels it is theirs.
+        plain = re.sub(measure, "acceleration", words, flags=re.I)
+        for spelling, _ in find_units(plain):
             stated = parse_unit(spelling)
             if stated.dimension in ("acceleration", "velocity") and not any(
                 agree(stated, known) for known in units
