@@ -21,23 +21,17 @@ from ..tables import (
     read_table,
 )
 from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure, find_fault
+from .hazard_notes import agree, find_measures_of_levels, find_statistic, refuse_notes
 from .hazard_sites import Curve, Frequency, Levels, has_sites, read_number, read_site
 
 # A rate for a probability, or cm/s for m/s, would give a plausible answer that is wrong by
-# orders of magnitude. So every word of a name must be known, and nothing is guessed: a column
-# with a word that is no part of the name of a quantity is none, and the message says what was
-# expected.
+# orders of magnitude. So every word of a name must be known, and nothing is guessed.
 _EXAMPLE = "'pgv [m/s],rate [1/yr]' or 'pga [g],annual rate'"
-_IN_COMMENT = {
-    "pga": r"(?i)pga|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+acceleration",
-    "pgv": r"(?i)pgv|peak[\s_]+(?:horizontal[\s_]+)?ground[\s_]+velocity",
-}
-# Words of other measures in the same units.
-_OTHER_MEASURES = (
-    f"{QUANTITIES['spectral acceleration'].words}|{QUANTITIES['intensity'].words}"
+# Columns of words that say something of their rows.
+_QUALIFIERS = (
+    r"kind|statistics?|imt|(?:intensity )?measure(?: type)?|quantile|percentile|fractile|branch"
+    r"|realization|site|units?"
 )
-_PROBABILITIES = QUANTITIES["probability"].words
-_DEVIATIONS = r"(?i)(?<![^\W_])(?:std|standard[\s_]+deviations?)(?![^\W_])"
 _Column = TypeVar("_Column", Levels, Frequency)
 
 
@@ -54,26 +48,21 @@ def read_hazard(
     ----------
     path : str or path
         A table of one of these kinds, separated by commas, semicolons, tabs or blanks. Lines that
-        begin with # are comments.
+        begin with # are comments, which must not contradict the columns.
 
         - A line for each level, rising or falling, below names such as
           ``pgv [m/s],rate [1/yr]``: a level, and a yearly rate of exceedance, a probability of
           exceedance in a number of years (``probability of exceedance in 50 years [%]``) or a
-          ``return period [yr]``. Other columns are ignored. A comment must not name a
-          probability above rates, nor spectral acceleration above levels without a measure in
-          their name.
-        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, with years, kind of curve
-          and mostly the measure in the comment. Standard deviations are refused.
+          ``return period [yr]``. Other columns are ignored.
+        - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like.
         - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
           rates, which nshmp-haz writes unless told otherwise.
     unit : str, optional
-        Of the levels, where the file does not state it: ``"m/s"``, ``"cm/s"`` and so on, or
-        a unit of acceleration as in `read_record`. OpenQuake and nshmp-haz have PGA in g and
-        PGV in cm/s.
+        Of the levels, where the file does not state it: ``"cm/s"``, ``"g"`` and so on, as in
+        `read_record`. OpenQuake and nshmp-haz have PGA in g and PGV in cm/s.
     measure : {"pgv", "pga"}, optional
-        Which measure is expected: the curve must not be of another one. Of a table with a
-        column for each, it chooses one. Needed where neither the name of the levels nor a
-        comment says the measure: ``level [g]`` may be spectral acceleration.
+        The measure that the curve must have. It chooses a column if there are several, and is
+        needed where the file states none: ``level [g]`` may be spectral acceleration.
     site : pair of float, optional
         Longitude and latitude of one of several sites [degrees], to 1e-4.
 
@@ -82,15 +71,14 @@ def read_hazard(
     Hazard
         Levels in m/s or m/s2; its `statistic` says whether they are of a mean, a maximum, a
         quantile, one branch of a logic tree, or a part of the hazard. Of a
-        probability P in T years the rate is -ln(1 - P) / T. The lowest levels, where P is printed
-        as 1, have no finite rate and are left out.
+        probability P in T years the rate is -ln(1 - P) / T; the lowest levels, where P is printed
+        as 1, are left out.
 
     Raises
     ------
     ValueError
-        With the file, and the line where there is one, if the file cannot be read, holds no
-        hazard curve, is about another measure, seems to be cut, or if its head is not
-        understood.
+        With file and line, if the file cannot be read, holds no hazard curve or one of another
+        measure, seems to be cut, or is not understood.
 
     Examples
     --------
@@ -121,12 +109,15 @@ def read_hazard(
     else:
         curve = _read_columns(table, measure)
     table.refuse_cut()
-    _refuse_comments(table, curve)
-    measure = _choose_measure(table, curve.levels, measure)
-    factor = _choose_unit(table, curve.levels, given, measure)
+    measure = _choose_measure(table, curve, measure)
+    unit_of_levels = _choose_unit(table, curve.levels, given, measure)
+    refuse_notes(table, curve.notes, curve.frequency.kind, unit_of_levels)
+    statistic = find_statistic(table, curve.notes, curve.frequency.name)
     levels, rates = _check_points(table, curve)
     try:
-        return Hazard(factor * levels, rates, measure, curve.statistic)
+        return Hazard(
+            unit_of_levels.factor * levels, rates, measure, f"{statistic} {curve.part}".strip()
+        )
     except ValueError as error:
         raise text.error(str(error)) from None
 
@@ -137,8 +128,11 @@ def _read_columns(table: Table, measure: str | None) -> Curve:
         row = table.rows[0]
         line = quote_word(table.text.lines[row.line - 1])
         raise table.text.error(f"names of the columns were expected above {line}", row.line)
-    parsed = {k: _parse_frequency(head) for k, head in enumerate(table.heads)}
-    frequencies = {k: frequency for k, frequency in parsed.items() if frequency}
+    frequencies = {
+        k: frequency
+        for k, head in enumerate(table.heads)
+        if (frequency := _parse_frequency(head))
+    }
     cells = [*table.names, *(cell for row in table.rows[:1] for cell in row.cells)]
     lists = [cell for cell in cells if _is_list(cell)]
     if lists and not frequencies:
@@ -156,7 +150,18 @@ def _read_columns(table: Table, measure: str | None) -> Curve:
         (row.line, read_number(table, row, level), read_number(table, row, often))
         for row in table.rows
     ]
-    return Curve(levels, frequency, points)
+    notes = [*table.notes]
+    for k, head in enumerate(table.heads):
+        if k not in (level, often) and re.fullmatch(_QUALIFIERS, head.name, re.I):
+            values = {row.cells[k] for row in table.rows}
+            if len(values) > 1:
+                raise table.text.error(
+                    f"column {head.words!r} must be the same in all rows, those of one curve, got"
+                    f" {quote_names(sorted(values))}",
+                    table.line,
+                )
+            notes += [(table.rows[0].line, f"{head.name}={value}") for value in values]
+    return Curve(levels, frequency, points, notes)
 
 
 def _choose_column(
@@ -193,22 +198,22 @@ def _parse_frequency(head: Head) -> Frequency | None:
         return None
     # Parsed anew, since a frequency per year is none to the quantities of spectra.
     unit = parse_unit(head.unit.words) if head.unit else Unit("", "none", 1.0)
-    if _match_name(head, "rate") and unit.dimension in ("rate", "none"):
-        return Frequency("rate", factor=unit.factor)
+    if _match_name(head, "rate") and unit[1:] in (("rate", 1.0), ("none", 1.0)):
+        return Frequency("rate", head.words)
     # In years, or it may be in anything.
     if _match_name(head, "return period") and (
         unit.dimension == "years" or head.name.endswith("in years")
     ):
-        return Frequency("return period")
+        return Frequency("return period", head.words)
     match = _match_name(head, "probability")
     if match is None or unit.dimension not in ("ratio", "none"):
         return None
     # In how many years must be stated once.
-    spans = [match["years"], "1" if match["annual"] or match["yearly"] else None]
-    years = [float(span) for span in spans if span]
-    if len(years) != 1 or not years[0]:
+    yearly = bool(match["annual"] or match["yearly"])
+    years = float(match["years"] or yearly)
+    if not years or (match["years"] and yearly):
         return None
-    return Frequency("probability", years[0], unit.factor)
+    return Frequency("probability", head.words, years, unit.factor)
 
 
 def _match_name(head: Head, quantity: str) -> re.Match[str] | None:
@@ -222,35 +227,13 @@ def _is_list(cell: str) -> bool:
     return len(words) > 1 and None not in map(as_number, words)
 
 
-def _refuse_comments(table: Table, curve: Curve) -> None:
-    """Refuse comments that name something else than the columns hold."""
-    names = " ".join(table.names)
-    for line, comment in table.notes:
-        words = re.findall(r"[^\W\d_]+", comment)
-        # Below a name that is clear the comment may be about other columns.
-        if not curve.levels.measure and _match_any(_OTHER_MEASURES, words):
-            other = "another measure than pga or pgv"
-        elif curve.frequency.kind == "rate" and _match_any(_PROBABILITIES, words):
-            other = "a probability above a column of rates"
-        elif re.search(_DEVIATIONS, comment) and not re.search(_DEVIATIONS, names):
-            other = "standard deviations, which are no hazard curve"
-        else:
-            continue
-        raise table.text.error(f"a comment names {other}, got {quote_word(comment)}", line)
-
-
-def _match_any(pattern: str, words: list[str]) -> bool:
-    """Return whether a word matches a pattern, in upper or lower case."""
-    return any(re.fullmatch(pattern, word, re.I) for word in words)
-
-
-def _choose_measure(table: Table, levels: Levels, measure: str | None) -> str:
-    """Choose the measure that the name of levels, a comment above it or the caller states."""
+def _choose_measure(table: Table, curve: Curve, measure: str | None) -> str:
+    """Choose the measure that the name of levels, a note beside them or the caller states."""
+    levels = curve.levels
+    stated = find_measures_of_levels(table, curve.notes, levels.measure)
     # A name that says nothing, like level [g], may be of spectral accelerations.
-    stated = {levels.measure} if levels.measure else set[str]()
-    if not stated:
-        comments = " ".join(comment for _, comment in table.notes)
-        stated = {key for key, names in _IN_COMMENT.items() if re.search(names, comments)}
+    if levels.measure:
+        stated = {levels.measure}
     if len(stated) != 1 and measure is None:
         raise table.text.error(
             "the head does not say which measure the levels are of, so that measure must be"
@@ -265,8 +248,8 @@ def _choose_measure(table: Table, levels: Levels, measure: str | None) -> str:
     return measure or stated.pop()
 
 
-def _choose_unit(table: Table, levels: Levels, given: Unit | None, measure: str) -> float:
-    """Choose the unit of levels that the file or the caller states; its value in SI."""
+def _choose_unit(table: Table, levels: Levels, given: Unit | None, measure: str) -> Unit:
+    """Choose the unit of levels that the file or the caller states."""
     unit = levels.unit or given
     if unit is None:
         raise table.text.error(
@@ -274,16 +257,14 @@ def _choose_unit(table: Table, levels: Levels, given: Unit | None, measure: str)
             table.line,
         )
     # A unit of the caller may repeat the one in the head, but not contradict it.
-    if given and not (
-        unit.dimension == given.dimension and math.isclose(unit.factor, given.factor)
-    ):
+    if given and not agree(unit, given):
         raise table.text.error(f"unit is {given.words!r}, but {levels.source}", table.line)
     if unit.dimension not in QUANTITIES[measure].dimensions:
         raise table.text.error(
             f"{unit.words!r} is not understood as a unit of {measure}, got {levels.name!r}",
             table.line,
         )
-    return unit.factor
+    return unit
 
 
 def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
@@ -309,8 +290,9 @@ def _check_points(table: Table, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
         raise table.text.error(fault.reason, points[fault.point][0])
     # Levels that are certain to be exceeded, at a probability of 1.
     possible = np.isfinite(rates)
-    if possible.sum() < 2:
+    count = possible.sum()
+    if count < 2:
         raise table.text.error(
-            f"at least two levels with finite rates were expected, got {possible.sum()}"
+            f"at least two levels with finite rates were expected, got {count}"
         )
     return levels[possible], rates[possible]

@@ -7,11 +7,13 @@ nshmp-haz ``0.005`` (https://github.com/usgs/nshmp-haz, HazardExport.java).
 
 import math
 import re
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..tables import Row, Table, Unit, as_number, parse_unit, quote_names, quote_word
+from .hazard_notes import find_measures
 
 # The unit of levels is no part of these files: both programs take PGA in g and PGV in cm/s.
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
@@ -23,11 +25,6 @@ _LEVEL = (
     r"(?:(?P<kind>poe|pg[avd]|(?:avg)?sa(?:\([\d.]+\))?|ia|cav|rsd\d*|mmi|[avd]si)-)?"
     r"(?P<level>[\d.]+(?:e[-+]?\d+)?)(?::float\d\d)?"
 )
-# What OpenQuake computes from the curves of a logic tree, or one of these; older versions say so
-# first in the comment.
-_STATISTIC = r"(?:mean|max|std|quantile-(?:\d*\.)?\d+|rlz-\d+)"
-_IN_COMMENT = rf"(?i)#[,\s\"']*({_STATISTIC})(?![\w.])"
-_IN_FILE_NAME = rf"(?i)(?:hazard_curve-|(?=quantile))({_STATISTIC})(?![^\W_]|\.\d)"
 
 
 class Levels(NamedTuple):
@@ -43,6 +40,7 @@ class Frequency(NamedTuple):
     """A column of how often levels are exceeded: a rate, probability or return period."""
 
     kind: str
+    name: str = ""
     years: float = 1.0  # of a probability
     factor: float = 1.0  # 0.01 for one in per cent
 
@@ -68,12 +66,17 @@ class Frequency(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A curve as it is printed; `points` are lines of the file, levels and values."""
+    """A curve as it is printed.
+
+    `points` are lines of the file, levels and values; `notes` all that is said beside the columns,
+    with its line, or 0 for the path; `part` names one part of the hazard.
+    """
 
     levels: Levels
     frequency: Frequency
     points: list[tuple[int, float, float]]
-    statistic: str = ""
+    notes: list[tuple[int, str]]
+    part: str = ""
 
 
 def has_sites(table: Table) -> bool:
@@ -97,21 +100,21 @@ def read_site(
         elif not re.fullmatch(_ABOUT_SITES, name.partition(":")[0], re.I):
             raise table.text.error(f"column {quote_word(name)} is not understood", table.line)
     row = _choose_row(table, site)
-    if [*columns] == [""]:
-        kind = ""
-        levels, statistic = _describe_nshmp(table, measure)
+    said = table.text.path.stem
+    part = ""
+    kind = ""
+    if [*columns] == [kind]:
+        levels, said, part = _describe_nshmp(table.text.path.absolute())
         frequency = Frequency("rate")
     else:
-        kind, imt = _choose_kind(table, [*columns], measure)
-        levels = _follow_convention("OpenQuake", imt)
-        statistic = _read_statistic(table)
+        kind, levels = _choose_kind(table, [*columns], measure)
         words = _read_statement(table, "investigation_time")
         years = as_number(words)
         if years is None or not 0 < years < math.inf:
             raise table.text.error(f"investigation_time must be greater than 0, got {words!r}")
-        frequency = Frequency("probability", years)
+        frequency = Frequency("probability", years=years)
     points = [(row.line, level, read_number(table, row, k)) for k, level in columns[kind]]
-    return Curve(levels, frequency, points, statistic)
+    return Curve(levels, frequency, points, [*table.notes, (0, said)], part)
 
 
 def read_number(table: Table, row: Row, column: int) -> float:
@@ -163,17 +166,16 @@ def _follow_convention(program: str, measure: str) -> Levels:
     """Describe levels in the unit that a program has for their measure."""
     unit = _CONVENTIONS[measure]
     name = measure.upper()
-    source = f"{program} has {name} in {unit} by its convention"
-    return Levels(name, measure, parse_unit(unit), source)
+    return Levels(name, measure, parse_unit(unit), f"{program} has {name} in {unit}")
 
 
-def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, str]:
-    """Choose columns by what stands before their levels, and the measure of these levels."""
+def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[str, Levels]:
+    """Choose columns by what stands before their levels."""
     if kinds == ["poe"]:
         imt = _read_statement(table, "imt")
         if imt.lower() not in _CONVENTIONS:
             raise table.text.error(f"a hazard of pga or pgv was expected, got one of {imt!r}")
-        return "poe", imt.lower()
+        return "poe", _follow_convention("OpenQuake", imt.lower())
     # In maps of hazard the same columns hold accelerations, and PGA-0.1 a probability of 0.1.
     if "curve" not in table.text.path.stem.lower():
         raise table.text.error(
@@ -188,12 +190,13 @@ def _choose_kind(table: Table, kinds: list[str], measure: str | None) -> tuple[s
             f" {quote_names(kinds)}",
             table.line,
         )
-    return known[0], known[0]
+    return known[0], _follow_convention("OpenQuake", known[0])
 
 
 def _read_statement(table: Table, key: str) -> str:
     """Read what OpenQuake's comments say of a key."""
-    values = _find_statements(table, key)
+    words = [w for _, line in table.notes for w in re.findall(rf"\b{key}\s*=([^,]*)", line)]
+    values = {word.strip(" '\"") for word in words}
     if len(values) != 1:
         raise table.text.error(
             f"one {key} was expected in comments, as in '# investigation_time=50.0, imt=PGA', got"
@@ -202,59 +205,21 @@ def _read_statement(table: Table, key: str) -> str:
     return values.pop()
 
 
-def _find_statements(table: Table, key: str) -> set[str]:
-    """Find what comments say of a key."""
-    pattern = rf"\b{key}\s*=([^,]*)"
-    words = [word for _, line in table.notes for word in re.findall(pattern, line)]
-    return {word.strip(" '\"") for word in words}
-
-
-def _read_statistic(table: Table) -> str:
-    """Read which of OpenQuake's curves this is, from the comment and the name of the file."""
-    stated = _find_statements(table, "kind")
-    stated |= {word for _, line in table.notes for word in re.findall(_IN_COMMENT, line)}
-    # Older versions name a file quantile_curve-0.1.csv.
-    name = table.text.path.name.replace("quantile_curve-", "quantile-")
-    stated |= {*re.findall(_IN_FILE_NAME, name)}
-    if "std" in stated:
-        raise table.text.error(
-            "standard deviations of a logic tree are no hazard curve: take the mean or a quantile"
-        )
-    if len(stated) > 1 or not all(re.fullmatch(_STATISTIC, words) for words in stated):
-        raise table.text.error(
-            "one kind of curve was expected in the comment and the name of the file, such as mean,"
-            f" max, quantile-0.85 or rlz-000, got {quote_names(sorted(stated))}"
-        )
-    # Version 2.0 wrote the path of a branch above means and quantiles as well.
-    is_branch = not stated and _find_statements(table, "source_model_tree_path")
-    return "single realization" if is_branch else "".join(stated)
-
-
-def _describe_nshmp(table: Table, measure: str | None) -> tuple[Levels, str]:
-    """Describe levels of nshmp-haz, and whether they are of a part of the hazard.
+def _describe_nshmp(path: Path) -> tuple[Levels, str, str]:
+    """Describe levels of nshmp-haz: their measure, what its path says, and of which part it is.
 
     The measure stands in the name of the folder or file: PGA/curves.csv, PGA.csv. Folders such as
     PGA/source/FAULT and PGA/gmm/ASK_14 have what a kind of sources, or a ground motion model, adds
     to the hazard.
     """
-    path = table.text.path.absolute()
     names = [*path.parts[-4:-1], path.stem]
-    statistic = ""
-    for k, name in enumerate(names[:-1]):
-        if name in ("source", "gmm"):
-            statistic = f"{name} {names[k + 1]}"
-            names = names[:k]
-            break
-    pattern = r"(?i)(?<![a-z])(?:pga|pgv|sa\d+p\d+)(?![a-z])"
-    stated = {word.lower() for name in names[-2:] for word in re.findall(pattern, name)}
-    if len(stated) > 1 or not stated <= {*_CONVENTIONS}:
-        raise table.text.error(
-            f"a hazard of pga or pgv was expected, got one of {', '.join(sorted(stated))}"
-        )
-    if stated:
-        return _follow_convention("nshmp-haz", stated.pop()), statistic
-    if measure is None:
-        raise table.text.error(
-            "neither the table nor its folder names the measure: measure and unit must be given"
-        )
-    return Levels("level", measure, None, ""), statistic
+    at = next(
+        (k for k, name in enumerate(names[:-1]) if name in ("source", "gmm")), len(names)
+    )
+    part = " ".join(names[at : at + 2])
+    above = names[max(at - 2, 0) : at]
+    measures = {m for m in _CONVENTIONS for name in above if m in find_measures(name)}
+    said = ", ".join([*above, *names[at + 2 :]])
+    if len(measures) == 1:
+        return _follow_convention("nshmp-haz", measures.pop()), said, part
+    return Levels("level", "", None, ""), said, part

@@ -150,6 +150,9 @@ def _find_names_in_comments(
     if above and width > 1:
         line, comment = above[-1]
         names = split_line(comment.strip(), separator)
+        # Between blanks the # is a word of its own, if it names no counter.
+        if separator == " " and names[0] == "#" and len(names) == width + 1:
+            del names[0]
         # A lone # is the name of a counter.
         names[0] = names[0].lstrip("# ") or "#"
         # Of sentences, which have commas as well, the parts are seldom single words.

@@ -57,7 +57,7 @@ QUANTITIES: dict[str, Quantity] = {
         ("years",),
     ),
     "rate": Quantity(
-        rf"{_ANNUAL}(?:rates?|frequency|frequencies|lambda|\u03bb|m?afe)(?: {_EXCEEDANCE})?"
+        rf"{_ANNUAL}(?:rates?|frequency|frequencies|lambda|\u03bb|m?afe|maf)(?: {_EXCEEDANCE})?"
         rf"(?: per {_YEARS})?",
         "",
         ("rate",),

@@ -1,5 +1,7 @@
 """Hazard curves from files: what heads say, layouts of programs, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def write(folder, content, name="hazard.csv"):
 
 def refuses(message, path, **options):
     """Whether a file is refused with this message, in one sentence that names it."""
-    with pytest.raises(ValueError, match=f"^'[^']*{path.name}'{message}") as error:
+    with pytest.raises(ValueError, match=f"^'[^']*{re.escape(path.name)}'{message}") as error:
         jr.read_hazard(path, **options)
     return "\n" not in str(error.value)
 
@@ -47,7 +49,11 @@ def refuses(message, path, **options):
         # A comment may name the measure; below a name it may be about other columns.
         ("# PGA at the site\nIML [g],annual rate", {}, G, "pga"),
         ("PGA at the site\n\nIML [g],annual rate", {}, G, "pga"),
-        ("# PGV, or SA(1.0)\nPGA [g],annual rate", {}, G, "pga"),
+        ("# PGA, SA(1.0)\nPGA [g],annual rate", {}, G, "pga"),
+        ("PGA (g),MAF", {}, G, "pga"),
+        ("# PGA (g) and PGV (cm/s)\nPGA [g],annual rate", {}, G, "pga"),
+        ("# units: gal\nPGA [cm/s2],rate", {}, 0.01, "pga"),
+        ("# interpolate log(rate)\n# truncated at 3 sigma\nPGA [g],rate", {}, G, "pga"),
         ("# PGA and PGV\nlevel [cm/s],annual rate", PGV, 0.01, "pgv"),
         ("# PGA [g],rate [1/yr]", {}, G, "pga"),
         ("# PGA [g],annual rate", {}, G, "pga"),
@@ -99,6 +105,7 @@ FLAT = [TEN, TEN, 0]
         ("pga [g];rate\n0,1;2,0e-3\n1,0;1,0e-3\n", {}, [2e-3, 1e-3]),
         ("pga [g];rate;\n0,1;0,002;\n1,0;0,001;\n", {}, [2e-3, 1e-3]),
         ("Site A\nby us\n\npga [g];rate\n0.1;2d-3\n1;1D-3\n", {}, [2e-3, 1e-3]),
+        ("# a\n# pga[g] rate[1/yr]\n0.1 2e-3\n1 1e-3\n", {}, [2e-3, 1e-3]),
         ("# a\npga_g rate\n# b\n 0.1  2e-3\n\n 1 1e-3\n", {}, [2e-3, 1e-3]),
         ("pga [g]\trate [1/yr]\tlower 5 %\n0.1\t2e-3\t1\n1\t1e-3\t1\n", {}, [2e-3, 1e-3]),
         ('"pga [g]","rate"\n"0.1","2e-3"\n"1","2e-3"\n2,0\n', {}, [2e-3, 2e-3, 0]),
@@ -209,14 +216,28 @@ SILENT = "the head does not say which measure .* so that measure must be given"
         ("pgv,rate", {"unit": "g"}, "1: 'g' is not understood as a unit of pgv"),
         ("lon,lat,depth,poe-0.1,poe-x", {}, "1: column 'poe-x' is not understood"),
         # What a comment or a title names instead.
-        ("# SA(1.0 s), 5 % damping\nIML [g],annual rate", {}, "1: a comment names another"),
-        ("# IMT: SA(1.0)\nlevel [g],rate", PGA, "1: a comment names another"),
-        ("# a\n# spectral acceleration\nlevel [g],rate", {}, "2: a comment names another"),
-        ("Arias\n\nlevel [m/s],rate", PGV, "1: a comment names another measure"),
-        ("# probabilities in 50 years\nPGA [g],rate", {}, "1: a comment names a probability"),
-        ("# PoE, 50 yr\n# PGA [g],annual rate", {}, "1: a comment names a probability"),
-        ("# standard deviations\nPGA [g],rate", {}, "1: a comment names standard deviations"),
-        ("# std of rates\nPGA [g],rate", {}, "1: a comment names standard deviations"),
+        ("# SA(1.0 s), 5 % damping\nIML [g],annual rate", {}, "1: .* names another measure"),
+        ("# IMT: SA(1.0)\nlevel [g],rate", PGA, "1: .* names another measure"),
+        ("# a\n# spectral acceleration\nlevel [g],rate", {}, "2: .* names another measure"),
+        ("Arias\n\nlevel [m/s],rate", PGV, "1: 'Arias' names another"),
+        ("# probabilities in 50 years\nPGA [g],rate", {}, "1: .* names a probability"),
+        ("# PoE, 50 yr\n# PGA [g],annual rate", {}, "1: .* names a probability"),
+        ("# standard deviations\nPGA [g],rate", {}, "1: .* names standard deviations"),
+        ("# std of rates\nPGA [g],rate", {}, "1: .* names standard deviations"),
+        ("# spectral acceleration at 1 s\nPGA [g],rate", {}, "1: .* names another measure"),
+        ("# PGV, or SA(1.0)\nPGA [g],rate", {}, "1: .* names another measure .* and pgv"),
+        ("# per 50 years\nPGA [g],rate", {}, "1: 'per 50 years' .* names a number of years"),
+        ("# investigation time 50\nPGA [g],rate", {}, "1: .* names a number of years"),
+        ("# log10 values\nPGA [g],rate", {}, "1: .*log10' .* names logarithms"),
+        ("# ln\nPGA [g],poe in 50 years", {}, "1: .*ln' .* names logarithms"),
+        ("# frequency of non-exceedance\nPGA [g],rate", {}, "1: .* not exceeded"),
+        ("# units: m/s2\nPGA [g],rate", {}, "1: .* states m/s2, but levels are in g"),
+        ("# PGA in m/s2\nPGA [g],rate", {}, "1: .* states m/s2, but levels are in g"),
+        ("# peak ground velocity (m/s)\nPGV [cm/s],rate", {}, "1: .* states m/s, but"),
+        ("# stdev\nPGA [g],rate", {}, "1: 'stdev' .* names standard deviations"),
+        ("# unit cm/s2\nPGA,rate", {"unit": "g"}, "1: .* states cm/s2, but levels are in g"),
+        ("# units: m/s\nPGV [cm/s],rate", {}, "1: .* states m/s, but levels are in cm/s"),
+        ("PGA [g],rate [%/yr]", {}, f"1: {OFTEN}"),
         ("# PGV\nlevel [m/s],rate", PGA, "2: a hazard of pga was expected"),
         ("# PGV\nlevel [g],rate", {}, "2: 'g' is not understood as a unit of pgv"),
     ],
@@ -236,6 +257,46 @@ def test_arguments(tmp_path):
     for unit in ("knots", "m"):
         with pytest.raises(ValueError, match=f"^unit must be one like 'm/s', .* got '{unit}'"):
             jr.read_hazard(path, unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "statistic"),
+    [
+        ("# statistic=max\nPGA [g],rate", "", "max"),
+        ("# Median hazard\nPGA [g],rate", "", "median"),
+        ("# kind='quantile-0.84'\nPGA [g],rate", "", "quantile-0.84"),
+        ("# 84th percentile\nPGA [g],rate", "", "quantile-0.84"),
+        ("# mean, 84th percentile\nPGA [g],rate,84th rate", ",1", "mean"),
+        ("PGA hazard, quantile 0.84,\nPGA [g],rate", "", "quantile-0.84"),
+        ("# max. distance 200 km, mean magnitude\nPGA [g],rate", "", ""),
+        ("PGA [g],rate,kind", ",mean", "mean"),
+        ("PGA [g],rate,percentile", ",16", "quantile-0.16"),
+        ("PGA [g],rate,imt", ",PGA", ""),
+        ("level [g],rate,imt", ",PGA", ""),
+    ],
+)
+def test_statistic(tmp_path, head, cells, statistic):
+    """Of which curves of a logic tree it is, comments, titles and columns of words may say."""
+    path = write(tmp_path, f"{head}\n.1,2e-3{cells}\n1,1e-3{cells}\n")
+    assert jr.read_hazard(path).statistic == statistic
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "message"),
+    [
+        ("PGA [g],rate,kind", (",mean", ",max"), "column 'kind' must be the same"),
+        ("PGA [g],rate,imt", (",PGA", ",SA(1)"), "column 'imt' must be the same"),
+        ("PGA [g],rate,imt", (",SA(1)",) * 2, "'imt=SA.1.' names another measure"),
+        ("PGA [g],rate,kind", (",std",) * 2, "'std' beside the columns"),
+        ("PGA [g],rate,unit", (",m/s2",) * 2, ".* states m/s2, but levels are in g"),
+        ("# 16th and 84th percentile\nPGA [g],rate", ("", ""), "one kind of curve"),
+        ("# percentiles\nPGA [g],rate", ("", ""), "one kind of curve"),
+        ("# kind='mode'\nPGA [g],rate", ("", ""), "one kind .* got 'mode'"),
+    ],
+)
+def test_notes_that_are_refused(tmp_path, head, cells, message):
+    path = write(tmp_path, f"{head}\n.1,2e-3{cells[0]}\n1,1e-3{cells[1]}\n")
+    assert refuses(f".*: {message}", path)
 
 
 LEVELS = np.array([0.005, 0.0137, 0.103, 0.556, 1.52])
@@ -294,8 +355,13 @@ def test_openquake(tmp_path, content, name, statistic):
         ("'PGA'", "'PGV'", {}, 0.01),
         ("", "", PGA | {"unit": "g"}, G),
         ("", "", PGV, ", line 2: a hazard of pgv was expected, got one of pga"),
-        ("", "", {"unit": "m/s2"}, ", line 2: unit is 'm/s2', but OpenQuake has PGA in g by"),
-        ("'mean'", "'std'", {}, ": standard deviations of a logic tree are no hazard curve"),
+        ("", "", {"unit": "m/s2"}, ", line 2: unit is 'm/s2', but OpenQuake has PGA in g"),
+        (
+            "'mean'",
+            "'std'",
+            {},
+            ", line 1: .std. beside .* standard deviations, .* take the mean",
+        ),
         ("'mean'", "'max'", {}, ": one kind of curve was expected .* got 'max', 'mean'"),
         ("'mean'", "'other'", {}, ": one kind of curve was expected .* got 'mean', 'other'"),
         ("'PGA'", "'SA(0.3)'", {}, ": a hazard of pga or pgv .* got one of 'SA\\(0.3\\)'"),
@@ -314,7 +380,7 @@ def test_openquake(tmp_path, content, name, statistic):
     ],
 )
 def test_changed_openquake(tmp_path, old, new, options, message):
-    path = write(tmp_path, NEWER.replace(old, new, 1), "hazard_curve-mean-PGA_1.csv")
+    path = write(tmp_path, NEWER.replace(old, new, 1), "hazard_curve-mean_1.csv")
     if isinstance(message, str):
         assert refuses(message, path, **options)
     else:
@@ -340,18 +406,23 @@ NSHMP = (
         (SECOND, "curve.csv", PGV, ", line 2: columns of .* pgv, got"),
         (BOTH, "curve.csv", {}, ", line 2: .* got those of 'pga', "),
         (BOTH, "curve.csv", PGV, "max hazard of pgv"),
-        (SECOND.replace("max", "std"), "curve.csv", {}, ": standard deviations"),
+        (SECOND.replace("max", "std"), "curve.csv", {}, ", line 1: .* standard deviations"),
         # The folder of nshmp-haz names the measure, or the caller does, and then the unit as well.
         (NSHMP, "PGA/curves.csv", {}, "hazard of pga"),
         (NSHMP, "PGA/source/FAULT/curves.csv", {}, "source FAULT hazard of pga"),
         (NSHMP, "PGA/gmm/CY_08.csv", {}, "gmm CY_08 hazard of pga"),
-        (NSHMP, "SA0P2/gmm/CY_08.csv", {}, ": a hazard of pga or pgv .* got one of sa0p2"),
+        (NSHMP, "SA0P2/gmm/CY_08.csv", {}, ": .*SA0P2. names another measure"),
         (NSHMP, "total.csv", PGA | {"unit": "g"}, "hazard of pga"),
         (NSHMP, "PGA/curves.csv", PGV, ", line 1: a hazard of pgv was"),
-        (NSHMP, "total.csv", {"unit": "g"}, ": neither the table nor its folder names"),
+        (NSHMP, "total.csv", {"unit": "g"}, f", line 1: {SILENT}"),
         (NSHMP, "total.csv", PGV, ", line 1: the head states no unit"),
         (NSHMP, "a.csv", PGV | {"unit": "g"}, ", line 1: 'g' is not .* unit of pgv"),
-        (NSHMP, "SA0P2.csv", PGA | {"unit": "g"}, ": a hazard of pga .* sa0p2"),
+        (NSHMP, "PGA/quantile-0.84.csv", {}, "quantile-0.84 hazard of pga"),
+        (NSHMP, "PGA/total-std.csv", {}, ": 'std' beside .* standard deviations"),
+        (NSHMP, "PGA/curves-sigma.csv", {}, ": 'sigma' beside .* standard deviations"),
+        (NSHMP, "pga-poe-50yr.csv", {}, ": 'poe' beside .* a probability"),
+        (NEWER, "hazard_curve-mean-SA(0.1).csv", {}, ": .* names another measure"),
+        (NSHMP, "SA0P2.csv", PGA | {"unit": "g"}, ": .*SA0P2. names another measure"),
     ],
 )
 def test_sites(tmp_path, content, name, options, answer):
