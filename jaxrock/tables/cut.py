@@ -43,9 +43,11 @@ def require_whole_end(text: TextFile, words: Sequence[str]) -> None:
     if text.ends or not words:
         return
     *before, last = words[-_MANY:]
+    ends = {len(word) for word in before}
+    is_padded = any(word[:1].isspace() for word in before)
     if _has_fewer_digits(last, before):
         reason = "has fewer digits than the others"
-    elif _ends_early(last, before):
+    elif is_padded and len(ends) == 1 and len(last) < min(ends):
         reason = "ends before those above it do"
     else:
         return
@@ -72,13 +74,6 @@ def _has_fewer_digits(last: str, before: list[str]) -> bool:
         return False
     decimals = min(digits.decimals for digits in counts)
     return counted.decimals < decimals or counted.exponent < exponent
-
-
-def _ends_early(last: str, before: list[str]) -> bool:
-    """Return whether a number ends before its column, in which all before it end at one place."""
-    ends = {len(word) for word in before}
-    is_padded = any(word[:1].isspace() for word in before)
-    return is_padded and len(ends) == 1 and len(last) < min(ends)
 
 
 def _count_digits(word: str) -> _Digits | None:

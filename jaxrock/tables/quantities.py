@@ -26,6 +26,7 @@ class Quantity(NamedTuple):
 
 
 _RATIO = ("ratio",)
+_TIME = ("time",)
 _LENGTH = ("length",)
 _OF = r"(?:of )?(?:the )?"
 _YEARS = r"(?:years?|yrs?|a)"
@@ -36,6 +37,16 @@ _PROBABILITY = r"(?:probability|probabilities|prob|poes?)"
 _LARGEST = r"(?:peaks?|max(?:imum)?|largest)"
 _MEAN = r"(?:mean |hazard |exceed[ae]nce )*"
 _ANNUAL = rf"{_MEAN}(?P<annual>(?:annual|yearly) )?{_MEAN}"
+
+
+def _name_peak(short: str, quantity: str) -> str:
+    """Make the pattern of names of a peak of the ground motion."""
+    return (
+        r"(?:level |horizontal |geometric |mean |of |value )*"
+        rf"(?:{short}|peak (?:horizontal )?ground {quantity})(?: levels?| values?| iml?)*"
+    )
+
+
 # Of motions and spectra a word in the name is enough, since whatever is no acceleration must not
 # be taken for one. Of hazards and objects all of the name has to be understood.
 QUANTITIES: dict[str, Quantity] = {
@@ -43,14 +54,14 @@ QUANTITIES: dict[str, Quantity] = {
         rf"(?:elapsed |relative |record )?(?:t|times?)(?: {_OF}impacts?)?|impact times?"
         r"|s|secs?|seconds?",
         "",
-        ("time",),
+        _TIME,
     ),
     "period": Quantity(
         r"(?:natural |structural |vibration )?periods?|tn|frequenc(?:y|ies)|freqs?",
         r"periods?|frequenc(?:y|ies)|freqs?",
         ("time", "frequency"),
     ),
-    "duration": Quantity("", r"d?dt|durations?|intervals?|delays?|lags?|steps?", ("time",)),
+    "duration": Quantity("", r"d?dt|durations?|intervals?|delays?|lags?|steps?", _TIME),
     "return period": Quantity(
         rf"(?:mean )?(?:return|recurrence) (?:period|interval)s?(?: {_EXCEEDANCE})?(?: in years)?",
         "",
@@ -75,22 +86,10 @@ QUANTITIES: dict[str, Quantity] = {
         ("acceleration", "velocity", "length"),
     ),
     "intensity": Quantity("", r"arias|cav|husid|mmi", ("velocity", "ratio")),
-    "pga": Quantity(
-        r"(?:level |horizontal |geometric |mean |of |value )*"
-        r"(?:pga|peak (?:horizontal )?ground acceleration)(?: levels?| values?| iml?)*",
-        "pga",
-        ("acceleration",),
-    ),
-    "pgv": Quantity(
-        r"(?:level |horizontal |geometric |mean |of |value )*"
-        r"(?:pgv|peak (?:horizontal )?ground velocity)(?: levels?| values?| iml?)*",
-        "pgv",
-        ("velocity",),
-    ),
+    "pga": Quantity(_name_peak("pga", "acceleration"), "pga", ("acceleration",)),
+    "pgv": Quantity(_name_peak("pgv", "velocity"), "pgv", ("velocity",)),
     "level": Quantity(
-        r"(?:intensity(?: measure)?|iml?)?(?: ?levels?)?",
-        "",
-        ("acceleration", "velocity"),
+        r"(?:intensity(?: measure)?|iml?)?(?: ?levels?)?", "", ("acceleration", "velocity")
     ),
     "width": Quantity(r"(?:full )?width|base", "", _LENGTH),
     "height": Quantity(r"(?:full )?height", "", _LENGTH),

@@ -1,5 +1,6 @@
 """Text files: their lines, errors that name file and line, and statements that must agree."""
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -40,13 +41,7 @@ class Statement(NamedTuple):
 
 
 class NamedFile:
-    """A file of any kind, and errors that name it.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    """
+    """A file of any kind, and errors that name it."""
 
     def __init__(self, path: Path):
         """Take the name."""
@@ -88,8 +83,6 @@ class TextFile(NamedFile):
 
     Attributes
     ----------
-    path : Path
-        The file.
     content : str
         The text, with line ends of one kind.
     lines : list of str
@@ -124,12 +117,11 @@ class TextFile(NamedFile):
     def parse_number(self, word: str, line: int, name: str = "a value") -> float:
         """Convert a word to a finite number; `name` says of what."""
         value = as_number(word)
-        if value is None:
-            got = quote_word(word) if word.strip() else "an empty field"
-            raise self.error(f"{name} must be a number, got {got}", line)
-        if not math.isfinite(value):
-            raise self.error(f"{name} must be finite, got {quote_word(word)}", line)
-        return value
+        if value is not None and math.isfinite(value):
+            return value
+        allowed = "a number" if value is None else "finite"
+        seen = quote_word(word) if word.strip() else "an empty field"
+        raise self.error(f"{name} must be {allowed}, got {seen}", line)
 
     def read_values(
         self,
@@ -144,13 +136,10 @@ class TextFile(NamedFile):
         unusual writing and names the line of an error.
         """
         lines = self.lines[top:]
-        try:
+        with contextlib.suppress(ValueError):
             values = parse_all(lines)
             if np.isfinite(values).all():
                 return values
-        except ValueError:
-            # One by one below.
-            pass
         numbered = enumerate(show_progress(lines, f"reading {self.path.name}"), top + 1)
         return np.array([value for n, line in numbered for value in parse_line(line, n)])
 
@@ -166,19 +155,17 @@ def read_content(path: Path) -> bytes:
 
 def as_number(word: str) -> float | None:
     """Convert a word to a number, NaN and infinity among them; None if it is none."""
-    # 1_000 is a number in Python only: elsewhere it is a mistake.
+    # 1_000 is a number in Python only: elsewhere it is a mistake. Fortran writes 1D3.
     try:
-        return float(word.replace("_", "?"))
+        return float(word.replace("_", "?").lower().replace("d", "e"))
     except ValueError:
         return None
 
 
 def quote_names(names: Iterable[str]) -> str:
     """Quote the first of several names, for a message."""
-    names = [*names]
-    return ", ".join([quote_word(name) for name in names[:12]]) + (
-        ", ..." if names[12:] else ""
-    )
+    quoted = [*map(quote_word, names)]
+    return ", ".join(quoted[:12] + ["..."] * bool(quoted[12:]))
 
 
 def quote_word(word: str) -> str:
@@ -194,7 +181,6 @@ def _decode(content: bytes) -> str:
     try:
         return content.decode()
     except UnicodeDecodeError:
-        lines = content.split(b"\n")
-        if len(lines) == 1:
+        if b"\n" not in content:
             return content.decode("latin-1")
-        return "\n".join(map(_decode, lines))
+        return "\n".join(map(_decode, content.split(b"\n")))

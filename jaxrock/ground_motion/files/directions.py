@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
+from ...tables import split_words
 from .components import Direction
 
 # "vertical" is a word such as V or Z, which does not say whether up or down.
@@ -67,16 +68,13 @@ def find_column_direction(name: str) -> Direction | None:
 
 def find_clear_direction(name: str) -> Direction:
     """Find the direction that the name of a column, without a unit, says; "" for none."""
-    direction = find_column_direction(name)
-    if direction == "level" and not _has_word(_CLEARLY_LEVEL, name):
-        return ""
-    return direction or ""
+    direction = find_column_direction(name) or ""
+    return "" if direction == "level" and not _has_word(_CLEARLY_LEVEL, name) else direction
 
 
 def _has_word(pattern: str, words: str) -> bool:
     """Return whether a whole word of a name, which may be in camelCase, matches a pattern."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
-    return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
+    return any(re.fullmatch(pattern, word, re.I) for word in split_words(words))
 
 
 def find_name_direction(path: Path, paths: Iterable[Path]) -> Stated:
@@ -114,15 +112,13 @@ def find_channel_direction(name: str, names: Mapping[str, Direction]) -> Directi
     `names` are patterns that a format adds to the words that all have in common.
     """
     stated = find_word_direction(name)
-    # In SEED's channels Z points up. Any other word for vertical leaves open where to.
-    if stated == "vertical" and name.lower().endswith("z"):
-        return "up"
     if stated and stated != "vertical":
         return stated
-    for pattern, direction in names.items():
-        if re.fullmatch(pattern, name, re.I):
-            return direction
-    return None
+    # In SEED's channels Z points up. Any other word for vertical leaves open where to.
+    if stated and name.lower().endswith("z"):
+        return "up"
+    known = (names[pattern] for pattern in names if re.fullmatch(pattern, name, re.I))
+    return next(known, None)
 
 
 def settle_direction(name: Stated, title: Stated) -> Direction | None:
