@@ -30,15 +30,11 @@ class _Digits(NamedTuple):
 def require_whole_end(text: TextFile, words: Sequence[str]) -> None:
     """Raise a `ValueError` if the file looks as if it were cut within its last number.
 
-    `words` are numbers printed alike, such as those of a column, in the order of the file; the
-    last of them is the last word of the file. A word may have the blanks in front of it that
-    fill a column of fixed width: whole numbers show a cut only by ending before their column
-    does.
-
-    A file that ends with a line end or a blank is not cut within a number. Of any other the
-    last number is doubtful if it has fewer digits after its point than each number before it, or
-    a shorter exponent. A number that was cut down to as many digits as another one has by
-    chance cannot be told from it.
+    `words` are numbers printed alike, up to the last word of the file, perhaps with the blanks
+    in front that fill a column of fixed width. Where no line end or blank follows, the last is
+    doubtful if it has fewer digits after its point than each before it, a shorter exponent, or
+    ends before its column does. A number that was cut down to as many digits as another one has
+    by chance cannot be told from it.
     """
     if text.ends or not words:
         return

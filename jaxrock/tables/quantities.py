@@ -7,21 +7,13 @@ from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """A quantity by the names of its columns.
+    """A quantity by the names of its columns."""
 
-    Attributes
-    ----------
-    names : str
-        Pattern of whole names, without their unit, in lower case and with blanks for
-        underscores.
-    words : str
-        Pattern of words that make any name that has them one of this quantity.
-    dimensions : tuple of str
-        What its units measure, as in `units.py`.
-    """
-
+    # Pattern of whole names, without their unit and with blanks for underscores.
     names: str
+    # Pattern of words that make any name that has them one of this quantity.
     words: str
+    # What its units measure, as in `units.py`.
     dimensions: tuple[str, ...]
 
 

@@ -114,13 +114,10 @@ def collect_statements(
 def find_contents(
     lines: Iterable[tuple[int, str]], known: bool = False
 ) -> tuple[int, str] | None:
-    """Find a line that says that the values are no accelerations, and what they are instead.
-
-    Headers of accelerations may mention velocities or displacements, which are computed from
-    them, and a spectrum that they match. But a "velocity time series" is none of accelerations,
-    and neither are values above which velocities are mentioned and no accelerations, unless
-    these are `known` to be accelerations.
-    """
+    """Find a line that says that the values are no accelerations, and what they are instead."""
+    # Headers of accelerations may mention velocities or displacements, which are computed from
+    # them, and a spectrum that they match. But a "velocity time series" is none of them, and
+    # neither are values above which only velocities are mentioned, unless these are `known`.
     lines = [*lines]
     for number, line in lines:
         match = re.search(_OTHER_SERIES, line, re.I)

@@ -129,11 +129,7 @@ class Table:
         return as_number(cell)
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
-        """Read columns of finite numbers in all lines; of shape (columns, rows).
-
-        Raises a `ValueError` with the line if one is no such number, if a line is empty, or if
-        the file is cut within its last number.
-        """
+        """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
         values = self._read_quickly(columns)
         if values is None:
             rows = show_progress(self.rows, f"reading {self.text.path.name}")
@@ -208,10 +204,6 @@ def read_table(source: Path | TextFile) -> Table:
     """Read a table whose fields are separated by commas, semicolons, tabs, bars or blanks.
 
     Lines that begin with # are comments; the last one above numbers may have the names of the
-    columns, as NumPy writes it. Above the names other lines may stand, below them a line of
-    units.
-
-    Raises a `ValueError` that names the file if it cannot be read, is binary, or if all lines
-    are comments.
+    columns, as NumPy writes it. Above the names other lines may stand, below them units.
     """
     return Table(source if isinstance(source, TextFile) else TextFile(source))

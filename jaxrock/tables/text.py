@@ -59,11 +59,10 @@ class NamedFile:
         missing: str,
         line: int = 0,
     ) -> float:
-        """Return the value on which all statements agree, the first one's.
+        """Return the first value, from which none may differ by more than the `tolerance`.
 
-        Raises a `ValueError` with the words `missing`, at this line, if there is no statement;
-        if the first one is not understood, with what is `allowed`; or if another one differs
-        from the first by more than the relative `tolerance`.
+        A `ValueError` says what is `missing`, at this line, if there is no statement, and what
+        is `allowed` if the first one is not understood.
         """
         statements = [*statements]
         if not statements:
@@ -92,10 +91,7 @@ class TextFile(NamedFile):
     """
 
     def __init__(self, path: Path, content: bytes | None = None):
-        """Take the lines of the content, or read it from the file.
-
-        Raises a `ValueError` if the file is empty, binary or cannot be read.
-        """
+        """Take the lines of the content, or of the file; a `ValueError` if that is no text."""
         super().__init__(path)
         content = read_content(path) if content is None else content
         if any(map(content.startswith, _MARKS)):
@@ -129,13 +125,9 @@ class TextFile(NamedFile):
         parse_all: Callable[[list[str]], np.ndarray],
         parse_line: Callable[[str, int], Iterable[float]],
     ) -> np.ndarray:
-        """Read the numbers after line `top`.
-
-        The lines go to `parse_all` together, which is faster. If that raises a `ValueError` or
-        returns a number that is not finite, they go to `parse_line` one by one, which accepts
-        unusual writing and names the line of an error.
-        """
+        """Read the numbers after line `top`, all together or else line by line."""
         lines = self.lines[top:]
+        # The first is faster, the second accepts unusual writing and names the line of an error.
         with contextlib.suppress(ValueError):
             values = parse_all(lines)
             if np.isfinite(values).all():

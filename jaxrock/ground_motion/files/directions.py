@@ -107,10 +107,7 @@ def find_word_direction(word: str) -> Stated:
 
 
 def find_channel_direction(name: str, names: Mapping[str, Direction]) -> Direction | None:
-    """Find the direction of a channel by its name in a header; None if it is not understood.
-
-    `names` are patterns that a format adds to the words that all have in common.
-    """
+    """Find the direction of a channel by words, or by patterns of names of its format."""
     stated = find_word_direction(name)
     if stated and stated != "vertical":
         return stated

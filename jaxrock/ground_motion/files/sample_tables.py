@@ -162,10 +162,7 @@ class SampleTable:
         return columns[0] if columns else None
 
     def _refuse_spectra(self) -> None:
-        """Refuse spectra, and tables of intensities and of rates.
-
-        Their periods pass for times, and their accelerations for motion.
-        """
+        """Refuse spectra, intensities and rates, whose periods and values pass for a motion."""
         heads = self.table.heads
         way = "a spectrum over periods or frequencies is no ground motion"
         quantities = [head.quantity for head in heads]
@@ -247,14 +244,11 @@ class SampleTable:
 
 
 def require_samples_alone(text: TextFile, values: np.ndarray, line: int) -> None:
-    """Raise a `ValueError` if the numbers of a file without times are more than accelerations.
-
-    Some programs write the number of samples and the time step in front of them, and a column
-    of times alone is no motion.
-    """
+    """Raise a `ValueError` if the numbers of a file without times are no accelerations alone."""
     count = values.size
     if count <= _FEW:
         return
+    # Some programs write the number of samples and the time step in front of them.
     if values[0] in (count - 1, count - 2):
         raise text.error(
             f"the first number, {values[0]:g}, is how many follow: leave out what stands in front"
