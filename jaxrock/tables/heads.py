@@ -72,19 +72,17 @@ def read_head(words: str) -> Head:
     plain = " ".join(normalize(words).replace("_", " ").split())
     bracketed = [match for match in _IN_BRACKETS.finditer(plain) if _is_unit(plain, match)]
     if bracketed:
-        units = [
-            parse_unit((match["square"] or match["round"] or "").strip())
-            for match in bracketed
-        ]
-        return _settle(words, _cut_out(plain, bracketed), units)
+        inside = [(match["square"] or match["round"] or "").strip() for match in bracketed]
+        return _settle(words, _cut_out(plain, bracketed), [*map(parse_unit, inside)])
     if match_whole(plain):
         return _settle(words, plain, [])
     # m or h alone may be anything, but for a quantity that has such units.
     for match in re.finditer(r"\s*/\s*|\s+(?:in\s+)?", plain):
+        name = plain[: match.start()]
         unit = parse_unit(plain[match.end() :])
-        quantity = find_quantity(plain[: match.start()])
-        if unit.dimension and quantity and unit.dimension in QUANTITIES[quantity].dimensions:
-            return Head(words, plain[: match.start()], quantity, (unit,))
+        quantity = find_quantity(name)
+        if quantity and unit.dimension in QUANTITIES[quantity].dimensions:
+            return Head(words, name, quantity, (unit,))
     clear = [*re.finditer(f"{WORD_START}(?:{_CLEAR}){WORD_END}", plain, re.I)]
     return _settle(words, _cut_out(plain, clear), [parse_unit(match[0]) for match in clear])
 

@@ -49,8 +49,7 @@ def find_layout(text: TextFile) -> Layout:
     titles = [row for k, row in enumerate(sample[:first]) if k != head]
     top = sample[first].line - 1 if first < len(sample) else len(text.lines)
     if head is not None:
-        names = sample[head].cells
-        line = sample[head].line
+        line, names = sample[head]
         units = titles[-1].cells if titles and head + 1 < first else []
         if _are_units(units, len(names)):
             del titles[-1]

@@ -45,13 +45,9 @@ class Table:
 
     def __init__(self, text: TextFile):
         """Find the layout of a table, and read its heads."""
-        layout = find_layout(text)
         self.text = text
-        self.heads: tuple[Head, ...] = tuple(map(read_head, layout.names))
-        self.line = layout.line
-        self.notes = layout.notes
-        self.separator = layout.separator
-        self._top = layout.top
+        names, self.line, self.notes, self.separator, self._top = find_layout(text)
+        self.heads: tuple[Head, ...] = tuple(map(read_head, names))
 
     @property
     def names(self) -> list[str]:
@@ -116,9 +112,8 @@ class Table:
 
     def error_of_width(self, row: Row) -> ValueError:
         """Make the error that a row has another number of cells than there are names."""
-        between = SEPARATORS[self.separator]
-        expected = f"{len(self.heads)} fields separated by {between} were expected"
-        return self.text.error(f"{expected}, got {len(row.cells)}", row.line)
+        expected = f"{len(self.heads)} fields separated by {SEPARATORS[self.separator]}"
+        return self.text.error(f"{expected} were expected, got {len(row.cells)}", row.line)
 
     def parse_number(self, row: Row, column: int) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""

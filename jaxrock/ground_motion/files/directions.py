@@ -68,8 +68,10 @@ def find_column_direction(name: str) -> Direction | None:
 
 def find_clear_direction(name: str) -> Direction:
     """Find the direction that the name of a column, without a unit, says; "" for none."""
-    direction = find_column_direction(name) or ""
-    return "" if direction == "level" and not _has_word(_CLEARLY_LEVEL, name) else direction
+    direction = find_column_direction(name)
+    if direction == "level" and not _has_word(_CLEARLY_LEVEL, name):
+        return ""
+    return direction or ""
 
 
 def _has_word(pattern: str, words: str) -> bool:

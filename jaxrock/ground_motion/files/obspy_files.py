@@ -159,7 +159,7 @@ def _find_sac_direction(
     angle = float(header.get("cmpinc", _SAC_UNDEFINED))
     if angle == _SAC_UNDEFINED:
         return named
-    near = [stated for stated in _SAC_ANGLES if abs(angle - _SAC_ANGLES[stated]) <= _SAC_TILT]
+    near: list[Direction] = [k for k, a in _SAC_ANGLES.items() if abs(angle - a) <= _SAC_TILT]
     # A channel Z may point downward: the letter says that it is vertical.
     if near and (not named or (named == "level") == (near[0] == "level")):
         return near[0]

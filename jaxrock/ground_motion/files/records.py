@@ -8,7 +8,7 @@ or by the caller, and may not contradict each other; signs are preserved. Any fa
 import os
 from pathlib import Path
 
-from ...tables import UNITS_OF_ACCELERATION, NamedFile, TextFile, quote_names
+from ...tables import NamedFile, TextFile, quote_names
 from ..record import Record
 from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
@@ -122,8 +122,6 @@ def _read_table_record(
 ) -> Record:
     """Read a horizontal column of a table, and perhaps a vertical one."""
     table = SampleTable(text)
-    if not claims.units and not table.states_unit:
-        raise text.error(f"unit must be given for a .csv file: {UNITS_OF_ACCELERATION}")
     upward = None if vertical is None else table.find_column("vertical", vertical)
     if column is None:
         level = table.choose_horizontal(upward)
@@ -133,8 +131,8 @@ def _read_table_record(
         name = table.table.names[level]
         raise text.error(f"column and vertical are the same, {name!r}", table.table.line)
     columns = {level: "column"} | ({} if upward is None else {upward: "vertical"})
-    components = table.read_components(columns, claims)
-    return make_record(components[0], *map(require_upward, components[1:]))
+    horizontal, *uprights = table.read_components(columns, claims)
+    return make_record(horizontal, *map(require_upward, uprights))
 
 
 def _find_channel(components: list[Component], name: str) -> Component | None:
@@ -152,16 +150,15 @@ def _choose_horizontal(
     """Choose the component of a name, or the only horizontal one."""
     file = NamedFile(path)
     level = [component for component in components if component.direction in ("level", "")]
-    names = quote_names(known.channel or known.direction for known in level or components)
+    # A vertical one as well, if its name is given: it can be turned then.
+    allowed = level if level and column is None else components
+    names = quote_names(component.channel or component.direction for component in allowed)
     if column is not None:
         if level and not components[0].channel:
             raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
-        # A vertical one as well, if its name is given: it can be turned then.
-        named = _find_channel(components, column)
-        if named is None:
-            names = quote_names(known.channel or known.direction for known in components)
-            raise file.error(f"column is {column!r}, but there are {names}")
-        return named
+        if named := _find_channel(components, column):
+            return named
+        raise file.error(f"column is {column!r}, but there are {names}")
     if not level:
         raise file.error(f"no component is horizontal; column names a vertical one: {names}")
     if len(level) > 1:

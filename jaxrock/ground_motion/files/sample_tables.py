@@ -39,28 +39,19 @@ class SampleTable:
     def __init__(self, text: TextFile):
         """Understand the heads; a `ValueError` if these are not columns of samples."""
         if is_search_report(text):
-            raise text.error(
-                "this is PEER's report of a search for records, which is none itself"
-            )
+            raise text.error("this is PEER's report of a search for records, and none itself")
         self.text = text
         self.table: Table = read_table(text)
         if not self.table.heads:
             top = self.table.rows[0].line
-            line = quote_word(text.lines[top - 1])
-            raise text.error(f"names of the columns were expected, got {line}", top)
+            row = quote_word(text.lines[top - 1])
+            raise text.error(f"names of the columns were expected, got {row}", top)
         # Where the columns point by their names; None for no acceleration.
         self.directions = [find_column_direction(head.name) for head in self.table.heads]
         # The column of times, and those that may be accelerations.
         self.times: int | None = self._find_times()
         self._refuse_spectra()
         self.accelerations: list[int] = self._list_accelerations()
-
-    @property
-    def states_unit(self) -> bool:
-        """True if a name or a note states a unit, understood or not."""
-        return any(head.units for head in self.table.heads) or any(
-            find_units(note[1]) for note in self.table.notes
-        )
 
     def find_column(self, argument: str, name: str) -> int:
         """Find the column of a name, or the one that points "up" or "down" if none has it."""
@@ -92,9 +83,7 @@ class SampleTable:
         columns = [k for k in self.accelerations if k != vertical]
         names = quote_names(heads[k].words for k in columns) or "no column is left for it"
         if len(columns) != 1:
-            raise self._error(
-                f"column must be given, the name of the horizontal acceleration: {names}"
-            )
+            raise self._error(f"column must be given, the horizontal component: {names}")
         if self.directions[columns[0]] in ("up", "down"):
             raise self._error(
                 f"no component is horizontal; column names a vertical one: {names}"

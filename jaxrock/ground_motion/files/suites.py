@@ -93,8 +93,7 @@ def read_suite(
     claims = make_claims(unit, time_step)
     paths, of_folder = _list_files(source)
     paths = leave_out_boreholes(paths)
-    # All faults are collected: who repairs a folder of files wants to see each of them at
-    # once.
+    # All faults are collected: who repairs a folder of files wants to see them at once.
     faults = []
     motions: list[_Motion] = []
     verticals: dict[Path, Component] = {}
@@ -175,7 +174,7 @@ def _read_table(
     heads = table.table.heads
     level = [k for k in table.accelerations if table.directions[k] == "level"]
     if not level:
-        names = quote_names(head.words for head in heads)
+        names = quote_names(table.table.names)
         raise text.error(f"no column is a horizontal acceleration among {names}")
     if len(level) > 2:
         names = quote_names(heads[k].words for k in level)
@@ -216,9 +215,9 @@ def _make_motions(path: Path, components: list[Component], vertical: bool) -> li
             " channels one by one"
         )
     level = [component for component in components if component.direction == "level"]
+    upright = tuple(component for component in components if component.direction != "level")
     if not level:
         raise file.error("no component is horizontal")
-    upright = tuple(component for component in components if component.direction != "level")
     if vertical and len(upright) != 1:
         raise file.error(f"one vertical component was expected, got {len(upright)}")
     return [
