@@ -77,11 +77,8 @@ def _find_head(sample: list[Row]) -> tuple[int | None, int]:
     """Find the row of the names, None if there is none, and the first row below it."""
     if all(map(is_number, filter(None, sample[0].cells))):
         return None, 0
-    leading = [0]
-    for k, row in enumerate(sample[1:], 1):
-        if any(map(is_number, row.cells)):
-            break
-        leading.append(k)
+    numbered = [k for k, row in enumerate(sample) if k and any(map(is_number, row.cells))]
+    leading = range(numbered[0] if numbered else len(sample))
     width = Counter(len(row.cells) for row in sample).most_common(1)[0][0]
     # Titles have one cell, or are statements.
     names = [

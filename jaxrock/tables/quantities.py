@@ -29,16 +29,10 @@ _PROBABILITY = r"(?:probability|probabilities|prob|poes?)"
 _LARGEST = r"(?:peaks?|max(?:imum)?|largest)"
 _MEAN = r"(?:mean |hazard |exceed[ae]nce )*"
 _ANNUAL = rf"{_MEAN}(?P<annual>(?:annual|yearly) )?{_MEAN}"
-
-
-def _name_peak(short: str, quantity: str) -> str:
-    """Make the pattern of names of a peak of the ground motion."""
-    return (
-        r"(?:level |horizontal |geometric |mean |of |value )*"
-        rf"(?:{short}|peak (?:horizontal )?ground {quantity})(?: levels?| values?| iml?)*"
-    )
-
-
+# What may stand in front of the name of a level, and behind it.
+_KIND = r"(?:level |horizontal |geometric |mean |of |value )*"
+_LEVEL = r"(?: levels?| values?| iml?)*"
+_PEAK = r"peak (?:horizontal )?ground"
 # Of motions and spectra a word in the name is enough, since whatever is no acceleration must not
 # be taken for one. Of hazards and objects all of the name has to be understood.
 QUANTITIES: dict[str, Quantity] = {
@@ -78,8 +72,8 @@ QUANTITIES: dict[str, Quantity] = {
         ("acceleration", "velocity", "length"),
     ),
     "intensity": Quantity("", r"arias|cav|husid|mmi", ("velocity", "ratio")),
-    "pga": Quantity(_name_peak("pga", "acceleration"), "pga", ("acceleration",)),
-    "pgv": Quantity(_name_peak("pgv", "velocity"), "pgv", ("velocity",)),
+    "pga": Quantity(rf"{_KIND}(?:pga|{_PEAK} acceleration){_LEVEL}", "pga", ("acceleration",)),
+    "pgv": Quantity(rf"{_KIND}(?:pgv|{_PEAK} velocity){_LEVEL}", "pgv", ("velocity",)),
     "level": Quantity(
         r"(?:intensity(?: measure)?|iml?)?(?: ?levels?)?", "", ("acceleration", "velocity")
     ),

@@ -116,8 +116,10 @@ def find_channel_direction(name: str, names: Mapping[str, Direction]) -> Directi
     # In SEED's channels Z points up. Any other word for vertical leaves open where to.
     if stated and name.lower().endswith("z"):
         return "up"
-    known = (names[pattern] for pattern in names if re.fullmatch(pattern, name, re.I))
-    return next(known, None)
+    for pattern, direction in names.items():
+        if re.fullmatch(pattern, name, re.I):
+            return direction
+    return None
 
 
 def settle_direction(name: Stated, title: Stated) -> Direction | None:

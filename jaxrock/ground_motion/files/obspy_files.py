@@ -159,10 +159,11 @@ def _find_sac_direction(
     angle = float(header.get("cmpinc", _SAC_UNDEFINED))
     if angle == _SAC_UNDEFINED:
         return named
-    near: list[Direction] = [k for k, a in _SAC_ANGLES.items() if abs(angle - a) <= _SAC_TILT]
-    # A channel Z may point downward: the letter says that it is vertical.
-    if near and (not named or (named == "level") == (near[0] == "level")):
-        return near[0]
+    for stated, degrees in _SAC_ANGLES.items():
+        # A channel Z may point downward: the letter says that it is vertical.
+        agrees = not named or (named == "level") == (stated == "level")
+        if agrees and abs(angle - degrees) <= _SAC_TILT:
+            return stated
     raise file.error(
         f"CMPINC is {angle:g}, but KCMPNM is {channel!r}: CMPINC must be 0 for upward, 90 for"
         " horizontal or 180 for downward"

@@ -154,7 +154,8 @@ def _choose_horizontal(
     allowed = level if level and column is None else components
     names = quote_names(component.channel or component.direction for component in allowed)
     if column is not None:
-        if level and not components[0].channel:
+        first = components[0]
+        if not first.channel and first.direction in ("", "level"):
             raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
         if named := _find_channel(components, column):
             return named

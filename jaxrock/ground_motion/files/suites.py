@@ -115,9 +115,9 @@ def read_suite(
     for motion in motions:
         try:
             if motion.name in records:
-                paths = [other.path for other in motions if other.name == motion.name]
+                first = next(other.path for other in motions if other.name == motion.name)
                 raise NamedFile(motion.path).error(
-                    f"another record is named {motion.name!r} as well, from {str(paths[0])!r}"
+                    f"another record is named {motion.name!r} as well, from {str(first)!r}"
                 )
             records[motion.name] = _make_record(motion, verticals)
         except ValueError as error:
