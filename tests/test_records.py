@@ -185,9 +185,9 @@ WHAT_IS_WRONG_IS_SAID = [
     ("a.csv", "# a\n#b", A,
      ": a line with the names of the columns was expected, all lines are com"),
     ("a.csv", "#\n0,1\n1,2", A, ", line 2: names of the columns were expected, got '0,1'"),
-    ("a.csv", CSV, B, ", line 1: column must be given, the name of the horizontal acceleration"),
-    ("a.csv", CSV, B, "acceleration: 'a', 'b'"),
-    ("a.csv", "t\n0\n1", B, ", line 1: column must be given, the name of the horizontal accel"),
+    ("a.csv", CSV, B, ", line 1: column must be given, the horizontal component"),
+    ("a.csv", CSV, B, "component: 'a', 'b'"),
+    ("a.csv", "t\n0\n1", B, ", line 1: column must be given, the horizontal component"),
     ("a.csv", CSV, B | {"column": "c"}, ", line 1: column is 'c', but there are 0 such colu"),
     ("a.csv", CSV, A | {"vertical": "c"}, "vertical is 'c', but there are 0 such columns amon"),
     ("a.csv", "a,a\n1,2", B | {"column": "a"}, ", line 1: column is 'a', but there are 2 such"),
@@ -213,7 +213,7 @@ WHAT_IS_WRONG_IS_SAID = [
      ": time_step is 0.501 s, but column 'time' has a step of 0.5 s"),
     ("a.csv", CSV, A | {"time_step": 0.0}, "time_step must be finite and greater than 0, got 0"),
     # The unit
-    ("a.csv", CSV, {}, ": unit must be given for a .csv file: one of 'm/s2', 'cm/s2', 'mm/s2',"),
+    ("a.csv", CSV, {"column": "a"}, "the file states no unit of this column, so that unit mus"),
     ("a.csv", CSV, {"unit": "rad/s2"},
      "unit must be one of 'm/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g'"),
 ]  # fmt: skip

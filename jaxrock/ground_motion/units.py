@@ -8,8 +8,7 @@ from ..validation import as_text
 
 def convert_unit(words: str) -> float:
     """Convert a unit of acceleration to m/s2; NaN if it is not understood."""
-    unit = parse_unit(words)
-    return unit.factor if unit.dimension == "acceleration" else math.nan
+    return parse_unit(words).as_dimension("acceleration").factor
 
 
 def require_unit(unit: str) -> float:

@@ -4,6 +4,7 @@ from .cut import require_whole_end as require_whole_end
 from .heads import Head as Head
 from .heads import find_quantity as find_quantity
 from .heads import read_head as read_head
+from .heads import split_words as split_words
 from .quantities import QUANTITIES as QUANTITIES
 from .rows import Row as Row
 from .statements import NUMBER as NUMBER

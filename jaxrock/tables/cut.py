@@ -30,22 +30,20 @@ class _Digits(NamedTuple):
 def require_whole_end(text: TextFile, words: Sequence[str]) -> None:
     """Raise a `ValueError` if the file looks as if it were cut within its last number.
 
-    `words` are numbers printed alike, such as those of a column, in the order of the file; the
-    last of them is the last word of the file. A word may have the blanks in front of it that
-    fill a column of fixed width: whole numbers show a cut only by ending before their column
-    does.
-
-    A file that ends with a line end or a blank is not cut within a number. Of any other the
-    last number is doubtful if it has fewer digits after its point than each number before it, or
-    a shorter exponent. A number that was cut down to as many digits as another one has by
-    chance cannot be told from it.
+    `words` are numbers printed alike, up to the last word of the file, perhaps with the blanks
+    in front that fill a column of fixed width. Where no line end or blank follows, the last is
+    doubtful if it has fewer digits after its point than each before it, a shorter exponent, or
+    ends before its column does. A number that was cut down to as many digits as another one has
+    by chance cannot be told from it.
     """
     if text.ends or not words:
         return
     *before, last = words[-_MANY:]
+    ends = {len(word) for word in before}
+    is_padded = any(word[:1].isspace() for word in before)
     if _has_fewer_digits(last, before):
         reason = "has fewer digits than the others"
-    elif _ends_early(last, before):
+    elif is_padded and len(ends) == 1 and len(last) < min(ends):
         reason = "ends before those above it do"
     else:
         return
@@ -72,13 +70,6 @@ def _has_fewer_digits(last: str, before: list[str]) -> bool:
         return False
     decimals = min(digits.decimals for digits in counts)
     return counted.decimals < decimals or counted.exponent < exponent
-
-
-def _ends_early(last: str, before: list[str]) -> bool:
-    """Return whether a number ends before its column, in which all before it end at one place."""
-    ends = {len(word) for word in before}
-    is_padded = any(word[:1].isspace() for word in before)
-    return is_padded and len(ends) == 1 and len(last) < min(ends)
 
 
 def _count_digits(word: str) -> _Digits | None:

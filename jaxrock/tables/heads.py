@@ -1,7 +1,6 @@
 """Heads of columns: which quantity they name, and which unit they state."""
 
 import functools
-import math
 import re
 from typing import NamedTuple
 
@@ -58,19 +57,12 @@ class Head(NamedTuple):
             return None
         if len({unit[1:] for unit in self.units}) == 1:
             return self.units[0]
-        return Unit(" and ".join(unit.words for unit in self.units), "", math.nan)
-
-    @property
-    def is_whole(self) -> bool:
-        """True if all of its name is that of a quantity, not a word of it only."""
-        return bool(_match_whole(self.name))
+        return Unit(" and ".join(unit.words for unit in self.units))
 
     @property
     def factor(self) -> float:
         """The value of its unit in SI; 1 if it states none, NaN if that is not understood."""
-        if self.units:
-            return self.unit.factor if self.unit else math.nan
-        return 1.0
+        return self.unit.factor if self.unit else 1.0
 
 
 # Files of a suite have the same heads.
@@ -80,48 +72,46 @@ def read_head(words: str) -> Head:
     plain = " ".join(normalize(words).replace("_", " ").split())
     bracketed = [match for match in _IN_BRACKETS.finditer(plain) if _is_unit(plain, match)]
     if bracketed:
-        units = [
-            parse_unit((match["square"] or match["round"] or "").strip())
-            for match in bracketed
-        ]
-        return _settle(words, _cut_out(plain, bracketed), units)
-    if _match_whole(plain):
+        inside = [(match["square"] or match["round"] or "").strip() for match in bracketed]
+        return _settle(words, _cut_out(plain, bracketed), [*map(parse_unit, inside)])
+    if match_whole(plain):
         return _settle(words, plain, [])
     # m or h alone may be anything, but for a quantity that has such units.
     for match in re.finditer(r"\s*/\s*|\s+(?:in\s+)?", plain):
+        name = plain[: match.start()]
         unit = parse_unit(plain[match.end() :])
-        quantity = find_quantity(plain[: match.start()])
-        if unit.dimension and quantity and unit.dimension in QUANTITIES[quantity].dimensions:
-            return Head(words, plain[: match.start()], quantity, (unit,))
+        quantity = find_quantity(name)
+        if quantity and unit.dimension in QUANTITIES[quantity].dimensions:
+            return Head(words, name, quantity, (unit,))
     clear = [*re.finditer(f"{WORD_START}(?:{_CLEAR}){WORD_END}", plain, re.I)]
     return _settle(words, _cut_out(plain, clear), [parse_unit(match[0]) for match in clear])
 
 
 def find_quantity(name: str) -> str:
     """Find the quantity that the name of a column says, without a unit; empty for none."""
-    if quantity := _match_whole(name):
+    if quantity := match_whole(name):
         return quantity
     if re.search(_ELASTIC_SPECTRUM, name):
         return "spectral acceleration"
+    words = split_words(name)
+    for quantity, known in QUANTITIES.items():
+        if any(re.fullmatch(known.words, word, re.I) for word in words):
+            return quantity
+    return ""
+
+
+def split_words(name: str) -> list[str]:
+    """Split a name into its words of letters, and those also where it is in camelCase."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    words = re.findall(r"[^\W\d_]+", f"{name} {apart}")
-    return next(
-        (
-            key
-            for key, known in QUANTITIES.items()
-            if any(re.fullmatch(known.words, word, re.I) for word in words)
-        ),
-        "",
-    )
+    return re.findall(r"[^\W\d_]+", name if apart == name else f"{name} {apart}")
 
 
-def _match_whole(name: str) -> str:
+def match_whole(name: str) -> str:
     """Find the quantity of which this is a whole name; empty for none."""
-    if not name:
-        return ""
-    return next(
-        (key for key, known in QUANTITIES.items() if re.fullmatch(known.names, name, re.I)), ""
-    )
+    for quantity, known in QUANTITIES.items():
+        if name and re.fullmatch(known.names, name, re.I):
+            return quantity
+    return ""
 
 
 def _is_unit(name: str, match: re.Match[str]) -> bool:
@@ -159,7 +149,4 @@ def _settle(words: str, name: str, units: list[Unit]) -> Head:
     )
     if not quantity or (says_little and dimension):
         return Head(words, name, QUANTITY_BY_DIMENSION.get(dimension, dimension), tuple(units))
-    fitting = (
-        unit if unit.dimension in known else Unit(unit.words, "", math.nan) for unit in units
-    )
-    return Head(words, name, quantity, tuple(fitting))
+    return Head(words, name, quantity, tuple(unit.as_dimension(*known) for unit in units))

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from .heads import read_head
+from .heads import match_whole, read_head
 from .rows import SEPARATORS, Row, is_comment, is_number, split_line, split_lines
 from .text import TextFile, quote_word
 from .units import parse_unit
@@ -21,22 +21,9 @@ _STATEMENT = re.compile(r"[^:=]*[:=].*")
 
 
 class Layout(NamedTuple):
-    """Layout of a table.
+    """Layout of a table, as `Table` describes it; `top` is the line above the first row."""
 
-    Attributes
-    ----------
-    names : list of str
-        The names of the columns, with their units; empty if they have none.
-    line : int
-        Line of the names, or the first one below if there are none.
-    notes : list of (int, str)
-        Comments and lines above the names, with the numbers of their lines.
-    separator : str
-        The character between two cells.
-    top : int
-        Number of the line above the first row.
-    """
-
+    # With their units.
     names: list[str]
     line: int
     notes: list[tuple[int, str]]
@@ -46,10 +33,9 @@ class Layout(NamedTuple):
 
 def find_layout(text: TextFile) -> Layout:
     """Find the layout of a table; a `ValueError` if it has no rows, or titles but no names."""
-    notes: list[tuple[int, str]] = []
-    if "#" in text.content:
-        lines = enumerate(text.lines, 1)
-        notes = [(n, line) for n, line in lines if "#" in line and is_comment(line)]
+    # Few files have any, and few of their lines.
+    lines = enumerate(text.lines if "#" in text.content else [], 1)
+    notes = [(number, line) for number, line in lines if "#" in line and is_comment(line)]
     stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
     top = 1 if stated else 0
     # Of a tab at the end of the first line the reader of lines has taken away, as it may be.
@@ -63,8 +49,7 @@ def find_layout(text: TextFile) -> Layout:
     titles = [row for k, row in enumerate(sample[:first]) if k != head]
     top = sample[first].line - 1 if first < len(sample) else len(text.lines)
     if head is not None:
-        names = sample[head].cells
-        line = sample[head].line
+        line, names = sample[head]
         units = titles[-1].cells if titles and head + 1 < first else []
         if _are_units(units, len(names)):
             del titles[-1]
@@ -76,13 +61,13 @@ def find_layout(text: TextFile) -> Layout:
         while len(names) > 1 and not names[-1]:
             del names[-1]
     elif first == len(sample):
-        got = quote_word(text.lines[sample[-1].line - 1])
-        raise text.error(f"rows of numbers were expected below {got}", sample[-1].line)
+        last = quote_word(text.lines[sample[-1].line - 1])
+        raise text.error(f"rows of numbers were expected below {last}", sample[-1].line)
     else:
         names, line = _find_names_in_comments(notes, sample[first:], separator)
         if not names and titles:
-            got = quote_word(text.lines[top])
-            raise text.error(f"names of the columns were expected above {got}", top + 1)
+            row = quote_word(text.lines[top])
+            raise text.error(f"names of the columns were expected above {row}", top + 1)
     notes = [note for note in notes if note[0] != line]
     notes += [(row.line, text.lines[row.line - 1]) for row in titles]
     return Layout(names, line, sorted(notes), separator, top)
@@ -90,20 +75,16 @@ def find_layout(text: TextFile) -> Layout:
 
 def _find_head(sample: list[Row]) -> tuple[int | None, int]:
     """Find the row of the names, None if there is none, and the first row below it."""
-    leading = [0]
-    while leading[-1] + 1 < len(sample) and not any(
-        map(is_number, sample[leading[-1] + 1].cells)
-    ):
-        leading.append(leading[-1] + 1)
     if all(map(is_number, filter(None, sample[0].cells))):
         return None, 0
+    numbered = [k for k, row in enumerate(sample) if k and any(map(is_number, row.cells))]
+    leading = range(numbered[0] if numbered else len(sample))
     width = Counter(len(row.cells) for row in sample).most_common(1)[0][0]
-    # Titles have one cell, or are statements such as "Time Step: 0.005".
+    # Titles have one cell, or are statements.
     names = [
         k
         for k in leading
-        if (width == 1 or any(sample[k].cells[1:]))
-        and not (len(sample[k].cells) == 1 and _STATEMENT.fullmatch(sample[k].cells[0]))
+        if (width == 1 or any(sample[k].cells[1:])) and not _is_statement(sample[k].cells)
     ]
     if not names:
         return None, leading[-1] + 1
@@ -113,30 +94,27 @@ def _find_head(sample: list[Row]) -> tuple[int | None, int]:
     if not known[head]:
         head = fitting[-1 if width == 1 else 0]
     first = head + 1
-    while first < len(sample) and _stands_between(
-        sample[first].cells, len(sample[head].cells)
-    ):
+    # Below the names units may stand, or statements.
+    for row in sample[first:]:
+        if not (_are_units(row.cells, len(sample[head].cells)) or _is_statement(row.cells)):
+            break
         first += 1
     return head, first
 
 
-def _stands_between(cells: list[str], width: int) -> bool:
-    """Return whether a row below the names is none of numbers: of units, or a statement."""
-    return _are_units(cells, width) or (
-        len(cells) == 1 and not is_number(cells[0]) and bool(_STATEMENT.fullmatch(cells[0]))
-    )
+def _is_statement(cells: list[str]) -> bool:
+    """Return whether a row is a statement, such as "Time Step: 0.005"."""
+    return len(cells) == 1 and _STATEMENT.fullmatch(cells[0]) is not None
 
 
 def _are_units(cells: list[str], width: int) -> bool:
     """Return whether cells are units, or empty: the line below names in some logs."""
-    words = [cell.strip("[]() ") for cell in cells]
-    known = [word for word in words if word and parse_unit(word).dimension]
-    numbers = [word for word in words if is_number(word)]
+    words = [*filter(None, (cell.strip("[]() ") for cell in cells))]
     return (
         len(cells) == width
-        and bool(known)
-        and not numbers
-        and len(known) == sum(map(bool, words))
+        and bool(words)
+        and not any(map(is_number, words))
+        and all(parse_unit(word).dimension for word in words)
     )
 
 
@@ -159,7 +137,7 @@ def _find_names_in_comments(
         plain = all(
             _NAME_IN_COMMENT.fullmatch(name)
             or (name.endswith(("]", ")")) and read_head(name).units)
-            or read_head(name).is_whole
+            or match_whole(read_head(name).name)
             for name in names
         )
         if plain and len(names) == width and not any(map(is_number, names)):

@@ -7,25 +7,18 @@ from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """A quantity by the names of its columns.
+    """A quantity by the names of its columns."""
 
-    Attributes
-    ----------
-    names : str
-        Pattern of whole names, without their unit, in lower case and with blanks for
-        underscores.
-    words : str
-        Pattern of words that make any name that has them one of this quantity.
-    dimensions : tuple of str
-        What its units measure, as in `units.py`.
-    """
-
+    # Pattern of whole names, without their unit and with blanks for underscores.
     names: str
+    # Pattern of words that make any name that has them one of this quantity.
     words: str
+    # What its units measure, as in `units.py`.
     dimensions: tuple[str, ...]
 
 
 _RATIO = ("ratio",)
+_TIME = ("time",)
 _LENGTH = ("length",)
 _OF = r"(?:of )?(?:the )?"
 _YEARS = r"(?:years?|yrs?|a)"
@@ -36,6 +29,10 @@ _PROBABILITY = r"(?:probability|probabilities|prob|poes?)"
 _LARGEST = r"(?:peaks?|max(?:imum)?|largest)"
 _MEAN = r"(?:mean |hazard |exceed[ae]nce )*"
 _ANNUAL = rf"{_MEAN}(?P<annual>(?:annual|yearly) )?{_MEAN}"
+# What may stand in front of the name of a level, and behind it.
+_KIND = r"(?:level |horizontal |geometric |mean |of |value )*"
+_LEVEL = r"(?: levels?| values?| iml?)*"
+_PEAK = r"peak (?:horizontal )?ground"
 # Of motions and spectra a word in the name is enough, since whatever is no acceleration must not
 # be taken for one. Of hazards and objects all of the name has to be understood.
 QUANTITIES: dict[str, Quantity] = {
@@ -43,14 +40,14 @@ QUANTITIES: dict[str, Quantity] = {
         rf"(?:elapsed |relative |record )?(?:t|times?)(?: {_OF}impacts?)?|impact times?"
         r"|s|secs?|seconds?",
         "",
-        ("time",),
+        _TIME,
     ),
     "period": Quantity(
         r"(?:natural |structural |vibration )?periods?|tn|frequenc(?:y|ies)|freqs?",
         r"periods?|frequenc(?:y|ies)|freqs?",
         ("time", "frequency"),
     ),
-    "duration": Quantity("", r"d?dt|durations?|intervals?|delays?|lags?|steps?", ("time",)),
+    "duration": Quantity("", r"d?dt|durations?|intervals?|delays?|lags?|steps?", _TIME),
     "return period": Quantity(
         rf"(?:mean )?(?:return|recurrence) (?:period|interval)s?(?: {_EXCEEDANCE})?(?: in years)?",
         "",
@@ -75,22 +72,10 @@ QUANTITIES: dict[str, Quantity] = {
         ("acceleration", "velocity", "length"),
     ),
     "intensity": Quantity("", r"arias|cav|husid|mmi", ("velocity", "ratio")),
-    "pga": Quantity(
-        r"(?:level |horizontal |geometric |mean |of |value )*"
-        r"(?:pga|peak (?:horizontal )?ground acceleration)(?: levels?| values?| iml?)*",
-        "pga",
-        ("acceleration",),
-    ),
-    "pgv": Quantity(
-        r"(?:level |horizontal |geometric |mean |of |value )*"
-        r"(?:pgv|peak (?:horizontal )?ground velocity)(?: levels?| values?| iml?)*",
-        "pgv",
-        ("velocity",),
-    ),
+    "pga": Quantity(rf"{_KIND}(?:pga|{_PEAK} acceleration){_LEVEL}", "pga", ("acceleration",)),
+    "pgv": Quantity(rf"{_KIND}(?:pgv|{_PEAK} velocity){_LEVEL}", "pgv", ("velocity",)),
     "level": Quantity(
-        r"(?:intensity(?: measure)?|iml?)?(?: ?levels?)?",
-        "",
-        ("acceleration", "velocity"),
+        r"(?:intensity(?: measure)?|iml?)?(?: ?levels?)?", "", ("acceleration", "velocity")
     ),
     "width": Quantity(r"(?:full )?width|base", "", _LENGTH),
     "height": Quantity(r"(?:full )?height", "", _LENGTH),

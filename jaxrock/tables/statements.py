@@ -22,7 +22,7 @@ from .units import (
 )
 
 # The words of a statement, and its value in SI: NaN if they are not understood.
-Found = tuple[str, float]
+WordsAndValue = tuple[str, float]
 
 # Also what is no acceleration, which is then NaN.
 _ANY = rf"(?:{ACCELERATION}|{VELOCITY}|counts?|volts?|mv|[ckn]m)"
@@ -101,7 +101,7 @@ _NO_UNIT_AFTER = rf"\s*(?:$|[(;)\]]|[,.](?!\d)|[\[(]?\s*{_WORD}\s*[=:])"
 
 
 def collect_statements(
-    find: Callable[[str], list[Found]], lines: Iterable[tuple[int, str]], where: str
+    find: Callable[[str], list[WordsAndValue]], lines: Iterable[tuple[int, str]], where: str
 ) -> list[Statement]:
     """Collect the statements that `find` finds in lines; `where` says in what they stand."""
     return [
@@ -114,13 +114,10 @@ def collect_statements(
 def find_contents(
     lines: Iterable[tuple[int, str]], known: bool = False
 ) -> tuple[int, str] | None:
-    """Find a line that says that the values are no accelerations, and what they are instead.
-
-    Headers of accelerations may mention velocities or displacements, which are computed from
-    them, and a spectrum that they match. But a "velocity time series" is none of accelerations,
-    and neither are values above which velocities are mentioned and no accelerations, unless
-    these are `known` to be accelerations.
-    """
+    """Find a line that says that the values are no accelerations, and what they are instead."""
+    # Headers of accelerations may mention velocities or displacements, which are computed from
+    # them, and a spectrum that they match. But a "velocity time series" is none of them, and
+    # neither are values above which only velocities are mentioned, unless these are `known`.
     lines = [*lines]
     for number, line in lines:
         match = re.search(_OTHER_SERIES, line, re.I)
@@ -138,7 +135,7 @@ def find_factor(line: str) -> str:
     return match[0] if match and read_fortran(match["number"]) != 1 else ""
 
 
-def find_units(line: str) -> list[Found]:
+def find_units(line: str) -> list[WordsAndValue]:
     """Find the units of acceleration that a line of text states, from left to right."""
     line = normalize(line)
     # By where they begin, so that a unit that several patterns find counts once. Patterns run
@@ -155,10 +152,10 @@ def find_units(line: str) -> list[Found]:
     return [stated[start] for start in sorted(stated)]
 
 
-def find_steps(line: str) -> list[Found]:
+def find_steps(line: str) -> list[WordsAndValue]:
     """Find the time steps [s] that a line states, also as a number of samples per second."""
     line = normalize(line)
-    stated: list[Found] = []
+    stated: list[WordsAndValue] = []
     for pattern in (_STEP, _RATE):
         if match := re.search(pattern, line, re.I):
             number = read_fortran(match["number"])
@@ -181,7 +178,7 @@ def find_steps(line: str) -> list[Found]:
     return stated
 
 
-def find_unit_after(tail: str) -> Found:
+def find_unit_after(tail: str) -> WordsAndValue:
     """Find the unit [s] of a number in the text after it: 1 for none, NaN if not clear."""
     if match := re.match(_UNIT_AFTER, tail):
         return match[0], _parse_time(match["unit"])
@@ -194,18 +191,16 @@ def read_fortran(word: str) -> float:
     return float(word if "e" in word else re.sub(r"(?<=[\d.])(?=[-+])", "e", word))
 
 
-def _interpret(words: str) -> Found:
+def _interpret(words: str) -> WordsAndValue:
     """Return the words of a unit, and its value if it is one of acceleration, else NaN."""
     # A bracket at the end belongs to the text around, unless one was opened inside.
     words = words if "(" in words else words.rstrip(")]}")
-    unit = parse_unit(words)
-    return words, unit.factor if unit.dimension == "acceleration" else math.nan
+    return words, parse_unit(words).as_dimension("acceleration").factor
 
 
 def _parse_time(word: str) -> float:
     """Convert a unit of time to seconds; NaN if it is not understood."""
-    unit = parse_unit(word)
-    return unit.factor if unit.dimension == "time" else math.nan
+    return parse_unit(word).as_dimension("time").factor
 
 
 def _invert(number: float) -> float:

@@ -17,18 +17,10 @@ from ..host import show_progress
 from .cut import require_whole_end
 from .heads import Head, read_head
 from .layout import find_layout
-from .rows import (
-    DECIMAL_COMMA,
-    DECIMAL_POINT,
-    FORTRAN,
-    SEPARATORS,
-    Row,
-    is_comment,
-    split_line,
-    split_lines,
-)
+from .rows import DECIMAL_COMMA, SEPARATORS, Row, is_comment, split_line, split_lines
 from .text import TextFile, as_number, quote_word
 
+_DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+(?:[ed][-+]?\d+)?", re.I)
 _PERHAPS_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 # As many are enough to see how numbers are printed.
 _LAST_LINES = 1000
@@ -53,13 +45,9 @@ class Table:
 
     def __init__(self, text: TextFile):
         """Find the layout of a table, and read its heads."""
-        layout = find_layout(text)
         self.text = text
-        self.heads: tuple[Head, ...] = tuple(map(read_head, layout.names))
-        self.line = layout.line
-        self.notes = layout.notes
-        self.separator = layout.separator
-        self._top = layout.top
+        names, self.line, self.notes, self.separator, self._top = find_layout(text)
+        self.heads: tuple[Head, ...] = tuple(map(read_head, names))
 
     @property
     def names(self) -> list[str]:
@@ -97,23 +85,23 @@ class Table:
         # Names may be numbers with points, as of catalogues, whatever stands before decimals.
         named = {k for k, head in enumerate(self.heads) if head.quantity == "name"}
         cells = [
-            (row.line, cell)
+            (cell, row.line)
             for row in self.rows
             for column, cell in enumerate(row.cells)
             if column not in named
         ]
-        commas = [pair for pair in cells if DECIMAL_COMMA.fullmatch(pair[1])]
-        points = [pair for pair in cells if DECIMAL_POINT.fullmatch(pair[1])]
+        commas = [pair for pair in cells if DECIMAL_COMMA.fullmatch(pair[0])]
+        points = [pair for pair in cells if _DECIMAL_POINT.fullmatch(pair[0])]
         if commas and points:
             raise self.text.error(
                 f"decimals must all stand behind points or all behind commas, got"
-                f" {commas[0][1]!r} in line {commas[0][0]} and {points[0][1]!r}",
-                points[0][0],
+                f" {commas[0][0]!r} in line {commas[0][1]} and {points[0][0]!r}",
+                points[0][1],
             )
         # Where semicolons separate cells, points separate thousands in many languages.
         doubtful = points if self.separator == ";" and not commas else commas
-        if doubtful and all(_PERHAPS_THOUSANDS.fullmatch(cell) for _, cell in doubtful):
-            line, cell = doubtful[0]
+        if doubtful and all(_PERHAPS_THOUSANDS.fullmatch(cell) for cell, _ in doubtful):
+            cell, line = doubtful[0]
             raise self.text.error(
                 f"{cell!r} may be a number with decimals, or one of thousands: write numbers"
                 " with decimal points and without separators of thousands, cells separated by"
@@ -124,9 +112,8 @@ class Table:
 
     def error_of_width(self, row: Row) -> ValueError:
         """Make the error that a row has another number of cells than there are names."""
-        between = SEPARATORS[self.separator]
-        expected = f"{len(self.heads)} fields separated by {between} were expected"
-        return self.text.error(f"{expected}, got {len(row.cells)}", row.line)
+        expected = f"{len(self.heads)} fields separated by {SEPARATORS[self.separator]}"
+        return self.text.error(f"{expected} were expected, got {len(row.cells)}", row.line)
 
     def parse_number(self, row: Row, column: int) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""
@@ -134,23 +121,15 @@ class Table:
         # Behind semicolons a point may separate thousands, which `decimal` refuses.
         if ("," in cell or self.separator == ";") and self.decimal == ",":
             cell = cell.replace(",", ".", 1)
-        number = as_number(cell)
-        if number is None and (fortran := FORTRAN.fullmatch(cell)):
-            number = as_number(f"{fortran[1]}e{fortran[2]}")
-        return number
+        return as_number(cell)
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
-        """Read columns of finite numbers in all lines; of shape (columns, rows).
-
-        Raises a `ValueError` with the line if one is no such number, if a line is empty, or if
-        the file is cut within its last number.
-        """
-        lines = self.text.lines[self._top :]
-        values = self._read_quickly(lines, columns)
+        """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
+        values = self._read_quickly(columns)
         if values is None:
             rows = show_progress(self.rows, f"reading {self.text.path.name}")
-            values = np.array([self._read_row(row, columns) for row in rows])
-            values = values.reshape(-1, len(columns))
+            numbers = [self._require_number(row, column) for row in rows for column in columns]
+            values = np.array(numbers).reshape(-1, len(columns))
             first = self.rows[0].line if self.rows else self._top + 1
             for number, line in enumerate(self.text.lines[first - 1 :], first):
                 # A line that is missing would shift all samples that follow.
@@ -177,8 +156,9 @@ class Table:
             words = [word.replace(",", ".") for word in words]
         require_whole_end(self.text, words)
 
-    def _read_quickly(self, lines: list[str], columns: Sequence[int]) -> np.ndarray | None:
+    def _read_quickly(self, columns: Sequence[int]) -> np.ndarray | None:
         """Read columns of plain numbers; None if anything is unusual."""
+        lines = self.text.lines[self._top :]
         # Behind semicolons a point may be of thousands. With quotes, or with fields missing in
         # some lines, `loadtxt` would not always raise: it does for a missing last one that is
         # wanted, and the sum shows that none is too many.
@@ -202,22 +182,16 @@ class Table:
         # It passes over empty lines, which samples must not have.
         return rows if len(rows) == len(lines) and np.isfinite(rows).all() else None
 
-    def _read_row(self, row: Row, columns: Sequence[int]) -> list[float]:
-        """Read finite numbers of a row that has all cells."""
+    def _require_number(self, row: Row, column: int) -> float:
+        """Convert a cell of a row that has all of them to a finite number."""
         if len(row.cells) != len(self.heads):
             raise self.error_of_width(row)
-        return [self.require_number(row, column) for column in columns]
-
-    def require_number(self, row: Row, column: int) -> float:
-        """Convert a cell to a finite number; a `ValueError` with line and column if it is none."""
         number = self.parse_number(row, column)
         if number is not None and math.isfinite(number):
             return number
-        cell = row.cells[column] if column < len(row.cells) else ""
-        allowed = "a number" if number is None else "finite"
-        cell = quote_word(cell) if cell else "an empty field"
-        raise self.text.error(
-            f"column {self.names[column]!r} must be {allowed}, got {cell}", row.line
+        # What is no finite number with a decimal comma is none without it.
+        return self.text.parse_number(
+            row.cells[column], row.line, f"column {self.names[column]!r}"
         )
 
 
@@ -225,10 +199,6 @@ def read_table(source: Path | TextFile) -> Table:
     """Read a table whose fields are separated by commas, semicolons, tabs, bars or blanks.
 
     Lines that begin with # are comments; the last one above numbers may have the names of the
-    columns, as NumPy writes it. Above the names other lines may stand, below them a line of
-    units.
-
-    Raises a `ValueError` that names the file if it cannot be read, is binary, or if all lines
-    are comments.
+    columns, as NumPy writes it. Above the names other lines may stand, below them units.
     """
     return Table(source if isinstance(source, TextFile) else TextFile(source))

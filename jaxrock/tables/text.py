@@ -1,5 +1,6 @@
 """Text files: their lines, errors that name file and line, and statements that must agree."""
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -40,13 +41,7 @@ class Statement(NamedTuple):
 
 
 class NamedFile:
-    """A file of any kind, and errors that name it.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    """
+    """A file of any kind, and errors that name it."""
 
     def __init__(self, path: Path):
         """Take the name."""
@@ -64,11 +59,10 @@ class NamedFile:
         missing: str,
         line: int = 0,
     ) -> float:
-        """Return the value on which all statements agree, the first one's.
+        """Return the first value, from which none may differ by more than the `tolerance`.
 
-        Raises a `ValueError` with the words `missing`, at this line, if there is no statement;
-        if the first one is not understood, with what is `allowed`; or if another one differs
-        from the first by more than the relative `tolerance`.
+        A `ValueError` says what is `missing`, at this line, if there is no statement, and what
+        is `allowed` if the first one is not understood.
         """
         statements = [*statements]
         if not statements:
@@ -88,8 +82,6 @@ class TextFile(NamedFile):
 
     Attributes
     ----------
-    path : Path
-        The file.
     content : str
         The text, with line ends of one kind.
     lines : list of str
@@ -99,10 +91,7 @@ class TextFile(NamedFile):
     """
 
     def __init__(self, path: Path, content: bytes | None = None):
-        """Take the lines of the content, or read it from the file.
-
-        Raises a `ValueError` if the file is empty, binary or cannot be read.
-        """
+        """Take the lines of the content, or of the file; a `ValueError` if that is no text."""
         super().__init__(path)
         content = read_content(path) if content is None else content
         if any(map(content.startswith, _MARKS)):
@@ -124,12 +113,11 @@ class TextFile(NamedFile):
     def parse_number(self, word: str, line: int, name: str = "a value") -> float:
         """Convert a word to a finite number; `name` says of what."""
         value = as_number(word)
-        if value is None:
-            got = quote_word(word) if word.strip() else "an empty field"
-            raise self.error(f"{name} must be a number, got {got}", line)
-        if not math.isfinite(value):
-            raise self.error(f"{name} must be finite, got {quote_word(word)}", line)
-        return value
+        if value is not None and math.isfinite(value):
+            return value
+        allowed = "a number" if value is None else "finite"
+        seen = quote_word(word) if word.strip() else "an empty field"
+        raise self.error(f"{name} must be {allowed}, got {seen}", line)
 
     def read_values(
         self,
@@ -137,20 +125,13 @@ class TextFile(NamedFile):
         parse_all: Callable[[list[str]], np.ndarray],
         parse_line: Callable[[str, int], Iterable[float]],
     ) -> np.ndarray:
-        """Read the numbers after line `top`.
-
-        The lines go to `parse_all` together, which is faster. If that raises a `ValueError` or
-        returns a number that is not finite, they go to `parse_line` one by one, which accepts
-        unusual writing and names the line of an error.
-        """
+        """Read the numbers after line `top`, all together or else line by line."""
         lines = self.lines[top:]
-        try:
+        # The first is faster, the second accepts unusual writing and names the line of an error.
+        with contextlib.suppress(ValueError):
             values = parse_all(lines)
             if np.isfinite(values).all():
                 return values
-        except ValueError:
-            # One by one below.
-            pass
         numbered = enumerate(show_progress(lines, f"reading {self.path.name}"), top + 1)
         return np.array([value for n, line in numbered for value in parse_line(line, n)])
 
@@ -166,19 +147,17 @@ def read_content(path: Path) -> bytes:
 
 def as_number(word: str) -> float | None:
     """Convert a word to a number, NaN and infinity among them; None if it is none."""
-    # 1_000 is a number in Python only: elsewhere it is a mistake.
+    # 1_000 is a number in Python only: elsewhere it is a mistake. Fortran writes 1D3.
     try:
-        return float(word.replace("_", "?"))
+        return float(word.replace("_", "?").lower().replace("d", "e"))
     except ValueError:
         return None
 
 
 def quote_names(names: Iterable[str]) -> str:
     """Quote the first of several names, for a message."""
-    names = [*names]
-    return ", ".join([quote_word(name) for name in names[:12]]) + (
-        ", ..." if names[12:] else ""
-    )
+    quoted = [*map(quote_word, names)]
+    return ", ".join(quoted[:12] + ["..."] * bool(quoted[12:]))
 
 
 def quote_word(word: str) -> str:
@@ -194,7 +173,6 @@ def _decode(content: bytes) -> str:
     try:
         return content.decode()
     except UnicodeDecodeError:
-        lines = content.split(b"\n")
-        if len(lines) == 1:
+        if b"\n" not in content:
             return content.decode("latin-1")
-        return "\n".join(map(_decode, lines))
+        return "\n".join(map(_decode, content.split(b"\n")))

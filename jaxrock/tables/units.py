@@ -86,8 +86,12 @@ class Unit(NamedTuple):
     """
 
     words: str
-    dimension: str
-    factor: float
+    dimension: str = ""
+    factor: float = math.nan
+
+    def as_dimension(self, *dimensions: str) -> "Unit":
+        """Return the unit if it measures one of these, else as one that is not understood."""
+        return self if self.dimension in dimensions else Unit(self.words)
 
 
 def _spell(*dimensions: str) -> str:
@@ -137,7 +141,6 @@ def parse_unit(words: str) -> Unit:
     plain = re.sub(r"(?:\bs|(?<=m)s)s$", "s2", plain)
     plain = re.sub(r"^([cmn]?m)(?=s-?2$)", r"\1/", plain).replace("/s-2", "/s2")
     plain = re.sub(r"^1?\s*(?=/|per\b)", "1 ", plain)
-    not_understood = Unit(words, "", math.nan)
     powers: Counter[str] = Counter()
     value = 1.0
     below = False
@@ -145,7 +148,7 @@ def parse_unit(words: str) -> Unit:
     while at < len(plain):
         match = _FACTOR.match(plain, at)
         if match is None:
-            return not_understood
+            return Unit(words)
         dimension, factor = next(
             (row[0], row[1]) for row in _UNITS if re.fullmatch(row[2], match["unit"])
         )
@@ -161,7 +164,7 @@ def parse_unit(words: str) -> Unit:
         at = match.end()
     product = tuple(sorted((name, power) for name, power in powers.items() if power))
     dimension = _PRODUCTS.get(product, "other")
-    return Unit(words, dimension, value) if at else not_understood
+    return Unit(words, dimension, value) if at else Unit(words)
 
 
 def normalize(text: str) -> str:

@@ -69,7 +69,8 @@ def require_upward(component: Component) -> Component:
     """Return a vertical component; a `ValueError` if it is known to point elsewhere."""
     if component.direction == "down":
         raise ValueError(
-            f"{component.name} points downward, but a vertical component must be positive upward"
+            f"{component.name} points downward by its name or header, but a vertical component"
+            " must be positive upward: give its values times -1 as Record(vertical=)"
         )
     if component.direction == "level":
         raise ValueError(f"{component.name} is horizontal, a vertical component was expected")

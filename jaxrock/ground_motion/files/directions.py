@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
+from ...tables import split_words
 from .components import Direction
 
 # "vertical" is a word such as V or Z, which does not say whether up or down.
@@ -75,8 +76,7 @@ def find_clear_direction(name: str) -> Direction:
 
 def _has_word(pattern: str, words: str) -> bool:
     """Return whether a whole word of a name, which may be in camelCase, matches a pattern."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", words)
-    return any(re.fullmatch(pattern, word, re.I) for word in re.findall(r"[^\W\d_]+", apart))
+    return any(re.fullmatch(pattern, word, re.I) for word in split_words(words))
 
 
 def find_name_direction(path: Path, paths: Iterable[Path]) -> Stated:
@@ -109,16 +109,13 @@ def find_word_direction(word: str) -> Stated:
 
 
 def find_channel_direction(name: str, names: Mapping[str, Direction]) -> Direction | None:
-    """Find the direction of a channel by its name in a header; None if it is not understood.
-
-    `names` are patterns that a format adds to the words that all have in common.
-    """
+    """Find the direction of a channel by words, or by patterns of names of its format."""
     stated = find_word_direction(name)
-    # In SEED's channels Z points up. Any other word for vertical leaves open where to.
-    if stated == "vertical" and name.lower().endswith("z"):
-        return "up"
     if stated and stated != "vertical":
         return stated
+    # In SEED's channels Z points up. Any other word for vertical leaves open where to.
+    if stated and name.lower().endswith("z"):
+        return "up"
     for pattern, direction in names.items():
         if re.fullmatch(pattern, name, re.I):
             return direction

@@ -42,10 +42,7 @@ def is_miniseed(content: bytes) -> bool:
 
 
 def count_samples(file: NamedFile, content: bytes) -> int:
-    """Count the samples that the records of a file state, and hold as floating-point numbers.
-
-    Raises a `ValueError` if it cannot be read safely.
-    """
+    """Count the samples that the records of a file state, and hold as floating-point numbers."""
     if content.startswith(_VERSION_3):
         raise file.error("miniSEED of version 3 is not read: convert it to version 2")
     # Those of a channel are the same, unless some records have more blockettes.
@@ -58,14 +55,14 @@ def count_samples(file: NamedFile, content: bytes) -> int:
         record = content[start : start + 2 ** _EXPONENTS[-1]]
         try:
             layout, stated = _measure_record(record)
-            first = layouts.setdefault((record[_CODES], record[_BLOCKETTES]), layout)
-            if layout != first:
-                raise ValueError(
-                    f"is damaged: it has {layout._asdict()}, an earlier one of its channel"
-                    f" {first._asdict()}"
-                )
         except ValueError as error:
             raise file.error(f"the record at byte {start} {error}") from None
+        first = layouts.setdefault((record[_CODES], record[_BLOCKETTES]), layout)
+        if layout != first:
+            raise file.error(
+                f"the record at byte {start} is damaged: it has {layout._asdict()}, an earlier"
+                f" one of its channel {first._asdict()}"
+            )
         start += layout.length
         samples += stated
     return samples
@@ -76,9 +73,8 @@ def _measure_record(record: bytes) -> tuple[_Layout, int]:
     # obspy finds by the date which byte of a number comes first.
     order = ">" if 1900 <= int.from_bytes(record[_YEAR : _YEAR + 2], "big") <= 2100 else "<"
     try:
-        fields = struct.unpack_from(order + _FIELDS, record, _YEAR)
-        year, day, samples, offset, blockette = fields
-        encoding, word_order, exponent = _read_blockette_1000(record, blockette, order)
+        year, day, samples, offset, at = struct.unpack_from(order + _FIELDS, record, _YEAR)
+        encoding, word_order, exponent = _read_blockette_1000(record, at, order)
     except struct.error:
         raise ValueError("is cut") from None
     if not 1900 <= year <= 2100 or not 1 <= day <= 366:
@@ -103,15 +99,14 @@ def _measure_record(record: bytes) -> tuple[_Layout, int]:
 
 def _read_blockette_1000(record: bytes, at: int, order: str) -> tuple[int, int, int]:
     """Follow the chain of blockettes; return encoding, word order and exponent of the length."""
-    while at >= _HEAD:
-        kind, following = struct.unpack_from(f"{order}HH", record, at)
+    before = _HEAD - 1
+    # A chain that leads back would never end.
+    while at > before:
+        before = at
+        kind, at = struct.unpack_from(f"{order}HH", record, before)
         if kind == 1000:
-            encoding, word_order, exponent = struct.unpack_from("BBB", record, at + 4)
-            if exponent not in _EXPONENTS or at + 8 > 2**exponent:
+            encoding, word_order, exponent = struct.unpack_from("BBB", record, before + 4)
+            if exponent not in _EXPONENTS or before + 8 > 2**exponent:
                 raise ValueError(f"is damaged: its length is 2 to the power of {exponent}")
             return encoding, word_order, exponent
-        # A chain that leads back would never end.
-        if following <= at:
-            break
-        at = following
     raise ValueError("has no blockette 1000, which states its length and what its samples are")

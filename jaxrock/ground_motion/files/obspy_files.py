@@ -45,10 +45,7 @@ _TOGETHER = 0.01
 
 
 def find_trace_format(content: bytes, suffix: str) -> str:
-    """Find a binary format, by content or else by the suffix of the name.
-
-    "MSEED" or "SAC", "" for others.
-    """
+    """Find a format, "MSEED", "SAC" or "" for others, by content or else by the suffix."""
     if is_miniseed(content):
         return "MSEED"
     for order in ("little", "big"):
@@ -59,11 +56,7 @@ def find_trace_format(content: bytes, suffix: str) -> str:
 
 
 def read_traces(path: Path, content: bytes, claims: Claims) -> list[Component]:
-    """Read the content of a miniSEED or SAC file, a component of each channel.
-
-    Neither format states a unit that can be relied on, so that the caller has to. Counts of an
-    instrument are refused, and channels with gaps.
-    """
+    """Read the content of a miniSEED or SAC file, a component of each channel."""
     file = NamedFile(path)
     kind = find_trace_format(content, path.suffix)
     samples = count_samples(file, content) if kind == "MSEED" else None
@@ -79,14 +72,14 @@ def read_traces(path: Path, content: bytes, claims: Claims) -> list[Component]:
     components: list[Component] = []
     for trace in traces:
         # Several stations in a file may have channels of the same name.
-        unique = channels.count(trace.stats.channel) == 1
-        channel = trace.stats.channel if unique else trace.id
+        named = trace.stats.channel
+        channel = named if channels.count(named) == 1 else trace.id
         name = f"{str(path)!r} {channel}".rstrip()
         # The factor that obspy calls calib is 1, or refused.
         component = take_component(name, trace, "m/s2", calibrated=True)
         _refuse_counts(name, trace)
         step = component.step
-        direction = find_channel_direction(trace.stats.channel, _CHANNELS) or ""
+        direction = find_channel_direction(named, _CHANNELS) or ""
         if kind == "SAC":
             step = _check_sac(file, trace.stats.sac, component)
             direction = _find_sac_direction(file, trace.stats.sac, channel, direction)
@@ -132,16 +125,16 @@ def _join_lines(message: str) -> str:
 def _require_whole(file: NamedFile, traces: list[Any]) -> None:
     """Refuse channels in several pieces, and channels that do not start together."""
     names = [trace.id for trace in traces]
-    first = traces[0].stats
-    for name, trace in zip(names, traces, strict=True):
-        if (pieces := names.count(name)) > 1:
+    first = traces[0]
+    for trace in traces:
+        if (pieces := names.count(trace.id)) > 1:
             raise file.error(
-                f"{name} is in {pieces} pieces, with gaps, overlaps or other steps between"
+                f"{trace.id} is in {pieces} pieces, with gaps, overlaps or other steps between"
             )
-        late = abs(trace.stats.starttime - first.starttime)
-        if late > _TOGETHER * first.delta:
+        late = abs(trace.stats.starttime - first.stats.starttime)
+        if late > _TOGETHER * first.stats.delta:
             raise file.error(
-                f"{name} starts {late:g} s apart from {names[0]}: trim them in obspy"
+                f"{trace.id} starts {late:g} s apart from {first.id}: trim them in obspy"
             )
 
 
@@ -167,17 +160,13 @@ def _find_sac_direction(
     if angle == _SAC_UNDEFINED:
         return named
     for stated, degrees in _SAC_ANGLES.items():
-        if abs(angle - degrees) > _SAC_TILT:
-            continue
         # A channel Z may point downward: the letter says that it is vertical.
-        if named and (named == "level") != (stated == "level"):
-            raise file.error(
-                f"CMPINC is {angle:g}, but KCMPNM is {channel!r}: 0 is upward,"
-                " 90 horizontal, 180 downward"
-            )
-        return stated
+        agrees = not named or (named == "level") == (stated == "level")
+        if agrees and abs(angle - degrees) <= _SAC_TILT:
+            return stated
     raise file.error(
-        f"CMPINC must be 0, 90 or 180, for upward, horizontal or downward, got {angle:g}"
+        f"CMPINC is {angle:g}, but KCMPNM is {channel!r}: CMPINC must be 0 for upward, 90 for"
+        " horizontal or 180 for downward"
     )
 
 
@@ -204,10 +193,8 @@ def _check_sac(file: NamedFile, header: Any, component: Component) -> float:
             f" E= {end:g} s"
         )
     largest = float(abs(values).max())
-    for key, extreme in (("depmin", float(values.min())), ("depmax", float(values.max()))):
-        stated = float(header.get(key, extreme))
+    for key, extreme in (("DEPMIN", float(values.min())), ("DEPMAX", float(values.max()))):
+        stated = float(header.get(key.lower(), extreme))
         if not math.isclose(stated, extreme, abs_tol=1e-5 * largest):
-            raise file.error(
-                f"{key.upper()} is {stated:g}, but that of the samples is {extreme:g}"
-            )
+            raise file.error(f"{key} is {stated:g}, but that of the samples is {extreme:g}")
     return step

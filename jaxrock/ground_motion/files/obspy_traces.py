@@ -44,9 +44,9 @@ def from_obspy(
         valid time step; if the traces differ in sampling or start; if the unit is unknown or
         not the one that a trace states.
     """
-    if vertical is None:
-        return make_record(take_component("trace", trace, unit, calibrated))
     horizontal = take_component("trace", trace, unit, calibrated)
+    if vertical is None:
+        return make_record(horizontal)
     upward = take_component("vertical", vertical, unit, calibrated)
     starts = [getattr(stats, "starttime", None) for stats in (trace.stats, vertical.stats)]
     if None not in starts and starts[0] != starts[1]:

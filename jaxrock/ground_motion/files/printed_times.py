@@ -28,22 +28,16 @@ def find_uniform_step(times: np.ndarray) -> float | None:
 def find_printed_step(
     words: Sequence[str], times: np.ndarray, stated: Iterable[float]
 ) -> float | None:
-    """Find a step with which times would be printed as these words; None if there is none.
-
-    It is one that is `stated`, or the mean step if one explains the times and all that do are
-    nearly the same.
-    """
+    """Find a step, `stated` or the mean, with which times would be printed as these words."""
     halves = _find_halves(words[:: 1 + len(words) // _MANY], times)
-    explained = (step for step in stated if _explain_times(times, halves, step))
-    return next(explained, None) or _search_step(times, halves)
+    explaining = (step for step in stated if _find_excess(times, halves, step) <= 0)
+    return next(explaining, None) or _search_step(times, halves)
 
 
 def _find_halves(words: Sequence[str], times: np.ndarray) -> np.ndarray:
-    """Find half the unit of the last printed digit of each time; NaN if a word is no number.
-
-    Zeros at the end may be left out, so that the word with most digits says how many all have:
-    after the point, or of significant ones, which leaves large numbers the larger unit.
-    """
+    """Find half the unit of the last printed digit of each time; NaN if a word is no number."""
+    # Zeros at the end may be left out, so that the word with most digits says how many all have:
+    # after the point, or of significant ones, which leaves large numbers the larger unit.
     decimals = 0.0
     digits = 1
     for word in words:
@@ -57,15 +51,6 @@ def _find_halves(words: Sequence[str], times: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         powers = np.floor(np.log10(np.abs(times)) + 1e-12)
     return 0.5 * 10.0 ** np.maximum(-decimals, powers + 1 - digits)
-
-
-def _explain_times(times: np.ndarray, halves: np.ndarray, step: float) -> bool:
-    """Return whether times with this step, from any first one on, would be printed like that.
-
-    The step has to be larger than two units of the last digit, or a time that is missing
-    could not be noticed.
-    """
-    return step > 4 * float(np.max(halves)) and _find_excess(times, halves, step) <= 0
 
 
 def _search_step(times: np.ndarray, halves: np.ndarray) -> float | None:
@@ -82,17 +67,21 @@ def _search_step(times: np.ndarray, halves: np.ndarray) -> float | None:
     for _ in range(_ITERATIONS):
         lower = high - ratio * (high - low)
         upper = low + ratio * (high - low)
-        if _find_excess(times, halves, lower) < _find_excess(times, halves, upper):
+        excesses = [_find_excess(times, halves, step) for step in (lower, upper)]
+        if min(excesses) <= 0:
+            return mean
+        if excesses[0] < excesses[1]:
             high = upper
         else:
             low = lower
-        if _explain_times(times, halves, lower) or _explain_times(times, halves, upper):
-            return mean
     return None
 
 
 def _find_excess(times: np.ndarray, halves: np.ndarray, step: float) -> float:
     """Find by how much times are outside of what half a unit of the last digit explains."""
+    # With a step of two units of the last digit a time that is missing could not be noticed.
+    if not step > 4 * float(np.max(halves)):
+        return math.inf
     shifts = times - step * np.arange(times.size)
     # Numbers that are printed just at half a unit are not exact in binary.
     slack = 1e-9 * np.max(halves) + 4 * np.finfo(float).eps * np.max(np.abs(times))

@@ -8,7 +8,7 @@ or by the caller, and may not contradict each other; signs are preserved. Any fa
 import os
 from pathlib import Path
 
-from ...tables import UNITS_OF_ACCELERATION, TextFile, quote_names
+from ...tables import NamedFile, TextFile, quote_names
 from ..record import Record
 from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
@@ -99,9 +99,7 @@ def read_record(
         upward = None if vertical is None else str(vertical)
         return _read_table_record(TextFile(path), claims, column, upward)
     if path.is_dir():
-        raise ValueError(
-            f"{str(path)!r} is a folder: one file is read, read_suite takes folders"
-        )
+        raise ValueError(f"{str(path)!r} is a folder, which read_suite takes: give one file")
     beside = [path] if vertical is None else [path, Path(vertical)]
     components = read_components(path, claims, beside)
     horizontal = _choose_horizontal(path, components, column)
@@ -124,8 +122,6 @@ def _read_table_record(
 ) -> Record:
     """Read a horizontal column of a table, and perhaps a vertical one."""
     table = SampleTable(text)
-    if not claims.units and not table.states_unit:
-        raise text.error(f"unit must be given for a .csv file: {UNITS_OF_ACCELERATION}")
     upward = None if vertical is None else table.find_column("vertical", vertical)
     if column is None:
         level = table.choose_horizontal(upward)
@@ -135,58 +131,48 @@ def _read_table_record(
         name = table.table.names[level]
         raise text.error(f"column and vertical are the same, {name!r}", table.table.line)
     columns = {level: "column"} | ({} if upward is None else {upward: "vertical"})
-    components = table.read_components(columns, claims)
-    return make_record(components[0], *map(require_upward, components[1:]))
+    horizontal, *uprights = table.read_components(columns, claims)
+    return make_record(horizontal, *map(require_upward, uprights))
 
 
 def _find_channel(components: list[Component], name: str) -> Component | None:
     """Find the component whose channel, or vertical direction, has a name; None if none has."""
     word = name.lower()
-    named = [each for each in components if each.channel and each.channel.lower() == word]
-    found = named or [
-        each for each in components if word in ("up", "down") and each.direction == word
-    ]
-    return found[0] if len(found) == 1 else None
+    named = [component for component in components if component.channel.lower() == word != ""]
+    if not named and word in ("up", "down"):
+        named = [component for component in components if component.direction == word]
+    return named[0] if len(named) == 1 else None
 
 
 def _choose_horizontal(
     path: Path, components: list[Component], column: str | None
 ) -> Component:
     """Choose the component of a name, or the only horizontal one."""
+    file = NamedFile(path)
+    level = [component for component in components if component.direction in ("level", "")]
+    # A vertical one as well, if its name is given: it can be turned then.
+    allowed = level if level and column is None else components
+    names = quote_names(component.channel or component.direction for component in allowed)
     if column is not None:
         first = components[0]
         if not first.channel and first.direction in ("", "level"):
             raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
-        # A vertical one as well, if its name is given: it can be turned then.
-        found = _find_channel(components, column)
-        if found is None:
-            names = _name_components(components)
-            raise ValueError(f"{str(path)!r}: column is {column!r}, but there are {names}")
-        return found
-    level = [each for each in components if each.direction in ("level", "")]
+        if named := _find_channel(components, column):
+            return named
+        raise file.error(f"column is {column!r}, but there are {names}")
     if not level:
-        names = _name_components(components)
-        raise ValueError(
-            f"{str(path)!r}: no component is horizontal; column names a vertical one: {names}"
-        )
+        raise file.error(f"no component is horizontal; column names a vertical one: {names}")
     if len(level) > 1:
-        names = _name_components(level)
-        raise ValueError(
-            f"{str(path)!r}: column must be given, the horizontal component: {names}"
-        )
+        raise file.error(f"column must be given, the horizontal component: {names}")
     return level[0]
-
-
-def _name_components(components: list[Component]) -> str:
-    """Name components by their channels, or where they point."""
-    return quote_names(each.channel or each.direction for each in components)
 
 
 def _choose_vertical(path: Path, components: list[Component]) -> Component:
     """Choose the vertical component of another file; a `ValueError` if that is not clear."""
-    rises = [each for each in components if each.direction in ("up", "down")]
+    upright = [component for component in components if component.direction in ("up", "down")]
     # A file of one component need not say where it points: the caller does.
-    found = rises or [each for each in components if not each.direction]
-    if len(found) == 1 and (rises or len(components) == 1):
-        return found[0]
-    raise ValueError(f"{str(path)!r}: one vertical component was expected, got {len(found)}")
+    if len(components) == 1 and not components[0].direction:
+        upright = components
+    if len(upright) != 1:
+        raise NamedFile(path).error(f"one vertical component was expected, got {len(upright)}")
+    return upright[0]

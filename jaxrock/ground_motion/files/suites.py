@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...host import show_progress
-from ...tables import TextFile, quote_names
+from ...tables import NamedFile, TextFile, quote_names
 from ..record import Record
 from ..suite import Suite
 from .at2 import find_peer_direction, read_peer
@@ -34,13 +34,6 @@ class _Motion(NamedTuple):
     path: Path
     horizontal: Component
     upward: tuple[Component, ...] | None
-
-
-class _Content(NamedTuple):
-    """Records in a file, or one vertical component for those in other files."""
-
-    motions: list[_Motion]
-    vertical: Component | None = None
 
 
 def read_suite(
@@ -100,8 +93,7 @@ def read_suite(
     claims = make_claims(unit, time_step)
     paths, of_folder = _list_files(source)
     paths = leave_out_boreholes(paths)
-    # All faults are collected: who repairs a folder of files wants to see each of them at
-    # once.
+    # All faults are collected: who repairs a folder of files wants to see them at once.
     faults = []
     motions: list[_Motion] = []
     verticals: dict[Path, Component] = {}
@@ -113,20 +105,20 @@ def read_suite(
                 components = _read_at2(path, paths, claims, vertical)
             else:
                 components = read_components(path, claims, paths)
-            content = _sort_components(path, components, vertical)
+            if len(components) == 1 and components[0].direction in ("up", "down"):
+                verticals[path] = components[0]
+            elif components:
+                motions += _make_motions(path, components, vertical)
         except ValueError as error:
             faults.append(str(error))
-            continue
-        motions += content.motions
-        if content.vertical is not None:
-            verticals[path] = content.vertical
     records: dict[str, Record] = {}
     for motion in motions:
         try:
             if motion.name in records:
-                other = next(each.path for each in motions if each.name == motion.name)
-                named = f"another record is named {motion.name!r} as well"
-                raise ValueError(f"{str(motion.path)!r}: {named}, from {str(other)!r}")
+                first = next(other.path for other in motions if other.name == motion.name)
+                raise NamedFile(motion.path).error(
+                    f"another record is named {motion.name!r} as well, from {str(first)!r}"
+                )
             records[motion.name] = _make_record(motion, verticals)
         except ValueError as error:
             faults.append(str(error))
@@ -180,20 +172,19 @@ def _read_table(
         return []
     table = SampleTable(text)
     heads = table.table.heads
-    directions = {k: table.find_direction(k) for k in table.accelerations}
-    level = [k for k, direction in directions.items() if direction == "level"]
-    upright = [k for k, direction in directions.items() if direction in ("up", "down")]
+    level = [k for k in table.accelerations if table.directions[k] == "level"]
     if not level:
-        names = quote_names(head.words for head in heads)
+        names = quote_names(table.table.names)
         raise text.error(f"no column is a horizontal acceleration among {names}")
     if len(level) > 2:
         names = quote_names(heads[k].words for k in level)
         raise text.error(f"at most two horizontal columns were expected: {names}")
+    upright = [k for k in table.accelerations if table.directions[k] in ("up", "down")]
     columns = [*level, *upright] if vertical else level
     components = table.read_components(dict.fromkeys(columns, "column"), claims)
     return [
         component._replace(
-            channel=heads[k].name or heads[k].words, direction=directions[k] or ""
+            channel=heads[k].name or heads[k].words, direction=table.directions[k] or ""
         )
         for k, component in zip(columns, components, strict=True)
     ]
@@ -210,53 +201,46 @@ def _read_at2(
     return read_peer(text, claims, paths)
 
 
-def _sort_components(path: Path, components: list[Component], vertical: bool) -> _Content:
-    """Make records of components of a file, or one of those that belong to other files."""
-    if not components:
-        return _Content([])
-    level = [component for component in components if component.direction == "level"]
-    upright = tuple(component for component in components if component.direction != "level")
+def _make_motions(path: Path, components: list[Component], vertical: bool) -> list[_Motion]:
+    """Make a record of each horizontal component of a file."""
     if len(components) == 1:
-        if components[0].direction in ("up", "down"):
-            return _Content([], components[0])
         # The names of K-NET's files differ only in the suffix.
         name = path.name if find_word_direction(path.suffix[1:]) else path.stem
-        return _Content([_Motion(name, path, components[0], None if vertical else ())])
+        return [_Motion(name, path, components[0], None if vertical else ())]
+    file = NamedFile(path)
     unknown = [component.channel for component in components if not component.direction]
     if unknown:
-        raise ValueError(
-            f"{str(path)!r}: the file does not say where {quote_names(unknown)} points,"
-            " read_record takes its channels one by one"
+        raise file.error(
+            f"the file does not say where {quote_names(unknown)} points, read_record takes its"
+            " channels one by one"
         )
+    level = [component for component in components if component.direction == "level"]
+    upright = tuple(component for component in components if component.direction != "level")
     if not level:
-        raise ValueError(f"{str(path)!r}: no component is horizontal")
+        raise file.error("no component is horizontal")
     if vertical and len(upright) != 1:
-        raise ValueError(
-            f"{str(path)!r}: one vertical component was expected, got {len(upright)}"
+        raise file.error(f"one vertical component was expected, got {len(upright)}")
+    return [
+        _Motion(
+            f"{path.stem} {component.channel}" if len(level) > 1 else path.stem,
+            path,
+            component,
+            upright if vertical else (),
         )
-    motions: list[_Motion] = []
-    for component in level:
-        name = f"{path.stem} {component.channel}" if len(level) > 1 else path.stem
-        motions.append(_Motion(name, path, component, upright if vertical else ()))
-    return _Content(motions)
+        for component in level
+    ]
 
 
 def _make_record(motion: _Motion, verticals: dict[Path, Component]) -> Record:
     """Make a record, with a vertical component from another file if need be."""
     upward = motion.upward
     if upward is None:
-        found = [path for path in verticals if is_same_station(motion.path, path)]
-        at = repr(str(motion.path))
-        if not found:
-            raise ValueError(f"{at}: no file is its vertical component by the name")
-        if len(found) > 1:
-            names = quote_names(path.name for path in found)
-            raise ValueError(f"{at}: several files may be its vertical component: {names}")
-        upward = (verticals[found[0]],)
-    for each in upward:
-        if each.direction == "down":
-            raise ValueError(
-                f"{each.name} points downward by its name or header, but a vertical component"
-                " must be positive upward: give its values times -1 as Record(vertical=)"
-            )
+        file = NamedFile(motion.path)
+        paths = [path for path in verticals if is_same_station(motion.path, path)]
+        if not paths:
+            raise file.error("no file is its vertical component by the name")
+        if len(paths) > 1:
+            names = quote_names(path.name for path in paths)
+            raise file.error(f"several files may be its vertical component: {names}")
+        upward = (verticals[paths[0]],)
     return make_record(motion.horizontal, *map(require_upward, upward))
