@@ -39,11 +39,9 @@ class Claims(NamedTuple):
 
     def require_unit(self, file: NamedFile, missing: str = "") -> float:
         """Return the unit [m/s2]; a `ValueError` if it is `missing`, or statements disagree."""
-        for stated in self.units:
-            if math.isnan(stated.value):
-                raise file.error(
-                    f"{stated.words}, which is not {UNITS_OF_ACCELERATION}", stated.line
-                )
+        for line, words, factor in self.units:
+            if math.isnan(factor):
+                raise file.error(f"{words}, which is not {UNITS_OF_ACCELERATION}", line)
         missing = f"{missing}, so that unit must be given: {UNITS_OF_ACCELERATION}"
         return file.require_agreement(self.units, UNITS_OF_ACCELERATION, _SAME_UNIT, missing)
 

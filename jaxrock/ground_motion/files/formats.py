@@ -5,6 +5,7 @@ Tables in .csv files are read beside them, since a caller picks columns.
 """
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,19 +14,16 @@ from .at2 import read_peer
 from .bbp import read_bbp, recognize_bbp
 from .claims import Claims
 from .components import Component
-from .cosmos import read_cosmos, recognize_cosmos
-from .csmip import read_csmip, recognize_csmip
+from .cosmos import read_cosmos
+from .csmip import CSMIP_TITLE, read_csmip
 from .directions import find_name_direction, settle_direction
-from .esm import read_esm, recognize_esm
-from .geonet import read_geonet, recognize_geonet
-from .knet import KNET_SUFFIXES, read_knet, recognize_knet
+from .esm import read_esm
+from .fixed_columns import match_title
+from .geonet import GEONET_TITLE, read_geonet
+from .knet import KNET_SUFFIXES, read_knet
 from .obspy_files import TRACE_SUFFIXES, find_trace_format, read_traces
 from .plain import read_plain, recognize_plain
-from .smc import read_smc, recognize_smc
-
-# Takes a text, and what the caller states about unit and time step, which the file must not
-# contradict; returns its components, one or several.
-Reader = Callable[[TextFile, Claims], list[Component]]
+from .smc import read_smc
 
 
 class FileFormat(NamedTuple):
@@ -40,22 +38,29 @@ class FileFormat(NamedTuple):
     recognize : callable
         Returns by the lines of a text whether it is of this format.
     read : callable
-        Reads the components.
+        Reads the components of a text, one or several, which must not contradict what the
+        caller states.
     """
 
     name: str
     suffixes: tuple[str, ...]
     recognize: Callable[[list[str]], bool]
-    read: Reader
+    read: Callable[[TextFile, Claims], list[Component]]
 
+
+# The first line of SMC files says what they hold.
+_SMC_KINDS = r"unknown|(?:un)?corrected acc|velocity|displacement|response|fourier"
+_COSMOS_TITLE = r".*\(format v\d+\.\d+ with\b"
 
 FORMATS: tuple[FileFormat, ...] = (
-    FileFormat("ESM/ITACA", (".asc",), recognize_esm, read_esm),
-    FileFormat("COSMOS", (".v1c", ".v2c"), recognize_cosmos, read_cosmos),
-    FileFormat("CSMIP/RENADIC", (".v1", ".v2", ".raw"), recognize_csmip, read_csmip),
-    FileFormat("GeoNet", (".v1a", ".v2a"), recognize_geonet, read_geonet),
-    FileFormat("SMC", (".smc",), recognize_smc, read_smc),
-    FileFormat("K-NET", KNET_SUFFIXES, recognize_knet, read_knet),
+    FileFormat("ESM/ITACA", (".asc",), partial(match_title, r"\s*EVENT_NAME:"), read_esm),
+    FileFormat("COSMOS", (".v1c", ".v2c"), partial(match_title, _COSMOS_TITLE), read_cosmos),
+    FileFormat(
+        "CSMIP/RENADIC", (".v1", ".v2", ".raw"), partial(match_title, CSMIP_TITLE), read_csmip
+    ),
+    FileFormat("GeoNet", (".v1a", ".v2a"), partial(match_title, GEONET_TITLE), read_geonet),
+    FileFormat("SMC", (".smc",), partial(match_title, rf"\s*\d\s+(?:{_SMC_KINDS})"), read_smc),
+    FileFormat("K-NET", KNET_SUFFIXES, partial(match_title, "Origin Time"), read_knet),
     FileFormat("Broadband Platform", (".bbp",), recognize_bbp, read_bbp),
     # Any file may begin with numbers, so that this one is the last.
     FileFormat("numbers alone", (), recognize_plain, read_plain),
@@ -64,12 +69,8 @@ FORMATS: tuple[FileFormat, ...] = (
 
 def list_suffixes() -> tuple[str, ...]:
     """List the ends of names, in lower case, of the files in a folder that are read."""
-    return (
-        ".at2",
-        ".csv",
-        *TRACE_SUFFIXES,
-        *(suffix for file_format in FORMATS for suffix in file_format.suffixes),
-    )
+    known = (suffix for file_format in FORMATS for suffix in file_format.suffixes)
+    return (".at2", ".csv", *TRACE_SUFFIXES, *known)
 
 
 def read_components(path: Path, claims: Claims, paths: Iterable[Path] = ()) -> list[Component]:
@@ -80,8 +81,8 @@ def read_components(path: Path, claims: Claims, paths: Iterable[Path] = ()) -> l
     """
     components = _read_format(path, claims, paths)
     if len(components) == 1 and not components[0].direction:
-        stated = settle_direction(find_name_direction(path, paths), "")
-        return [components[0]._replace(direction=stated or "")]
+        direction = settle_direction(find_name_direction(path, paths), "") or ""
+        return [components[0]._replace(direction=direction)]
     return components
 
 
