@@ -36,7 +36,8 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     if contents := find_contents(lines):
         raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
     header.read_text(lines, "the header")
-    return [header.read_component(top, direction)[0]]
+    component, _ = header.read_component(top)
+    return [component._replace(direction=direction)]
 
 
 def find_peer_direction(text: TextFile, paths: Iterable[Path]) -> Direction:

@@ -15,17 +15,11 @@ _STEP = "a time step in s, ms or the like, or in samples per second"
 
 
 class Claims(NamedTuple):
-    """Statements about the unit and the time step, which all have to agree.
+    """Statements about the unit and the time step, which all have to agree."""
 
-    Attributes
-    ----------
-    units : tuple of Statement
-        In m/s2. What the caller states comes first, so that errors say that the file disagrees.
-    steps : tuple of Statement
-        In s.
-    """
-
+    # In m/s2. What the caller states comes first, so that errors say that the file disagrees.
     units: tuple[Statement, ...] = ()
+    # In s.
     steps: tuple[Statement, ...] = ()
 
     def add_unit(self, line: int, words: str, unit: str | float) -> "Claims":

@@ -55,7 +55,7 @@ def read_cosmos(text: TextFile, claims: Claims) -> list[Component]:
 
 def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Numbered], int]:
     """Read a channel, unless it is a velocity, and the index of the line after it."""
-    header = Header(text, claims)
+    header = Header(text, claims, {_OTHER: ""}, _ORIENTATIONS)
     header.read_line(top, _TITLE, "the title of a channel with (Format v01.20 ...)")
     lines = int(header.fields["text_lines"][0].value)
     if lines <= _CHANNEL_LINE:
@@ -85,8 +85,9 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         if quantity != "acceleration":
             raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
         channel, direction = _find_orientation(text, header, text.lines[at + 1 : data])
-        component, end = header.read_component(data + 1, direction, columns)
-        numbered = [(header.fields["number"][0].words, component._replace(channel=channel))]
+        component, end = header.read_component(data + 1, columns)
+        component = component._replace(channel=channel, direction=direction)
+        numbered = [(header.fields["number"][0].words, component)]
     pattern = rf"\W*end[\s-]of[\s-]data\b(?:.*\b{quantity}\b|(?!.*(?:{_QUANTITY})))"
     match_line(text, end, pattern, f"'End-of-data for ... {quantity}'")
     return numbered, end + 1
@@ -121,7 +122,7 @@ def _find_orientation(
     if code and code.value != 0:
         is_azimuth = code is sensor and code.value in _AZIMUTHS
         header.add("azimuth" if is_azimuth else "code", code.line, code.words)
-    direction = header.require_direction({_OTHER: ""}, _ORIENTATIONS)
+    direction = header.require_direction()
     channel = name
     for comment in comments:
         match = re.match(_SCNL, comment, re.I)

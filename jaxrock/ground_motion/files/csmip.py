@@ -103,9 +103,15 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
     at = top + volume.text + volume.headers
     numbered: list[Numbered] = []
     while not re.match(r"\W*end of data\b", get_line(text, at, "'End of data'"), re.I):
-        header = Header(text, claims)
+        header = Header(text, claims, _NAMES, _CODES)
         header.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
-        direction = _find_direction(header, top + volume.text + 1)
+        integers = top + volume.text + 1
+        header.read_numbers(integers, _INTEGERS.number, _INTEGERS, {_ORIENTATION: "sensor"})
+        line, word, code = header.fields["sensor"][0]
+        if code in _AZIMUTHS:
+            header.add("azimuth", line, word)
+        elif code in _CODES:
+            header.add("code", line, word)
         has_pairs = volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at])
         columns = volume.columns
         if not has_pairs:
@@ -122,16 +128,14 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
             expected = "what the header states of points, duration, time step and peak"
             header.read_line(top + line, pattern, expected)
         if has_pairs:
-            component, at = _read_pairs(text, header, top, at, direction)
+            component, at = _read_pairs(text, header, top, at)
         else:
-            component, at = header.read_component(at, direction, columns)
+            component, at = header.read_component(at, columns)
         numbered.append((header.fields["number"][0].words, component))
     return numbered, at + 1
 
 
-def _read_pairs(
-    text: TextFile, header: Header, top: int, at: int, direction: Direction
-) -> tuple[Component, int]:
+def _read_pairs(text: TextFile, header: Header, top: int, at: int) -> tuple[Component, int]:
     """Read pairs of time and acceleration, from the line with index `at` on."""
     expected = "a line 'Units of uncor accel are sec and g/10'"
     unit = match_line(text, top + _PAIRS_LINE, _PAIRS_UNIT, expected)["unit"]
@@ -144,15 +148,4 @@ def _read_pairs(
     header.require_duration(points, step)
     numbers = Numbers(numbers.words[1::2], numbers.values[1::2], numbers.end)
     header.require_peak(numbers, factor)
-    return header.make_component(factor, numbers.values, step, direction), numbers.end
-
-
-def _find_direction(header: Header, integers: int) -> Direction:
-    """Find a channel's direction, which text and integers state."""
-    header.read_numbers(integers, _INTEGERS.number, _INTEGERS, {_ORIENTATION: "sensor"})
-    line, word, code = header.fields["sensor"][0]
-    if code in _AZIMUTHS:
-        header.add("azimuth", line, word)
-    elif code in _CODES:
-        header.add("code", line, word)
-    return header.require_direction(_NAMES, _CODES)
+    return header.make_component(factor, numbers.values, step), numbers.end

@@ -32,7 +32,7 @@ _NAMES: dict[str, Direction] = {".*z|u": "up", ".*[ne12xy]": "level", ".*": ""}
 
 def read_esm(text: TextFile, claims: Claims) -> list[Component]:
     """Read the component of a file."""
-    header = Header(text, claims)
+    header = Header(text, claims, _NAMES)
     top = _read_keys(text, header)
     quantity = header.find("quantity")
     named = re.search(_OTHER_NAMES, text.path.name, re.I)
@@ -45,7 +45,7 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
         raise text.error(f"acceleration was expected, DATA_TYPE is {kind}", quantity.line)
     if peak := header.find("peak"):
         header.add("peak_unit", peak.line, "cm/s2")
-    return [header.read_component(top, header.require_direction(_NAMES))[0]]
+    return [header.read_component(top)[0]]
 
 
 def _read_keys(text: TextFile, header: Header) -> int:

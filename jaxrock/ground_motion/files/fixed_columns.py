@@ -23,11 +23,6 @@ class Numbers(NamedTuple):
     end: int
 
 
-def match_title(pattern: str, lines: list[str]) -> bool:
-    """Return whether a text begins with a pattern, which may go on in its second line."""
-    return re.match(pattern, "\n".join(lines[:2]), re.I) is not None
-
-
 def get_line(text: TextFile, at: int, name: str) -> str:
     """Return the line with index `at`; an error that the file ends if there is none."""
     if at >= len(text.lines):

@@ -59,8 +59,7 @@ def _read_component(text: TextFile, claims: Claims, top: int) -> tuple[list[Numb
             raise text.error(f"values that are to be multiplied by {word} are not read", line)
     if find_azimuth(header.fields["channel"][0].words) is not None:
         header.fields["azimuth"] = header.fields["degrees"]
-    direction = header.require_direction()
-    component, end = header.read_component(top + _HEADER_LINES, direction, _COLUMNS)
+    component, end = header.read_component(top + _HEADER_LINES, _COLUMNS)
     # Only to see that they are whole: what is cut or shifted in them shifts the next component.
     for quantity in ("velocities", "displacements"):
         line, word, value = header.fields[quantity][0]

@@ -71,21 +71,27 @@ ChannelReader = Callable[[TextFile, Claims, int], tuple[list[Numbered], int]]
 
 
 class Header:
-    """The statements in the header of a channel or of a file.
+    """The statements in the header of a channel or of a file."""
 
-    Attributes
-    ----------
-    fields : dict
-        By their names, the statements that are there, in the order of the file: their words as
-        they are written, and their values, NaN where they are no numbers.
-    claims : Claims
-        What the caller and the file state of unit and time step.
-    """
+    def __init__(
+        self,
+        text: TextFile,
+        claims: Claims,
+        names: Mapping[str, Direction] = MappingProxyType({}),
+        codes: Mapping[int, Direction] = MappingProxyType({}),
+    ):
+        """Begin with what the caller states.
 
-    def __init__(self, text: TextFile, claims: Claims):
-        """Begin with what the caller states."""
+        `names` are patterns of names of channels that are a format's own, and `codes` its
+        numbers, with the directions they mean.
+        """
         self.text = text
+        # What the caller and the file state of unit and time step.
         self.claims = claims
+        self.names = names
+        self.codes = codes
+        # By their names, in the order of the file: the words as they are written, and their
+        # values, NaN where they are no numbers.
         self.fields: dict[str, list[Statement]] = {}
 
     def add(self, name: str, line: int, word: str) -> None:
@@ -246,20 +252,13 @@ class Header:
                 line,
             )
 
-    def require_direction(
-        self,
-        names: Mapping[str, Direction] = MappingProxyType({}),
-        codes: Mapping[int, Direction] = MappingProxyType({}),
-    ) -> Direction:
-        """Return where the channel points, on which its name, azimuth and code have to agree.
-
-        `names` are patterns of names that are a format's own, `codes` its numbers.
-        """
+    def require_direction(self) -> Direction:
+        """Return where the channel points, on which its name, azimuth and code have to agree."""
         channel = self.find("channel")
         degrees = find_azimuth(channel.words) if channel else None
         named: Direction | None = "" if degrees is None else "level"
         if channel and degrees is None:
-            named = find_channel_direction(channel.words, names)
+            named = find_channel_direction(channel.words, self.names)
             if named is None:
                 raise self.text.error(
                     "an orientation such as '360 deg', 'N28W', 'Up' or 'Down' was expected, got"
@@ -271,18 +270,16 @@ class Header:
         if stated is None:
             return named
         orientation = f"the header states an orientation of {stated.words}"
-        if azimuth is None and stated.value not in codes:
+        if azimuth is None and stated.value not in self.codes:
             raise self.text.error(f"{orientation}, which is not understood", stated.line)
-        coded: Direction = "level" if azimuth else codes[int(stated.value)]
+        coded: Direction = "level" if azimuth else self.codes[int(stated.value)]
         is_turned = azimuth and degrees is not None and (azimuth.value - degrees) % 360 != 0
         if channel and (is_turned or (named and coded and named != coded)):
             name = f"the channel is {channel.words} in line {channel.line}"
             raise self.text.error(f"{name}, but {orientation}", stated.line)
         return named or coded
 
-    def read_component(
-        self, at: int, direction: Direction, columns: Columns | None = None
-    ) -> tuple[Component, int]:
+    def read_component(self, at: int, columns: Columns | None = None) -> tuple[Component, int]:
         """Read accelerations, and check all that the header states of them.
 
         They begin in the line with index `at`. Without columns all numbers from there on are
@@ -309,15 +306,16 @@ class Header:
                 self.fields["points"][0].line,
             )
         self.require_peak(numbers, factor)
-        return self.make_component(factor, numbers.values, step, direction), numbers.end
+        return self.make_component(factor, numbers.values, step), numbers.end
 
-    def make_component(
-        self, factor: float, values: np.ndarray, step: float, direction: Direction
-    ) -> Component:
+    def make_component(self, factor: float, values: np.ndarray, step: float) -> Component:
         """Make a component with the channel's name, if the header states one."""
         channel = self.find("channel")
-        name = channel.words if channel else ""
-        return Component(repr(str(self.text.path)), factor, values, step, direction, name)
+        path = repr(str(self.text.path))
+        direction = self.require_direction()
+        return Component(
+            path, factor, values, step, direction, channel.words if channel else ""
+        )
 
 
 def read_channels(

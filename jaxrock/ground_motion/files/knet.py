@@ -78,8 +78,7 @@ def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     decimals = len(peak.partition(".")[2])
     numbers = Numbers([f"{extreme:.{decimals}f}" for extreme in extremes], extremes, 0)
     header.require_peak(numbers, factor, "the values less their mean")
-    factor *= gals_per_count
-    return [header.make_component(factor, values, step, header.require_direction())]
+    return [header.make_component(factor * gals_per_count, values, step)]
 
 
 def leave_out_boreholes(paths: list[Path]) -> list[Path]:

@@ -33,6 +33,7 @@ _LONG_VALUES = Columns(5, 14)
 # Degrees from upward, and names of components that are no azimuths.
 _TILTS: dict[int, Direction] = {0: "up", 90: "level", 180: "down"}
 _NAMES: dict[str, Direction] = {"u": "up", "d": "down", "ne|nw|se|sw": "level"}
+_SILENT: dict[str, Direction] = {".*": ""}
 
 
 def read_smc(text: TextFile, claims: Claims) -> list[Component]:
@@ -40,7 +41,7 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
     kind = text.lines[0].strip()
     if not re.match(_ACCELERATION, kind, re.I):
         raise text.error(f"an accelerogram was expected, this is {quote_word(kind)}", 1)
-    header = Header(text, claims)
+    header = Header(text, claims, _NAMES, _TILTS)
     header.read_line(_COMPONENT_LINE, _COMPONENT, "a line with the component")
     for at, (count, columns, names) in _BLOCKS.items():
         # The first number stands for all that are missing: -32768 and 1.7e38.
@@ -57,24 +58,6 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
             _REALS + 1,
         )
     header.add_unit(1, "an SMC file is in cm/s2", "cm/s2")
-    top = _read_comments(text, header)
-    if len(header.fields.get("peak", [])) < 2:
-        # One alone may be the smaller of both.
-        header.fields.pop("peak", None)
-    # By the degrees, a name that is not understood says nothing.
-    silent: dict[str, Direction] = {".*": ""} if "code" in header.fields else {}
-    direction = header.require_direction(_NAMES | silent, _TILTS)
-    first = get_line(text, top, "the values")
-    columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
-    component, end = header.read_component(top, direction, columns)
-    if end < len(text.lines):
-        points = header.fields["points"][0].words
-        raise text.error(f"the header states {points} values, but more lines follow", end + 1)
-    return [component]
-
-
-def _read_comments(text: TextFile, header: Header) -> int:
-    """Read the comments, which may state a unit; return the index of the line after them."""
     top = _COMMENTS
     while top < len(text.lines) and text.lines[top].startswith("|"):
         top += 1
@@ -86,4 +69,16 @@ def _read_comments(text: TextFile, header: Header) -> int:
             f"the header states {count:g} lines of comments, but {top - _COMMENTS} begin with |",
             _INTEGERS + 2,
         )
-    return top
+    if len(header.fields.get("peak", [])) < 2:
+        # One alone may be the smaller of both.
+        header.fields.pop("peak", None)
+    if "code" in header.fields:
+        # Beside the degrees, a name that is not understood says nothing.
+        header.names = _NAMES | _SILENT
+    first = get_line(text, top, "the values")
+    columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
+    component, end = header.read_component(top, columns)
+    if end < len(text.lines):
+        points = header.fields["points"][0].words
+        raise text.error(f"the header states {points} values, but more lines follow", end + 1)
+    return [component]
