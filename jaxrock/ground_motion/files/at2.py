@@ -41,10 +41,7 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
 
 
 def find_peer_direction(text: TextFile, paths: Iterable[Path]) -> Direction:
-    """Find the direction by the name of the file among others, and by the title.
-
-    Raises a `ValueError` if they disagree.
-    """
+    """Find the direction by the file's name among others, and by the title, which must agree."""
     name = find_name_direction(text.path, paths)
     filled = [line for line in text.lines[:_HEADER_LINES] if line.strip()]
     # The component ends the title, such as UP or 140; the station's number may stand behind it

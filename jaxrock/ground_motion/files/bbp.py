@@ -27,15 +27,10 @@ _CHANNELS: tuple[tuple[str, Direction], ...] = (("NS", "level"), ("EW", "level")
 _WIDTH = 1 + len(_CHANNELS)
 
 
-def recognize_bbp(lines: list[str]) -> bool:
-    """Return whether the comments above the numbers name the columns of the platform."""
-    return bool(_find_names(lines))
-
-
 def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
     """Read the three components."""
     header = Header(text, claims)
-    for n in _find_names(text.lines):
+    for n in find_bbp_names(text.lines):
         for match in re.finditer(_UNIT, text.lines[n - 1], re.I):
             unit = match["unit"]
             if parse_unit(unit).dimension == "velocity" or re.fullmatch("cm/?", unit):
@@ -72,7 +67,7 @@ def _count_comments(lines: list[str]) -> int:
     return next(numbers, len(lines))
 
 
-def _find_names(lines: list[str]) -> list[int]:
+def find_bbp_names(lines: list[str]) -> list[int]:
     """Find the lines of the comments that name the columns in order, by their numbers."""
     comments = [*enumerate(lines[: _count_comments(lines)], 1)]
     for patterns in ((_NAMES,), _COLUMNS):

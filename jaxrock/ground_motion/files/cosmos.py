@@ -26,7 +26,7 @@ _DATA = (
     r"\s*(?:\(\s*(?P<unit_code>\d+)\s*\))?\s*,?\s*format\s*=(?P<format>.*)$"
 )
 # Station, channel, network and location; the channel's last letter is its direction.
-_SCNL = r"\s*\|\s*<SCNL>\s*[^.\s]*\.(\w+)\."
+_SCNL = r"^[ \t]*\|[ \t]*<SCNL>[ \t]*[^.\s]*\.(\w+)\."
 
 # What stands where in the integers and in the reals, from index 0 on.
 _BLOCKS = {
@@ -84,7 +84,9 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
         _add_units(text, header)
         if quantity != "acceleration":
             raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
-        channel, direction = _find_orientation(text, header, text.lines[at + 1 : data])
+        channel, direction = _find_orientation(
+            text, header, "\n".join(text.lines[at + 1 : data])
+        )
         component, end = header.read_component(data + 1, columns)
         component = component._replace(channel=channel, direction=direction)
         numbered = [(header.fields["number"][0].words, component)]
@@ -108,9 +110,7 @@ def _add_units(text: TextFile, header: Header) -> None:
         header.add_unit(line, f"the header states unit {word}", _UNIT_CODES.get(int(code), ""))
 
 
-def _find_orientation(
-    text: TextFile, header: Header, comments: list[str]
-) -> tuple[str, Direction]:
+def _find_orientation(text: TextFile, header: Header, comments: str) -> tuple[str, Direction]:
     """Find a channel's name and direction, which text, integers and comments state."""
     line, name, _ = header.fields["channel"][0]
     # Where no azimuth is known, for which USGS writes 0, there may be an orientation in the
@@ -124,10 +124,7 @@ def _find_orientation(
         header.add("azimuth" if is_azimuth else "code", code.line, code.words)
     direction = header.require_direction()
     channel = name
-    for comment in comments:
-        match = re.match(_SCNL, comment, re.I)
-        if match is None:
-            continue
+    for match in re.finditer(_SCNL, comments, re.I | re.M):
         # In the codes of seismic channels, Z is vertical and points up.
         code_of_seed = match[1].upper()
         is_up = code_of_seed.endswith("Z")

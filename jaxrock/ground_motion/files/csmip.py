@@ -43,8 +43,6 @@ class _Volume(NamedTuple):
     # Lines of text, and lines of integers and reals below them.
     text: int
     headers: int
-    # Line with the channel.
-    channel: int
     # Columns of the values, where no format is stated.
     columns: Columns
     # By the index of the line in the text, what stands there.
@@ -54,9 +52,9 @@ class _Volume(NamedTuple):
 _FIRST = _Volume(
     13,
     14,
-    6,
     Columns(8, 9),
     {
+        6: _CHANNEL,
         10: rf"\s*no\. of points\s*=\s*(?P<points>\d+)\b{_DURATION}"
         rf"(?:\s+at\s+(?P<rate>{DECIMAL})\s+samples/sec)?",
         11: rf".*\bmax\s*=\s*(?P<peak>{DECIMAL})\s*(?P<peak_unit>[^\s,]+)\s*,?\s+at\b",
@@ -65,9 +63,9 @@ _FIRST = _Volume(
 _SECOND = _Volume(
     25,
     20,
-    7,
     Columns(8, 10),
     {
+        7: _CHANNEL,
         11: _DURATION,
         15: r"\s*(?P<points>\d+)\s+points\b",
         16: rf"\s*at\s+equally[\s-]+spaced\s+intervals\s+of\s+(?P<step>{DECIMAL})\s*sec",
@@ -104,14 +102,6 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
     numbered: list[Numbered] = []
     while not re.match(r"\W*end of data\b", get_line(text, at, "'End of data'"), re.I):
         header = Header(text, claims, _NAMES, _CODES)
-        header.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
-        integers = top + volume.text + 1
-        header.read_numbers(integers, _INTEGERS.number, _INTEGERS, {_ORIENTATION: "sensor"})
-        line, word, code = header.fields["sensor"][0]
-        if code in _AZIMUTHS:
-            header.add("azimuth", line, word)
-        elif code in _CODES:
-            header.add("code", line, word)
         has_pairs = volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at])
         columns = volume.columns
         if not has_pairs:
@@ -125,8 +115,13 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
                 at += -(-int(header.fields["points"][0].value) // columns.number)
                 continue
         for line, pattern in volume.statements.items():
-            expected = "what the header states of points, duration, time step and peak"
+            expected = "what the header states of channel, points, duration, step and peak"
             header.read_line(top + line, pattern, expected)
+        integers = top + volume.text + 1
+        header.read_numbers(integers, _INTEGERS.number, _INTEGERS, {_ORIENTATION: "sensor"})
+        line, word, code = header.fields["sensor"][0]
+        if code in _AZIMUTHS or code in _CODES:
+            header.add("azimuth" if code in _AZIMUTHS else "code", line, word)
         if has_pairs:
             component, at = _read_pairs(text, header, top, at)
         else:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ...tables import TextFile, read_content
 from .at2 import read_peer
-from .bbp import read_bbp, recognize_bbp
+from .bbp import find_bbp_names, read_bbp
 from .claims import Claims
 from .components import Component
 from .cosmos import read_cosmos
@@ -31,15 +31,15 @@ class FileFormat(NamedTuple):
     name: str
     # Ends of names by which files of a folder are taken; any other name is read as well.
     suffixes: tuple[str, ...]
-    # Returns by the lines of a text whether it is of this format.
-    recognize: Callable[[list[str]], bool]
+    # Returns something true for the lines of a text of this format.
+    recognize: Callable[[list[str]], object]
     # Reads the components of a text, which must not contradict what the caller states.
     read: Callable[[TextFile, Claims], list[Component]]
 
 
-def _begin_with(pattern: str) -> Callable[[list[str]], bool]:
+def _begin_with(pattern: str) -> Callable[[list[str]], object]:
     """Recognize a text that begins with a pattern, which may go on in its second line."""
-    return lambda lines: re.match(pattern, "\n".join(lines[:2]), re.I) is not None
+    return lambda lines: re.match(pattern, "\n".join(lines[:2]), re.I)
 
 
 # The first line of SMC files says what they hold.
@@ -53,7 +53,7 @@ FORMATS: tuple[FileFormat, ...] = (
     FileFormat("GeoNet", (".v1a", ".v2a"), _begin_with(GEONET_TITLE), read_geonet),
     FileFormat("SMC", (".smc",), _begin_with(rf"\s*\d\s+(?:{_SMC_KINDS})"), read_smc),
     FileFormat("K-NET", KNET_SUFFIXES, _begin_with("Origin Time"), read_knet),
-    FileFormat("Broadband Platform", (".bbp",), recognize_bbp, read_bbp),
+    FileFormat("Broadband Platform", (".bbp",), find_bbp_names, read_bbp),
     # Any file may begin with numbers, so that this one is the last.
     FileFormat("numbers alone", (), recognize_plain, read_plain),
 )
@@ -66,11 +66,7 @@ def list_suffixes() -> tuple[str, ...]:
 
 
 def read_components(path: Path, claims: Claims, paths: Iterable[Path] = ()) -> list[Component]:
-    """Read all components of a file that is no table; a `ValueError` if it cannot be.
-
-    Its name, among those of other files, the `paths`, says where a single one points, if the
-    file does not.
-    """
+    """Read all components of a file that is no table and may lie beside others, the `paths`."""
     content = read_content(path)
     if find_trace_format(content, path.suffix):
         components = read_traces(path, content, claims)
@@ -89,6 +85,7 @@ def read_components(path: Path, claims: Claims, paths: Iterable[Path] = ()) -> l
                 " belong in a .csv file"
             )
         components = known.read(text, claims)
+    # The name says where a single one points, if the file does not.
     if len(components) == 1 and not components[0].direction:
         direction = settle_direction(find_name_direction(path, paths), "") or ""
         return [components[0]._replace(direction=direction)]

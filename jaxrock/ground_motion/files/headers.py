@@ -80,14 +80,11 @@ class Header:
         names: Mapping[str, Direction] = MappingProxyType({}),
         codes: Mapping[int, Direction] = MappingProxyType({}),
     ):
-        """Begin with what the caller states.
-
-        `names` are patterns of names of channels that are a format's own, and `codes` its
-        numbers, with the directions they mean.
-        """
+        """Begin with what the caller states, and with what names and codes of a format mean."""
         self.text = text
         # What the caller and the file state of unit and time step.
         self.claims = claims
+        # Directions by patterns of the format's own names of channels, and by its numbers.
         self.names = names
         self.codes = codes
         # By their names, in the order of the file: the words as they are written, and their
@@ -129,13 +126,10 @@ class Header:
         names: Mapping[int, str],
         missing: float = math.nan,
     ) -> int:
-        """Add numbers of a block in columns, with names by their indices.
-
-        `missing` is what the format writes where it states nothing. Returns the index of the
-        line after the block.
-        """
+        """Add numbers of a block, with names by their indices; return the line after it."""
         numbers = read_numbers(self.text, at, count, columns)
         for index, name in names.items():
+            # What the format writes where it states nothing.
             if numbers.values[index] != missing:
                 self.add(name, at + index // columns.number + 1, numbers.words[index])
         return numbers.end
@@ -173,29 +167,22 @@ class Header:
                 if name == "rate" and value != 0:
                     step = 1 / value
                 if not step >= _SHORTEST:
-                    raise self.text.error(
-                        f"a time step from {_SHORTEST:g} s on was expected, got {word} {unit}",
-                        line,
-                    )
+                    shortest = f"a time step from {_SHORTEST:g} s on was expected"
+                    raise self.text.error(f"{shortest}, got {word} {unit}", line)
                 printed = f"{value:g}" if name == "rate" else word
                 words = f"the header states {printed} {unit}"
                 self.claims = self.claims.add_step(line, words, step)
         return self.claims.require_step(self.text, "the header states no time step")
 
     def require_even_times(self, words: Sequence[str], times: np.ndarray, line: int) -> float:
-        """Return the step [s] of the `times` that stand beside the values.
-
-        They have to be printed times of an even step, which is what the caller and the header
-        state. `line` is where they begin.
-        """
+        """Return the even step [s] of the `times` beside the values, from a line on."""
         stated = [step.value for step in self.claims.steps]
         step = find_uniform_step(times) or find_printed_step(words, times, stated)
         if step is None:
             steps = np.diff(times)
             raise self.text.error(
                 f"the times beside the values are not evenly spaced, from {steps.min():.6g} to"
-                f" {steps.max():.6g} s, as where film was digitized: take volume 2 of the record"
-                " or a corrected file, which has an even step",
+                f" {steps.max():.6g} s: take volume 2 of the record or a corrected file",
                 line,
             )
         spaced = f"the times beside the values are {step:.6g} s apart"
@@ -203,20 +190,16 @@ class Header:
         return self.require_step()
 
     def require_duration(self, points: int, step: float) -> None:
-        """Raise an error if so many points with this step do not last as long as stated.
-
-        Some programs count the steps, others the points.
-        """
+        """Raise an error if so many points with this step do not last as long as stated."""
         for name, rounding in (("duration", 0.0), ("seconds", 1.0)):
             for line, word, _ in self.fields.get(name, []):
                 duration = self.text.parse_number(word, line, "the duration")
                 near = rounding + _find_half_unit(word) + UNIFORM * abs(duration)
+                # Some programs count the steps, others the points.
                 if not (points - 1) * step - near <= duration <= points * step + near:
-                    raise self.text.error(
-                        f"the header states a duration of {word} s, but {points} points are"
-                        f" {step:.6g} s apart",
-                        line,
-                    )
+                    stated = f"the header states a duration of {word} s"
+                    spaced = f"{points} points are {step:.6g} s apart"
+                    raise self.text.error(f"{stated}, but {spaced}", line)
 
     def require_peak(self, numbers: Numbers, factor: float, name: str = "the values") -> None:
         """Raise an error if the peak of numbers, called `name`, is not the one that is stated.
@@ -280,11 +263,7 @@ class Header:
         return named or coded
 
     def read_component(self, at: int, columns: Columns | None = None) -> tuple[Component, int]:
-        """Read accelerations, and check all that the header states of them.
-
-        They begin in the line with index `at`. Without columns all numbers from there on are
-        theirs. Returns them and the index of the line after.
-        """
+        """Read accelerations, check all that is stated of them, and return the line after."""
         points = self.require_points()
         factor = self.require_unit()
         step = self.require_step()
@@ -292,6 +271,7 @@ class Header:
         if columns is not None:
             numbers = read_numbers(self.text, at, points, columns)
         else:
+            # All numbers from there on.
             values = read_free_numbers(self.text, at)
             # How they are printed matters only beside a peak.
             printed = "\n".join(self.text.lines[at:]) if "peak" in self.fields else ""
@@ -311,32 +291,27 @@ class Header:
     def make_component(self, factor: float, values: np.ndarray, step: float) -> Component:
         """Make a component with the channel's name, if the header states one."""
         channel = self.find("channel")
-        path = repr(str(self.text.path))
+        name = channel.words if channel else ""
         direction = self.require_direction()
-        return Component(
-            path, factor, values, step, direction, channel.words if channel else ""
-        )
+        return Component(repr(str(self.text.path)), factor, values, step, direction, name)
 
 
 def read_channels(
     text: TextFile, claims: Claims, read_channel: ChannelReader, kind: str
 ) -> list[Component]:
-    """Read channels that stand one below the other, and name them so that they differ.
-
-    The number of its channel stands before an orientation that is there more than once. Raises
-    a `ValueError` that names the `kind` of file if there is no acceleration.
-    """
+    """Read channels that stand one below the other, and name them so that they differ."""
     numbered: list[Numbered] = []
     at = 0
     while at < len(text.lines):
-        accelerations, at = read_channel(text, claims, at)
-        numbered += accelerations
+        channels, at = read_channel(text, claims, at)
+        numbered += channels
     if not numbered:
         raise text.error(f"the {kind} file holds no accelerations")
     names = [component.channel.lower() for _, component in numbered]
     components: list[Component] = []
     for k, (number, component) in enumerate(numbered, 1):
         channel = component.channel
+        # The number stands before an orientation that is there more than once.
         if names.count(channel.lower()) > 1:
             channel = f"{number or k}: {channel}"
         name = f"{component.name} {channel}"

@@ -43,11 +43,7 @@ _FIELDS = {
 
 
 def read_knet(text: TextFile, claims: Claims) -> list[Component]:
-    """Read the component of a file, whose unit and step must not contradict the `claims`.
-
-    The file states a factor in gal a count. The offset of the instrument stays in the samples,
-    though not in the peak that is stated.
-    """
+    """Read the component of a file, which states a factor in gal a count."""
     header = Header(text, claims)
     for at, (name, pattern, words) in _FIELDS.items():
         field = re.escape(name).replace(r"\.", r"\.?")
@@ -62,16 +58,14 @@ def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     line, duration, seconds = header.fields["duration"][0]
     _, rate, frequency = header.fields["rate"][0]
     if not math.isclose(values.size, seconds * frequency):
-        raise text.error(
-            f"the header states {duration} s at {rate} samples per second, but {values.size}"
-            " values follow",
-            line,
-        )
+        stated = f"the header states {duration} s at {rate} samples per second"
+        raise text.error(f"{stated}, but {values.size} values follow", line)
     # The last number may not end before the others of its column do.
     lines = [re.findall(r"\s*\S+", row) for row in text.lines[_HEADER_LINES:][-LAST_LINES:]]
     width = len(lines[-1])
     require_whole_end(text, [words[width - 1] for words in lines if len(words) >= width])
     gals_per_count = header.fields["gals"][0].value / header.fields["counts"][0].value
+    # The offset of the instrument stays in the samples, though not in the peak that is stated.
     # Printed like the peak, which may have been cut instead of rounded: both may be off by half
     # a unit of their last digit.
     extremes = gals_per_count * (np.array([values.min(), values.max()]) - values.mean())
