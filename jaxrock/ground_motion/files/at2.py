@@ -66,10 +66,7 @@ def _read_points_and_step(text: TextFile, header: Header) -> int:
         words = f"{match['step']} {match['tail']}".strip()
         _, step = next(iter(find_steps(f"DT= {words}")), ("", math.nan))
         if not 0 < step < math.inf:
-            raise text.error(
-                f"DT must be a time above 0, got {quote_word(words)}",
-                number,
-            )
+            raise text.error(f"DT must be a time above 0, got {quote_word(words)}", number)
         stated = f"the header states DT= {step:.6g} s"
         header.claims = header.claims.add_step(number, stated, step)
         return number
