@@ -58,8 +58,9 @@ def make_record(horizontal: Component, *upward: Component) -> Record:
 def require_upward(component: Component) -> Component:
     """Return a vertical component; a `ValueError` if it is known to point elsewhere."""
     if component.direction == "down":
-        reason = "points downward, but a vertical component must be positive upward"
-        raise ValueError(f"{component.name} {reason}")
+        raise ValueError(
+            f"{component.name} points downward, but a vertical component must be positive upward"
+        )
     if component.direction == "level":
         raise ValueError(f"{component.name} is horizontal, a vertical component was expected")
     return component
