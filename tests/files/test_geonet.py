@@ -133,7 +133,7 @@ def test_same_components_are_told_apart_by_their_number(path):
         (component(ALONG, raw=True).replace("of 1.00", "of 0.10"), "multiplied by 0.10 are"),
         (
             component(ALONG, stated=0.01),
-            "states 0.020 s in line 23, but the header states 0.010 s",
+            "states 0.010 s in line 11, but the header states 0.020 s",
         ),
         (component(ALONG, step=0.0), "from 1e-05 s on was expected, got 0.000 s"),
         (component(ALONG, duration=5), "a duration of 5.00 s, but 43 points"),

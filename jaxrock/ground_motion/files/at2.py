@@ -9,17 +9,10 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...tables import (
-    NUMBER,
-    TextFile,
-    find_contents,
-    find_unit_after,
-    quote_word,
-    read_fortran,
-)
+from ...tables import TextFile, find_contents, find_steps, quote_word
 from .claims import Claims
 from .components import Component, Direction
-from .directions import Stated, find_name_direction, find_word_direction, settle_direction
+from .directions import find_name_direction, find_word_direction, settle_direction
 from .headers import Header
 
 # At most; usually there are four.
@@ -40,34 +33,25 @@ def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> lis
     header = Header(text, claims)
     top = _read_points_and_step(text, header)
     lines = [*enumerate(text.lines[:top], 1)]
-    contents = find_contents(lines)
-    if contents is not None:
+    if contents := find_contents(lines):
         raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
     header.read_text(lines, "the header")
-    return [header.read_component(top, direction)[0]]
+    component, _ = header.read_component(top)
+    return [component._replace(direction=direction)]
 
 
 def find_peer_direction(text: TextFile, paths: Iterable[Path]) -> Direction:
-    """Find the direction by the name of the file among others, and by the title.
-
-    Raises a `ValueError` if they disagree.
-    """
+    """Find the direction by the file's name among others, and by the title, which must agree."""
     name = find_name_direction(text.path, paths)
-    title = _find_title_direction(text.lines)
-    direction = settle_direction(name, title)
+    filled = [line for line in text.lines[:_HEADER_LINES] if line.strip()]
+    # The component ends the title, such as UP or 140; the station's number may stand behind it
+    # in brackets.
+    title = re.sub(r"\s*\([^()]*\)\s*$", "", "".join(filled[_TITLE_LINE - 1 : _TITLE_LINE]))
+    stated = find_word_direction(title.rpartition(",")[2].strip()) if "," in title else ""
+    direction = settle_direction(name, stated)
     if direction is None:
-        raise text.error(f"the component is {name} by its name, but {title} by its header")
+        raise text.error(f"the component is {name} by its name, but {stated} by its header")
     return direction
-
-
-def _find_title_direction(lines: list[str]) -> Stated:
-    """Find the direction of the component in the title: UP, DWN, 140, ..."""
-    filled = [line for line in lines[:_HEADER_LINES] if line.strip()]
-    if len(filled) < _TITLE_LINE:
-        return ""
-    # After the component the station's number may stand in brackets.
-    title = re.sub(r"\s*\([^()]*\)\s*$", "", filled[_TITLE_LINE - 1])
-    return find_word_direction(title.rpartition(",")[2].strip()) if "," in title else ""
 
 
 def _read_points_and_step(text: TextFile, header: Header) -> int:
@@ -78,27 +62,15 @@ def _read_points_and_step(text: TextFile, header: Header) -> int:
         if match is None:
             continue
         header.add("points", number, match["points"])
-        step = _parse_step(text, f"{match['step']} {match['tail']}".strip(), number)
-        header.add_step(number, f"the header states DT= {step:.6g} s", step)
+        # The number and perhaps its unit, such as "10 MSEC".
+        words = f"{match['step']} {match['tail']}".strip()
+        _, step = next(iter(find_steps(f"DT= {words}")), ("", math.nan))
+        if not 0 < step < math.inf:
+            raise text.error(f"DT must be a time above 0, got {quote_word(words)}", number)
+        stated = f"the header states DT= {step:.6g} s"
+        header.claims = header.claims.add_step(number, stated, step)
         return number
     raise text.error(
         "an .AT2 file was expected, with 'NPTS= ..., DT= ...' or '... NPTS, DT' within its"
         f" first {_HEADER_LINES} lines"
     )
-
-
-def _parse_step(text: TextFile, words: str, line: int) -> float:
-    """Convert a number and perhaps its unit, such as "10 MSEC", to a time step [s]."""
-    value = re.match(NUMBER, words, re.I)
-    # Whatever begins with no number is refused as it stands.
-    word = value[0] if value else re.split(r"[\s,]", words)[0]
-    step = read_fortran(word) if value else text.parse_number(word, line, "DT")
-    step *= find_unit_after(words[len(word) :].lstrip())[1]
-    if math.isnan(step):
-        raise text.error(
-            f"DT must be a number, if need be with a unit of time, got {quote_word(words)}",
-            line,
-        )
-    if not 0 < step < math.inf:
-        raise text.error(f"DT must be greater than 0, got {word}", line)
-    return step

@@ -6,11 +6,10 @@ https://github.com/SCECcode/bbp/wiki.
 
 import re
 
-import numpy as np
-
 from ...tables import TextFile, parse_unit, require_whole_end
 from .claims import Claims
 from .components import Component, Direction
+from .fixed_columns import convert_words
 from .headers import Header
 
 # In one line, such as "# time(sec) N-S(cm/s/s) E-W(cm/s/s) U-D(cm/s/s)".
@@ -26,23 +25,15 @@ _UNIT = r"(?:N-?S|E-?W|U-?D|UP|acceleration|velocity)\s*\((?P<unit>[^)]*)(?:\)|$
 # The first column has the times; the third component points up.
 _CHANNELS: tuple[tuple[str, Direction], ...] = (("NS", "level"), ("EW", "level"), ("UD", "up"))
 _WIDTH = 1 + len(_CHANNELS)
-# As many are enough to see how numbers are printed.
-_LAST_LINES = 200
-
-
-def recognize_bbp(lines: list[str]) -> bool:
-    """Return whether the comments above the numbers name the columns of the platform."""
-    return bool(_find_names(lines))
 
 
 def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
     """Read the three components."""
     header = Header(text, claims)
-    for n in _find_names(text.lines):
+    for n in find_bbp_names(text.lines):
         for match in re.finditer(_UNIT, text.lines[n - 1], re.I):
             unit = match["unit"]
-            velocity = parse_unit(unit).dimension == "velocity"
-            if velocity or re.fullmatch("cm/?", unit):
+            if parse_unit(unit).dimension == "velocity" or re.fullmatch("cm/?", unit):
                 raise text.error(
                     f"the columns are velocities in {unit}: take the accelerations, which the"
                     " platform writes beside them, in a file .acc.bbp",
@@ -52,9 +43,18 @@ def read_bbp(text: TextFile, claims: Claims) -> list[Component]:
     top = _count_comments(text.lines)
     header.read_text(enumerate(text.lines[:top], 1), "a comment")
     factor = header.require_unit("the comments state no unit")
-    values = _read_columns(text, top)
-    words = [line.split()[0] for line in text.lines[top:]]
-    step = header.require_even_times(words, values[0], top + 1)
+    rows = [line.split() for line in text.lines[top:]]
+    for number, row in enumerate(rows, top + 1):
+        if len(row) != _WIDTH:
+            raise text.error(
+                f"a time and three accelerations were expected, got {len(row)} words", number
+            )
+    if len(rows) < 2:
+        raise text.error(f"at least two samples were expected, got {len(rows)}")
+    words = [word for row in rows for word in row]
+    values = convert_words(text, words, top, _WIDTH).reshape(-1, _WIDTH).T
+    require_whole_end(text, words[_WIDTH - 1 :: _WIDTH])
+    step = header.require_even_times(words[::_WIDTH], values[0], top + 1)
     return [
         Component(f"{str(text.path)!r} {channel}", factor, column, step, direction, channel)
         for (channel, direction), column in zip(_CHANNELS, values[1:], strict=True)
@@ -67,7 +67,7 @@ def _count_comments(lines: list[str]) -> int:
     return next(numbers, len(lines))
 
 
-def _find_names(lines: list[str]) -> list[int]:
+def find_bbp_names(lines: list[str]) -> list[int]:
     """Find the lines of the comments that name the columns in order, by their numbers."""
     comments = [*enumerate(lines[: _count_comments(lines)], 1)]
     for patterns in ((_NAMES,), _COLUMNS):
@@ -75,28 +75,3 @@ def _find_names(lines: list[str]) -> list[int]:
         if len(named) == len(patterns):
             return named
     return []
-
-
-def _read_columns(text: TextFile, top: int) -> np.ndarray:
-    """Read the columns below line `top`, times first, shape (4, samples)."""
-
-    def parse_all(lines: list[str]) -> np.ndarray:
-        words = [line.split() for line in lines]
-        if any(len(row) != _WIDTH for row in words) or any("_" in line for line in lines):
-            raise ValueError
-        return np.array(words, dtype=float).ravel()
-
-    def parse_line(line: str, number: int) -> list[float]:
-        words = line.split()
-        if len(words) != _WIDTH:
-            raise text.error(
-                f"a time and {_WIDTH - 1} accelerations were expected, got {len(words)} words",
-                number,
-            )
-        return [text.parse_number(word, number) for word in words]
-
-    values = text.read_values(top, parse_all, parse_line).reshape(-1, _WIDTH).T
-    if values.shape[1] < 2:
-        raise text.error(f"at least two samples were expected, got {values.shape[1]}")
-    require_whole_end(text, [line.split()[-1] for line in text.lines[top:][-_LAST_LINES:]])
-    return values

@@ -15,17 +15,11 @@ _STEP = "a time step in s, ms or the like, or in samples per second"
 
 
 class Claims(NamedTuple):
-    """Statements about the unit and the time step, which all have to agree.
+    """Statements about the unit and the time step, which all have to agree."""
 
-    Attributes
-    ----------
-    units : tuple of Statement
-        In m/s2. What the caller states comes first, so that errors say that the file disagrees.
-    steps : tuple of Statement
-        In s.
-    """
-
+    # In m/s2. What the caller states comes first, so that errors say that the file disagrees.
     units: tuple[Statement, ...] = ()
+    # In s.
     steps: tuple[Statement, ...] = ()
 
     def add_unit(self, line: int, words: str, unit: str | float) -> "Claims":
@@ -39,11 +33,9 @@ class Claims(NamedTuple):
 
     def require_unit(self, file: NamedFile, missing: str = "") -> float:
         """Return the unit [m/s2]; a `ValueError` if it is `missing`, or statements disagree."""
-        for stated in self.units:
-            if math.isnan(stated.value):
-                raise file.error(
-                    f"{stated.words}, which is not {UNITS_OF_ACCELERATION}", stated.line
-                )
+        for line, words, factor in self.units:
+            if math.isnan(factor):
+                raise file.error(f"{words}, which is not {UNITS_OF_ACCELERATION}", line)
         missing = f"{missing}, so that unit must be given: {UNITS_OF_ACCELERATION}"
         return file.require_agreement(self.units, UNITS_OF_ACCELERATION, _SAME_UNIT, missing)
 

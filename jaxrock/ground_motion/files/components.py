@@ -13,29 +13,19 @@ Direction = Literal["level", "up", "down", ""]
 
 
 class Component(NamedTuple):
-    """A row of accelerations.
+    """A row of accelerations."""
 
-    Attributes
-    ----------
-    name : str
-        Name for errors.
-    factor : float
-        Unit of the values [m/s2].
-    values : ndarray, shape (samples,)
-        Accelerations, as they stand in the file.
-    step : float
-        Time step [s].
-    direction : {"level", "up", "down", ""}
-        Where it points, empty if the file does not say so.
-    channel : str
-        Its name in the file, empty if there is only one.
-    """
-
+    # For errors.
     name: str
+    # Unit of the values [m/s2].
     factor: float
+    # As they stand in the file, shape (samples,).
     values: np.ndarray
+    # Time step [s].
     step: float
+    # Where it points, empty if the file does not say so.
     direction: Direction = ""
+    # Its name in the file, empty if there is only one.
     channel: str = ""
 
 

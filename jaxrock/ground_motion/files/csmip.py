@@ -9,24 +9,14 @@ https://www.conservation.ca.gov/cgs/pages/program-smi/reports/other/osms85-03.as
 """
 
 import re
-from functools import partial
 from typing import NamedTuple
 
 from ...tables import TextFile
 from ..units import convert_unit
 from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import (
-    Columns,
-    Numbers,
-    get_line,
-    match_line,
-    match_title,
-    parse_format,
-    read_numbers,
-)
+from .fixed_columns import Columns, Numbers, get_line, match_line, parse_format, read_numbers
 from .headers import DECIMAL, Header, Numbered, read_channels
-from .orientations import find_direction
 
 _RAW = "uncorrected accelerogram data"
 _CORRECTED = "corrected accelerogram"
@@ -38,43 +28,33 @@ _DATA = (
     r"|points\s+of\s+(?P<quantity>accel|veloc|displ)\s+data\s+equally[\s-]+spaced\s+at\s+"
     rf"(?P<step>{DECIMAL})\s*sec\.?)\s*"
     r"(?:,?\s*in\s+(?:units\s+of\s+)?(?P<unit>[^\s(]+?)\s*\.?\s*(?:format:)?\s*"
-    r"(?P<format>\(.*)?|\(units:\s*(?P<declared>[^\s)]+?)\.?\s*\)\s*)$"
+    r"(?P<format>\(.*)?|\(units:\s*(?P<unit_2>[^\s)]+?)\.?\s*\)\s*)$"
 )
 _PAIRS_LINE = 11
 _PAIRS_UNIT = r"\s*units\s+of\s+uncor\s+\w+\s+are\s+sec\s+and\s+(?P<unit>g/10|g)\b"
 # The second line of the integers, and the place of the orientation in it.
 _INTEGERS = Columns(16, 5)
-_ORIENTATION = {10: "sensor"}
+_ORIENTATION = 10
 
 
 class _Volume(NamedTuple):
-    """A layout.
+    """A layout."""
 
-    Attributes
-    ----------
-    text, headers : int
-        Lines of text, and lines of integers and reals below them.
-    channel : int
-        Line with the channel.
-    columns : Columns
-        Columns of the values, where no format is stated.
-    statements : dict
-        By the index of the line in the text, what stands there.
-    """
-
+    # Lines of text, and lines of integers and reals below them.
     text: int
     headers: int
-    channel: int
+    # Columns of the values, where no format is stated.
     columns: Columns
+    # By the index of the line in the text, what stands there.
     statements: dict[int, str]
 
 
 _FIRST = _Volume(
     13,
     14,
-    6,
     Columns(8, 9),
     {
+        6: _CHANNEL,
         10: rf"\s*no\. of points\s*=\s*(?P<points>\d+)\b{_DURATION}"
         rf"(?:\s+at\s+(?P<rate>{DECIMAL})\s+samples/sec)?",
         11: rf".*\bmax\s*=\s*(?P<peak>{DECIMAL})\s*(?P<peak_unit>[^\s,]+)\s*,?\s+at\b",
@@ -83,9 +63,9 @@ _FIRST = _Volume(
 _SECOND = _Volume(
     25,
     20,
-    7,
     Columns(8, 10),
     {
+        7: _CHANNEL,
         11: _DURATION,
         15: r"\s*(?P<points>\d+)\s+points\b",
         16: rf"\s*at\s+equally[\s-]+spaced\s+intervals\s+of\s+(?P<step>{DECIMAL})\s*sec",
@@ -103,7 +83,7 @@ _AZIMUTHS = range(1, 361)
 _CODES: dict[int, Direction] = {500: "up", 600: "down"}
 
 # The title of volume 1, perhaps below that of volume 2.
-recognize_csmip = partial(match_title, rf"\s*(?:{_CORRECTED}.*\n\s*)?{_RAW}")
+CSMIP_TITLE = rf"\s*(?:{_CORRECTED}.*\n\s*)?{_RAW}"
 
 
 def read_csmip(text: TextFile, claims: Claims) -> list[Component]:
@@ -121,42 +101,36 @@ def _read_channel(text: TextFile, claims: Claims, top: int) -> tuple[list[Number
     at = top + volume.text + volume.headers
     numbered: list[Numbered] = []
     while not re.match(r"\W*end of data\b", get_line(text, at, "'End of data'"), re.I):
-        header = Header(text, claims)
-        header.read_line(top + volume.channel, _CHANNEL, "a line such as 'Chan 1: 360 deg'")
-        number = header.fields["number"][0].word
-        direction = _find_direction(text, header, top + volume.text + 1)
-        if volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at]):
-            _read_statements(header, top, volume)
-            component, at = _read_pairs(text, header, top, at, direction)
-            numbered.append((number, component))
-            continue
-        expected = "a line such as '7200 points of accel data equally spaced at ...'"
-        header.read_line(at, _DATA, expected)
+        header = Header(text, claims, _NAMES, _CODES)
+        has_pairs = volume is _FIRST and re.match(r"[\s\d.-]+$", text.lines[at])
         columns = volume.columns
-        if stated := header.find("format"):
-            columns = parse_format(text, stated.word, at + 1)
-        quantity = header.find("quantity")
-        if quantity and quantity.word.lower() != "accel":
-            at += 1 + -(-int(header.fields["points"][0].value) // columns.number)
-            continue
-        if declared := header.find("declared"):
-            header.add("unit", declared.line, declared.word)
-        _read_statements(header, top, volume)
-        component, at = header.read_component(at + 1, direction, columns)
-        numbered.append((number, component))
+        if not has_pairs:
+            expected = "a line such as '7200 points of accel data equally spaced at ...'"
+            header.read_line(at, _DATA, expected)
+            at += 1
+            if stated := header.find("format"):
+                columns = parse_format(text, stated.words, at)
+            quantity = header.find("quantity")
+            if quantity and quantity.words.lower() != "accel":
+                at += -(-int(header.fields["points"][0].value) // columns.number)
+                continue
+        for line, pattern in volume.statements.items():
+            expected = "what the header states of channel, points, duration, step and peak"
+            header.read_line(top + line, pattern, expected)
+        integers = top + volume.text + 1
+        header.read_numbers(integers, _INTEGERS.number, _INTEGERS, {_ORIENTATION: "sensor"})
+        line, word, code = header.fields["sensor"][0]
+        if code in _AZIMUTHS or code in _CODES:
+            header.add("azimuth" if code in _AZIMUTHS else "code", line, word)
+        if has_pairs:
+            component, at = _read_pairs(text, header, top, at)
+        else:
+            component, at = header.read_component(at, columns)
+        numbered.append((header.fields["number"][0].words, component))
     return numbered, at + 1
 
 
-def _read_statements(header: Header, top: int, volume: _Volume) -> None:
-    """Add what the text of a channel states of points, duration, step and peak."""
-    for at, pattern in volume.statements.items():
-        expected = "what the header states of points, duration, time step and peak"
-        header.read_line(top + at, pattern, expected)
-
-
-def _read_pairs(
-    text: TextFile, header: Header, top: int, at: int, direction: Direction
-) -> tuple[Component, int]:
+def _read_pairs(text: TextFile, header: Header, top: int, at: int) -> tuple[Component, int]:
     """Read pairs of time and acceleration, from the line with index `at` on."""
     expected = "a line 'Units of uncor accel are sec and g/10'"
     unit = match_line(text, top + _PAIRS_LINE, _PAIRS_UNIT, expected)["unit"]
@@ -169,15 +143,4 @@ def _read_pairs(
     header.require_duration(points, step)
     numbers = Numbers(numbers.words[1::2], numbers.values[1::2], numbers.end)
     header.require_peak(numbers, factor)
-    return header.make_component(factor, numbers.values, step, direction), numbers.end
-
-
-def _find_direction(text: TextFile, header: Header, integers: int) -> Direction:
-    """Find a channel's direction, which text and integers state."""
-    header.read_numbers(integers, _INTEGERS.number, _INTEGERS, _ORIENTATION)
-    line, word, code = header.fields["sensor"][0]
-    if code in _AZIMUTHS:
-        header.add("azimuth", line, word)
-    elif code in _CODES:
-        header.add("code", line, word)
-    return find_direction(text, header, _NAMES, _CODES)
+    return header.make_component(factor, numbers.values, step), numbers.end

@@ -5,14 +5,11 @@ needed here. They are described at https://esm-db.eu/#/data_and_services (format
 """
 
 import re
-from functools import partial
 
 from ...tables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import match_title
 from .headers import Header
-from .orientations import find_direction
 
 # Spectra, velocities and displacements have the same layout.
 _ACCELERATION = r"(?:(?:un)?processed )?acceleration"
@@ -32,12 +29,10 @@ _KEYS = {
 # Names of channels that are not SEED's; in old files they are WE, NS or UP.
 _NAMES: dict[str, Direction] = {".*z|u": "up", ".*[ne12xy]": "level", ".*": ""}
 
-recognize_esm = partial(match_title, r"\s*EVENT_NAME:")
-
 
 def read_esm(text: TextFile, claims: Claims) -> list[Component]:
     """Read the component of a file."""
-    header = Header(text, claims)
+    header = Header(text, claims, _NAMES)
     top = _read_keys(text, header)
     quantity = header.find("quantity")
     named = re.search(_OTHER_NAMES, text.path.name, re.I)
@@ -45,15 +40,12 @@ def read_esm(text: TextFile, claims: Claims) -> list[Component]:
         raise text.error(
             f"acceleration was expected, the header has no DATA_TYPE and the name says {named[1]}"
         )
-    if quantity and not re.fullmatch(_ACCELERATION, quantity.word, re.I):
-        raise text.error(
-            f"acceleration was expected, DATA_TYPE is {quote_word(quantity.word)}",
-            quantity.line,
-        )
-    if "peak" in header.fields:
-        header.add("peak_unit", header.fields["peak"][0].line, "cm/s2")
-    direction = find_direction(text, header, _NAMES)
-    return [header.read_component(top, direction)[0]]
+    if quantity and not re.fullmatch(_ACCELERATION, quantity.words, re.I):
+        kind = quote_word(quantity.words)
+        raise text.error(f"acceleration was expected, DATA_TYPE is {kind}", quantity.line)
+    if peak := header.find("peak"):
+        header.add("peak_unit", peak.line, "cm/s2")
+    return [header.read_component(top)[0]]
 
 
 def _read_keys(text: TextFile, header: Header) -> int:
@@ -65,13 +57,10 @@ def _read_keys(text: TextFile, header: Header) -> int:
         key, _, word = (part.strip() for part in line.partition(":"))
         if not word:
             continue
-        if key in first and first[key][1] != word:
-            before = first[key]
-            raise text.error(
-                f"{key} is {quote_word(before[1])} in line {before[0]}, but {quote_word(word)}",
-                number,
-            )
         if key in _KEYS and key not in first:
             header.add(_KEYS[key], number, word)
-        first.setdefault(key, (number, word))
+        line, before = first.setdefault(key, (number, word))
+        if before != word:
+            agreed = f"{key} is {quote_word(before)} in line {line}"
+            raise text.error(f"{agreed}, but {quote_word(word)}", number)
     return len(text.lines)

@@ -23,11 +23,6 @@ class Numbers(NamedTuple):
     end: int
 
 
-def match_title(pattern: str, lines: list[str]) -> bool:
-    """Return whether a text begins with a pattern, which may go on in its second line."""
-    return re.match(pattern, "\n".join(lines[:2]), re.I) is not None
-
-
 def get_line(text: TextFile, at: int, name: str) -> str:
     """Return the line with index `at`; an error that the file ends if there is none."""
     if at >= len(text.lines):
@@ -46,12 +41,13 @@ def match_line(text: TextFile, at: int, pattern: str, name: str) -> re.Match[str
 
 def parse_format(text: TextFile, words: str, line: int) -> Columns:
     """Understand a format of Fortran with one kind of number, such as (8f10.3) or (10I8)."""
-    match = re.fullmatch(r"\(\s*(\d+)(?:i(\d+)|[feg](\d+)\.\d+)\s*\)", words.strip(), re.I)
-    if match is None or not int(match[1]) or not int(match[2] or match[3]):
+    pattern = r"\(\s*(\d+)(?:i(?!.*\.)|[feg](?=\d+\.))(\d+)(?:\.\d+)?\s*\)"
+    match = re.fullmatch(pattern, words.strip(), re.I)
+    if match is None or not int(match[1]) or not int(match[2]):
         raise text.error(
             f"a format such as (8f10.3) was expected, got {quote_word(words)}", line
         )
-    return Columns(int(match[1]), int(match[2] or match[3]))
+    return Columns(int(match[1]), int(match[2]))
 
 
 def read_numbers(text: TextFile, at: int, count: int, columns: Columns) -> Numbers:
@@ -64,33 +60,29 @@ def read_numbers(text: TextFile, at: int, count: int, columns: Columns) -> Numbe
     first = at
     while len(words) < count:
         line = get_line(text, at, f"all of {count} values, {len(words)} of them are there")
-        words += _split_columns(
-            text, line, at, min(columns.number, count - len(words)), columns
-        )
+        line = line.rstrip()
+        number = min(columns.number, count - len(words))
+        expected = f"{number} values in columns of {columns.width} characters were expected"
+        if len(line) != number * columns.width:
+            raise text.error(f"{expected}, the line has {len(line)} characters", at + 1)
+        for k in range(0, len(line), columns.width):
+            field = line[k : k + columns.width]
+            if field[-1] == " " or "," in field:
+                raise text.error(f"{expected}, got {quote_word(field)}", at + 1)
+            words.append(field.lower().replace("d", "e").strip())
         at += 1
+    return Numbers(words, convert_words(text, words, first, columns.number), at)
+
+
+def convert_words(text: TextFile, words: list[str], at: int, width: int) -> np.ndarray:
+    """Convert words, `width` in a line from the one with index `at` on, to finite numbers."""
     try:
         values = np.array([*map(float, words)])
         # Python would also take 1_000, which is a mistake elsewhere.
         if np.isfinite(values).all() and "_" not in "".join(words):
-            return Numbers(words, values, at)
+            return values
     except ValueError:
         # One by one below, to name the line of an error.
         pass
-    numbered = [(first + k // columns.number + 1, word) for k, word in enumerate(words)]
-    values = np.array([text.parse_number(word, line) for line, word in numbered])
-    return Numbers(words, values, at)
-
-
-def _split_columns(
-    text: TextFile, line: str, at: int, count: int, columns: Columns
-) -> list[str]:
-    """Split the line with index `at` into `count` words, of numbers as Python writes them."""
-    line = line.rstrip()
-    expected = f"{count} values in columns of {columns.width} characters were expected"
-    if len(line) != count * columns.width:
-        raise text.error(f"{expected}, the line has {len(line)} characters", at + 1)
-    fields = [line[k : k + columns.width] for k in range(0, len(line), columns.width)]
-    for field in fields:
-        if field[-1] == " " or "," in field:
-            raise text.error(f"{expected}, got {quote_word(field)}", at + 1)
-    return [field.lower().replace("d", "e").strip() for field in fields]
+    numbered = [(word, at + k // width + 1) for k, word in enumerate(words)]
+    return np.array([text.parse_number(word, line) for word, line in numbered])

@@ -5,16 +5,13 @@ velocities and displacements, all in columns of one width. The format is describ
 https://www.geonet.org.nz/data/supplementary/strong_motion_file_formats.
 """
 
-from functools import partial
-
 from ...tables import TextFile
 from .claims import Claims
 from .components import Component
-from .fixed_columns import Columns, match_line, match_title, read_numbers
-from .headers import DECIMAL, Header, Numbered, read_channels
-from .orientations import find_azimuth, find_direction
+from .fixed_columns import Columns, match_line, read_numbers
+from .headers import DECIMAL, Header, Numbered, find_azimuth, read_channels
 
-_TITLE = r"\s*(?:un)?corrected accelerogram\b.*\bgns science\b"
+GEONET_TITLE = r"\s*(?:un)?corrected accelerogram\b.*\bgns science\b"
 _COLUMNS = Columns(10, 8)
 _HEADER_LINES = 26
 # By the index of the line in the text: what stands there, and its name for an error.
@@ -25,12 +22,13 @@ _TEXT = {
     ),
     10: (
         rf"(?:raw readings in units of\s+(?P<scale>{DECIMAL})\s*(?P<unit>\S+)\s+at intervals"
-        rf" of\s+(?P<step>{DECIMAL})\s*s\b|.*\bat\s+(?P<resampled>{DECIMAL})\s*sec intervals\b)",
+        rf" of\s+(?P<step>{DECIMAL})\s*s\b|.*\bat\s+(?P<step_2>{DECIMAL})\s*sec intervals\b)",
         "the time step",
     ),
     12: (r"\s*component\s+(?P<channel>[ns]\d+[ew]|[nesw]|up|down)(?!\S)", "the component"),
+    # The peak is in the unit of the values.
     13: (
-        rf"\s*acceleration:\s*peak\s+(?P<peak>{DECIMAL})\s*(?P<peak_unit>\S+)\s+at\b",
+        rf"\s*acceleration:\s*peak\s+(?P<peak>{DECIMAL})\s*(?P<unit>\S+)\s+at\b",
         "the peak acceleration",
     ),
 }
@@ -42,8 +40,6 @@ _NUMBERS = {
     22: {5: "step"},
 }
 
-recognize_geonet = partial(match_title, _TITLE)
-
 
 def read_geonet(text: TextFile, claims: Claims) -> list[Component]:
     """Read the accelerations of all components."""
@@ -52,7 +48,7 @@ def read_geonet(text: TextFile, claims: Claims) -> list[Component]:
 
 def _read_component(text: TextFile, claims: Claims, top: int) -> tuple[list[Numbered], int]:
     """Read a component, and the index of the line after its displacements."""
-    match_line(text, top, _TITLE, "a title with '... accelerogram ... GNS Science'")
+    match_line(text, top, GEONET_TITLE, "a title with '... accelerogram ... GNS Science'")
     header = Header(text, claims)
     for at, (pattern, name) in _TEXT.items():
         header.read_line(top + at, pattern, f"a line with {name}")
@@ -61,16 +57,9 @@ def _read_component(text: TextFile, claims: Claims, top: int) -> tuple[list[Numb
     for line, word, value in header.fields["scale"]:
         if value != 1:
             raise text.error(f"values that are to be multiplied by {word} are not read", line)
-    # The peak is in the unit of the values.
-    for name, alias in (("resampled", "step"), ("peak_unit", "unit")):
-        for line, word, _ in header.fields.get(name, []):
-            header.add(alias, line, word)
-    channel = header.fields["channel"][0].word
-    if find_azimuth(channel) is not None:
-        line, word, _ = header.fields["degrees"][0]
-        header.add("azimuth", line, word)
-    direction = find_direction(text, header)
-    component, end = header.read_component(top + _HEADER_LINES, direction, _COLUMNS)
+    if find_azimuth(header.fields["channel"][0].words) is not None:
+        header.fields["azimuth"] = header.fields["degrees"]
+    component, end = header.read_component(top + _HEADER_LINES, _COLUMNS)
     # Only to see that they are whole: what is cut or shifted in them shifts the next component.
     for quantity in ("velocities", "displacements"):
         line, word, value = header.fields[quantity][0]

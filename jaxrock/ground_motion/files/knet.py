@@ -6,7 +6,6 @@ The format is described at https://www.kyoshin.bosai.go.jp/kyoshin/man/knetform_
 import math
 import re
 import warnings
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,9 @@ import numpy as np
 from ...tables import TextFile, quote_names, require_whole_end
 from .claims import Claims
 from .components import Component
-from .fixed_columns import Numbers, match_title
+from .fixed_columns import Numbers
 from .headers import Header
-from .orientations import find_direction
-from .plain import read_free_numbers
+from .plain import LAST_LINES, read_free_numbers
 
 # Channels by what stands behind Dir., for KiK-net a digit. Its names end in 1 for the sensors in
 # the borehole and in 2 for those at the surface.
@@ -42,18 +40,10 @@ _FIELDS = {
     ),
     14: ("Max. Acc. (gal)", r"(?P<peak>\S+)", "a number"),
 }
-# As many are enough to see where the numbers of a column end.
-_LAST_LINES = 200
-
-recognize_knet = partial(match_title, r"Origin Time")
 
 
 def read_knet(text: TextFile, claims: Claims) -> list[Component]:
-    """Read the component of a file, whose unit and step must not contradict the `claims`.
-
-    The file states a factor in gal a count. The offset of the instrument stays in the samples,
-    though not in the peak that is stated.
-    """
+    """Read the component of a file, which states a factor in gal a count."""
     header = Header(text, claims)
     for at, (name, pattern, words) in _FIELDS.items():
         field = re.escape(name).replace(r"\.", r"\.?")
@@ -61,7 +51,6 @@ def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     line, sensor, _ = header.fields["sensor"][0]
     header.add("channel", line, _CHANNELS[sensor.upper()])
     line, peak, _ = header.fields["peak"][0]
-    header.add("peak_unit", line, "gal")
     header.add_unit(line, "the file is in gal", "gal")
     factor = header.require_unit()
     step = header.require_step()
@@ -69,21 +58,21 @@ def read_knet(text: TextFile, claims: Claims) -> list[Component]:
     line, duration, seconds = header.fields["duration"][0]
     _, rate, frequency = header.fields["rate"][0]
     if not math.isclose(values.size, seconds * frequency):
-        raise text.error(
-            f"the header states {duration} s at {rate} samples per second, but {values.size}"
-            " values follow",
-            line,
-        )
-    _require_whole_column(text)
+        stated = f"the header states {duration} s at {rate} samples per second"
+        raise text.error(f"{stated}, but {values.size} values follow", line)
+    # The last number may not end before the others of its column do.
+    lines = [re.findall(r"\s*\S+", row) for row in text.lines[_HEADER_LINES:][-LAST_LINES:]]
+    width = len(lines[-1])
+    require_whole_end(text, [words[width - 1] for words in lines if len(words) >= width])
     gals_per_count = header.fields["gals"][0].value / header.fields["counts"][0].value
+    # The offset of the instrument stays in the samples, though not in the peak that is stated.
     # Printed like the peak, which may have been cut instead of rounded: both may be off by half
     # a unit of their last digit.
     extremes = gals_per_count * (np.array([values.min(), values.max()]) - values.mean())
     decimals = len(peak.partition(".")[2])
     numbers = Numbers([f"{extreme:.{decimals}f}" for extreme in extremes], extremes, 0)
     header.require_peak(numbers, factor, "the values less their mean")
-    direction = find_direction(text, header)
-    return [header.make_component(factor * gals_per_count, values, step, direction)]
+    return [header.make_component(factor * gals_per_count, values, step)]
 
 
 def leave_out_boreholes(paths: list[Path]) -> list[Path]:
@@ -91,27 +80,22 @@ def leave_out_boreholes(paths: list[Path]) -> list[Path]:
 
     A block stands on the ground: it does not feel the motion at depth.
     """
-    stations = {
-        (path.parent, path.stem.lower()) for path in paths if path.suffix.lower() in _SURFACE
+    stations = {_strip_suffix(path) for path in paths if path.suffix.lower() in _SURFACE}
+    deep = {
+        path: path.name
+        for path in paths
+        if path.suffix.lower() in _BOREHOLE and _strip_suffix(path) in stations
     }
-    kept: list[Path] = []
-    deep: list[str] = []
-    for path in paths:
-        if path.suffix.lower() in _BOREHOLE and (path.parent, path.stem.lower()) in stations:
-            deep.append(path.name)
-        else:
-            kept.append(path)
     if deep:
         warnings.warn(
             f"{len(deep)} files are left out, since their sensors are in a borehole and others"
-            f" of the station at the surface: {quote_names(deep)}. read_record reads one of them",
+            f" of the station at the surface: {quote_names(deep.values())}."
+            " read_record reads one of them",
             stacklevel=3,
         )
-    return kept
+    return [path for path in paths if path not in deep]
 
 
-def _require_whole_column(text: TextFile) -> None:
-    """Raise an error if the last number ends before the others of its column do."""
-    rows = [re.findall(r"\s*\S+", line) for line in text.lines[_HEADER_LINES:][-_LAST_LINES:]]
-    width = len(rows[-1])
-    require_whole_end(text, [row[width - 1] for row in rows if len(row) >= width])
+def _strip_suffix(path: Path) -> Path:
+    """Return the path of a station's files without their suffixes, in lower case."""
+    return path.with_name(path.stem.lower())

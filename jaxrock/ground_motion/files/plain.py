@@ -21,7 +21,7 @@ _END_OF_DATA = r"\W*end\s+(?:of\s+)?data\W*"
 # A number of values.
 _COUNT = r"[1-9]\d*"
 # As many are enough to see how numbers are printed.
-_LAST_LINES = 200
+LAST_LINES = 200
 _WAY_OUT = (
     "write one number a line if they are one series, or name the columns in a .csv file,"
     " such as 'time [s],acceleration [g]'"
@@ -41,16 +41,15 @@ def read_free_numbers(text: TextFile, top: int) -> np.ndarray:
         lambda row, n: [value for word in row.split() for value in _split_word(text, word, n)],
     )
     if not is_ended:
-        require_whole_end(text, " ".join(lines[top:][-_LAST_LINES:]).split())
+        require_whole_end(text, " ".join(lines[top:][-LAST_LINES:]).split())
     return values
 
 
 def recognize_plain(lines: list[str]) -> bool:
     """Return whether the first line has nothing but numbers."""
     first = next((line for line in lines if line.strip()), "")
-    return all(
-        re.fullmatch(NUMBER, word, re.I) or _FIELDS.fullmatch(word) for word in first.split()
-    )
+    number = re.compile(f"{NUMBER}|{_FIELDS.pattern}", re.I)
+    return all(map(number.fullmatch, first.split()))
 
 
 def read_plain(text: TextFile, claims: Claims) -> list[Component]:
@@ -62,17 +61,22 @@ def read_plain(text: TextFile, claims: Claims) -> list[Component]:
         for n, line in enumerate(text.lines, 1)
         if line.strip()
     }
-    _refuse_head(text, claims, [*widths.values()], values)
-    _require_width(text, widths)
-    _refuse_columns(text, next(iter(widths.values())), values)
-    factor = claims.require_unit(text, "the file holds nothing but numbers")
-    step = claims.require_step(text, "the file holds nothing but numbers")
+    _check_head(text, claims, [*widths.values()], values)
+    width = next(iter(widths.values()))
+    *_, last = widths
+    for line, count in widths.items():
+        if count > width or (count < width and line != last):
+            raise text.error(
+                f"{width} numbers a line were expected, as in the first one, got {count}", line
+            )
+    _check_columns(text, width, values)
+    missing = "the file holds nothing but numbers"
+    factor = claims.require_unit(text, missing)
+    step = claims.require_step(text, missing)
     return [Component(repr(str(text.path)), factor, values, step)]
 
 
-def _refuse_head(
-    text: TextFile, claims: Claims, widths: list[int], values: np.ndarray
-) -> None:
+def _check_head(text: TextFile, claims: Claims, widths: list[int], values: np.ndarray) -> None:
     """Raise an error if the first line may be a header, such as '4000 0.005', 4000 or 0.005."""
     first, *below = [line for line in text.lines if line.strip()]
     # Some programs write a 0 without a point: that is no number of values.
@@ -83,25 +87,13 @@ def _refuse_head(
     is_apart = len(widths) > 2 and widths[0] != widths[1]
     if is_count or is_step or is_apart:
         raise text.error(
-            f"the first line {quote_word(first.strip())} may be a header, which is not read:"
-            " delete it if it is, and state unit and time_step; otherwise write all numbers"
-            " alike, one a line",
+            f"the first line {quote_word(first.strip())} may be a header: delete it if it is,"
+            " and state unit and time_step; otherwise write all numbers alike, one a line",
             1,
         )
 
 
-def _require_width(text: TextFile, widths: dict[int, int]) -> None:
-    """Raise an error unless all lines but the last one have as many numbers as the first."""
-    width = next(iter(widths.values()))
-    *above, last = widths.items()
-    for line, count in [*above, (last[0], max(last[1], width))]:
-        if count != width:
-            raise text.error(
-                f"{width} numbers a line were expected, as in the first one, got {count}", line
-            )
-
-
-def _refuse_columns(text: TextFile, width: int, values: np.ndarray) -> None:
+def _check_columns(text: TextFile, width: int, values: np.ndarray) -> None:
     """Raise an error if the numbers look like columns of a table, such as time and value.
 
     Times, and numbers of lines, increase from each line to the next. Numbers of one series
@@ -112,18 +104,14 @@ def _refuse_columns(text: TextFile, width: int, values: np.ndarray) -> None:
     if len(rows) < 3:
         return
     down = np.diff(rows, axis=0)
-    increasing = [*np.flatnonzero((down > 0).all(axis=0))]
-    if increasing:
+    increasing = np.flatnonzero((down > 0).all(axis=0))
+    if increasing.size:
         raise text.error(
-            f"column {increasing[0] + 1} of {width} increases from each line to the next, as"
-            f" times do: {_WAY_OUT}"
+            f"column {increasing[0] + 1} of {width} increases all along, as times do: {_WAY_OUT}"
         )
     beside = np.diff(rows, axis=1)
     if width > 1 and np.mean(down**2) < np.mean(beside**2):
-        raise text.error(
-            f"the numbers look like {width} columns side by side, each closer to the one below"
-            f" it than to the one beside it: {_WAY_OUT}"
-        )
+        raise text.error(f"the numbers look like {width} columns side by side: {_WAY_OUT}")
 
 
 def _split_word(text: TextFile, word: str, line: int) -> list[float]:
@@ -135,9 +123,7 @@ def _split_word(text: TextFile, word: str, line: int) -> list[float]:
     perhaps = re.findall(r"(?<=[\d.])[-+]\d{2,3}\.", word)
     bare_exponent = re.search(r"[\d.][-+]\d{2,3}(?![\d.])", word)
     if any(number[1] == "0" for number in perhaps) or (perhaps and bare_exponent):
-        raise text.error(
-            f"numbers that run together are not clear, got {quote_word(word)}", line
-        )
+        raise text.error(f"numbers run together unclearly, got {quote_word(word)}", line)
     values = [read_fortran(match[0]) for match in re.finditer(NUMBER, word, re.I)]
     if not np.isfinite(values).all():
         raise text.error(f"a value must be finite, got {quote_word(word)}", line)

@@ -5,24 +5,25 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 """
 
 import re
-from functools import partial
 
 from ...tables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
-from .fixed_columns import Columns, get_line, match_title
+from .fixed_columns import Columns, get_line
 from .headers import Header
-from .orientations import find_direction
 
 # The first line says what the file holds.
-_FIRST = r"\s*\d\s+(?:unknown|(?:un)?corrected acc|velocity|displacement|response|fourier)"
 _ACCELERATION = r"\s*[12]\s+(?:un)?corrected accelerogram"
 _COMPONENT_LINE = 5
 _COMPONENT = r"(?:.*\bcomponent\s*=\s*(?P<channel>\S+))?"
 # Below 11 lines of text: index of the line, how many numbers, their columns, and what they
 # state, from index 0 on.
-_INTEGERS = 11, 48, Columns(8, 10), {12: "code", 15: "comments", 16: "points"}
-_REALS = 17, 50, Columns(5, 15), {1: "rate", 29: "peak", 31: "peak"}
+_INTEGERS = 11
+_REALS = 17
+_BLOCKS = {
+    _INTEGERS: (48, Columns(8, 10), {12: "code", 15: "comments", 16: "points"}),
+    _REALS: (50, Columns(5, 15), {1: "rate", 29: "peak", 31: "peak"}),
+}
 _COMMENTS = 27
 # No number that is there is as large as that for missing ones.
 _NO_REAL = 1e30
@@ -32,8 +33,7 @@ _LONG_VALUES = Columns(5, 14)
 # Degrees from upward, and names of components that are no azimuths.
 _TILTS: dict[int, Direction] = {0: "up", 90: "level", 180: "down"}
 _NAMES: dict[str, Direction] = {"u": "up", "d": "down", "ne|nw|se|sw": "level"}
-
-recognize_smc = partial(match_title, _FIRST)
+_SILENT: dict[str, Direction] = {".*": ""}
 
 
 def read_smc(text: TextFile, claims: Claims) -> list[Component]:
@@ -41,64 +41,44 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
     kind = text.lines[0].strip()
     if not re.match(_ACCELERATION, kind, re.I):
         raise text.error(f"an accelerogram was expected, this is {quote_word(kind)}", 1)
-    header = Header(text, claims)
+    header = Header(text, claims, _NAMES, _TILTS)
     header.read_line(_COMPONENT_LINE, _COMPONENT, "a line with the component")
-    # The first number of a block stands for all that are missing: -32768 and 1.7e38.
-    if not _read_block(text, header, *_INTEGERS) < 0:
-        raise text.error("the first integer must be that for missing ones", _INTEGERS[0] + 1)
-    if not _read_block(text, header, *_REALS) >= _NO_REAL:
-        raise text.error("the first real must be that for missing ones", _REALS[0] + 1)
+    for at, (count, columns, names) in _BLOCKS.items():
+        # The first number stands for all that are missing: -32768 and 1.7e38.
+        word = get_line(text, at, "the headers")[: columns.width]
+        missing = text.parse_number(word, at + 1)
+        if not (missing < 0 if at == _INTEGERS else missing >= _NO_REAL):
+            kind = "integer" if at == _INTEGERS else "real"
+            raise text.error(f"the first {kind} must be that for missing ones", at + 1)
+        header.read_numbers(at, count, columns, names, missing)
     if "rate" not in header.fields:
         raise text.error(
             "the header states no sampling rate, so that the values are pairs of time and"
             " acceleration: take the corrected record, which has a uniform step",
-            _REALS[0] + 1,
+            _REALS + 1,
         )
     header.add_unit(1, "an SMC file is in cm/s2", "cm/s2")
-    header.add("peak_unit", 1, "cm/s2")
-    top = _read_comments(text, header)
-    if len(header.fields.get("peak", [])) < 2:
-        # One alone may be the smaller of both.
-        header.fields.pop("peak", None)
-    # By the degrees, a name that is not understood says nothing.
-    silent: dict[str, Direction] = {".*": ""} if "code" in header.fields else {}
-    direction = find_direction(text, header, _NAMES | silent, _TILTS)
-    first = get_line(text, top, "the values")
-    columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
-    component, end = header.read_component(top, direction, columns)
-    if end < len(text.lines):
-        points = header.fields["points"][0].word
-        raise text.error(f"the header states {points} values, but more lines follow", end + 1)
-    return [component]
-
-
-def _read_block(
-    text: TextFile,
-    header: Header,
-    at: int,
-    count: int,
-    columns: Columns,
-    names: dict[int, str],
-) -> float:
-    """Read the integers or the reals; return the number for missing ones, the first."""
-    word = get_line(text, at, "the headers")[: columns.width]
-    missing = text.parse_number(word, at + 1)
-    header.read_numbers(at, count, columns, names, missing)
-    return missing
-
-
-def _read_comments(text: TextFile, header: Header) -> int:
-    """Read the comments, which may state a unit; return the index of the line after them."""
     top = _COMMENTS
     while top < len(text.lines) and text.lines[top].startswith("|"):
         top += 1
-    comments = enumerate(text.lines[_COMMENTS:top], _COMMENTS + 1)
-    header.read_text(comments, "a comment")
+    header.read_text(enumerate(text.lines[_COMMENTS:top], _COMMENTS + 1), "a comment")
     stated = header.find("comments")
     count = max(stated.value, 0) if stated else 0
     if count != top - _COMMENTS:
         raise text.error(
             f"the header states {count:g} lines of comments, but {top - _COMMENTS} begin with |",
-            _INTEGERS[0] + 2,
+            _INTEGERS + 2,
         )
-    return top
+    if len(header.fields.get("peak", [])) < 2:
+        # One alone may be the smaller of both.
+        header.fields.pop("peak", None)
+    if "code" in header.fields:
+        # Beside the degrees, a name that is not understood says nothing.
+        header.names = _NAMES | _SILENT
+    first = get_line(text, top, "the values")
+    columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
+    component, end = header.read_component(top, columns)
+    if end < len(text.lines):
+        points = header.fields["points"][0].words
+        raise text.error(f"the header states {points} values, but more lines follow", end + 1)
+    return [component]
