@@ -141,6 +141,7 @@ TABLES_THAT_ARE_REFUSED = [
     (f"{HEAD}\na,0.2,1,,,9\n", "2: 5 fields separated by commas were expected, got 6"),
     (f"{HEAD}\na,1,2,,\nTotal,1,2,,\n", "3: a name was expected, got 'Total': leave out"),
     (f"{HEAD}\na,1,2,,", "2: the file looks truncated: its last cell is empty and no newline"),
+    (f"{HEAD}\n#5,1,2,,\na,1,2,,\n", "2: '#5,1,2,,' is a comment, but looks like a row"),
     (f"{HEAD}\na,1,2,,\n#5,1,2,,\n", "3: '#5,1,2,,' is a comment, but looks like a row"),
     (f"{HEAD}\na,1,2,,\n,1,2,,\n", "3: a name was expected, got '': leave out rows"),
     (f"{HEAD}\na,1,2,,\na,1,2,,\n", "3: names must differ, got 'a' twice"),

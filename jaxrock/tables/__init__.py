@@ -8,6 +8,7 @@ from .heads import split_words as split_words
 from .quantities import QUANTITIES as QUANTITIES
 from .rows import Row as Row
 from .statements import NUMBER as NUMBER
+from .statements import WordsAndValue as WordsAndValue
 from .statements import collect_statements as collect_statements
 from .statements import find_contents as find_contents
 from .statements import find_factor as find_factor

@@ -62,7 +62,7 @@ class Table:
         for line, comment in self.notes:
             # A name may begin with #, as #12 of a catalogue.
             is_row = width > 1 and len(split_line(comment, self.separator)) == width
-            if is_row and line > self._top and re.match(r"#\w", comment):
+            if is_row and line > self.line and re.match(r"#\w", comment):
                 raise self.text.error(
                     f"{quote_word(comment)} is a comment, but looks like a row: write '# ' if it"
                     " is one, and quotes around a name that begins with #",

@@ -246,7 +246,7 @@ OTHER_QUANTITIES = [
     ("time,acc [1e-3 g]\n" + SPECTRUM, {}, "states 1e-3 g, which is not one of"),
     ("time [g],acc [g]\n" + SPECTRUM, {}, "the unit of the times is not understood: 'time [g]'"),
     ("VELOCITY TIME SERIES\ntime,a\n" + SPECTRUM, G_GIVEN, "line 1: acceleration was expected"),
-    ("Time Step: 0.005\n0.1\n0.3\n0.2\n", LATER, "line 1: time_step is 0.02 s, but a comment"),
+    ("Time Step: 0.005\n0.1\n0.3\n0.2\n", LATER, "line 1: time_step is 0.02 s, but a title"),
     ("# fs = 200\n0.1\n0.3\n0.2\n", LATER, "line 1: time_step is 0.02 s, but a comment states fs"),
     ("acc [g] at 200 samples/s\n0.1\n0.3\n0.2\n", LATER, "but the name of a column states 200"),
     ("# in gal\n0.1\n0.3\n0.2\n", LATER, "line 1: unit is 'g', but a comment states gal"),
@@ -277,3 +277,17 @@ def test_a_log_of_a_shake_table(tmp_path):
         ValueError, match=r"column 'LVDT1 \[mm\]' is of another quantity: disp"
     ):
         jr.read_record(path, column="LVDT1 [mm]")
+
+
+def test_names_of_files_say_where_a_column_points(tmp_path):
+    for name, value in (("STA090.csv", 1), ("STA-UP.csv", 3)):
+        (tmp_path / name).write_text(f"time [s],acc [g]\n0,{value}\n.5,0\n")
+    assert jr.read_suite(tmp_path).names == ("STA090",)
+    (record,) = jr.read_suite(tmp_path, vertical=True)
+    assert float(record.vertical[0]) == pytest.approx(3 * G)
+    with pytest.raises(
+        ValueError, match="no component is horizontal; column names a vertical"
+    ):
+        jr.read_record(tmp_path / "STA-UP.csv")
+    (tmp_path / "b.tsv").write_text("time [s]\tacc [g]\n0\t1\n.5\t0\n")
+    assert jr.read_suite(tmp_path).names == ("STA090", "b")

@@ -31,7 +31,7 @@ class Claims(NamedTuple):
         """Add that a line states a time step [s]."""
         return self._replace(steps=(*self.steps, Statement(line, words, step)))
 
-    def require_unit(self, file: NamedFile, missing: str = "") -> float:
+    def require_unit(self, file: NamedFile, missing: str = "the file states none") -> float:
         """Return the unit [m/s2]; a `ValueError` if it is `missing`, or statements disagree."""
         for line, words, factor in self.units:
             if math.isnan(factor):
@@ -39,7 +39,9 @@ class Claims(NamedTuple):
         missing = f"{missing}, so that unit must be given: {UNITS_OF_ACCELERATION}"
         return file.require_agreement(self.units, UNITS_OF_ACCELERATION, _SAME_UNIT, missing)
 
-    def require_step(self, file: NamedFile, missing: str = "", line: int = 0) -> float:
+    def require_step(
+        self, file: NamedFile, missing: str = "the file states none", line: int = 0
+    ) -> float:
         """Return the step [s]; a `ValueError` if it is `missing`, or statements disagree."""
         missing = f"{missing}, so that time_step must be given"
         return file.require_agreement(self.steps, _STEP, UNIFORM, missing, line)

@@ -59,10 +59,14 @@ FORMATS: tuple[FileFormat, ...] = (
 )
 
 
+# Tables, of which a caller picks columns.
+TABLE_SUFFIXES = (".csv", ".tsv")
+
+
 def list_suffixes() -> tuple[str, ...]:
     """List the ends of names, in lower case, of the files in a folder that are read."""
     known = (suffix for file_format in FORMATS for suffix in file_format.suffixes)
-    return (".at2", ".csv", *TRACE_SUFFIXES, *known)
+    return (".at2", *TABLE_SUFFIXES, *TRACE_SUFFIXES, *known)
 
 
 def read_components(path: Path, claims: Claims, paths: Iterable[Path] = ()) -> list[Component]:

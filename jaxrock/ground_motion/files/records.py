@@ -12,11 +12,8 @@ from ...tables import NamedFile, TextFile, quote_names
 from ..record import Record
 from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
-from .formats import read_components
+from .formats import TABLE_SUFFIXES, read_components
 from .sample_tables import SampleTable
-
-# Ends of names of tables, of which a caller picks columns.
-TABLE_SUFFIXES = (".csv", ".tsv")
 
 StrPath = str | os.PathLike[str]
 

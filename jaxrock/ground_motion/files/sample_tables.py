@@ -2,12 +2,15 @@
 
 import math
 import re
+from collections.abc import Callable
 
 import numpy as np
 
 from ...tables import (
+    Statement,
     Table,
     TextFile,
+    WordsAndValue,
     collect_statements,
     find_contents,
     find_factor,
@@ -20,7 +23,12 @@ from ...tables import (
 )
 from .claims import UNIFORM, Claims
 from .components import Component
-from .directions import find_clear_direction, find_column_direction
+from .directions import (
+    find_clear_direction,
+    find_column_direction,
+    find_name_direction,
+    settle_direction,
+)
 from .printed_times import find_printed_step, find_uniform_step
 
 # PEER puts it beside the records that a search has found.
@@ -52,6 +60,16 @@ class SampleTable:
         self.times: int | None = self._find_times()
         self._refuse_spectra()
         self.accelerations: list[int] = self._list_accelerations()
+        # As of other files of one component, the name of the file may say where it points.
+        self.is_vertical = False
+        if len(self.accelerations) == 1:
+            (column,) = self.accelerations
+            named = settle_direction(find_name_direction(text.path, [text.path]), "")
+            if named in ("up", "down") and not find_clear_direction(
+                self.table.heads[column].name
+            ):
+                self.directions[column] = named
+                self.is_vertical = True
 
     def find_column(self, argument: str, name: str) -> int:
         """Find the column of a name, or the one that points "up" or "down" if none has it."""
@@ -99,7 +117,7 @@ class SampleTable:
             if factor := find_factor(words):
                 raise self.text.error(
                     f"accelerations in their unit were expected, a comment states {factor!r}:"
-                    " apply the factor, if it is not, and leave the statement out",
+                    " multiply the values by it unless that has been done, then remove this",
                     line,
                 )
         factors = {k: self._find_unit(k, claims) for k in columns}
@@ -111,7 +129,7 @@ class SampleTable:
             require_samples_alone(self.text, values[0], self.table.rows[0].line)
         names = [(self.table.line, name) for name in self.table.names]
         for stated in (
-            *collect_statements(find_steps, self.table.notes, "a comment"),
+            *self._collect_statements(find_steps),
             *collect_statements(find_steps, names, "the name of a column"),
         ):
             claims = claims.add_step(*stated)
@@ -197,12 +215,21 @@ class SampleTable:
                 words = f"column {head.words!r} states {unit.words}"
                 claims = claims.add_unit(self.table.line, words, unit.factor)
         # Notes may speak of several columns: one that agrees is enough.
-        notes = collect_statements(find_units, self.table.notes, "a comment")
+        notes = self._collect_statements(find_units)
         ours = claims.units[0].value if claims.units else math.nan
         agreeing = [note for note in notes if math.isclose(note.value, ours)]
         for note in agreeing or notes:
             claims = claims.add_unit(*note)
         return claims.require_unit(self.text, "the file states no unit of this column")
+
+    def _collect_statements(
+        self, find: Callable[[str], list[WordsAndValue]]
+    ) -> list[Statement]:
+        """Collect what the comments and the titles above the names state."""
+        comments = [note for note in self.table.notes if note[1].lstrip().startswith("#")]
+        titles = [note for note in self.table.notes if note not in comments]
+        stated = collect_statements(find, comments, "a comment")
+        return stated + collect_statements(find, titles, "a title")
 
     def _find_step(self, column: int, times: np.ndarray, claims: Claims) -> float:
         """Find the step [s] of the times; an error names the first line that differs."""

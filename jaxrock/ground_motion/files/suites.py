@@ -14,12 +14,12 @@ from .at2 import find_peer_direction, read_peer
 from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
 from .directions import find_word_direction, is_same_station
-from .formats import list_suffixes, read_components
+from .formats import TABLE_SUFFIXES, list_suffixes, read_components
 from .knet import leave_out_boreholes
-from .records import TABLE_SUFFIXES, StrPath
+from .records import StrPath
 from .sample_tables import SampleTable, is_search_report
 
-# In a folder, the usual name of a table of the records, and how texts to read first are named.
+# In a folder, the usual name of a table of the records, and those of README files.
 _INDEX = "index.csv"
 _README = ("readme", "_readme")
 # Velocities, displacements and spectra beside accelerations, as COSMOS and ESM name them. ESM's
@@ -52,8 +52,8 @@ def read_suite(
     acceleration, the others are left out.
 
     Of a folder, files whose names end as those of a format do are read in the order of their
-    names. Left out are folders within it, hidden files, pipes and devices, texts to read
-    first, a table ``index.csv``, the report of a search that PEER puts beside records, and
+    names. Left out are folders within it, hidden files, pipes and devices, README
+    files, a table ``index.csv``, the report of a search that PEER puts beside records, and
     velocities, displacements and spectra, told by names such as ``....VEL.MP.ASC`` of ESM.
     Files of KiK-net's sensors in a borehole (``.EW1``, ``.NS1``, ``.UD1``) are left out with a
     warning where files of the station at the surface are there.
@@ -173,13 +173,15 @@ def _read_table(
     table = SampleTable(text)
     heads = table.table.heads
     level = [k for k in table.accelerations if table.directions[k] == "level"]
-    if not level:
+    upright = [k for k in table.accelerations if table.directions[k] in ("up", "down")]
+    if not level and table.is_vertical and not vertical:
+        return []
+    if not level and not table.is_vertical:
         names = quote_names(table.table.names)
         raise text.error(f"no column is a horizontal acceleration among {names}")
     if len(level) > 2:
         names = quote_names(heads[k].words for k in level)
         raise text.error(f"at most two horizontal columns were expected: {names}")
-    upright = [k for k in table.accelerations if table.directions[k] in ("up", "down")]
     columns = [*level, *upright] if vertical else level
     components = table.read_components(dict.fromkeys(columns, "column"), claims)
     return [
