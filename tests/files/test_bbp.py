@@ -54,48 +54,25 @@ def test_three_components(path, content, factor):
     assert float(suite[0].time_step) == pytest.approx(STEP, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("content", "options", "message"),
-    [
-        (
-            write(NAMES.replace("cm/s/s", "cm/s")),
-            {},
-            "line 2: the columns are velocities in cm/s",
-        ),
-        (
-            write(COLUMNS.replace("cm/s/s", "cm/s")),
-            {},
-            "line 4: the columns are velocities in",
-        ),
-        (
-            write(NAMES.replace("U-D(cm/s/s)", "U-D(cm/")),
-            {},
-            "line 2: the columns are velocities",
-        ),
-        (write(NAMES.replace("E-W(cm/s/s)", "E-W(g)")), {}, r"cm/s/s in line 2, but .* g"),
-        (write(NAMES.replace("cm/s/s", "counts")), {}, "the values are counts"),
-        (
-            write(COLUMNS.replace("North-south", "X").replace("East-west", "North-south")),
-            {},
-            "a file in one of these formats",
-        ),
-        (write(), {"unit": "g"}, "line 2: unit is 'g', but a comment states cm/s/s"),
-        (
-            write(),
-            {"time_step": 0.02},
-            "line 3: time_step is 0.02 s, but the times .* 0.025 s",
-        ),
-        (write(times=np.delete(np.arange(POINTS + 1), 9) * STEP), {}, "not evenly spaced"),
-        (write().replace("\t", ",", 1), {}, "line 3: .* got 3 words"),
-        (write(values=(NORTH, EAST, UP * np.nan)), {}, "line 3: a value must be finite"),
-        (write(times=TIMES[:1], values=np.ones((3, 1))), {}, "at least two samples"),
-        (
-            write()[:-2],
-            {},
-            "line 43: the file looks truncated: its last number",
-        ),
-    ],
-)
+WHAT_IS_REFUSED = [
+    (write(NAMES.replace("cm/s/s", "cm/s")), {}, "line 2: the columns are velocities in cm/s"),
+    (write(COLUMNS.replace("cm/s/s", "cm/s")), {}, "line 4: the columns are velocities in"),
+    (write(NAMES.replace("U-D(cm/s/s)", "U-D(cm/")), {}, "line 2: the columns are velocities"),
+    (write(NAMES.replace("E-W(cm/s/s)", "E-W(g)")), {}, r"cm/s/s in line 2, but .* g"),
+    (write(NAMES.replace("cm/s/s", "counts")), {}, "the values are counts"),
+    (write(COLUMNS.replace("North-south", "X").replace("East-west", "North-south")), {},
+     "a file in one of these formats"),
+    (write(), {"unit": "g"}, "line 2: unit is 'g', but a comment states cm/s/s"),
+    (write(), {"time_step": 0.02}, "line 3: time_step is 0.02 s, but the times .* 0.025 s"),
+    (write(times=np.delete(np.arange(POINTS + 1), 9) * STEP), {}, "not evenly spaced"),
+    (write().replace("\t", ",", 1), {}, "line 3: .* got 3 words"),
+    (write(values=(NORTH, EAST, UP * np.nan)), {}, "line 3: a value must be finite"),
+    (write(times=TIMES[:1], values=np.ones((3, 1))), {}, "at least two samples"),
+    (write()[:-2], {}, "line 43: the file looks truncated: its last number"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "options", "message"), WHAT_IS_REFUSED)
 def test_what_is_refused(path, content, options, message):
     path.write_text(content)
     with pytest.raises(ValueError, match=rf"s01\.acc\.bbp.*{message}"):

@@ -149,43 +149,35 @@ def test_the_example_of_the_format(path):
     assert jr.read_record(path).samples == POINTS + 1
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (
-            channel(NORTH, unit="counts (50)", unit_code=50),
-            COUNTS,
-        ),
-        (
-            channel(NORTH, unit_code=50),
-            COUNTS,
-        ),
-        (channel(NORTH, unit_code=2), "states cm/sec2.* but the header states unit 2"),
-        (channel(NORTH, unit="rad/s/s (7)", unit_code=7), "rad/s/s, which is not one of"),
-        (channel(NORTH, quantity="velocity"), "holds no accelerations"),
-        (channel(NORTH, peak=50), r"states a peak of 50\.0+, but that of the values is"),
-        (channel(NORTH).replace("     5.000000", "  -999.000000"), "states no time step"),
-        (channel(NORTH, fortran="(8f10.3,f8.1)"), "a format such as"),
-        (channel(NORTH, fortran="(8f11.3)"), "8 values in columns of 11 characters"),
-        (
-            channel(NORTH).replace(f"\n{NORTH[0]:10.3f}", f"\n{NORTH[0]:9.3f} "),
-            "columns of 10 characters were expected, got",
-        ),
-        (channel(NORTH, text="Vert", code=402), "not said to point up or down"),
-        (channel(NORTH, text="Up"), "channel is Up in line 9, but the header .* 360"),
-        (channel(NORTH, text="90 deg"), "channel is 90 in line 9, but the header .* 360"),
-        (channel(NORTH, code=900), "orientation of 900, which is not understood"),
-        (channel(NORTH, scnl="A.HNZ.CE.--"), "states 360, but the channel is HNZ"),
-        (channel(NORTH).replace("  43 acc", "  42 acc"), "but 42 points are 0.005 s apart"),
-        (channel(NORTH).replace("approx  0 secs", "approx  9 secs"), "a duration of 9 s"),
-        (channel(NORTH).replace("     5.000000", "     4.000000"), "a duration of 0.2150"),
-        (channel(NORTH).replace("End-of-data for", "End of"), "'End-of-data for"),
-        (channel(NORTH)[:-60], "the file ends|columns of"),
-        (channel(NORTH).replace("|", "!"), "a comment that begins with"),
-        (channel(np.array([1e9, *NORTH]), peak=-999), "columns of 10 characters"),
-        (channel(np.array([np.nan, *NORTH]), peak=-999), "must be finite"),
-    ],
-)
+WHAT_IS_REFUSED = [
+    (channel(NORTH, unit="counts (50)", unit_code=50), COUNTS),
+    (channel(NORTH, unit_code=50), COUNTS),
+    (channel(NORTH, unit_code=2), "states cm/sec2.* but the header states unit 2"),
+    (channel(NORTH, unit="rad/s/s (7)", unit_code=7), "rad/s/s, which is not one of"),
+    (channel(NORTH, quantity="velocity"), "holds no accelerations"),
+    (channel(NORTH, peak=50), r"states a peak of 50\.0+, but that of the values is"),
+    (channel(NORTH).replace("     5.000000", "  -999.000000"), "states no time step"),
+    (channel(NORTH, fortran="(8f10.3,f8.1)"), "a format such as"),
+    (channel(NORTH, fortran="(8f11.3)"), "8 values in columns of 11 characters"),
+    (channel(NORTH).replace(f"\n{NORTH[0]:10.3f}", f"\n{NORTH[0]:9.3f} "),
+     "columns of 10 characters were expected, got"),
+    (channel(NORTH, text="Vert", code=402), "not said to point up or down"),
+    (channel(NORTH, text="Up"), "channel is Up in line 9, but the header .* 360"),
+    (channel(NORTH, text="90 deg"), "channel is 90 in line 9, but the header .* 360"),
+    (channel(NORTH, code=900), "orientation of 900, which is not understood"),
+    (channel(NORTH, scnl="A.HNZ.CE.--"), "states 360, but the channel is HNZ"),
+    (channel(NORTH).replace("  43 acc", "  42 acc"), "but 42 points are 0.005 s apart"),
+    (channel(NORTH).replace("approx  0 secs", "approx  9 secs"), "a duration of 9 s"),
+    (channel(NORTH).replace("     5.000000", "     4.000000"), "a duration of 0.2150"),
+    (channel(NORTH).replace("End-of-data for", "End of"), "'End-of-data for"),
+    (channel(NORTH)[:-60], "the file ends|columns of"),
+    (channel(NORTH).replace("|", "!"), "a comment that begins with"),
+    (channel(np.array([1e9, *NORTH]), peak=-999), "columns of 10 characters"),
+    (channel(np.array([np.nan, *NORTH]), peak=-999), "must be finite"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "message"), WHAT_IS_REFUSED)
 def test_what_is_refused(path, content, message):
     path.write_text(content)
     with pytest.raises(ValueError, match=message) as error:

@@ -176,54 +176,38 @@ ONE = first(NORTH)
 TWO = second(STRONG)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (
-            first(NORTH, unit="counts"),
-            "counts .* by obspy and use jaxrock.ground_motion.from_obspy",
-        ),
-        (first(NORTH, unit="g/10"), "g/10, which is not one of"),
-        (first(NORTH, peak=0.5), "a peak of 0.500, but that of the values is"),
-        (first(NORTH, text="Up"), "channel is Up in line 7, but the header .* 360"),
-        (first(NORTH, text="90 Deg"), "channel is 90 in line 7, but the header .* 360"),
-        (first(NORTH, text="Vert"), "an orientation such as"),
-        (ONE.replace("at 100 pts", "at 200 pts"), "200 samples per second.*, but the header"),
-        (ONE.replace("Length =  0.430", "Length =  0.530"), "a duration of 0.530 s, but 43"),
-        (
-            ONE.replace("Points =  43", "Points =  44"),
-            "43 values in line 28, but the header states 44",
-        ),
-        (
-            ONE.replace("43 Accel", "42 Accel"),
-            "42 values in line 28, but the header states 43",
-        ),
-        (ONE.replace("(8f9.6)", "(8f9.6,x)"), "a format such as"),
-        (ONE.replace("End of Data", "End"), "'7200 points of accel data"),
-        (ONE.replace("Accelerogram points", "points"), "'7200 points of accel data"),
-        (
-            pairs(ALONG, times=np.cumsum(RANDOM.uniform(0.008, 0.012, POINTS))),
-            "line 28: the times beside the values are not evenly spaced.*: take volume 2",
-        ),
-        (pairs(ALONG, peak=1.0), r"a peak of 1\.000 in units of 9\.80665 m/s2"),
-        (pairs(ALONG, unit="CM"), "'Units of uncor accel are sec and g/10' was expected"),
-        (pairs(ALONG, text="NZ"), "an orientation such as .* got 'NZ'"),
-        (pairs(ALONG).replace("=0.430", "=0.830"), "a duration of 0.830 s"),
-        (pairs(ALONG).replace(" 0.020", " 0.021"), "not evenly spaced, from 0.009"),
-        (ONE[:-75], "3 values in columns of 9 characters"),
-        (TWO.replace("in cm/sec2", "in rad/sec2"), "rad/sec2, which is not one of"),
-        (TWO.replace("    cm/sec/sec  at", "    g  at"), "in units of 9.80665 m/s2, but that"),
-        (TWO.replace("points of accel", "points of veloc"), "holds no accelerations"),
-        (
-            TWO.replace("intervals of    .010", "intervals of    .020"),
-            "states .010 s .*, but the",
-        ),
-        (
-            TWO.replace("at  .010 sec, in cm/sec2", "at  .000 sec, in cm/sec2"),
-            "a time step from 1e-05 s on was expected, got .000 s",
-        ),
-    ],
-)
+WHAT_IS_REFUSED = [
+    (first(NORTH, unit="counts"), "counts .* by obspy and use jaxrock.ground_motion.from_obspy"),
+    (first(NORTH, unit="g/10"), "g/10, which is not one of"),
+    (first(NORTH, peak=0.5), "a peak of 0.500, but that of the values is"),
+    (first(NORTH, text="Up"), "channel is Up in line 7, but the header .* 360"),
+    (first(NORTH, text="90 Deg"), "channel is 90 in line 7, but the header .* 360"),
+    (first(NORTH, text="Vert"), "an orientation such as"),
+    (ONE.replace("at 100 pts", "at 200 pts"), "200 samples per second.*, but the header"),
+    (ONE.replace("Length =  0.430", "Length =  0.530"), "a duration of 0.530 s, but 43"),
+    (ONE.replace("Points =  43", "Points =  44"), "43 values in line 28, but the header states 44"),
+    (ONE.replace("43 Accel", "42 Accel"), "42 values in line 28, but the header states 43"),
+    (ONE.replace("(8f9.6)", "(8f9.6,x)"), "a format such as"),
+    (ONE.replace("End of Data", "End"), "'7200 points of accel data"),
+    (ONE.replace("Accelerogram points", "points"), "'7200 points of accel data"),
+    (pairs(ALONG, times=np.cumsum(RANDOM.uniform(0.008, 0.012, POINTS))),
+     "line 28: the times beside the values are not evenly spaced.*: take volume 2"),
+    (pairs(ALONG, peak=1.0), r"a peak of 1\.000 in units of 9\.80665 m/s2"),
+    (pairs(ALONG, unit="CM"), "'Units of uncor accel are sec and g/10' was expected"),
+    (pairs(ALONG, text="NZ"), "an orientation such as .* got 'NZ'"),
+    (pairs(ALONG).replace("=0.430", "=0.830"), "a duration of 0.830 s"),
+    (pairs(ALONG).replace(" 0.020", " 0.021"), "not evenly spaced, from 0.009"),
+    (ONE[:-75], "3 values in columns of 9 characters"),
+    (TWO.replace("in cm/sec2", "in rad/sec2"), "rad/sec2, which is not one of"),
+    (TWO.replace("    cm/sec/sec  at", "    g  at"), "in units of 9.80665 m/s2, but that"),
+    (TWO.replace("points of accel", "points of veloc"), "holds no accelerations"),
+    (TWO.replace("intervals of    .010", "intervals of    .020"), "states .010 s .*, but the"),
+    (TWO.replace("at  .010 sec, in cm/sec2", "at  .000 sec, in cm/sec2"),
+     "a time step from 1e-05 s on was expected, got .000 s"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "message"), WHAT_IS_REFUSED)
 def test_what_is_refused(path, content, message):
     path.write_text(content)
     with pytest.raises(ValueError, match=message) as error:

@@ -119,37 +119,29 @@ def test_same_components_are_told_apart_by_their_number(path):
     assert found == ["1: N28W", "2: N28W"]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (component(ALONG, peak=12345.6), "a peak of 12345.6, but that of the values is"),
-        (component(ALONG, peak=-ALONG.min()), None),
-        (component(ALONG, unit="units"), "the header states units, which is not one of"),
-        (
-            component(ALONG, unit="cm/s/s", raw=True),
-            "states mm/s/s in line 11, but the header states cm/s/s",
-        ),
-        (component(ALONG, scale=0.1), "multiplied by 0.100 are not read"),
-        (component(ALONG, raw=True).replace("of 1.00", "of 0.10"), "multiplied by 0.10 are"),
-        (
-            component(ALONG, stated=0.01),
-            "states 0.010 s in line 11, but the header states 0.020 s",
-        ),
-        (component(ALONG, step=0.0), "from 1e-05 s on was expected, got 0.000 s"),
-        (component(ALONG, duration=5), "a duration of 5.00 s, but 43 points"),
-        (component(ALONG, counted=42), "43 values in line 10, but the header states 42"),
-        (
-            component(ALONG, azimuth=28),
-            "N28W in line 13, but the header states an orientation of 28",
-        ),
-        (component(ALONG, "North"), "a line with the component was expected"),
-        (component(np.round(ALONG[:-1], 1)), "3 values in columns of 8 characters"),
-        (component(np.append(ALONG[:-1], np.inf), peak=1), "must be finite|must be a number"),
-        (component(np.append(ALONG[:-1], 1e7)), "columns of 8 characters"),
-        (component(ALONG)[:-30], "columns of 8|the file ends"),
-        (component(ALONG) + "more\n", "a title with"),
-    ],
-)
+WHAT_IS_REFUSED = [
+    (component(ALONG, peak=12345.6), "a peak of 12345.6, but that of the values is"),
+    (component(ALONG, peak=-ALONG.min()), None),
+    (component(ALONG, unit="units"), "the header states units, which is not one of"),
+    (component(ALONG, unit="cm/s/s", raw=True),
+     "states mm/s/s in line 11, but the header states cm/s/s"),
+    (component(ALONG, scale=0.1), "multiplied by 0.100 are not read"),
+    (component(ALONG, raw=True).replace("of 1.00", "of 0.10"), "multiplied by 0.10 are"),
+    (component(ALONG, stated=0.01), "states 0.010 s in line 11, but the header states 0.020 s"),
+    (component(ALONG, step=0.0), "from 1e-05 s on was expected, got 0.000 s"),
+    (component(ALONG, duration=5), "a duration of 5.00 s, but 43 points"),
+    (component(ALONG, counted=42), "43 values in line 10, but the header states 42"),
+    (component(ALONG, azimuth=28), "N28W in line 13, but the header states an orientation of 28"),
+    (component(ALONG, "North"), "a line with the component was expected"),
+    (component(np.round(ALONG[:-1], 1)), "3 values in columns of 8 characters"),
+    (component(np.append(ALONG[:-1], np.inf), peak=1), "must be finite|must be a number"),
+    (component(np.append(ALONG[:-1], 1e7)), "columns of 8 characters"),
+    (component(ALONG)[:-30], "columns of 8|the file ends"),
+    (component(ALONG) + "more\n", "a title with"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "message"), WHAT_IS_REFUSED)
 def test_what_is_refused(path, content, message):
     path.write_text(content)
     if message is None:  # a peak without its sign

@@ -55,44 +55,29 @@ SMOOTH = np.sin(10 * TIMES)
 TABLE = stack(0.1 * SMOOTH, np.cos(10 * TIMES), -SMOOTH)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        # Headers
-        (
-            f"{SERIES.size} 0.02\n{write(SERIES, 5)}",
-            f"line 1: the first line '{SERIES.size} 0.02'",
-        ),
-        (
-            f"{SERIES.size} 0.02\n{write(SERIES, 2)}",
-            "line 1: the first line .* may be a header",
-        ),
-        (f"{SERIES.size}\n{write(SERIES)}", "line 1: the first line '58' may be a header"),
-        (f"0.02\n{write(SERIES, 8)}", "line 1: the first line '0.02' may be a header"),
-        (f"0.02\n{write(SERIES)}", "line 1: the first line '0.02' may be a header"),
-        (f"4000\n{write(SERIES)}", "line 1: the first line '4000' may be a header"),
-        # Columns
-        (stack(TIMES, SERIES), "column 1 of 2 increases .*: write one number a line if"),
-        (
-            stack(SERIES, np.cumsum(SERIES**2)),
-            "column 2 of 2 increases .*, or name the columns",
-        ),
-        (write(TIMES), "column 1 of 1 increases"),
-        (TABLE, "look like 3 columns side by side"),
-        # Words
-        (write(SERIES, 8) + "END\n", "line 9: a value must be a number, got 'END'"),
-        (
-            write(SERIES, 8) + "1 2 3\n0.5\n",
-            "line 8: 8 numbers a line were expected, .* got 2",
-        ),
-        (write(SERIES) + "1.0 2.0\n", "line 59: 1 numbers a line were expected, .* got 2"),
-        (
-            write(SERIES)[:-3],
-            r"line 58: the file looks truncated: its last number '-?0\.\d\d\d'",
-        ),
-        ("acc\n" + write(SERIES), "a file in one of these formats was expected: .AT2, .csv"),
-    ],
-)
+WHAT_IS_REFUSED = [
+    # Headers
+    (f"{SERIES.size} 0.02\n{write(SERIES, 5)}", f"line 1: the first line '{SERIES.size} 0.02'"),
+    (f"{SERIES.size} 0.02\n{write(SERIES, 2)}", "line 1: the first line .* may be a header"),
+    (f"{SERIES.size}\n{write(SERIES)}", "line 1: the first line '58' may be a header"),
+    (f"0.02\n{write(SERIES, 8)}", "line 1: the first line '0.02' may be a header"),
+    (f"0.02\n{write(SERIES)}", "line 1: the first line '0.02' may be a header"),
+    (f"4000\n{write(SERIES)}", "line 1: the first line '4000' may be a header"),
+    # Columns
+    (stack(TIMES, SERIES), "column 1 of 2 increases .*: write one number a line if"),
+    (stack(SERIES, np.cumsum(SERIES**2)), "column 2 of 2 increases .*, or name the columns"),
+    (write(TIMES), "column 1 of 1 increases"),
+    (TABLE, "look like 3 columns side by side"),
+    # Words
+    (write(SERIES, 8) + "END\n", "line 9: a value must be a number, got 'END'"),
+    (write(SERIES, 8) + "1 2 3\n0.5\n", "line 8: 8 numbers a line were expected, .* got 2"),
+    (write(SERIES) + "1.0 2.0\n", "line 59: 1 numbers a line were expected, .* got 2"),
+    (write(SERIES)[:-3], r"line 58: the file looks truncated: its last number '-?0\.\d\d\d'"),
+    ("acc\n" + write(SERIES), "a file in one of these formats was expected: .AT2, .csv"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "message"), WHAT_IS_REFUSED)
 def test_what_is_refused(tmp_path, content, message):
     path = tmp_path / "a.txt"
     path.write_text(content)
