@@ -102,7 +102,7 @@ def test_at2_without_a_unit(write, holds):
     holds(read_record(path, unit="cm/s2", time_step=0.02), 0.02, [0.5, -0.25])
 
 
-CSV = [
+TABLES = [
     ("time,a\n0,1\n0.5,-2.5\n1,3e-1\n", {}, ([1, -2.5, 0.3],)),
     ("# one\n#two\n\na\n1\n-2.5\n\n\n", {"time_step": 0.5}, ([1, -2.5],)),
     ("a,T [s],b\n1,3.0,2\n2,3.5,4", {"column": "b"}, ([2, 4],)),
@@ -113,7 +113,7 @@ CSV = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("content", "options", "expected"), CSV)
+@pytest.mark.parametrize(("content", "options", "expected"), TABLES)
 def test_csv(write, holds, content, options, expected):
     holds(read_record(write("a.CSV", content), unit="m/s2", **options), 0.5, *expected)
 

@@ -406,7 +406,7 @@ CURVES_OF_SITES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("content", "name", "options", "answer"), SITES)
+@pytest.mark.parametrize(("content", "name", "options", "answer"), CURVES_OF_SITES)
 def test_sites(tmp_path, content, name, options, answer):
     path = write(tmp_path, content, name)
     if answer[0] in ":,":
