@@ -7,7 +7,7 @@ from typing import NamedTuple
 from .quantities import QUANTITIES, QUANTITY_BY_DIMENSION, SPAN
 from .units import ACCELERATION, VELOCITY, WORD_END, WORD_START, Unit, normalize, parse_unit
 
-# Names that mean what their unit says, where that is no unit of the quantity.
+# Names so short that the unit decides: "T [g]" is an acceleration, and no time.
 _SHORT = re.compile(r".|base", re.I)
 # Spelled exactly so in Eurocode 8; SE may be a direction.
 _ELASTIC_SPECTRUM = r"(?<![^\W\d_])S_?a?e(?![^\W\d_])"
@@ -41,8 +41,8 @@ class Head(NamedTuple):
     quantity : str
         A key of `QUANTITIES`, or what its unit measures; empty if neither is known.
     units : tuple of Unit
-        The units that it states, mostly one or none. One that is not understood, or that the
-        quantity cannot have, is of no dimension.
+        The units that it states, mostly one or none. Units that are not understood, or do not
+        fit the quantity, have an empty dimension and the factor NaN.
     """
 
     words: str
@@ -142,11 +142,10 @@ def _settle(words: str, name: str, units: list[Unit]) -> Head:
         return Head(words, name, quantity)
     dimension = units[0].dimension
     known = QUANTITIES[quantity].dimensions if quantity else ()
-    # T in g is no time, but a transverse acceleration; x in g no level, base in g no width; and
-    # a time since a trigger no counter.
-    says_little = quantity == "counter" or (
+    # "time since trigger [s]" is no counter, and "T [g]" the transverse acceleration.
+    unit_decides = quantity == "counter" or (
         bool(_SHORT.fullmatch(name)) and (dimension not in known or quantity == "level")
     )
-    if not quantity or (says_little and dimension):
+    if not quantity or (unit_decides and dimension):
         return Head(words, name, QUANTITY_BY_DIMENSION.get(dimension, dimension), tuple(units))
     return Head(words, name, quantity, tuple(unit.as_dimension(*known) for unit in units))

@@ -38,7 +38,7 @@ def find_layout(text: TextFile) -> Layout:
     notes = [(number, line) for number, line in lines if "#" in line and is_comment(line)]
     stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
     top = 1 if stated else 0
-    # Of a tab at the end of the first line the reader of lines has taken away, as it may be.
+    # A tab after "sep=" may have been stripped with the blanks at the end of the line.
     separator = (stated["separator"] or "\t") if stated else _find_separator(text)
     sample = [*itertools.islice(split_lines(text, top, separator), _SAMPLE)]
     if not sample:
@@ -108,7 +108,7 @@ def _is_statement(cells: list[str]) -> bool:
 
 
 def _are_units(cells: list[str], width: int) -> bool:
-    """Return whether cells are units, or empty: the line below names in some logs."""
+    """Return whether all cells that are not empty are units, as below names in some logs."""
     words = [*filter(None, (cell.strip("[]() ") for cell in cells))]
     return (
         len(cells) == width
@@ -147,7 +147,7 @@ def _find_names_in_comments(
 
 
 def _find_separator(text: TextFile) -> str:
-    """Find what separates fields: what splits most lines into the same number of them."""
+    """Find the separator that splits most lines into the same number of fields."""
     candidates: dict[str, tuple[float, float, bool]] = {}
     for separator in SEPARATORS:
         if separator not in text.content:
@@ -159,7 +159,7 @@ def _find_separator(text: TextFile) -> str:
         width, number = counts.most_common(1)[0]
         if width == 1 or (separator == " " and (candidates or number < len(rows))):
             continue
-        # Rather commas within fields than semicolons or tabs.
+        # Better is a separator whose fields contain none of the others.
         inside = any(
             set(cell) & (set(SEPARATORS) - {separator, " "})
             for row in rows
@@ -170,7 +170,7 @@ def _find_separator(text: TextFile) -> str:
         numbers = sum(map(is_number, cells)) / max(len(cells), 1)
         candidates[separator] = (number / len(rows), numbers, not inside)
     if not candidates:
-        # What is in none of the lines leaves each whole.
+        # None fits: lines stay whole.
         return next((s for s in SEPARATORS if s in text.lines[0] and s != " "), ",")
-    # Of equal ones the first.
+    # Ties go to the first in SEPARATORS.
     return max(candidates, key=lambda separator: candidates[separator])

@@ -1,6 +1,7 @@
 """Quantities in tables: by which names of columns they are told, and in which units they come.
 
-A new quantity is a line of `QUANTITIES`, a new unit one of `units.py`.
+A new quantity is a line of `QUANTITIES`, where the first that fits a name wins; a new unit is one
+of `units.py`, as is what a product of units measures.
 """
 
 from typing import NamedTuple

@@ -24,9 +24,10 @@ from .units import (
 # The words of a statement, and its value in SI: NaN if they are not understood.
 WordsAndValue = tuple[str, float]
 
-# Also what is no acceleration, which is then NaN.
+# Units of acceleration, and others, which are refused where accelerations are expected.
 _ANY = rf"(?:{ACCELERATION}|{VELOCITY}|counts?|volts?|mv|[ckn]m)"
-# In running text g, gal and cm are units only in such places; an amount, "0.1 cm/s2", is none.
+# In running text g, gal and cm are units only where one of these patterns matches; the unit of
+# an amount, "0.1 cm/s2", is no statement.
 _START = r"(?<![a-z0-9])"
 _END = r"(?![a-z0-9/^*])"
 _IN_TEXT = (

@@ -38,7 +38,7 @@ class Table:
     line : int
         Line of the names, or the first one if there are none.
     notes : list of (int, str)
-        Comments and lines above the names, with the numbers of their lines.
+        All comments of the file, and the titles above the names, with their line numbers.
     separator : str
         The character between two cells.
     """

@@ -87,7 +87,7 @@ class TextFile(NamedFile):
     lines : list of str
         Its lines without their ends. Blank lines at the end of the file are left out.
     ends : bool
-        Whether something that is no number stands at the end, such as a line end.
+        Whether the file ends with a line end, another blank or Ctrl-Z.
     """
 
     def __init__(self, path: Path, content: bytes | None = None):

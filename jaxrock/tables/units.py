@@ -1,7 +1,7 @@
 """Units: how they are spelled, what they measure, and their values in SI.
 
 A new unit is a line of `_UNITS`; what products of units measure stands in `_PRODUCTS`. All
-spellings ignore the case.
+spellings ignore the case, so that mN and MN are the same: only whether it is a force matters here.
 """
 
 import math

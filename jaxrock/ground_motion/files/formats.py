@@ -29,7 +29,7 @@ class FileFormat(NamedTuple):
     """A format of text files."""
 
     name: str
-    # Ends of names by which files of a folder are taken; any other name is read as well.
+    # `read_suite` picks files with these ends up from a folder; `read_record` ignores the name.
     suffixes: tuple[str, ...]
     # Returns something true for the lines of a text of this format.
     recognize: Callable[[list[str]], object]

@@ -11,9 +11,9 @@ step          time step [s]
 milliseconds  time step [ms]
 rate          samples per second
 duration      of the record [s]
-seconds       of the record in whole seconds, rounded in one way or another
+seconds       of the record in whole seconds, rounded up, down or to the nearest
 unit          of the values, in words
-peak          the largest value or the smallest, perhaps without its sign
+peak          the largest value or the smallest, with or without its sign
 peak_unit     of the peak, in words, if it is not that of the values
 number        of the channel in the record
 channel       name of the channel: an azimuth, a point of the compass, Up, H1 or the like
@@ -205,8 +205,8 @@ class Header:
         """Raise an error if the peak of numbers, called `name`, is not the one that is stated.
 
         Of several that are stated, such as the largest value and the smallest, the one of the
-        largest size counts. Some programs print it without its sign. Both numbers are rounded
-        to their printed digits, and may have been numbers of single precision.
+        largest size counts. Some programs print it without its sign. The tolerance is half the
+        last printed digit of both numbers, and 1e-6 for single precision.
         """
         words, values, _ = numbers
         peaks = self.fields.get("peak", [])

@@ -35,7 +35,7 @@ from .printed_times import find_printed_step, find_uniform_step
 _SEARCH_REPORT = re.compile(r'[\s"]*(?:PEER Ground Motion Database\b|-- Summary of )')
 # A column T beside accelerations may be of periods, if other names or the text above say so.
 _SPECTRUM = re.compile(r"(?<![^\W_])(?:spectr(?:um|a)|response|design)(?![^\W_])", re.I)
-# Of which there is one for a record or a site, and not one for a sample.
+# Quantities that have one value for a record or a site, not for a sample.
 _NO_SERIES = ("pga", "pgv", "intensity", "rate", "probability", "return period")
 # Of fewer numbers nothing can be told.
 _FEW = 4

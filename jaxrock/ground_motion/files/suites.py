@@ -49,7 +49,7 @@ def read_suite(
     each channel of a file that has several, and each file of one component. Vertical
     components are told by the header of a file, and by names: of columns and files that end
     in up, ud, dwn, ver, v, z or the like. Where some columns of a table state a unit of
-    acceleration, the others are left out.
+    acceleration, or are named so, the others are left out.
 
     Of a folder, files whose names end as those of a format do are read in the order of their
     names. Left out are folders within it, hidden files, pipes and devices, README
