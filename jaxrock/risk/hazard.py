@@ -56,7 +56,7 @@ class Hazard(Printed, Checked):
     measure : {"pgv", "pga"}, optional
         The intensity measure of the curve; functions that take the curve refuse another one.
     statistic : str, optional
-        Of which curves of a logic tree, or which part of the hazard, if it is known: "mean",
+        Statistic over the logic tree, or part of the hazard, where it is known: "mean",
         "max", "quantile-0.85", "rlz-000", "source FAULT" and so on. It is printed.
 
     Raises

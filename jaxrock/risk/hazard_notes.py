@@ -58,7 +58,7 @@ def find_measures(words: str, pattern_of_others: str = _MEASURES[OTHER]) -> set[
 
 
 def find_measures_of_levels(table: Table, notes: Notes, measure: str) -> set[str]:
-    """Find the measures that notes name; an error if they contradict that of the levels.
+    """Find the measures that notes name; an error if they contradict the measure of the levels.
 
     Below a measure in the name of the levels they may be about other columns; where it is empty,
     they must not name what else is in the same units.
@@ -109,7 +109,7 @@ def agree(unit: Unit, expected: Unit) -> bool:
 
 
 def find_statistic(table: Table, notes: Notes, name: str) -> str:
-    """Find of which curves of a logic tree this is; `name` is that of the column of rates."""
+    """Find the statistic over a logic tree; `name` is the name of the column of rates."""
     names = [words for words in table.names if words != name]
     # With numbers as in "84th rate"; without any, notes may not name quantiles either.
     elsewhere = _find_statistics(f"{', '.join(names)} quantile") ^ {"quantile"}

@@ -100,11 +100,11 @@ def read_site(
         elif not re.fullmatch(_ABOUT_SITES, name.partition(":")[0], re.I):
             raise table.text.error(f"column {quote_word(name)} is not understood", table.line)
     row = _choose_row(table, site)
-    said = table.text.path.stem
+    words_of_path = table.text.path.stem
     part = ""
     kind = ""
     if [*columns] == [kind]:
-        levels, said, part = _describe_nshmp(table.text.path.absolute())
+        levels, words_of_path, part = _describe_nshmp(table.text.path.absolute())
         frequency = Frequency("rate")
     else:
         kind, levels = _choose_kind(table, [*columns], measure)
@@ -114,7 +114,7 @@ def read_site(
             raise table.text.error(f"investigation_time must be greater than 0, got {words!r}")
         frequency = Frequency("probability", years=years)
     points = [(row.line, level, read_number(table, row, k)) for k, level in columns[kind]]
-    return Curve(levels, frequency, points, [*table.notes, (0, said)], part)
+    return Curve(levels, frequency, points, [*table.notes, (0, words_of_path)], part)
 
 
 def read_number(table: Table, row: Row, column: int) -> float:
@@ -206,7 +206,7 @@ def _read_statement(table: Table, key: str) -> str:
 
 
 def _describe_nshmp(path: Path) -> tuple[Levels, str, str]:
-    """Describe levels of nshmp-haz: their measure, what its path says, and of which part it is.
+    """Describe nshmp-haz by its path: measure of the levels, words of the path, part of the hazard.
 
     The measure stands in the name of the folder or file: PGA/curves.csv, PGA.csv. Folders such as
     PGA/source/FAULT and PGA/gmm/ASK_14 have what a kind of sources, or a ground motion model, adds
@@ -219,7 +219,7 @@ def _describe_nshmp(path: Path) -> tuple[Levels, str, str]:
     part = " ".join(names[at : at + 2])
     above = names[max(at - 2, 0) : at]
     measures = {m for m in _CONVENTIONS for name in above if m in find_measures(name)}
-    said = ", ".join([*above, *names[at + 2 :]])
+    words_of_path = ", ".join([*above, *names[at + 2 :]])
     if len(measures) == 1:
-        return _follow_convention("nshmp-haz", measures.pop()), said, part
-    return Levels("level", "", None, ""), said, part
+        return _follow_convention("nshmp-haz", measures.pop()), words_of_path, part
+    return Levels("level", "", None, ""), words_of_path, part

@@ -201,8 +201,8 @@ def _read_number(table: Table, row: Row, column: int, quantity: str) -> float:
     number = table.parse_number(row, column)
     name = f"column {quote_word(head.words)}"
     if number is None:
-        got = quote_word(cell) if cell else "an empty cell"
-        reason = f"{name} must have a number, its unit in the head only, got {got}"
+        seen = quote_word(cell) if cell else "an empty cell"
+        reason = f"{name} must have a number, its unit in the head only, got {seen}"
         raise table.text.error(reason, row.line)
     value = number * head.factor
     if not domain.contains(np.asarray(value)):

@@ -13,7 +13,6 @@ from .statements import collect_statements as collect_statements
 from .statements import find_contents as find_contents
 from .statements import find_factor as find_factor
 from .statements import find_steps as find_steps
-from .statements import find_unit_after as find_unit_after
 from .statements import find_units as find_units
 from .statements import read_fortran as read_fortran
 from .table import Table as Table

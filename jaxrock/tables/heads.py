@@ -107,7 +107,7 @@ def split_words(name: str) -> list[str]:
 
 
 def match_whole(name: str) -> str:
-    """Find the quantity of which this is a whole name; empty for none."""
+    """Find the quantity whose pattern matches the whole name; empty for none."""
     for quantity, known in QUANTITIES.items():
         if name and re.fullmatch(known.names, name, re.I):
             return quantity

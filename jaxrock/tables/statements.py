@@ -163,7 +163,7 @@ def find_steps(line: str) -> list[WordsAndValue]:
             tail = match["tail"]
             # The unit stands beside the name, "dt [ms] = 5", or behind: "dt = 5 ms".
             key = match["inside"] or match["after"]
-            words, seconds = find_unit_after(tail)
+            words, seconds = _find_unit_after(tail)
             step = number * (_parse_time(key) if key else seconds)
             if pattern == _RATE and re.match(rf"\s*[\[(]?\s*{_PER_SECOND}", key or tail, re.I):
                 step = _invert(number)
@@ -179,7 +179,7 @@ def find_steps(line: str) -> list[WordsAndValue]:
     return stated
 
 
-def find_unit_after(tail: str) -> WordsAndValue:
+def _find_unit_after(tail: str) -> WordsAndValue:
     """Find the unit [s] of a number in the text after it: 1 for none, NaN if not clear."""
     if match := re.match(_UNIT_AFTER, tail):
         return match[0], _parse_time(match["unit"])

@@ -12,7 +12,7 @@ from ..host import read_regular, show_progress
 
 # Control characters that no text file contains.
 _BINARY = bytes({*range(0x20)} - {*b"\t\n\v\f\r"})
-# What some programs put first to say how a text is encoded; those of UTF-32 begin like UTF-16's.
+# Byte-order marks; the little-endian mark of UTF-32 begins like that of UTF-16, so it stands first.
 _MARKS = {
     b"\xef\xbb\xbf": "utf-8",
     b"\xff\xfe\0\0": "utf-32-le",

@@ -82,7 +82,7 @@ _NAMES: dict[str, Direction] = {"v": "up", "intc": ""}
 _AZIMUTHS = range(1, 361)
 _CODES: dict[int, Direction] = {500: "up", 600: "down"}
 
-# The title of volume 1, perhaps below that of volume 2.
+# The title of volume 1; in volume 2 it stands below another title.
 CSMIP_TITLE = rf"\s*(?:{_CORRECTED}.*\n\s*)?{_RAW}"
 
 

@@ -1,5 +1,6 @@
 """Lines of a known form, and numbers in columns of fixed width, as Fortran writes them."""
 
+import contextlib
 import re
 from typing import NamedTuple
 
@@ -76,13 +77,11 @@ def read_numbers(text: TextFile, at: int, count: int, columns: Columns) -> Numbe
 
 def convert_words(text: TextFile, words: list[str], at: int, width: int) -> np.ndarray:
     """Convert words, `width` in a line from the one with index `at` on, to finite numbers."""
-    try:
+    # Only if this fails they go one by one, to name the line of an error.
+    with contextlib.suppress(ValueError):
         values = np.array([*map(float, words)])
         # Python would also take 1_000, which is a mistake elsewhere.
         if np.isfinite(values).all() and "_" not in "".join(words):
             return values
-    except ValueError:
-        # One by one below, to name the line of an error.
-        pass
     numbered = [(word, at + k // width + 1) for k, word in enumerate(words)]
     return np.array([text.parse_number(word, line) for word, line in numbered])

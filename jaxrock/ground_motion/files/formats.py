@@ -59,7 +59,7 @@ FORMATS: tuple[FileFormat, ...] = (
 )
 
 
-# Tables, of which a caller picks columns.
+# Tables: a caller picks columns of them.
 TABLE_SUFFIXES = (".csv", ".tsv")
 
 

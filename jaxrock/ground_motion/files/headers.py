@@ -14,7 +14,7 @@ duration      of the record [s]
 seconds       of the record in whole seconds, rounded up, down or to the nearest
 unit          of the values, in words
 peak          the largest value or the smallest, with or without its sign
-peak_unit     of the peak, in words, if it is not that of the values
+peak_unit     unit of the peak, in words, where it differs from the unit of the values
 number        of the channel in the record
 channel       name of the channel: an azimuth, a point of the compass, Up, H1 or the like
 azimuth       where it points, in degrees from north

@@ -45,7 +45,7 @@ def count_samples(file: NamedFile, content: bytes) -> int:
     """Count the samples that the records of a file state, and hold as floating-point numbers."""
     if content.startswith(_VERSION_3):
         raise file.error("miniSEED of version 3 is not read: convert it to version 2")
-    # Those of a channel are the same, unless some records have more blockettes.
+    # All records of a channel have one layout, unless some have more blockettes.
     layouts: dict[tuple[bytes, int], _Layout] = {}
     start = 0
     samples = 0

@@ -19,7 +19,7 @@ from .knet import leave_out_boreholes
 from .records import StrPath
 from .sample_tables import SampleTable, is_search_report
 
-# In a folder, the usual name of a table of the records, and those of README files.
+# Files of a folder that hold no records: the usual index of them, and README files.
 _INDEX = "index.csv"
 _README = ("readme", "_readme")
 # Velocities, displacements and spectra beside accelerations, as COSMOS and ESM name them. ESM's
