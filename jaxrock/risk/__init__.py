@@ -1,4 +1,4 @@
-"""Risk of motion beyond a limit: fragility under a suite of records, yearly rates."""
+"""Risk of motion beyond a limit at a site: fragility, rates, what would bring them to a target."""
 
 from .fragility_curves import fragility
 from .fragility_curves import name_thresholds as name_thresholds
@@ -12,7 +12,8 @@ from .lognormal import LognormalFit as LognormalFit
 from .overturning_rate import OverturningRate, overturning_rate
 from .rate_elasticities import RateElasticities, rate_elasticities
 from .required_value import RequiredValue, required_value
+from .site import Site
 
-__all__ = ["Hazard", "OverturningRate", "RateElasticities", "fragility", "overturning_rate"]
-__all__ += ["RequiredValue", "rate_elasticities", "read_hazard", "required_value"]
-__all__ += ["Inventory", "assess_inventory", "read_inventory"]
+__all__ = ["Hazard", "OverturningRate", "RateElasticities", "Site", "fragility"]
+__all__ += ["RequiredValue", "overturning_rate", "rate_elasticities", "read_hazard"]
+__all__ += ["Inventory", "assess_inventory", "read_inventory", "required_value"]

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import Block
+from ..block import Block, size_of
 from ..host import Printed, format_table
-from ..sensitivity import draw_parameters
+from ..sensitivity import Uncertain
 from ..validation import Numbers, Reals, as_real
-from .objects import gather_objects
+from .objects import Objects, gather_objects
 
 
 class Inventory(Printed, eqx.Module):
@@ -25,8 +25,8 @@ class Inventory(Printed, eqx.Module):
         Of shape (objects,).
     restitution : array_like
         C [-], between 0 and 1; one, or one for each object.
-    restitution_scatter : array_like
-        Coefficient of variation of each C, where it is uncertain; 0 where it is not.
+    uncertain : Uncertain, optional
+        Uncertain parameters, with one coefficient of variation for all objects or one for each.
     remarks : sequence of str, optional
         What was assumed for each object.
 
@@ -44,15 +44,15 @@ class Inventory(Printed, eqx.Module):
     >>> block = jr.Block.from_size(width=width, height=3 * width)
     >>> print(jr.risk.Inventory(["vase", "bust"], block, restitution=0.85))
     2 objects
-                             width [m]    height [m]   restitution       scatter
-    vase                           0.2           0.6          0.85             0
-    bust                           0.3           0.9          0.85             0
+                             width [m]    height [m]   restitution
+    vase                           0.2           0.6          0.85
+    bust                           0.3           0.9          0.85
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
     block: Block
     restitution: Reals
-    restitution_scatter: Reals
+    uncertain: Uncertain | None = eqx.field(static=True)
     remarks: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
@@ -60,43 +60,40 @@ class Inventory(Printed, eqx.Module):
         names: Sequence[str],
         block: Block,
         restitution: Numbers,
-        restitution_scatter: Numbers = 0.0,
+        uncertain: Uncertain | None = None,
         remarks: Sequence[str] | None = None,
     ):
         objects = gather_objects(block, as_real("restitution", restitution), names)
-        number = objects.number
-        scatter = np.asarray(as_real("restitution_scatter", restitution_scatter))
-        if scatter.shape not in ((), (number,)):
-            must = f"restitution_scatter must be one, or one for each of {number} objects"
-            raise ValueError(f"{must}, got shape {scatter.shape}")
-        scatter = np.broadcast_to(scatter, (number,))
-        for c, variation in zip(objects.restitution, scatter, strict=True):
-            check_scatter(float(c), float(variation))
-        remarks = [""] * number if remarks is None else remarks
-        if len(remarks) != number:
-            got = f"got {len(remarks)}"
-            raise ValueError(f"remarks must be one for each of {number} objects, {got}")
+        if uncertain is not None:
+            # What cannot be drawn is refused here, before anything is computed.
+            uncertain.draw(objects.block, objects.restitution)
+        remarks = [""] * objects.number if remarks is None else remarks
+        if len(remarks) != objects.number:
+            raise ValueError(
+                f"remarks must be one for each of {objects.number} objects, got {len(remarks)}"
+            )
         self.names = objects.names
         self.block = jax.device_put(objects.block)
         self.restitution = jnp.asarray(objects.restitution)
-        self.restitution_scatter = jnp.asarray(scatter)
+        self.uncertain = uncertain
         self.remarks = tuple(remarks)
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __str__(self) -> str:
+        sizes = size_of(self.objects.block, "sides")
         columns = {
-            "width [m]": 2 * np.asarray(self.block.half_width),
-            "height [m]": 2 * np.asarray(self.block.half_width * self.block.slenderness),
+            "width [m]": sizes["width"],
+            "height [m]": sizes["height"],
             "restitution": np.asarray(self.restitution),
-            "scatter": np.asarray(self.restitution_scatter),
         }
-        number = len(self)
-        first = f"{number} object{'s' * (number > 1)}"
-        return format_table(first, [name[:19] for name in self.names], **columns)
+        first = f"{len(self)} object{'s' * (len(self) > 1)}"
+        table = format_table(first, [name[:19] for name in self.names], **columns)
+        return table if self.uncertain is None else f"{table}\n{self.uncertain}"
 
-
-def check_scatter(restitution: float, scatter: float) -> None:
-    """Raise `ValueError` if a restitution cannot scatter that much."""
-    draw_parameters({"restitution": restitution}, {"restitution": scatter}, 1, 0)
+    @property
+    def objects(self) -> Objects:
+        """The objects, in NumPy."""
+        block, restitution = jax.tree.map(np.asarray, (self.block, self.restitution))
+        return Objects(block, restitution, restitution.shape, self.names)

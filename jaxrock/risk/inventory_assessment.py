@@ -1,30 +1,39 @@
-"""Many objects under many records: ranked by rate, and what would bring each to a target."""
+"""Many objects at a site: ranked by rate, and what would bring each to a target."""
 
-import functools
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import numpy as np
 
-from ..block import Block
-from ..ground_motion import MEASURES, Suite, require_positive_measures
+from ..block import SIZES_IN_WORDS, Block, size_of
+from ..ground_motion import MEASURES
 from ..host import add_names, make_dataset
-from ..overturning import MEANINGS, uplift_factor
+from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Numbers, as_real, check, check_kind
-from .counted_rate import Counting, plan_counting
-from .exceedance import describe_variable
-from .hazard import Hazard, find_last_point
+from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
+from .clopper_pearson import bound_probabilities
+from .hazard import Hazard
 from .inventory import Inventory
-from .inventory_outcomes import CONFIDENCE, PARAMETERS, ObjectRisk, follow_objects, follow_rows
-from .overturning_rate import check_hazard, choose_levels
-from .required_value import RequiredValue, required_value
+from .lognormal import fit_lognormal
+from .not_detected import bound_not_detected
+from .outcome_table import Cases, compute_rates, tabulate_outcomes
+from .rate_elasticities import compute_elasticities, list_parameters
+from .required_value import required_value
+from .site import Site
 
 if TYPE_CHECKING:
     import xarray
 
+# Parameters whose importance is told: what can be built or chosen for an object.
+PARAMETERS = ("width", "height", "restitution")
+CONFIDENCE = 0.95  # of the intervals of probabilities
+_CHANGE = 0.1  # relative, to either side, for elasticities
+# Standard errors of rates by the width of the intervals in which boundaries are located,
+# relative: of the objects, and of those that are changed for elasticities, for which it is 1 %
+# of the change.
+_ACCURACY = 1e-4
+_ACCURACY_OF_ENDS = 2e-3
 # Return periods in years of the levels for probabilities: those of codes, 10 % and 2 % in 50
 # years.
 _RETURN_PERIODS = (475.0, 2475.0)
@@ -37,43 +46,53 @@ _WIDEST_OF_HEIGHT = 1.5
 # Objects whose uplift is computed at once: of one size, so that one program does for any
 # number of objects.
 _TOGETHER = 32
-
-# Dimensions, values and attributes of variables by name.
-_Described = dict[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, str]]]
+# Long names and units of the answers; the unit of the measure is not known here.
+_OF_MEASURE = "measure"
+_WORDS = {
+    "width": ("width of the base", "m"),
+    "height": ("height, twice that of the centre of mass", "m"),
+    "slenderness": ("height over width", "1"),
+    "inertia_ratio": ("inertia ratio", "1"),
+    "restitution": ("restitution", "1"),
+    "coefficient_of_variation": ("coefficient of variation of the restitution", "1"),
+    "critical_angle": ("critical angle", "rad"),
+    "uplift_intensity": ("uplift intensity, median over the records", _OF_MEASURE),
+    "median": ("median of the lognormal fragility curve of overturning", _OF_MEASURE),
+    "dispersion": ("dispersion of the curve: standard deviation of ln(level)", "1"),
+    "probability": ("probability of overturning at this level", "1"),
+    "probability_low": ("lower end of its Clopper-Pearson interval", "1"),
+    "probability_high": ("upper end of its Clopper-Pearson interval", "1"),
+    "rate": ("rate of overturning", "1/yr"),
+    "standard_error": ("standard error of the rate, from record to record", "1/yr"),
+    "not_detected": ("upper bound of the change by windows that are not detected", "1/yr"),
+    "elasticity": ("change of the rate in % for 1 % more", "1"),
+    "required_width": ("width at this height from which on the rate is below the target", "m"),
+    "required_width_reason": ("reason of the required width", ""),
+    "most_important": ("parameter with the largest elasticity", ""),
+    "remark": ("what was assumed and found", ""),
+}
 
 
 def assess_inventory(
     inventory: Inventory,
-    suite: Suite,
-    hazard: Hazard,
+    site: Site,
     target: float,
     *,
-    measure: str = "pgv",
-    levels: Numbers | None = None,
-    samples: int = 16,
-    seed: int = 0,
-    spacing: float = 0.04,
+    reported_levels: Numbers | None = None,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
-    """Rank objects by the yearly rate at which they overturn, and say what each would need.
+    """Rank objects by the rate at which they overturn, and say what each would need.
 
     Parameters
     ----------
     inventory : Inventory
-    suite : Suite
-    hazard : Hazard
+    site : Site
+        Levels 4 % apart, ``spacing=0.04``, do for a ranking.
     target : float
         The rate that is tolerated, greater than 0 [1/yr].
-    measure : {"pgv", "pga"}
-        The intensity measure of the hazard [m/s], [m/s2].
-    levels : array_like, shape (n,), optional
+    reported_levels : array_like, shape (n,), optional
         Increasing levels of the measure for which probabilities are given; by default those
         with the return periods of 475 and 2,475 years, where the hazard has them.
-    samples, seed : int
-        Number of samples of each uncertain restitution, a power of 2, and the seed that they
-        are drawn with. All records and levels share them.
-    spacing : float
-        Relative distance between the levels at which outcomes are counted, from 0.001 to 0.2.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -81,126 +100,260 @@ def assess_inventory(
     -------
     xarray.Dataset
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
-        ``slenderness``, ``inertia_ratio``, ``restitution``, ``restitution_scatter``,
-        ``critical_angle``; ``uplift_level``, the median over the records of the level that
-        lifts it; ``median`` and ``dispersion`` of the most likely lognormal curve;
-        ``rate`` of overturning with its ``standard_error`` (from record to record),
-        ``counting_error`` (by the distance between levels) and ``unseen`` (see
+        ``slenderness``, ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
+        ``critical_angle``; ``uplift_intensity``, the median over the records; ``median`` and
+        ``dispersion`` of the maximum-likelihood lognormal curve; ``rate`` of overturning with its
+        ``standard_error`` (from record to record) and ``not_detected`` (see
         `overturning_rate`); ``required_width``, the width at this height from which on the
         rate stays below the target, inf where there is none, with ``required_width_reason``;
         ``most_important``, the parameter with the largest elasticity; a ``remark``.
 
-        Over object and ``level``, with its ``return_period``, the ``probability`` to overturn,
-        with its exact interval ``probability_low`` to ``probability_high`` (95 %), which takes
-        the records for independent. Over object and ``parameter`` the ``elasticity``, the
-        change of the rate in per cent for one per cent, over 10 % to either side, with
-        ``elasticity_error``.
+        Over object and ``level``, with its ``return_period``, the ``probability`` of
+        overturning, with its Clopper-Pearson interval ``probability_low`` to
+        ``probability_high`` (95 %), which assumes independent records. Over object and
+        ``parameter`` the ``elasticity``, the change of the rate in per cent for one per cent,
+        between the rates 10 % to either side.
 
     Raises
     ------
     ValueError
-        If an argument is out of range, a record has no intensity, or a motion could not be
-        followed.
+        If an argument is out of range, or an integration does not finish.
 
     Notes
     -----
-    An uncertain restitution enters the rate and the probabilities. The required width and the
-    elasticities are computed with the median restitution; no change of a restitution goes
-    further than halfway to 1. Widths are examined from half the present one to the larger of
-    twice the present one and 1.5 times the height, and the restitution stays what it is. The
-    answers for an object do not depend on the others.
+    Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the rate
+    and the probabilities. The required width and the elasticities are computed with the medians;
+    no change of a restitution goes further than halfway to 1. Widths are examined from half the
+    present one to the larger of twice the present one and 1.5 times the height, and the
+    restitution stays what it is. The answers for an object do not depend on the others.
 
     Examples
     --------
     >>> import jax.numpy as jnp
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
-    >>> hazard = jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4])
+    >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> block = jr.Block.from_size(width=jnp.array([0.4, 0.2]), height=1.0)
     >>> objects = jr.risk.Inventory(["bust", "vase"], block, restitution=0.8)
-    >>> found = jr.risk.assess_inventory(objects, suite, hazard, target=1e-3)
-    >>> print(found.object.values, (found.required_width > found.width).values)
+    >>> answer = jr.risk.assess_inventory(objects, site, target=1e-3)
+    >>> print(answer.object.values, (answer.required_width > answer.width).values)
     ['vase' 'bust'] [ True  True]
     """
     check_kind("inventory", inventory, Inventory)
-    check_kind("suite", suite, Suite)
-    check_kind("hazard", hazard, Hazard)
-    measure = check_hazard(hazard, measure)
-    if any(np.shape(record.scale) for record in suite):
-        raise ValueError("scales of records must be single ones, got arrays of them")
+    check_kind("site", site, Site)
+    if not isinstance(site.hazard, Hazard):
+        raise ValueError("site must have a Hazard, got a function")
     check("target", as_real("target", target), POSITIVE)
-    if not isinstance(spacing, float | int) or not 1e-3 <= spacing <= 0.2:
-        raise ValueError(f"spacing must be from 0.001 to 0.2, got {spacing!r:.60}")
     model = as_model(model)
-    strengths = np.asarray(require_positive_measures(suite, measure))
-    counting = _plan_levels(hazard, spacing)
-    chosen = _choose_shown_levels(hazard, levels)
-    follow = functools.partial(
-        follow_rows, suite, strengths, np.concatenate([counting.levels, chosen]), model
+    reported = _choose_reported_levels(site.hazard, reported_levels)
+    objects = inventory.objects
+    parameters = list_parameters(objects, "sides")
+    table = _simulate_objects(inventory, site, reported, model)
+    width = parameters["width"]
+    required = required_value(
+        inventory.block,
+        inventory.restitution,
+        site,
+        target,
+        "width",
+        (
+            _NARROWEST * width,
+            np.maximum(_WIDEST * width, _WIDEST_OF_HEIGHT * parameters["height"]),
+        ),
+        resolution=_RESOLUTION,
+        model=model,
     )
-    each = follow_objects(inventory, follow, counting, samples, seed)
-    required = _require_widths(inventory, suite, hazard, target, measure, counting, model)
-    uplift = _find_uplift_levels(inventory.block, suite, strengths, model)
-    rates = np.array([one.rate for one in each])
-    order = np.argsort(-rates, kind="stable")
-    found = _describe_objects(inventory)
-    found |= _describe_answers(inventory, each, required, uplift, measure)
-    ranked = {
-        name: (dims, np.asarray(values)[order], about)
-        for name, (dims, values, about) in found.items()
+    elasticity = compute_elasticities(
+        objects,
+        parameters,
+        PARAMETERS,
+        site,
+        model,
+        _CHANGE,
+        _ACCURACY_OF_ENDS,
+        table.median_rate,
+    ).T
+    remarks = [
+        "; ".join(filter(None, words))
+        for words in zip(inventory.remarks, table.remarks, strict=True)
+    ]
+    answers: dict[str, np.ndarray] = {
+        **{name: parameters[name] for name in ("width", "height")},
+        "slenderness": objects.block.slenderness,
+        "inertia_ratio": objects.block.inertia_ratio,
+        "restitution": objects.restitution,
+        "coefficient_of_variation": _list_coefficients(inventory),
+        "critical_angle": np.arctan(1 / objects.block.slenderness),
+        "uplift_intensity": _find_uplift_intensities(inventory.block, site, model),
+        **table.answers,
+        "elasticity": elasticity,
+        "required_width": np.asarray(required.value),
+        "required_width_reason": np.array(required.reasons),
+        "most_important": np.array([_name_most_important(row) for row in elasticity]),
+        "remark": np.array(remarks),
     }
-    unit = describe_variable(*MEASURES[measure][:2])
-    years = describe_variable("return period of the level", "yr")
-    whole = make_dataset(
-        "Inventory of objects, ranked by the rate at which they overturn",
-        ranked,
+    return _make_dataset(inventory, site, target, model, reported, answers)
+
+
+class _Simulated(NamedTuple):
+    """Answers that outcomes give, and the rates with the medians of all parameters."""
+
+    answers: dict[str, np.ndarray]
+    median_rate: np.ndarray
+    remarks: list[str]
+
+
+def _simulate_objects(
+    inventory: Inventory, site: Site, reported: np.ndarray, model: RockingModel
+) -> _Simulated:
+    """Simulate all objects and their samples, and sum rates, probabilities and curves."""
+    objects = inventory.objects
+    number = objects.number
+    rows = [(objects.block, objects.restitution)]
+    owners = [np.arange(number)]
+    uncertain = inventory.uncertain
+    if uncertain is not None:
+        draws = uncertain.draw(objects.block, objects.restitution)
+        # An object of which nothing is uncertain has no samples: its median is all.
+        has_samples = np.ptp(draws.restitution, axis=-1) > 0
+        for leaf in jax.tree.leaves(draws.block):
+            has_samples |= np.ptp(leaf, axis=-1) > 0
+        drawn = jax.tree.map(
+            lambda leaf: leaf[has_samples].reshape(-1), (draws.block, draws.restitution)
+        )
+        rows.append(drawn)
+        owners.append(np.repeat(np.flatnonzero(has_samples), uncertain.samples))
+    block, restitution = jax.tree.map(lambda *leaves: np.concatenate(leaves), *rows)
+    owner = np.concatenate(owners)
+    cases = Cases.of(
+        objects._replace(block=block, restitution=restitution, names=()), site, model
+    )
+    levels = np.asarray(site.levels)
+    rates, overturned = compute_rates(cases, levels, _ACCURACY)
+    at_reported = tabulate_outcomes(cases, reported)
+    separate = []
+    remarks = []
+    for k in range(number):
+        (samples,) = np.nonzero(owner == k)
+        # The median stands first. Of samples it is not one.
+        samples = samples[1:] if samples.size > 1 else samples
+        contributions = rates.contributions[:, samples].mean(axis=1)
+        outcomes = overturned[:, samples]
+        # A record counts by the fraction of its samples.
+        fractions = outcomes.mean(axis=1).sum(axis=0)
+        fit = fit_lognormal(levels, fractions, cases.records)
+        counts = at_reported[:, samples].mean(axis=1).sum(axis=0)
+        low, high = bound_probabilities(counts, cases.records, CONFIDENCE)
+        error = math.nan
+        if cases.records > 1:
+            error = contributions.std(ddof=1) / math.sqrt(cases.records)
+        # Samples are further records to the estimate of windows, which share their levels.
+        bound = bound_not_detected(
+            outcomes.reshape(-1, levels.size), np.asarray(site.rates)
+        )
+        separate.append(
+            {
+                "median": fit.median,
+                "dispersion": fit.dispersion,
+                "probability": counts / cases.records,
+                "probability_low": low,
+                "probability_high": high,
+                "rate": contributions.mean(),
+                "standard_error": error,
+                "not_detected": bound,
+            }
+        )
+        words = [f"lognormal curve: {fit.remark}"] if fit.remark else []
+        if outcomes[..., 0].any():
+            words.append(
+                "overturns at the lowest level of the hazard, so that the rate may be more"
+            )
+        remarks.append("; ".join(words))
+    answers = {
+        name: np.array([answer[name] for answer in separate]) for name in separate[0]
+    }
+    return _Simulated(answers, rates.rate[:number], remarks)
+
+
+def _list_coefficients(inventory: Inventory) -> np.ndarray:
+    """List the coefficients of variation of the restitutions."""
+    coefficient = 0.0
+    if inventory.uncertain is not None:
+        coefficients = inventory.uncertain.coefficients_of_variation
+        coefficient = coefficients.get("restitution", 0.0)
+    return np.broadcast_to(np.asarray(coefficient, float), (len(inventory),))
+
+
+def _make_dataset(
+    inventory: Inventory,
+    site: Site,
+    target: float,
+    model: RockingModel,
+    reported: np.ndarray,
+    answers: dict[str, np.ndarray],
+) -> "xarray.Dataset":
+    """Make the dataset of the answers, ranked by rate."""
+    assert isinstance(site.hazard, Hazard)
+    order = np.argsort(-answers["rate"], kind="stable")
+    measure_in_words, unit, _ = MEASURES[site.measure]
+    dims = {
+        name: ("object", "level") for name in answers if name.startswith("probability")
+    } | {"elasticity": ("object", "parameter")}
+    variables = {}
+    for name, values in answers.items():
+        long_name, units = _WORDS[name]
+        described = {"long_name": long_name}
+        if units:
+            units = unit if units == _OF_MEASURE else units
+            described = describe_variable(long_name, units)
+        variables[name] = (dims.get(name, ("object",)), values[order], described)
+    uncertain = inventory.uncertain
+    samples = {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
+    periods = _compute_return_periods(site.hazard, reported)
+    dataset = make_dataset(
+        "Inventory of objects, ranked by the rate of overturning",
+        variables,
         {
-            "level": ("level", chosen, unit),
-            "return_period": ("level", _compute_return_periods(hazard, chosen), years),
+            "level": ("level", reported, describe_variable(measure_in_words, unit)),
+            "return_period": (
+                "level",
+                periods,
+                describe_variable("return period of the level", "yr"),
+            ),
             "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
         },
         {
-            "measure": measure,
+            "measure": site.measure,
             "target": float(target),
-            "record_count": len(suite),
-            "hazard_curve": str(hazard),
+            "record_count": len(site.suite),
+            "hazard_curve": str(site.hazard),
             "model": model.name,
-            "counting_levels": counting.levels.size,
-            "samples": samples,
-            "seed": seed,
+            "simulated_levels": site.levels.size,
+            **samples,
         },
     )
-    meant = [MEANINGS.get(name, name) for name in PARAMETERS]
     names = {
         "object": ([inventory.names[k] for k in order], "object"),
-        "parameter": (meant, "parameter"),
+        "parameter": ([SIZES_IN_WORDS.get(name, name) for name in PARAMETERS], "parameter"),
     }
-    return add_names(whole, **names)
+    return add_names(dataset, **names)
 
 
-def describe_need(found: "xarray.Dataset") -> str:
+def describe_need(answer: "xarray.Dataset") -> str:
     """Describe in words whether an object needs another width for the target."""
-    width = float(found.width)
-    required = float(found.required_width)
-    if float(found.rate) <= float(found.attrs["target"]):
+    width = float(answer.width)
+    required = float(answer.required_width)
+    if float(answer.rate) <= float(answer.attrs["target"]):
         return "suffices"
     if math.isinf(required):
         return "no width suffices"
     if required > width:
         return f"needs {required:.2f} m"
-    # The width is sought without the scatter of the restitution, which adds to the rate.
-    return "misses the target by the scatter alone"
+    # The width is sought with the median of the restitution, whose uncertainty adds to the rate.
+    return "misses the target by the uncertainty alone"
 
 
-def _plan_levels(hazard: Hazard, spacing: float) -> Counting:
-    """Plan the levels at which outcomes are counted, over all of the hazard curve."""
-    low, high = np.asarray(hazard.levels, float)[[0, find_last_point(hazard)]].tolist()
-    number = math.ceil(math.log(high / low) / spacing) + 1
-    places = choose_levels(hazard, np.geomspace(low, high, max(3, number)))
-    return plan_counting(hazard, np.asarray(places))
-
-
-def _choose_shown_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
+def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
     """Choose the levels for probabilities; a `ValueError` if they are not allowed."""
     if levels is None:
         rates = np.asarray(hazard.rates, float)
@@ -211,13 +364,14 @@ def _choose_shown_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
         wanted = inside if inside.size else np.sqrt(rates[:1] * rates[-1:])
         logarithms = np.log(np.asarray(hazard.levels, float)[: rates.size])
         return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))
-    check("levels", as_real("levels", levels), POSITIVE)
+    check("reported_levels", as_real("reported_levels", levels), POSITIVE)
     places = np.asarray(levels, float)
     if places.ndim != 1 or not places.size:
-        must = "levels must be one-dimensional, of at least one value"
-        raise ValueError(f"{must}, got an array of shape {places.shape}")
-    if (np.diff(places) <= 0).any():
-        raise ValueError("levels must be increasing, got values that do not increase")
+        raise ValueError(
+            "reported_levels must be one-dimensional, of at least one value, got an array of"
+            f" shape {places.shape}"
+        )
+    check_increasing("reported_levels", places)
     return places
 
 
@@ -232,143 +386,20 @@ def _compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
     return np.where(inside, periods, np.nan)
 
 
-def _require_widths(
-    inventory: Inventory,
-    suite: Suite,
-    hazard: Hazard,
-    target: float,
-    measure: str,
-    counting: Counting,
-    model: RockingModel,
-) -> RequiredValue:
-    """Find the width at this height from which on the rate stays below the target."""
-    width = 2 * np.asarray(inventory.block.half_width)
-    height = width * np.asarray(inventory.block.slenderness)
-    widest = np.maximum(_WIDEST * width, _WIDEST_OF_HEIGHT * height)
-    return required_value(
-        inventory.block,
-        inventory.restitution,
-        suite,
-        hazard,
-        target,
-        "width",
-        (_NARROWEST * width, widest),
-        measure,
-        counting.levels,
-        resolution=_RESOLUTION,
-        model=model,
-    )
-
-
-def _find_uplift_levels(
-    block: Block, suite: Suite, strengths: np.ndarray, model: RockingModel
-) -> np.ndarray:
-    """Find the level that lifts each block: the median over the records."""
+def _find_uplift_intensities(block: Block, site: Site, model: RockingModel) -> np.ndarray:
+    """Find the level from which on each block is lifted: the median over the records."""
     number = len(np.asarray(block.half_width))
-    found = []
+    medians = []
     for start in range(0, number, _TOGETHER):
         # The last group is filled up with the last block.
         which = np.minimum(np.arange(start, start + _TOGETHER), number - 1)
         group = jax.tree.map(lambda leaf, which=which: np.asarray(leaf)[which], block)
         levels = [
-            np.asarray(uplift_factor(group, record, model=model)) * strength
-            for record, strength in zip(suite, strengths, strict=True)
+            np.asarray(uplift_factor(group, record, model=model)) * float(intensity)
+            for record, intensity in zip(site.suite, site.intensities, strict=True)
         ]
-        found.append(np.median(levels, axis=0))
-    return np.concatenate(found)[:number]
-
-
-def _describe_objects(inventory: Inventory) -> _Described:
-    """Describe the geometry and the impacts of the objects."""
-    block = inventory.block
-    width = 2 * np.asarray(block.half_width)
-    slenderness = np.asarray(block.slenderness)
-    entries: dict[str, tuple[np.ndarray, str, str]] = {
-        "width": (width, "width of the base", "m"),
-        "height": (width * slenderness, "height, twice that of the centre of mass", "m"),
-        "slenderness": (slenderness, "height over width", "1"),
-        "inertia_ratio": (np.asarray(block.inertia_ratio), "inertia ratio", "1"),
-        "restitution": (np.asarray(inventory.restitution), "restitution", "1"),
-        "restitution_scatter": (
-            np.asarray(inventory.restitution_scatter),
-            "coefficient of variation of the restitution",
-            "1",
-        ),
-        "critical_angle": (np.arctan(1 / slenderness), "critical angle", "rad"),
-    }
-    return {
-        name: (("object",), values, describe_variable(long_name, units))
-        for name, (values, long_name, units) in entries.items()
-    }
-
-
-def _describe_answers(
-    inventory: Inventory,
-    each: Sequence[ObjectRisk],
-    required: RequiredValue,
-    uplift: np.ndarray,
-    measure: str,
-) -> _Described:
-    """Describe what was found for each object."""
-    unit = MEASURES[measure][1]
-    ends = f"of the interval with a confidence of {CONFIDENCE:g}"
-    share = "probability to overturn at this level"
-    # Long names and units, of fields of `ObjectRisk` by their names.
-    fields: dict[str, tuple[tuple[str, ...], str, str]] = {
-        "median": ((), "median of the lognormal curve of overturning", unit),
-        "dispersion": (
-            (),
-            "dispersion of the lognormal curve: standard deviation of ln(level)",
-            "1",
-        ),
-        "probability": (("level",), share, "1"),
-        "probability_low": (("level",), f"{share}, lower end {ends}", "1"),
-        "probability_high": (("level",), f"{share}, upper end {ends}", "1"),
-        "rate": ((), "rate at which it overturns", "1/yr"),
-        "standard_error": ((), "standard error of the rate, from record to record", "1/yr"),
-        "counting_error": (
-            (),
-            "standard error of the rate, from counting at separate levels",
-            "1/yr",
-        ),
-        "unseen": ((), "upper limit of what the levels miss of the rate", "1/yr"),
-        "elasticity": (("parameter",), "change of the rate in % for 1 % more", "1"),
-        "elasticity_error": (("parameter",), "standard error of it, by the levels", "1"),
-    }
-    found: _Described = {
-        "uplift_level": (
-            ("object",),
-            uplift,
-            describe_variable("level that lifts it, median over the records", unit),
-        )
-    }
-    for name, (dims, long_name, units) in fields.items():
-        values = np.array([getattr(one, name) for one in each])
-        found[name] = (("object", *dims), values, describe_variable(long_name, units))
-    found["required_width"] = (
-        ("object",),
-        np.asarray(required.value),
-        describe_variable(
-            "width at this height from which on the rate is below the target", "m"
-        ),
-    )
-    texts = {
-        "required_width_reason": (required.reasons, "reason of the required width"),
-        "most_important": (
-            [_name_most_important(one.elasticity) for one in each],
-            "parameter with the largest elasticity",
-        ),
-        "remark": (
-            [
-                "; ".join(filter(None, (remark, one.remark)))
-                for remark, one in zip(inventory.remarks, each, strict=True)
-            ],
-            "what was assumed and found",
-        ),
-    }
-    for name, (words, long_name) in texts.items():
-        found[name] = (("object",), np.asarray(words, str), {"long_name": long_name})
-    return found
+        medians.append(np.median(levels, axis=0))
+    return np.concatenate(medians)[:number]
 
 
 def _name_most_important(elasticity: np.ndarray) -> str:
@@ -376,4 +407,4 @@ def _name_most_important(elasticity: np.ndarray) -> str:
     if not np.isfinite(elasticity).any():
         return "none"
     name = PARAMETERS[int(np.nanargmax(abs(elasticity)))]
-    return MEANINGS.get(name, name)
+    return SIZES_IN_WORDS.get(name, name)

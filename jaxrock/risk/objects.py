@@ -1,13 +1,12 @@
-"""Objects whose risk is asked for: one block or many, certain or scattered."""
+"""Objects whose risk is asked for: one block or many."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from ..block import Block
-from ..sensitivity import draw_blocks
 from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_kind
 
 
@@ -82,26 +81,3 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
     if twice:
         raise ValueError(f"names must differ, got {twice[0]!r} twice")
     return names
-
-
-def draw_objects(
-    objects: Objects, scatter: Mapping[str, float], samples: int, seed: int
-) -> Objects:
-    """Draw samples of every object, with leaves of shape (objects, samples) or (samples,).
-
-    All objects share their normal numbers, and so do all records and levels: what differs
-    between two answers is then not the noise of two samples.
-    """
-    drawn = [
-        draw_blocks(*objects.select(number), scatter, samples, seed, "scatter")[:2]
-        for number in range(objects.number)
-    ]
-    if not objects.shape:
-        block, restitution = drawn[0]
-    else:
-        block, restitution = jax.tree.map(lambda *leaves: np.stack(leaves), *drawn)
-    dtype = np.asarray(objects.restitution).dtype
-    block, restitution = jax.tree.map(
-        lambda leaf: np.asarray(leaf, dtype), (block, restitution)
-    )
-    return objects._replace(block=block, restitution=restitution)

@@ -1,6 +1,6 @@
 """Elasticities of the rate of overturning, at a point and over a change."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -8,82 +8,81 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..block import Block
-from ..driven import BatchResponse, respond_batch
-from ..ground_motion import Suite
+from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
 from ..host import Printed, format_fields, format_table
-from ..overturning import MEANINGS
-from ..resonance import ModelLike, Nonlinear
-from ..validation import AnyArray, Number, Numbers, Reals
-from .counted_rate import AT_ONCE
-from .hazard import Hazard
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import Number, Reals, check_kind
 from .objects import Objects, gather_objects
-from .overturning_rate import OverturningRate, choose_levels, overturning_rate
+from .outcome_table import Cases, compute_rates
+from .overturning_rate import OverturningRate, overturning_rate
+from .site import Site
+
+# Standard error of the rates at both ends of a change by the width of the intervals in which
+# boundaries are located, over the change: an elasticity is accurate to about as much.
+_ACCURACY = 2e-4
+# Domains of the two parameters that have ends: kappa >= 1, 0 <= C <= 1.
+_LEAST = {"inertia_ratio": 1.0, "restitution": 0.0}
 
 
 class RateElasticities(Printed, eqx.Module):
-    """Changes of the yearly rate in per cent for one per cent; see `rate_elasticities`.
+    """Changes of the rate of overturning in % for 1 %; see `rate_elasticities`.
 
     Attributes
     ----------
     names : tuple of str
-        Of the numbers of the block, and the restitution.
-    slopes : Array, shape (names, ...)
+        Of the parameters of the block, and the restitution.
+    at_point : Array, shape (names, ...)
         From the derivatives of the boundaries found [-].
-    differences : Array, shape (names, ...)
+    over_change : Array, shape (names, ...)
         From the rates at both ends of the change [-].
     change : float
         Relative, to either side.
-    found : OverturningRate
+    rate : OverturningRate
         The rate itself.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    slopes: Float[Array, " names ..."]
-    differences: Float[Array, " names ..."]
+    at_point: Float[Array, " names ..."]
+    over_change: Float[Array, " names ..."]
     change: float = eqx.field(static=True)
-    found: OverturningRate
+    rate: OverturningRate
 
     def __str__(self) -> str:
-        if np.ndim(self.found.rate):
-            return format_fields(self, slopes="", differences="")
-        over = {f"over_+-{100 * self.change:g}%": np.asarray(self.differences)}
-        columns = {**over, "at_the_point": np.asarray(self.slopes)}
-        labels = [MEANINGS.get(name, name) for name in self.names]
+        if np.ndim(self.rate.rate):
+            return format_fields(self, at_point="", over_change="")
+        over = {f"over_+-{100 * self.change:g}%": np.asarray(self.over_change)}
+        columns = {**over, "at_the_point": np.asarray(self.at_point)}
+        labels = [SIZES_IN_WORDS.get(name, name) for name in self.names]
         return format_table("elasticities of the rate", labels, **columns)
 
 
 def rate_elasticities(
     block: Block,
     restitution: Number,
-    suite: Suite,
-    hazard: Hazard | Callable[..., Reals],
-    measure: str = "pgv",
-    levels: Numbers | None = None,
+    site: Site,
     *,
     change: float = 0.05,
+    by: SizeDescription = "shape",
     model: ModelLike = Nonlinear(),
-    sides: bool = False,
 ) -> RateElasticities:
-    """Compute how much the rate of overturning changes with each number, in two ways.
+    """Compute how much the rate of overturning changes with each parameter, in two ways.
 
     The derivative of `overturning_rate` is exact for the boundaries found. Where a block rocks
     long before it overturns, many of these bound narrow windows and move fast, each its own
     way, and their sum is as irregular as they are: a small change says nothing about a larger
-    one. The difference of the rates at both ends of a change averages over such windows. In
-    these rates a boundary between two levels is where the line through their margins vanishes.
-    Trust the slope where the two agree, and the difference where not.
+    one. The difference of the rates at both ends of a change averages over such windows. Both
+    are of the same rate; use the derivative where the two agree, else the difference.
 
     Parameters
     ----------
-    block, restitution, suite, hazard, measure, levels, model
+    block, restitution, site, model
         As in `overturning_rate`.
     change : float
         Relative change to either side, greater than 0 and less than 0.5; no further than
         kappa = 1, and halfway to C = 1.
-    sides : bool
-        Whether the numbers are the width at this height and the height at this width, instead
-        of the half-width at this slenderness and the slenderness.
+    by : {"shape", "sides"}
+        Whether the size is described by half-width at this slenderness and slenderness, or by
+        width at this height and height at this width.
 
     Returns
     -------
@@ -94,132 +93,117 @@ def rate_elasticities(
     ------
     ValueError
         As in `overturning_rate`, or if the change is out of range.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
+    >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
+    >>> answer = jr.risk.rate_elasticities(jr.Block(0.1, 5.0), 0.8, site)
+    >>> print(answer.names[4], f"{answer.over_change[4]:.2f} {answer.at_point[4]:.2f}")
+    restitution 0.00 0.00
     """
-    if not 0 < change < 0.5:
-        raise ValueError(f"change must be greater than 0 and less than 0.5, got {change!r}")
+    if not isinstance(change, float | int) or not 0 < change < 0.5:
+        raise ValueError(f"change must be greater than 0 and less than 0.5, got {change!r:.60}")
+    check_kind("site", site, Site)
     objects = gather_objects(block, restitution)
-    numbers = _list_numbers(objects, sides)
+    parameters = list_parameters(objects, by)
 
-    def sum_rates(numbers: Mapping[str, Reals]) -> tuple[Reals, OverturningRate]:
-        found = overturning_rate(
-            *_make_blocks(numbers), suite, hazard, measure, levels, model=model
-        )
-        # Each rate depends on the numbers of its own object only.
-        return found.rate.sum(), found
+    def sum_rates(parameters: Mapping[str, Reals]) -> tuple[Reals, OverturningRate]:
+        changed = block_of(parameters)
+        rate = overturning_rate(changed, parameters["restitution"], site, model=model)
+        # Each rate depends on the parameters of its own object only.
+        return rate.rate.sum(), rate
 
-    slopes, found = jax.grad(sum_rates, has_aux=True)(numbers)
-    names = tuple(numbers)
-    at = np.stack([np.asarray(value, float) for value in numbers.values()])
-    slope = np.stack([np.asarray(slopes[name], float) for name in names])
-    ends = _change_in_turn(names, at, change)
-    counted = _count_at_ends(ends, names, suite, hazard, measure, levels, model)
-    spans = np.stack([ends[1, k, k] - ends[0, k, k] for k in range(len(names))])
-    rate = np.asarray(found.rate)
-    # Between two levels the line through the margins is no more than a guess, which shifts all
-    # rates alike: hence their own mean, and not the rate summed over boundaries. A rate of 0
-    # has no elasticity: NaN, without a warning.
+    derivatives, rate = jax.grad(sum_rates, has_aux=True)(
+        {name: jnp.asarray(value) for name, value in parameters.items()}
+    )
+    names = tuple(parameters)
+    at = np.stack([np.asarray(value, float) for value in parameters.values()])
+    derivative = np.stack([np.asarray(derivatives[name], float) for name in names])
+    over_change = compute_elasticities(
+        objects,
+        parameters,
+        names,
+        site,
+        as_model(model),
+        change,
+        change * _ACCURACY,
+        np.asarray(rate.rate),
+    )
+    # A rate of 0 has no elasticity: NaN, without a warning.
     with np.errstate(invalid="ignore", divide="ignore"):
-        difference = (counted[1] - counted[0]) / spans * at / counted.mean(axis=0)
-        slope = slope * at / rate
-    missing = rate == 0
-    difference = np.where(missing, np.nan, difference)
-    dtype = found.rate.dtype
+        at_point = derivative * at / np.asarray(rate.rate)
+    dtype = rate.rate.dtype
     return RateElasticities(
         names,
-        jax.device_put(slope.astype(dtype)),
-        jax.device_put(difference.astype(dtype)),
-        change,
-        found,
+        jax.device_put(at_point.astype(dtype)),
+        jax.device_put(over_change.astype(dtype)),
+        float(change),
+        rate,
     )
 
 
-def _list_numbers(objects: Objects, sides: bool) -> dict[str, AnyArray]:
-    """List the numbers of the objects by their names."""
-    block = objects.block
-    size = {"half_width": block.half_width, "slenderness": block.slenderness}
-    if sides:
-        width = 2 * np.asarray(block.half_width)
-        size = {"width": width, "height": width * np.asarray(block.slenderness)}
-    rest = {"gravity": block.gravity, "inertia_ratio": block.inertia_ratio}
-    numbers = {**size, **rest, "restitution": objects.restitution}
-    return {name: jnp.asarray(value) for name, value in numbers.items()}
+def list_parameters(objects: Objects, by: SizeDescription) -> dict[str, np.ndarray]:
+    """List the parameters of objects by their names, the restitution last."""
+    block = jax.tree.map(np.asarray, objects.block)
+    return {**size_of(block, by), "restitution": np.asarray(objects.restitution)}
 
 
-def _make_blocks(numbers: Mapping[str, AnyArray]) -> tuple[Block, AnyArray]:
-    """Make the blocks of such numbers, and their restitutions."""
-    if "width" in numbers:
-        half_width = numbers["width"] / 2
-        slenderness = numbers["height"] / numbers["width"]
-    else:
-        half_width = numbers["half_width"]
-        slenderness = numbers["slenderness"]
-    block = Block(half_width, slenderness, numbers["gravity"], numbers["inertia_ratio"])
-    return block, numbers["restitution"]
-
-
-def _change_in_turn(names: Sequence[str], at: np.ndarray, change: float) -> np.ndarray:
-    """Change every number in turn to both ends: shape (2, changed, numbers, ...)."""
-    # Not beyond the domains of the two numbers that have ends: kappa >= 1, 0 <= C <= 1. With
-    # C = 1 exactly a block would bounce without end, so that C goes halfway there at most.
-    least = {"inertia_ratio": 1.0, "restitution": 0.0}
-    ends = np.tile(at, (2, len(names), *(1 for _ in at.shape)))
-    for k, name in enumerate(names):
-        most = 0.5 * (1 + at[k]) if name == "restitution" else np.inf
-        for end, sign in enumerate((-1, 1)):
-            changed = at[k] * (1 + sign * change)
-            ends[end, k, k] = np.clip(changed, least.get(name, 0.0), most)
-    return ends
-
-
-def _count_at_ends(
-    ends: np.ndarray,
+def compute_elasticities(
+    objects: Objects,
+    parameters: Mapping[str, np.ndarray],
     names: Sequence[str],
-    suite: Suite,
-    hazard: Hazard | Callable[..., Reals],
-    measure: str,
-    levels: Numbers | None,
-    model: ModelLike,
+    site: Site,
+    model: RockingModel,
+    change: float,
+    accuracy: float,
+    rate: np.ndarray,
 ) -> np.ndarray:
-    """Count the rates at both ends of every change: shape (2, changed, ...)."""
-    places = choose_levels(hazard, levels)
-    scaled = suite.scaled(suite.factors(places, measure))
-    shape = ends.shape[3:]
-    flat = ends.reshape(*ends.shape[:3], -1)
-    together = max(1, AT_ONCE // (flat.shape[0] * flat.shape[1] * len(suite) * len(places)))
+    """Compute elasticities of rates from those at both ends of a change.
 
-    def count_group(start: int) -> np.ndarray:
-        # All blocks under all records at all levels, as one batch: a suite that is scaled to
-        # each level, and blocks along axes of their own.
-        group = flat[..., start : start + together]
-        numbers = {n: jnp.asarray(group[:, :, k])[..., None] for k, n in enumerate(names)}
-        block, restitution = _make_blocks(numbers)
-        response = respond_batch(block, restitution, scaled, model=model)
-        if not bool(response.complete.all()):
-            raise ValueError(
-                "motion could not be followed to its end for every record and level"
-            )
-        return _average_rates(hazard, np.asarray(places), response)
+    Parameters
+    ----------
+    objects : Objects
+    parameters : mapping
+        All parameters of the objects; see `list_parameters`.
+    names : sequence of str
+        Those that are changed.
+    site, model : Site, Nonlinear or Linearized
+    change : float
+        Relative, to either side.
+    accuracy : float
+        Relative, of the rates at the ends.
+    rate : ndarray
+        Of the shape of the objects [1/yr].
 
-    parts = [count_group(start) for start in range(0, flat.shape[-1], together)]
-    return np.concatenate(parts, axis=-1).reshape(*ends.shape[:2], *shape)
-
-
-def _average_rates(
-    hazard: Hazard | Callable[..., Reals], levels: np.ndarray, response: BatchResponse
-) -> np.ndarray:
-    """Average the rates of responses (records, ..., levels) over the records."""
-    over = np.asarray(response.overturned)
-    margin = np.asarray(response.margin)
-    changes = over[..., 1:] != over[..., :-1]
-    before = margin[..., :-1]
-    after = margin[..., 1:]
-    # A boundary is where the line through the two margins vanishes. Margins of blocks that
-    # have toppled need not change their sign with the outcome: then it is taken in the middle.
-    between = changes & (before * after < 0)
-    share = np.where(between, before / np.where(between, before - after, 1), 0.5)
-    boundaries = levels[:-1] ** (1 - share) * levels[1:] ** share
-    signs = np.where(over[..., 1:], 1.0, -1.0)
-    rates = np.asarray(hazard(np.where(changes, boundaries, levels[0])))
-    rates = np.where(changes, signs * rates, 0).sum(axis=-1)
-    rates += np.where(over[..., 0], float(hazard(levels[0])), 0)
-    return rates.mean(axis=0)
+    Returns
+    -------
+    ndarray, shape (names, ...)
+        NaN where the rate is 0.
+    """
+    changed: dict[str, list[np.ndarray]] = {name: [] for name in parameters}
+    spans = []
+    for name in names:
+        value = parameters[name]
+        low, high = (value * (1 + sign * change) for sign in (-1, 1))
+        low = np.maximum(low, _LEAST.get(name, 0.0))
+        if name == "restitution":
+            # With C = 1 a block would bounce without end: it goes halfway there at most.
+            high = np.minimum(high, 0.5 * (1 + value))
+        # A restitution of 0 has no elasticity: NaN, without a warning.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            spans.append((high - low) / value)
+        for end in (low, high):
+            for other, values in parameters.items():
+                changed[other].append(end if other == name else values)
+    dtype = np.asarray(objects.restitution).dtype
+    rows = {name: np.stack(ends).reshape(-1).astype(dtype) for name, ends in changed.items()}
+    ends = objects._replace(block=block_of(rows), restitution=rows["restitution"], names=())
+    cases = Cases.of(ends, site, model)
+    rates = compute_rates(cases, np.asarray(site.levels), accuracy)[0].rate
+    low, high = rates.reshape(len(names), 2, *objects.shape).swapaxes(0, 1)
+    # A rate of 0 has no elasticity: NaN, without a warning.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        elasticities = (high - low) / np.stack(spans) / rate
+    return np.where(np.isfinite(elasticities), elasticities, np.nan)

@@ -1,0 +1,85 @@
+"""Bound of the change of a rate by windows of overturning or survival that no level hits."""
+
+from typing import NamedTuple
+
+from ..validation import AnyArray, Booleans, Reals, choose_namespace
+
+# The rule of three: where none was detected, a Poisson variable has a mean of at most
+# -ln(0.05), about 3, with a confidence of 95 % (Hanley and Lippman-Hand 1983,
+# doi:10.1001/jama.1983.03330370053031).
+_RULE_OF_THREE = 3
+
+
+# The population is all levels of shaking beyond the first, each counted by how often per year
+# it occurs, which is how much the hazard falls there. A species is a window: a range of levels
+# within which the outcome under one record differs from the outcome on both sides, be it that
+# the block overturns there or that it survives. The sample is the levels at which the block was
+# simulated, and each belongs to the window in which it lies. The wider a window is (in rate of
+# the hazard), the more likely a level hits it, as a frequent species is more likely to be met.
+#
+# Good and Turing: the species without a member in the sample have together the fraction N1 / N
+# of the population, where N1 species have exactly one member and N is the size of the sample.
+# Here a level does not stand for 1 / N but for a fraction of its own, half of the fall of the
+# hazard between its neighbours. So the sum of these fractions over the levels that are alone in
+# their window estimates the width of all windows that no level hits.
+#
+# A window that was missed changes the rate by its width, up or down. The sum of the widths is
+# thus a bound of the change, in which no signs cancel.
+def bound_not_detected(overturned: Booleans, rates: Reals) -> AnyArray:
+    """Bound the change of rates by windows between levels, and by levels beyond the last, to 95 %.
+
+    After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
+    doi:10.1093/biomet/43.1-2.45).
+
+    Parameters
+    ----------
+    overturned : Array of bool, shape (records, ..., levels)
+    rates : Array, shape (levels,)
+        The hazard at the levels [1/yr].
+
+    Returns
+    -------
+    Array, shape (...)
+        [1/yr], of the mean over the records.
+    """
+    library = choose_namespace((overturned, rates))
+    windows = estimate_windows(overturned, rates)
+    # Without any level alone both are 0, and yet windows may have been missed: up to three,
+    # each as wide as steps are where the outcome changes, or as the widest step if it never
+    # does.
+    steps = rates[:-1] - rates[1:]
+    changed = overturned[..., 1:] != overturned[..., :-1]
+    number = changed.sum(axis=-1).sum(axis=0)
+    width = library.where(changed, steps, 0).sum(axis=-1).sum(axis=0)
+    at_least_one = library.maximum(number, 1).astype(rates.dtype)
+    typical = library.where(number > 0, width / at_least_one, steps.max())
+    missed = windows.width + 2 * windows.deviation
+    # Beyond the last level anything may happen.
+    return missed + _RULE_OF_THREE * typical / len(overturned) + rates[-1]
+
+
+class WindowEstimate(NamedTuple):
+    """Widths of windows that are hit by one level, means over the records [1/yr].
+
+    Attributes
+    ----------
+    width : Array, shape (...)
+        Their sum.
+    deviation : Array, shape (...)
+        Standard deviation of the sum, if each of them was met by chance (Poisson).
+    """
+
+    width: AnyArray
+    deviation: AnyArray
+
+
+def estimate_windows(overturned: Booleans, rates: Reals) -> WindowEstimate:
+    """Estimate the width of windows that are hit by exactly one level; see `bound_not_detected`."""
+    library = choose_namespace((overturned, rates))
+    # Levels alone in their window: the outcome differs from the one before and the one after.
+    changed = overturned[..., 1:] != overturned[..., :-1]
+    is_alone = changed[..., :-1] & changed[..., 1:]
+    alone = library.where(is_alone, 0.5 * (rates[:-2] - rates[2:]), 0)
+    width = alone.sum(axis=-1).sum(axis=0)
+    deviation = library.sqrt((alone * alone).sum(axis=-1).sum(axis=0))
+    return WindowEstimate(width / len(overturned), deviation / len(overturned))

@@ -1,0 +1,222 @@
+"""Outcomes of objects under records at levels, and the rates that follow from them.
+
+Everything here is concrete and computed in NumPy: the batch is the only program.
+"""
+
+import math
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..driven import Batch, follow_batch, require_complete
+from ..host import show_progress
+from ..resonance import RockingModel
+from ..validation import as_real
+from .objects import Objects
+from .site import Site
+
+# Responses that are simulated at once: so many that a batch is efficient, and so few that their
+# arrays take 100 MB.
+AT_ONCE = 2**18
+# The end of the refinement of a crossing, relative: it is as good as exact in double precision.
+_EXACT = 1e-13
+
+
+class Cases(NamedTuple):
+    """Objects under the records of a site, ready to be simulated at any level.
+
+    Attributes
+    ----------
+    site : Site
+    model : Nonlinear or Linearized
+    batch : Batch
+        Of shape (records, objects), each record scaled to an intensity of 1.
+    names : tuple of str
+        Of the objects; empty if there is only one.
+    """
+
+    site: Site
+    model: RockingModel
+    batch: Batch
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, objects: Objects, site: Site, model: RockingModel) -> "Cases":
+        """Make the cases of objects, or of the samples of objects, along one axis."""
+        block, restitution = jax.tree.map(
+            lambda leaf: np.atleast_1d(leaf), (objects.block, objects.restitution)
+        )
+        batch = Batch.of(block, restitution, site.suite, axes=1)
+        intensities = np.asarray(site.intensities, batch.dtype)[:, None]
+        return cls(site, model, batch.scaled(1 / intensities), objects.names)
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+        return self.batch.shape[0]
+
+    def simulate(
+        self, records: np.ndarray, objects: np.ndarray, levels: np.ndarray
+    ) -> np.ndarray:
+        """Return which objects overturn, by indices of records and objects along one axis.
+
+        Raises
+        ------
+        ValueError
+            If an integration does not finish.
+        """
+        index = records * self.batch.shape[1] + objects
+        levels = levels.astype(self.batch.dtype)
+        batch = self.batch.select(index).scaled(levels)
+        response = follow_batch(batch, self.model)
+        self._require_complete(response.complete, records, objects, levels)
+        return np.asarray(response.overturned)
+
+    def _require_complete(
+        self,
+        complete: np.ndarray,
+        records: np.ndarray,
+        objects: np.ndarray,
+        levels: np.ndarray,
+    ) -> None:
+        """Raise `ValueError` if an integration has not finished, with what it belongs to."""
+        incomplete = np.flatnonzero(~np.asarray(complete))
+        if incomplete.size:
+            first = incomplete[0]
+            labels = {"record": self.site.suite.names[records[first]], "level": levels[first]}
+            if self.names:
+                # Samples of an object lie side by side.
+                samples = self.batch.shape[1] // len(self.names)
+                labels["object"] = self.names[objects[first] // samples]
+            raise ValueError(describe_incomplete(labels, incomplete.size))
+
+
+class Crossings(NamedTuple):
+    """Changes of the outcome between two levels, along one axis, by object, record and level.
+
+    Attributes
+    ----------
+    objects, records : ndarray of int
+    low, high : ndarray
+        Levels on both sides.
+    begins : ndarray of bool
+        Whether the object overturns at the higher level.
+    """
+
+    objects: np.ndarray
+    records: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    begins: np.ndarray
+
+
+class Rates(NamedTuple):
+    """Rates of overturning of objects, each the mean over the records.
+
+    Attributes
+    ----------
+    rate : ndarray, shape (objects,)
+        [1/yr]
+    contributions : ndarray, shape (records, objects)
+        The rate if each motion were like this record [1/yr].
+    error : ndarray, shape (objects,)
+        Standard error due to the width of the intervals in which boundaries are located [1/yr].
+    """
+
+    rate: np.ndarray
+    contributions: np.ndarray
+    error: np.ndarray
+
+
+def tabulate_outcomes(cases: Cases, levels: np.ndarray) -> np.ndarray:
+    """Simulate all objects under all records at levels; bool, (records, objects, levels)."""
+    shape = (*cases.batch.shape, levels.size)
+    size = math.prod(shape)
+    overturned = np.empty(size, bool)
+    # In parts, since indices of all would take more memory than outcomes.
+    for k in show_progress(range(0, size, AT_ONCE), "responses"):
+        part = np.arange(k, min(k + AT_ONCE, size))
+        records, objects, places = np.unravel_index(part, shape)
+        overturned[part] = cases.simulate(records, objects, levels[places])
+    return overturned.reshape(shape)
+
+
+def list_crossings(overturned: np.ndarray, levels: np.ndarray) -> Crossings:
+    """List the changes of the outcome between neighbouring levels."""
+    changed = overturned[..., 1:] != overturned[..., :-1]
+    objects, records, places = np.nonzero(changed.swapaxes(0, 1))
+    begins = overturned[records, objects, places + 1]
+    return Crossings(objects, records, levels[places], levels[places + 1], begins)
+
+
+# A boundary lies anywhere between the two levels, uniformly in the rate of the hazard: 1 / 12 is
+# the variance of that.
+def locate_crossings(
+    cases: Cases, overturned: np.ndarray, crossings: Crossings, accuracy: float
+) -> Crossings:
+    """Halve the intervals of crossings until the rates of all objects are accurate.
+
+    Parameters
+    ----------
+    cases : Cases
+    overturned : ndarray of bool, shape (records, objects, levels)
+    crossings : Crossings
+    accuracy : float
+        Standard error of a rate by the width of the intervals, relative.
+    """
+    low = crossings.low.copy()
+    high = crossings.high.copy()
+    number = np.bincount(crossings.objects, minlength=overturned.shape[1])
+    while True:
+        located = crossings._replace(low=low, high=high)
+        rate = sum_rates(cases, overturned, located).rate
+        # Each interval of an object may be so wide, measured in the rate of the hazard.
+        allowed = accuracy * cases.records * rate * np.sqrt(12 / np.maximum(number, 1))
+        fall = cases.site.exceed(low) - cases.site.exceed(high)
+        is_wide = (fall > allowed[crossings.objects]) & (high > low * (1 + _EXACT))
+        (wide,) = np.nonzero(is_wide)
+        if not wide.size:
+            return located
+        middle = np.sqrt(low[wide] * high[wide])
+        outcome = cases.simulate(crossings.records[wide], crossings.objects[wide], middle)
+        is_beyond = outcome == crossings.begins[wide]
+        high[wide[is_beyond]] = middle[is_beyond]
+        low[wide[~is_beyond]] = middle[~is_beyond]
+
+
+def sum_rates(cases: Cases, overturned: np.ndarray, crossings: Crossings) -> Rates:
+    """Sum the hazard over crossings, those at which overturning begins less those at which it ends.
+
+    Above the highest level the outcome there is assumed to persist; below the lowest level the
+    contribution is zero.
+    """
+    site = cases.site
+    shape = overturned.shape[:2]
+    place = crossings.records * shape[1] + crossings.objects
+    middle = site.exceed(np.sqrt(crossings.low * crossings.high))
+    fall = site.exceed(crossings.low) - site.exceed(crossings.high)
+    signs = np.where(crossings.begins, 1.0, -1.0)
+    # One after the other along the levels, so that the bits do not depend on other objects.
+    size = overturned[..., 0].size
+    changes = np.bincount(place, signs * middle, size).reshape(shape)
+    contributions = changes + np.where(overturned[..., 0], float(site.rates[0]), 0.0)
+    rate = np.zeros(shape[1])
+    for of_record in contributions:
+        rate += of_record / shape[0]
+    variance = np.bincount(crossings.objects, fall**2 / 12, shape[1])
+    return Rates(rate, contributions, np.sqrt(variance) / shape[0])
+
+
+def compute_rates(
+    cases: Cases, levels: np.ndarray, accuracy: float
+) -> tuple[Rates, np.ndarray]:
+    """Compute rates of overturning to a relative accuracy, and the outcomes at the levels.
+
+    With an infinite accuracy boundaries are taken to be in the middle between levels.
+    """
+    overturned = tabulate_outcomes(cases, levels)
+    crossings = list_crossings(overturned, levels)
+    if not math.isinf(accuracy):
+        crossings = locate_crossings(cases, overturned, crossings, accuracy)
+    return sum_rates(cases, overturned, crossings), overturned
