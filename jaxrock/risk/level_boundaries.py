@@ -18,6 +18,8 @@ from ..validation import Integers, Reals, choose_namespace, is_traced
 from .counted_rate import AT_ONCE
 
 _Tree = TypeVar("_Tree")
+# Relative, of the boundaries: far below what a rate can tell.
+_TOLERANCE = 1e-9
 # Entries where there is no boundary.
 _MISSING = {"value": np.nan, "overturns_beyond": False, "impacts": -1, "toppled": False}
 
@@ -35,7 +37,7 @@ def find_boundaries_in_levels(
     # Boundaries are sought along a factor on records of intensity 1, so that the factor is the
     # level itself. The derivative of a boundary that rounding decides is unknown: it is
     # dropped.
-    search = Search("factor", model, max_boundaries, drop_unknown=True)
+    search = Search("factor", model, max_boundaries, drop_unknown=True, tolerance=_TOLERANCE)
     subject, factors = check_subject(block, restitution, suite, search.along, places)
     strengths = require_positive_measures(suite, measure)
     if not is_traced(strengths):
