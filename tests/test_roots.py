@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxrock.numerics import roots
-from jaxrock.numerics.brackets import Evaluation, find_brackets
+from jaxrock.numerics.brackets import EvaluatedMargin, find_brackets
 from jaxrock.numerics.roots import refine_brackets
 
 pytestmark = pytest.mark.float64
@@ -24,7 +24,7 @@ def evaluate(case, value):
         np.where(value > 7, np.nan, -1.0),
     ]
     mode = np.where((case == 2) & (value > 4.8) & (value < 5.2), 1, 0)
-    return Evaluation(np.choose(case, margins), mode, value)
+    return EvaluatedMargin(np.choose(case, margins), mode, value)
 
 
 PLACES = [*(np.pi * np.r_[0.5:3:1]), 2.3, 4.98, 5.03]

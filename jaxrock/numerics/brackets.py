@@ -18,8 +18,8 @@ from ..validation import AnyArray
 _CALL_SIZE = 2**18  # values at which the margins are computed in one call, at most
 
 
-class Evaluation(NamedTuple):
-    """What a search has to know of a case at a value; arrays of one shape."""
+class EvaluatedMargin(NamedTuple):
+    """A margin at a value, and what else a search needs there; arrays of one shape."""
 
     margin: AnyArray
     mode: AnyArray  # an integer that changes where the margin may have a kink or a jump
@@ -27,7 +27,7 @@ class Evaluation(NamedTuple):
 
 
 # From indices of cases and values to evaluations there.
-Evaluate = Callable[[AnyArray, AnyArray], Evaluation]
+Evaluate = Callable[[AnyArray, AnyArray], EvaluatedMargin]
 
 
 class Brackets(NamedTuple):
@@ -41,7 +41,7 @@ class Brackets(NamedTuple):
     column: AnyArray  # index among the pairs of that case
     valid: AnyArray  # False if a pair only fills the list, which has a fixed length if traced
     ends: tuple[AnyArray, ...]
-    evaluations: tuple[Evaluation, ...]
+    evaluations: tuple[EvaluatedMargin, ...]
     sign_changes: AnyArray  # number of sign changes of each case
     negative_first: AnyArray  # whether the margin of each case is negative at its first value
     complete: AnyArray  # False for a case with a margin that is NaN, in which none is listed
@@ -53,7 +53,7 @@ class _Samples(NamedTuple):
     case: np.ndarray
     place: np.ndarray  # index in the finest division
     value: np.ndarray
-    evaluation: Evaluation
+    evaluation: EvaluatedMargin
 
 
 def find_brackets(evaluate: Evaluate, values: np.ndarray, levels: int) -> Brackets:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..validation import AnyArray
-from .brackets import Brackets, Evaluate, Evaluation
+from .brackets import Brackets, Evaluate, EvaluatedMargin
 
 _Tree = TypeVar("_Tree")
 
@@ -28,8 +28,8 @@ class SignChanges(NamedTuple):
 
     stands: AnyArray  # the values at which the margin is not negative
     falls: AnyArray  # the values at which it is negative
-    at_stands: Evaluation
-    at_falls: Evaluation
+    at_stands: EvaluatedMargin
+    at_falls: EvaluatedMargin
     success: AnyArray  # False where a margin is not finite, or the bracket is still wide
 
 
@@ -40,7 +40,7 @@ class _Iterate(NamedTuple):
     """
 
     x: tuple[AnyArray, ...]
-    at: tuple[Evaluation, ...]
+    at: tuple[EvaluatedMargin, ...]
     tolerance: AnyArray
 
     @property
@@ -161,7 +161,7 @@ def _propose_value(iterate: _Iterate, library: ModuleType) -> AnyArray:
 
 
 def _shrink_bracket(
-    iterate: _Iterate, x: AnyArray, at: Evaluation, library: ModuleType
+    iterate: _Iterate, x: AnyArray, at: EvaluatedMargin, library: ModuleType
 ) -> _Iterate:
     """Shrink the interval of the sign change to one that ends at a value inside."""
     first, second, _ = zip(iterate.x, iterate.at, strict=True)
@@ -211,7 +211,9 @@ def _step_ahead(
     return iterate
 
 
-def _evaluate_table(evaluate: Evaluate, case: np.ndarray, values: np.ndarray) -> Evaluation:
+def _evaluate_table(
+    evaluate: Evaluate, case: np.ndarray, values: np.ndarray
+) -> EvaluatedMargin:
     """Evaluate at several values of each case, shape (cases, values)."""
     flat = evaluate(np.repeat(case, values.shape[1]), values.reshape(-1))
     return jax.tree.map(lambda leaf: leaf.reshape(values.shape), flat)

@@ -11,7 +11,7 @@ from ..block import Block
 from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
 from ..host import Printed, format_fields, show_clock
-from ..numerics import Evaluation, find_brackets, find_brackets_traced, refine_brackets
+from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
     AnyArray,
@@ -201,11 +201,11 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
         chosen = eqx.combine(jax.tree.map(lambda leaf: leaf[index], numbers), samples)
         return jax.tree.map(library.asarray, respond_at(chosen, value, search))
 
-    def evaluate(index: AnyArray, value: AnyArray) -> Evaluation:
+    def evaluate(index: AnyArray, value: AnyArray) -> EvaluatedMargin:
         """Evaluate the margins, with the numbers of impacts and the peaks of the rotation."""
         response = simulate(index, value)
         mode = library.where(response.overturned, response.mode, response.impacts)
-        return Evaluation(response.margin, mode, response.peak_rotation)
+        return EvaluatedMargin(response.margin, mode, response.peak_rotation)
 
     # First pairs of values with a change in between, then both sides of each.
     if traced:
