@@ -5,14 +5,17 @@ import numpy as np
 import pytest
 
 from jaxrock.numerics import roots
-from jaxrock.numerics.brackets import find_brackets
+from jaxrock.numerics.brackets import EvaluatedMargin, find_brackets
 from jaxrock.numerics.roots import refine_brackets
 
 pytestmark = pytest.mark.float64
 
 
-def margin(case, value):
-    """Smooth in case 0, a jump in 1, a narrow window between modes in 2, none in 3, NaN in 4."""
+def evaluate(case, value):
+    """Smooth in case 0, a jump in 1, a narrow window between modes in 2, none in 3, NaN in 4.
+
+    The note is the value.
+    """
     margins = [
         np.cos(value),
         np.where(value < 2.3, 1.0, -3.0 + value / 10),
@@ -21,36 +24,69 @@ def margin(case, value):
         np.where(value > 7, np.nan, -1.0),
     ]
     mode = np.where((case == 2) & (value > 4.8) & (value < 5.2), 1, 0)
-    return np.choose(case, margins), mode
+    return EvaluatedMargin(np.choose(case, margins), mode, value)
+
+
+PLACES = [*(np.pi * np.r_[0.5:3:1]), 2.3, 4.98, 5.03]
+
+
+def check_ends(changes):
+    """Each end has the evaluation that was made there."""
+    assert changes.success.all()
+    assert (changes.at_stands.margin >= 0).all()
+    assert (changes.at_falls.margin < 0).all()
+    np.testing.assert_array_equal(changes.at_stands.note, changes.stands)
+    np.testing.assert_array_equal(changes.at_falls.note, changes.falls)
 
 
 def test_brackets_and_places():
     sizes = []
 
-    def margin_and_mode(case, value):
+    def count_and_evaluate(case, value):
         sizes.append(value.size)
-        return margin(case, value)
+        return evaluate(case, value)
 
     values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
-    found = find_brackets(margin_and_mode, values, 6)
+    found = find_brackets(count_and_evaluate, values, 6)
     assert found.sign_changes.tolist() == [3, 1, 2, 0, 0]
     assert found.complete.tolist() == [True, True, True, True, False]
     assert found.negative_first.tolist() == [False, False, True, False, True]
     assert found.column.tolist() == [0, 1, 2, 0, 0, 1]
-    stands, falls, left = refine_brackets(lambda *at: margin(*at)[0], found, traced=False)
-    np.testing.assert_allclose(
-        stands, [*(np.pi * np.r_[0.5:3:1]), 2.3, 4.98, 5.03], rtol=1e-15
-    )
-    np.testing.assert_allclose(falls, stands, rtol=1e-15)
-    assert (left >= 0).all()
+    changes = refine_brackets(evaluate, found, traced=False)
+    np.testing.assert_allclose(changes.stands, PLACES, rtol=1e-15)
+    np.testing.assert_allclose(changes.falls, PLACES, rtol=1e-15)
+    check_ends(changes)
     # Far from all that, nothing is halved: every point would have been 5,125.
     assert sum(sizes) < 5 * 17 + 6 * 40
 
 
+@pytest.mark.parametrize("alone", [False, True])
+def test_refinement_ends_at_the_tolerance(alone):
+    """With both ends inside of it, in half of the evaluations that rounding takes."""
+    values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
+    found = find_brackets(evaluate, values, 6)
+    sizes = []
+
+    def count_and_evaluate(case, value):
+        sizes.append(value.size)
+        return evaluate(case, value)
+
+    refine_brackets(count_and_evaluate, found, traced=False, alone=alone)
+    to_rounding = sum(sizes)
+    sizes.clear()
+    changes = refine_brackets(
+        count_and_evaluate, found, traced=False, alone=alone, tolerance=1e-7
+    )
+    assert sum(sizes) <= to_rounding / 2
+    np.testing.assert_allclose(changes.stands, PLACES, rtol=1e-7)
+    assert (abs(changes.falls - changes.stands) <= 1e-7 * abs(changes.stands)).all()
+    check_ends(changes)
+
+
 def test_nothing_hides_without_halving():
-    found = find_brackets(margin, np.array([[4.0, 6.0], [2.5, 3.0]]), 0)
+    found = find_brackets(evaluate, np.array([[4.0, 6.0], [2.5, 3.0]]), 0)
     assert found.sign_changes.tolist() == [1, 0]
-    empty = find_brackets(margin, np.zeros((0, 4)), 3)
+    empty = find_brackets(evaluate, np.zeros((0, 4)), 3)
     assert empty.sign_changes.size == 0
     assert empty.case.size == 0
 
@@ -58,12 +94,12 @@ def test_nothing_hides_without_halving():
 def test_steps_ahead_are_those_of_one_by_one(monkeypatch):
     """At jumps in fewer calls, and to the same bits whatever else is sought."""
     values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
-    found = find_brackets(margin, values, 6)
+    found = find_brackets(evaluate, values, 6)
     calls = []
 
     def asked(case, value):
         calls.append(value.size)
-        return margin(case, value)[0]
+        return evaluate(case, value)
 
     ahead = refine_brackets(asked, found, traced=False, alone=True)
     several = len(calls)
@@ -71,11 +107,13 @@ def test_steps_ahead_are_those_of_one_by_one(monkeypatch):
     monkeypatch.setattr(roots, "_MOST_LEVELS", 1)
     calls.clear()
     single = refine_brackets(asked, found, traced=False, alone=True)
-    np.testing.assert_array_equal(ahead, single)
+    jax.tree.map(np.testing.assert_array_equal, ahead, single)
     assert several < len(calls) / 3
     monkeypatch.undo()
     for k in range(found.case.size):
         one = jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], counts)
-        np.testing.assert_array_equal(
-            refine_brackets(asked, one, traced=False, alone=True), [[row[k]] for row in single]
+        jax.tree.map(
+            lambda leaf, row, k=k: np.testing.assert_array_equal(leaf, row[k : k + 1]),
+            refine_brackets(asked, one, traced=False, alone=True),
+            single,
         )

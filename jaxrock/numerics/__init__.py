@@ -1,5 +1,6 @@
 """Numerics that the other packages share: elementary functions, elliptic integrals, roots."""
 
+from .brackets import EvaluatedMargin as EvaluatedMargin
 from .brackets import find_brackets as find_brackets
 from .brackets import find_brackets_traced as find_brackets_traced
 from .elementary import angle as angle

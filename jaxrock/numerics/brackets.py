@@ -17,39 +17,46 @@ from ..validation import AnyArray
 
 _CALL_SIZE = 2**18  # values at which the margins are computed in one call, at most
 
-# From indices of cases and values: the margins there, and the modes of the motion, which are
-# numbers that change where the margin may have a kink or a jump.
-MarginAndMode = Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]
+
+class EvaluatedMargin(NamedTuple):
+    """A margin at a value, and what else a search needs there; arrays of one shape."""
+
+    margin: AnyArray
+    mode: AnyArray  # an integer that changes where the margin may have a kink or a jump
+    note: AnyArray  # a real number that plays no role in the search; both ends keep theirs
+
+
+# From indices of cases and values to evaluations there.
+Evaluate = Callable[[AnyArray, AnyArray], EvaluatedMargin]
 
 
 class Brackets(NamedTuple):
     """Pairs of neighbouring values between which the margin changes its sign.
 
-    Of `ends` and `margins` the first two belong to the pair. The third is a neighbour outside
-    of it, or one of the two once more where there is none.
+    Of `ends` and `evaluations` the first two belong to the pair. The third is a neighbour
+    outside of it, or one of the two once more where there is none.
     """
 
     case: AnyArray  # index of the case that a pair belongs to
     column: AnyArray  # index among the pairs of that case
     valid: AnyArray  # False if a pair only fills the list, which has a fixed length if traced
     ends: tuple[AnyArray, ...]
-    margins: tuple[AnyArray, ...]
+    evaluations: tuple[EvaluatedMargin, ...]
     sign_changes: AnyArray  # number of sign changes of each case
     negative_first: AnyArray  # whether the margin of each case is negative at its first value
     complete: AnyArray  # False for a case with a margin that is NaN, in which none is listed
 
 
 class _Samples(NamedTuple):
-    """Samples of the margins, sorted by case and value."""
+    """Samples, sorted by case and value."""
 
     case: np.ndarray
     place: np.ndarray  # index in the finest division
     value: np.ndarray
-    margin: np.ndarray
-    mode: np.ndarray
+    evaluation: EvaluatedMargin
 
 
-def find_brackets(margin_and_mode: MarginAndMode, values: np.ndarray, levels: int) -> Brackets:
+def find_brackets(evaluate: Evaluate, values: np.ndarray, levels: int) -> Brackets:
     """Find all sign changes along increasing values of shape (cases, values).
 
     An interval is halved up to `levels` times where a sign change might hide in it.
@@ -59,10 +66,9 @@ def find_brackets(margin_and_mode: MarginAndMode, values: np.ndarray, levels: in
     def sample(case: np.ndarray, place: np.ndarray, value: np.ndarray) -> _Samples:
         # At least one call, even for no values: nothing at all cannot be joined.
         starts = range(0, max(len(value), 1), _CALL_SIZE)
-        parts = [
-            margin_and_mode(*(x[k : k + _CALL_SIZE] for x in (case, value))) for k in starts
-        ]
-        return _Samples(case, place, value, *map(np.concatenate, zip(*parts, strict=True)))
+        parts = [evaluate(case[k : k + _CALL_SIZE], value[k : k + _CALL_SIZE]) for k in starts]
+        evaluation = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+        return _Samples(case, place, value, evaluation)
 
     place = np.tile(np.arange(places) << levels, cases)
     samples = sample(np.repeat(np.arange(cases), places), place, values.reshape(-1))
@@ -71,12 +77,14 @@ def find_brackets(margin_and_mode: MarginAndMode, values: np.ndarray, levels: in
         left = _find_suspicious(samples, 2 << level)
         place = samples.place[left] + (1 << level)
         value = 0.5 * (samples.value[left] + samples.value[left + 1])
-        columns = zip(samples, sample(samples.case[left], place, value), strict=True)
-        samples = _Samples(*(np.insert(old, left + 1, new) for old, new in columns))
+        between = sample(samples.case[left], place, value)
+        samples = jax.tree.map(
+            lambda old, new, left=left: np.insert(old, left + 1, new), samples, between
+        )
 
     case = samples.case
-    margin = samples.margin
-    # A case with a gap lists nothing: a sign change in the gap would go unseen.
+    margin = samples.evaluation.margin
+    # A case with a gap lists nothing: a sign change in the gap would not be detected.
     complete = np.bincount(case, np.isnan(margin), cases) == 0
     change = (case[1:] == case[:-1]) & ((margin[1:] < 0) != (margin[:-1] < 0))
     left = np.flatnonzero(change & complete[case[:-1]])
@@ -90,7 +98,9 @@ def find_brackets(margin_and_mode: MarginAndMode, values: np.ndarray, levels: in
         column=np.arange(left.size) - (np.cumsum(count) - count)[case[left]],
         valid=np.ones(left.size, bool),
         ends=tuple(samples.value[at] for at in ends),
-        margins=tuple(margin[at] for at in ends),
+        evaluations=tuple(
+            jax.tree.map(lambda leaf, at=at: leaf[at], samples.evaluation) for at in ends
+        ),
         sign_changes=count,
         negative_first=margin[samples.place == 0] < 0,
         complete=complete,
@@ -115,7 +125,7 @@ def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
     #                                                                   \
     #   neighbours head   steep, with one    level and far      straight through 0:
     #   for 0: look       end near 0: look   from 0: do not     do not
-    case, place, value, margin, mode = samples
+    case, place, value, (margin, mode, _) = samples
     same_case = case[1:] == case[:-1]
 
     # Where an interval lies between two cases its slope is 0, which reaches nothing.
@@ -168,7 +178,7 @@ def _add_neighbour(
 
 
 def find_brackets_traced(
-    margin_and_mode: MarginAndMode, values: jax.Array, levels: int, max_boundaries: int
+    evaluate: Evaluate, values: jax.Array, levels: int, max_boundaries: int
 ) -> Brackets:
     """Find the first sign changes of each case in a transformation.
 
@@ -183,7 +193,9 @@ def find_brackets_traced(
     value = jnp.concatenate([inner.reshape(len(values), -1), values[:, -1:]], axis=1)
     cases, places = value.shape
     index = jnp.broadcast_to(jnp.arange(cases)[:, None], value.shape)
-    margin = margin_and_mode(index.reshape(-1), value.reshape(-1))[0].reshape(value.shape)
+    evaluation = evaluate(index.reshape(-1), value.reshape(-1))
+    evaluation = jax.tree.map(lambda leaf: leaf.reshape(value.shape), evaluation)
+    margin = evaluation.margin
     complete = ~jnp.isnan(margin).any(axis=1)
     negative = margin < 0
     change = (negative[:, 1:] != negative[:, :-1]) & complete[:, None]
@@ -204,7 +216,9 @@ def find_brackets_traced(
         column=jnp.tile(jnp.arange(max_boundaries), cases),
         valid=valid,
         ends=tuple(value[case, at] for at in ends),
-        margins=tuple(margin[case, at] for at in ends),
+        evaluations=tuple(
+            jax.tree.map(lambda leaf, at=at: leaf[case, at], evaluation) for at in ends
+        ),
         sign_changes=change.sum(axis=1),
         negative_first=negative[:, 0],
         complete=complete,

@@ -1,19 +1,20 @@
-"""Refinement of the brackets of sign changes, to rounding.
+"""Refinement of the brackets of sign changes, to a tolerance or to rounding.
 
 All brackets are refined together. Outside of a transformation NumPy does the bookkeeping, and
-the margin is computed only for brackets that are still wide.
+evaluations are made only for brackets that are still wide.
 """
 
-from collections.abc import Callable
 from types import ModuleType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..validation import AnyArray
-from .brackets import Brackets
+from .brackets import Brackets, Evaluate, EvaluatedMargin
+
+_Tree = TypeVar("_Tree")
 
 # So many values take about as long as one: 64 lanes of a batch on each of two cores. A fixed
 # number, so that every machine finds the same sign changes to the last bit.
@@ -21,59 +22,74 @@ _LANES = 128
 _MOST_LEVELS = 5  # of bisections at once
 _ITERATIONS = 200  # bisection alone needs fewer from any bracket of two floating-point numbers
 
-# From indices of cases and values: the margins there.
-Margin = Callable[[AnyArray, AnyArray], AnyArray]
+
+class SignChanges(NamedTuple):
+    """Both ends of brackets that have been refined, with what is known there."""
+
+    stands: AnyArray  # the values at which the margin is not negative
+    falls: AnyArray  # the values at which it is negative
+    at_stands: EvaluatedMargin
+    at_falls: EvaluatedMargin
+    success: AnyArray  # False where a margin is not finite, or the bracket is still wide
 
 
 class _Iterate(NamedTuple):
-    """Three values and their margins; the sign changes between the first two.
+    """Three values and the evaluations there; the sign changes between the first two.
 
     The first is the newest value, the second the other end, the third was an end before.
     """
 
     x: tuple[AnyArray, ...]
-    f: tuple[AnyArray, ...]
+    at: tuple[EvaluatedMargin, ...]
     tolerance: AnyArray
 
+    @property
+    def f(self) -> list[AnyArray]:
+        """The margins."""
+        return [evaluation.margin for evaluation in self.at]
+
     def has_converged(self) -> AnyArray:
-        """Tell where the bracket is as narrow as rounding allows."""
+        """Check where the bracket is as narrow as the tolerance."""
         return abs(self.x[1] - self.x[0]) <= self.tolerance
 
 
 def refine_brackets(
-    margin: Margin, pairs: Brackets, traced: bool, alone: bool = False
-) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Refine each bracket until its ends are neighbours, to rounding.
+    evaluate: Evaluate,
+    pairs: Brackets,
+    traced: bool,
+    alone: bool = False,
+    tolerance: float | None = None,
+) -> SignChanges:
+    """Refine each bracket until it is as narrow as a tolerance.
 
     Parameters
     ----------
-    margin : callable
+    evaluate : callable
     pairs : Brackets
     traced : bool
         Under a transformation all are refined in one loop, by one method.
     alone : bool
         Whether each sign change is found to the same bits as if there were no others. Else
         the method is the one that is fastest for so many.
+    tolerance : float, optional
+        Width relative to the values at the ends, at which a bracket is not refined further
+        [-]. By default, and at least, as rounding allows: the ends are neighbours.
 
     Returns
     -------
-    stands, falls : Array
-        The ends at which the margin is not negative, and at which it is.
-    margin : Array
-        At `stands`. NaN where the search failed.
+    SignChanges
     """
     library: ModuleType = jnp if traced else np
     ends = pairs.ends
-    margins = pairs.margins
-    eps = float(jnp.finfo(ends[0].dtype).eps)
-    tolerance = 4 * eps * library.maximum(abs(ends[0]), abs(ends[1]))
-    iterate = _Iterate(ends, margins, tolerance)
+    relative = max(4 * float(jnp.finfo(ends[0].dtype).eps), tolerance or 0.0)
+    widest = relative * library.maximum(abs(ends[0]), abs(ends[1]))
+    iterate = _Iterate(ends, pairs.evaluations, widest)
     if traced:
         _, iterate = jax.lax.while_loop(
             lambda state: (state[0] < _ITERATIONS) & ~state[1].has_converged().all(),
             lambda state: (
                 state[0] + 1,
-                _step_chandrupatla(margin, state[1], pairs.case, jnp),
+                _step_chandrupatla(evaluate, state[1], pairs.case, jnp),
             ),
             (0, iterate),
         )
@@ -83,7 +99,7 @@ def refine_brackets(
             wide = np.flatnonzero(~iterate.has_converged())
             if not wide.size:
                 break
-            # Only those that are still wide: each margin is the motion of a block.
+            # Only those that are still wide: each evaluation is the motion of a block.
             leaves, structure = jax.tree.flatten(iterate)
             selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
             # Few values take as long as a batch of them, so that all of it is used.
@@ -91,31 +107,36 @@ def refine_brackets(
             if alone:
                 levels = max((parts + 1).bit_length() - 1, 1)
                 better = _step_ahead(
-                    margin, selected, pairs.case[wide], min(levels, _MOST_LEVELS)
+                    evaluate, selected, pairs.case[wide], min(levels, _MOST_LEVELS)
                 )
             elif parts >= 4:
-                better = _multisect(margin, selected, pairs.case[wide], parts // 4 * 4)
+                better = _multisect(evaluate, selected, pairs.case[wide], parts // 4 * 4)
             else:
-                better = _step_chandrupatla(margin, selected, pairs.case[wide], np)
+                better = _step_chandrupatla(evaluate, selected, pairs.case[wide], np)
             # `leaves` are the arrays of `iterate` itself.
             for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):
                 leaf[wide] = new
 
     x1, x2, _ = iterate.x
-    f1, f2, _ = iterate.f
-    first = f1 >= 0
-    success = iterate.has_converged() & library.isfinite(f1 + f2)
-    stands = library.where(first, x1, x2)
-    falls = library.where(first, x2, x1)
-    return stands, falls, library.where(success, library.where(first, f1, f2), library.nan)
+    at1, at2, _ = iterate.at
+    first = at1.margin >= 0
+    stands, at_stands = _select(first, (x1, at1), (x2, at2), library)
+    falls, at_falls = _select(first, (x2, at2), (x1, at1), library)
+    success = iterate.has_converged() & library.isfinite(at1.margin + at2.margin)
+    return SignChanges(stands, falls, at_stands, at_falls, success)
+
+
+def _select(where: AnyArray, this: _Tree, that: _Tree, library: ModuleType) -> _Tree:
+    """Select the entries of one tree where a condition is true, and else of the other."""
+    return jax.tree.map(lambda a, b: library.where(where, a, b), this, that)
 
 
 def _step_chandrupatla(
-    margin: Margin, iterate: _Iterate, case: AnyArray, library: ModuleType
+    evaluate: Evaluate, iterate: _Iterate, case: AnyArray, library: ModuleType
 ) -> _Iterate:
     """Take a step of Chandrupatla's method (1997, doi:10.1016/S0965-9978(96)00051-8)."""
     x = _propose_value(iterate, library)
-    return _shrink_bracket(iterate, x, margin(case, x), library)
+    return _shrink_bracket(iterate, x, evaluate(case, x), library)
 
 
 def _propose_value(iterate: _Iterate, library: ModuleType) -> AnyArray:
@@ -123,41 +144,44 @@ def _propose_value(iterate: _Iterate, library: ModuleType) -> AnyArray:
 
     By inverse quadratic interpolation where that is safe, bisection where not, as at a jump.
     """
-    (x1, x2, x3), (f1, f2, f3), tolerance = iterate
+    x1, x2, x3 = iterate.x
+    f1, f2, f3 = iterate.f
     # Quotients by 0, where values or margins are equal, make comparisons False: bisection.
     with np.errstate(all="ignore"):
         xi = (x1 - x2) / (x3 - x2)
         phi = (f1 - f2) / (f3 - f2)
         inner = f1 / (f2 - f1) * f3 / (f2 - f3)
         outer = (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
-        least = tolerance / (2 * abs(x2 - x1))
+        least = iterate.tolerance / (2 * abs(x2 - x1))
         smooth = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi)
-        share = library.where(smooth, inner + outer, 0.5)
+        fraction = library.where(smooth, inner + outer, 0.5)
     # Not closer to an end than half of the tolerance, where the margin would be the same.
-    share = library.clip(share, least, 1 - least)
-    return library.where(iterate.has_converged(), x1, x1 + share * (x2 - x1))
+    fraction = library.clip(fraction, least, 1 - least)
+    return library.where(iterate.has_converged(), x1, x1 + fraction * (x2 - x1))
 
 
 def _shrink_bracket(
-    iterate: _Iterate, x: AnyArray, f: AnyArray, library: ModuleType
+    iterate: _Iterate, x: AnyArray, at: EvaluatedMargin, library: ModuleType
 ) -> _Iterate:
     """Shrink the interval of the sign change to one that ends at a value inside."""
-    (x1, x2, _), (f1, f2, _), tolerance = iterate
-    same = (f < 0) == (f1 < 0)
-    others = [library.where(same, *pair) for pair in ((x2, x1), (x1, x2), (f2, f1), (f1, f2))]
-    new = _Iterate((x, *others[:2]), (f, *others[2:]), tolerance)
+    first, second, _ = zip(iterate.x, iterate.at, strict=True)
+    same = (at.margin < 0) == (first[1].margin < 0)
+    end, at_end = _select(same, second, first, library)
+    before, at_before = _select(same, first, second, library)
+    better = _Iterate((x, end, before), (at, at_end, at_before), iterate.tolerance)
     # Converged ones must stay: in a loop they wait for the others.
-    done = iterate.has_converged()
-    return jax.tree.map(lambda old, new: library.where(done, old, new), iterate, new)
+    return _select(iterate.has_converged(), iterate, better, library)
 
 
-def _step_ahead(margin: Margin, iterate: _Iterate, case: AnyArray, levels: int) -> _Iterate:
+def _step_ahead(
+    evaluate: Evaluate, iterate: _Iterate, case: AnyArray, levels: int
+) -> _Iterate:
     """Take up to `levels` steps of Chandrupatla's method at once, to the same bits.
 
-    At a jump nearly all of them are bisections: margins are computed where these would look,
-    and the method is followed as far as they go.
+    At a jump nearly all of them are bisections: evaluations are made where these would look,
+    and the method goes on as far as they reach.
     """
-    (x1, x2, _), _, _ = iterate
+    x1, x2, _ = iterate.x
 
     # The tree of bisections that may follow: 1, 2, 4, ... values. They are computed by the
     # formula of `_propose_value`, so that their bits are those that it will ask for.
@@ -172,48 +196,69 @@ def _step_ahead(margin: Margin, iterate: _Iterate, case: AnyArray, levels: int) 
             for middle, ends in zip(middles, halves, strict=True)
             for end in reversed(ends)
         ]
-    at = np.stack(tried, axis=1)
-    margins = margin(np.repeat(case, at.shape[1]), at.reshape(-1)).reshape(at.shape)
+    values = np.stack(tried, axis=1)
+    known = _evaluate_table(evaluate, case, values)
 
-    # Follow the method as long as it asks for known margins; the rest waits for another call.
-    rows = np.arange(len(at))
+    # Go on as long as the method asks for known values; what is left waits for another call.
+    rows = np.arange(len(values))
     for _ in range(levels):
         x = _propose_value(iterate, np)
-        found = at == x[:, None]
-        known = found.any(axis=1)
-        better = _shrink_bracket(iterate, x, margins[rows, found.argmax(axis=1)], np)
-        iterate = jax.tree.map(
-            lambda old, new, k=known: np.where(k, new, old), iterate, better
-        )
+        equal = values == x[:, None]
+        column = equal.argmax(axis=1)
+        at = jax.tree.map(lambda leaf, column=column: leaf[rows, column], known)
+        better = _shrink_bracket(iterate, x, at, np)
+        iterate = _select(equal.any(axis=1), better, iterate, np)
     return iterate
 
 
-def _multisect(margin: Margin, iterate: _Iterate, case: AnyArray, parts: int) -> _Iterate:
+def _evaluate_table(
+    evaluate: Evaluate, case: np.ndarray, values: np.ndarray
+) -> EvaluatedMargin:
+    """Evaluate at several values of each case, shape (cases, values)."""
+    flat = evaluate(np.repeat(case, values.shape[1]), values.reshape(-1))
+    return jax.tree.map(lambda leaf: leaf.reshape(values.shape), flat)
+
+
+def _multisect(evaluate: Evaluate, iterate: _Iterate, case: AnyArray, parts: int) -> _Iterate:
     """Divide a bracket at `parts` values, and keep the first part with a sign change.
 
     Half of the values are equidistant, the others approach the secant's root from both sides.
     """
-    (x1, x2, _), (f1, f2, _), tolerance = iterate
+    x1, x2, _ = iterate.x
+    f1, f2, _ = iterate.f
     span = x2 - x1
     with np.errstate(all="ignore"):
         guess = f1 / (f1 - f2)
-        least = tolerance / (4 * abs(span))
+        least = iterate.tolerance / (4 * abs(span))
     # Of infinite margins there is no secant.
     guess = np.where(np.isfinite(guess), guess, 0.5)
     even = (np.arange(parts // 2) + 1) / (parts // 2 + 1)
     # In a geometric sequence, down to where floating-point numbers no longer differ.
     near = least[:, None] ** (1 - np.arange(parts // 4) / (parts // 4))[None]
     near = np.concatenate([guess[:, None] - near, guess[:, None] + near], axis=1)
-    share = np.concatenate([np.broadcast_to(even, (len(x1), even.size)), near], axis=1)
-    share = np.sort(np.clip(share, least[:, None], 1 - least[:, None]), axis=1)
-    x = (x1[:, None] + share * span[:, None]).astype(x1.dtype)
-    f = margin(np.repeat(case, x.shape[1]), x.reshape(-1)).reshape(x.shape)
+    even = np.broadcast_to(even, (len(x1), even.size))
+    fraction = np.concatenate([even, near], axis=1)
+    fraction = np.sort(np.clip(fraction, least[:, None], 1 - least[:, None]), axis=1)
+    x = (x1[:, None] + fraction * span[:, None]).astype(x1.dtype)
+    at = _evaluate_table(evaluate, case, x)
 
     # The first of the intervals with a sign change, and the value next to it.
-    x = np.concatenate([x1[:, None], x, x2[:, None]], axis=1)
-    f = np.concatenate([f1[:, None], f, f2[:, None]], axis=1)
-    left = ((f[:, 1:] < 0) != (f[:, :-1] < 0)).argmax(axis=1)
+    first, second, _ = zip(iterate.x, iterate.at, strict=True)
+    x, at = jax.tree.map(
+        lambda begin, inner, end: np.concatenate(
+            [begin[:, None], inner, end[:, None]], axis=1
+        ),
+        first,
+        (x, at),
+        second,
+    )
+    negative = at.margin < 0
+    left = (negative[:, 1:] != negative[:, :-1]).argmax(axis=1)
     third = np.where(left > 0, left - 1, left + 2)
     rows = np.arange(len(x1))
-    x, f = (tuple(part[rows, at] for at in (left, left + 1, third)) for part in (x, f))
-    return _Iterate(x, f, tolerance)
+    chosen = [
+        jax.tree.map(lambda leaf, column=column: leaf[rows, column], (x, at))
+        for column in (left, left + 1, third)
+    ]
+    ends, evaluations = zip(*chosen, strict=True)
+    return _Iterate(ends, evaluations, iterate.tolerance)

@@ -11,7 +11,7 @@ from ..block import Block
 from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
 from ..host import Printed, format_fields, show_clock
-from ..numerics import find_brackets, find_brackets_traced, refine_brackets
+from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
     AnyArray,
@@ -44,8 +44,8 @@ class Boundaries(Printed, eqx.Module):
     Attributes
     ----------
     value : Array, shape (..., boundaries)
-        Value of the quantity at the boundary, to rounding; the block does not overturn there.
-        Has derivatives in both modes.
+        Value of the quantity at the boundary, to rounding, those of an `OverturningRate` to a
+        relative 1e-9; the block does not overturn there. Has derivatives in both modes.
     overturns_beyond : Array of bool, shape (..., boundaries)
         Whether the block overturns beyond the boundary; if not, it does before it.
     impacts : Array of int, shape (..., boundaries)
@@ -107,7 +107,7 @@ def overturning_boundaries(
     Overturning is not monotone: above the first strength that overturns a block there are
     windows in which it survives, since the ground can pull it back. The outcome is computed at
     all values, and each change of it is located on the margin. Two boundaries between
-    neighbouring values go unseen.
+    neighbouring values are not detected.
 
     Parameters
     ----------
@@ -196,50 +196,44 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     numbers = jax.tree.map(lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), numbers)
     table = library.broadcast_to(values, (*shape, places)).reshape(size, places)
 
-    def follow(index: AnyArray, value: AnyArray) -> BatchResponse:
-        """Follow the motions of cases, by their indices, at values of the quantity."""
+    def simulate(index: AnyArray, value: AnyArray) -> BatchResponse:
+        """Simulate the motions of cases, by their indices, at values of the quantity."""
         chosen = eqx.combine(jax.tree.map(lambda leaf: leaf[index], numbers), samples)
         return jax.tree.map(library.asarray, respond_at(chosen, value, search))
 
-    def compute_margin_and_mode(index: AnyArray, value: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Compute the margins, and the numbers of impacts by which the mode is told."""
-        response = follow(index, value)
-        return response.margin, library.where(
-            response.overturned, response.mode, response.impacts
-        )
+    def evaluate(index: AnyArray, value: AnyArray) -> EvaluatedMargin:
+        """Evaluate the margins, with the numbers of impacts and the peaks of the rotation."""
+        response = simulate(index, value)
+        mode = library.where(response.overturned, response.mode, response.impacts)
+        return EvaluatedMargin(response.margin, mode, response.peak_rotation)
 
-    # First pairs of values with a change in between, then both sides of each to rounding.
+    # First pairs of values with a change in between, then both sides of each.
     if traced:
-        pairs = find_brackets_traced(
-            compute_margin_and_mode, table, search.halvings, search.max_boundaries
-        )
+        pairs = find_brackets_traced(evaluate, table, search.halvings, search.max_boundaries)
     else:
-        pairs = find_brackets(compute_margin_and_mode, table, search.halvings)
-    stands, falls, margin = refine_brackets(
-        lambda *at: follow(*at).margin, pairs, traced, search.alone
-    )
+        pairs = find_brackets(evaluate, table, search.halvings)
+    changes = refine_brackets(evaluate, pairs, traced, search.alone, search.tolerance)
+    stands = changes.stands
+    falls = changes.falls
     eps = float(jnp.finfo(table.dtype).eps)
     # The mode is the number of impacts before overturning. Within rounding of the boundary a
     # block balances so long that rounding decides about it, so that impacts are counted a
-    # little further into overturning: by a share eps**0.4 of the value, 5e-7 in double
+    # little further into overturning: by a part eps**0.4 of the value, 5e-7 in double
     # precision. The distance from the boundary is then known to 60 % of the digits, and is far
     # below the width of the windows that are sought, 1 %. Where a window of overturning is
     # narrower still, so that the block stands again there, impacts are counted right behind
     # the boundary.
     further = falls + library.sign(falls - stands) * eps**0.4 * abs(falls)
-    # One call for all three: a batch of few blocks takes as long as one of many.
-    around = library.concatenate([further, falls, stands])
-    responses = follow(library.concatenate([pairs.case] * 3), around)
-    beyond, at_falls, at_stands = (
-        jax.tree.map(lambda leaf, k=k: leaf.reshape(3, -1)[k], responses) for k in range(3)
-    )
+    beyond = simulate(pairs.case, further)
+    mode = library.where(beyond.overturned, beyond.mode, changes.at_falls.mode)
     # Toppling does not bring the margin to 0 but ends the motion: the margin jumps there. At a
     # zero, the margin on the standing side is about as small as rounding makes it, at a jump
     # it is of order 1; a quarter of the digits, 1e-4 in double precision, tells the two apart.
     # The peak has to be as close to pi / 2, since chaos makes the margin steep beside a zero
     # as well.
-    toppled = (margin > eps**0.25) & (at_stands.peak_rotation > TOPPLED_ROTATION - eps**0.25)
-    valid = pairs.valid & library.isfinite(margin) & beyond.complete
+    margin, _, peak = changes.at_stands
+    toppled = (margin > eps**0.25) & (peak > TOPPLED_ROTATION - eps**0.25)
+    valid = pairs.valid & changes.success & beyond.complete
     columns = search.max_boundaries if traced else int(pairs.sign_changes.max(initial=0))
 
     def fill_table(
@@ -257,7 +251,7 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     answers = dict(
         value=fill_table(stands, library.nan),
         overturns_beyond=fill_table(falls > stands, False),
-        impacts=fill_table(library.where(beyond.overturned, beyond.mode, at_falls.mode), -1),
+        impacts=fill_table(mode, -1),
         toppled=fill_table(toppled, False),
         count=pairs.sign_changes.reshape(shape),
         overturns_first=pairs.negative_first.reshape(shape),
@@ -288,6 +282,9 @@ def _differentiate_boundaries(
         raise ValueError(
             "boundaries have no derivatives with respect to the samples of a record"
         )
+    # Motions from both sides of a boundary tell how long the block balances there; see
+    # `_find_balanced_times`. For that they have to begin as close as rounding allows.
+    search = search._replace(tolerance=None)
     found = _compute_boundaries(subject, values, search=search)
     edges = FoundBoundaries(found.value, found.overturns_beyond, found.toppled)
     total = compute_tangents(subject, changes, values, edges, search)

@@ -52,6 +52,9 @@ class Search(NamedTuple):
         boundaries has those of all others.
     alone : bool
         Whether a boundary has the same bits whatever else is sought at the same time.
+    tolerance : float or None
+        Relative width [-] of the bracket around a boundary at which refinement ends. None: to
+        rounding.
     """
 
     along: str
@@ -60,6 +63,7 @@ class Search(NamedTuple):
     halvings: int = 0
     drop_unknown: bool = False
     alone: bool = False
+    tolerance: float | None = None
 
 
 class Subject(eqx.Module):
