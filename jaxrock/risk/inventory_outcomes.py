@@ -11,10 +11,10 @@ from ..ground_motion import Suite
 from ..resonance import RockingModel
 from ..sensitivity import draw_blocks
 from ..validation import AnyArray
+from .clopper_pearson import bound_probabilities
 from .counted_rate import Counting, count_rates, estimate_error_of_mean, find_outcomes
 from .inventory import Inventory
 from .lognormal import fit_lognormal
-from .share_intervals import bound_shares
 from .unseen import estimate_unseen_by_good_turing
 
 # Numbers whose importance is told: what can be built or chosen for an object.
@@ -161,7 +161,7 @@ def _summarize_object(outcomes: _Outcomes, counting: Counting) -> ObjectRisk:
             "overturns at the lowest level of the hazard, so that the rate may be more"
         )
     probability = outcomes.drawn[..., number:].mean(axis=1).sum(axis=0)
-    low, high = bound_shares(probability, records, CONFIDENCE)
+    low, high = bound_probabilities(probability, records, CONFIDENCE)
     elasticity, error = _compute_elasticities(outcomes, counting)
     unseen = estimate_unseen_by_good_turing(overturned.reshape(-1, number), counting.rates)
     return ObjectRisk(
