@@ -118,7 +118,7 @@ def test_rates_too_small_for_normal_numbers():
         (np.geomspace(0.1, 3, 9), [0, 0, 1, 0, 2, 1, 3, 5, 4], 20),
     ],
 )
-def test_lognormal_fit_is_the_most_likely(levels, counts, trials):
+def test_lognormal_fit_maximizes_the_likelihood(levels, counts, trials):
     levels, counts = np.array(levels), np.array(counts)
     fit = fit_lognormal(levels, counts, trials)
     middle, width = np.log(levels).mean(), np.log(levels).std()
@@ -158,9 +158,9 @@ def test_lognormal_fit_recovers_a_curve():
         ([0, 5, 5], (2.0, 0.0, "from none to all between two levels")),
         ([0, 2, 5], (4.0, 0.0, "from none to all around one level")),
         ([0, 0, 3], (NAN, NAN, "the levels end where exceedance begins")),
-        ([2, 2, 2], (NAN, NAN, "the share does not rise with the level")),
-        ([4, 2, 1], (NAN, NAN, "the share does not rise with the level")),
-        ([5, 5, 0], (NAN, NAN, "the share does not rise with the level")),
+        ([2, 2, 2], (NAN, NAN, "the probability does not increase with the level")),
+        ([4, 2, 1], (NAN, NAN, "the probability does not increase with the level")),
+        ([5, 5, 0], (NAN, NAN, "the probability does not increase with the level")),
     ],
 )
 def test_counts_without_a_curve(counts, expected):
@@ -471,7 +471,7 @@ def test_fragility_of_pulses_is_a_staircase(eps):
     np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
 
 
-def test_fragility_says_where_the_share_falls():
+def test_a_remark_says_where_exceedance_decreases():
     """Between 1.20 and 1.26 m/s this pulse of a full sine does not overturn the block."""
     pulse, block = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005), jr.Block(0.1, 5.0)
     options = {"model": "linearized", "thresholds": ["overturning"]}
@@ -545,7 +545,8 @@ def test_what_is_refused(monkeypatch, function, change, message):
     }
     if function is jr.overturning_rate:
         arguments["hazard"] = jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pgv")
-    assert refuses(message, function, **(arguments | {"model": "linearized"} | change))
+    arguments |= {"model": "linearized"} | change
+    assert refuses(message, function, arguments.pop("block"), **arguments)
 
 
 # The block in the example suite.

@@ -17,14 +17,12 @@ from .axes import describe_axis as describe_axis
 from .grid import Grid as Grid
 from .grid import apply_in_tiles as apply_in_tiles
 from .grid import apply_padded as apply_padded
-from .grid import as_object_array as as_object_array
 from .grid import list_points as list_points
 from .tables import compute_overturned_share as compute_overturned_share
 from .tables import write_table
 
 if TYPE_CHECKING:
     from .lazy import Chunks as Chunks
-    from .lazy import apply_lazily as apply_lazily
     from .workers import OwnProcessors, local_cluster
     from .zarr_store import Stored, write_zarr
 
@@ -36,7 +34,6 @@ if all(find_spec(name) for name in ("dask", "distributed", "zarr")):
 # They need Dask, which not every user has, and which takes longer to import than the rest.
 _BY_DASK = {
     "Chunks": "lazy",
-    "apply_lazily": "lazy",
     "OwnProcessors": "workers",
     "local_cluster": "workers",
     "Stored": "zarr_store",

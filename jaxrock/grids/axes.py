@@ -47,6 +47,9 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
     ),
     "frequency": ("frequency of the floor", "Hz", POSITIVE),
     "amplitude": ("amplitude of the floor", "m s-2", NON_NEGATIVE),
+    "object": ("index of the object", "1", NON_NEGATIVE),
+    "record": ("index of the record", "1", NON_NEGATIVE),
+    "sample": ("index of the sample of uncertain parameters", "1", NON_NEGATIVE),
 }
 
 

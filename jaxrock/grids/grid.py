@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..host import (
-    add_names,
     count_processors,
     import_optional,
     make_dataset,
@@ -56,7 +55,8 @@ class Grid:
     title : str
         Title of the dataset.
     axes : mapping of str to ndarray
-        The values along each axis. An axis that is no dimension of a variable becomes a scalar
+        The numbers along each axis: values, or the numbers of things such as records, which
+        are in `shared`. An axis that is no dimension of a variable becomes a scalar
         coordinate.
     variables : mapping of str to GridVariable
         The variables. Their dimensions are axes in the order of `axes`, and after them
@@ -70,9 +70,6 @@ class Grid:
     largest, usual : int
         The most points that are computed at once, and the most in a chunk of a lazy dataset by
         default.
-    names : mapping
-        For each axis whose values are objects instead of numbers: a name for each of them, and
-        a word for what they are.
     labels : mapping
         Attributes of axes that `describe_axis` does not know.
     columns : mapping of str to int
@@ -88,7 +85,6 @@ class Grid:
     compute: Callable[..., Mapping[str, np.ndarray]]
     largest: int
     usual: int
-    names: Mapping[str, tuple[Sequence[str], str]] = field(default_factory=dict)
     labels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     columns: Mapping[str, int] = field(default_factory=dict)
     shared: PyTree = None
@@ -115,7 +111,7 @@ class Grid:
         lengths |= {name: (size,) for name, size in sizes.items() if name not in used}
 
         # What tells one grid from another beside its numbers: names of tasks follow from it.
-        identity = (self.title, dict(self.attributes), dict(self.names), read_version())
+        identity = (self.title, dict(self.attributes), read_version())
         compute = functools.partial(_compute_part, self.drop_values())
         return self.label(
             lazy.make_lazy_arrays(
@@ -130,11 +126,11 @@ class Grid:
         )
 
     def drop_values(self) -> "Grid":
-        """Return the grid without the values of its axes, their names and its shared part.
+        """Return the grid without the values of its axes and its shared part.
 
         This travels with every task; the values of a chunk come to the task by themselves.
         """
-        return replace(self, axes=dict.fromkeys(self.axes, np.empty(0)), shared=None, names={})
+        return replace(self, axes=dict.fromkeys(self.axes, np.empty(0)), shared=None)
 
     def compute_all(self) -> dict[str, np.ndarray]:
         """Compute all variables in memory."""
@@ -175,9 +171,7 @@ class Grid:
             name: (variable.dims, arrays[name], variable.attributes)
             for name, variable in self.variables.items()
         }
-        coordinates = self.describe_coordinates()
-        dataset = make_dataset(self.title, entries, coordinates, self.attributes)
-        return add_names(dataset, **self.names) if self.names else dataset
+        return make_dataset(self.title, entries, self.describe_coordinates(), self.attributes)
 
     def describe_coordinates(
         self,
@@ -186,8 +180,6 @@ class Grid:
         used = {dim for variable in self.variables.values() for dim in variable.dims}
         coordinates = {}
         for name, values in self.axes.items():
-            if name in self.names:
-                continue
             attributes = self.labels.get(name) or describe_axis(name)
             dims, content = ((name,), values) if name in used else ((), values[0])
             coordinates[name] = (dims, content, attributes)
@@ -222,15 +214,6 @@ def _compute_part(grid: Grid, shared: PyTree, *parts: np.ndarray) -> dict[str, n
     """Compute all variables of one chunk, which is a grid of its own."""
     axes = dict(zip(grid.axes, parts, strict=True))
     return replace(grid, axes=axes, shared=shared).compute_all()
-
-
-def as_object_array(things: Sequence[object]) -> np.ndarray:
-    """Put things that are not numbers, such as records, along an axis."""
-    # One by one: `np.array` would look into a thing that has a length, and make more axes.
-    values = np.empty(len(things), object)
-    for k, thing in enumerate(things):
-        values[k] = thing
-    return values
 
 
 def list_points(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:

@@ -40,17 +40,15 @@ def make_lazy_arrays(
     # precision: they take those of here along. In the names only the precision counts. The
     # others, such as a folder for compiled programs, change no number.
     settings = {name: value for name, value in read_jax_settings().items() if _is_plain(value)}
-    values = {name: _pack_each(axis) for name, axis in axes.items()}
-    contents = [axis.tolist() if axis.dtype == object else axis for axis in values.values()]
     kinds = {name: (variable.dims, variable.dtype) for name, variable in variables.items()}
     shape = (tuple(axes), chunks, kinds, columns, settings["enable_x64"])
-    token = tokenize(compute, _pack(shared), contents, shape, identity)
+    token = tokenize(compute, _pack(shared), list(axes.values()), shape, identity)
 
     place = {name: k for k, name in enumerate((*axes, *columns))}
     inputs: list[object] = []
-    for name, each in values.items():
+    for name, values in axes.items():
         lengths: Any = (tuple(chunks[name]),)  # more than the `str` of Dask's default
-        array = da.from_array(each, lengths, name=f"jaxrock-{name}-{token}")
+        array = da.from_array(values, lengths, name=f"jaxrock-{name}-{token}")
         inputs += [array, (place[name],)]
 
     # As an input of its own: it is sent to each worker once, and not with every task.
@@ -88,43 +86,6 @@ def make_lazy_arrays(
         )
 
     return {name: take(name, dims, dtype) for name, (dims, dtype) in kinds.items()}
-
-
-def apply_lazily(
-    function: Compute,
-    array: da.Array,
-    arguments: Sequence[object],
-    variables: Mapping[str, tuple[Sequence[int], DataType]],
-) -> dict[str, da.Array]:
-    """Apply a function to a whole lazy array and to other arguments, in one task.
-
-    Each variable has some axes of the array, and a type; the first one is cut as in the array.
-    """
-    whole: Any = -1  # more than the `str` of Dask's default
-    made = da.map_blocks(
-        function,
-        array.rechunk(whole),
-        *arguments,
-        name=f"{function.__name__}-{tokenize(array.name, arguments)}",
-        dtype=object,
-        meta=np.empty((0,) * array.ndim, object),
-    )
-
-    def take(name: str, axes: Sequence[int], dtype: DataType) -> da.Array:
-        found = da.blockwise(
-            _take_variable,
-            tuple(axes),
-            made,
-            tuple(range(array.ndim)),
-            variable=name,
-            name=f"{name}-{made.name}",
-            dtype=np.dtype(dtype),
-            meta=np.empty((0,) * len(axes), dtype),
-        )
-        # Variables of a dataset must agree about the chunks along a dimension.
-        return found.rechunk({0: array.chunks[0]}) if 0 in axes else found
-
-    return {name: take(name, axes, dtype) for name, (axes, dtype) in variables.items()}
 
 
 def choose_chunks(
@@ -173,8 +134,7 @@ def _run_task(
     """Compute all variables of one chunk, in whatever thread or process this is."""
     # Without progress bars: those of many tasks would write over each other, and Dask has one.
     with apply_settings(settings), hide_progress():
-        values = [part if part.dtype != object else _unpack_each(part) for part in parts]
-        return compute(_unpack(shared), *values)
+        return compute(_unpack(shared), *parts)
 
 
 def _take_variable(chunk: list | Mapping[str, np.ndarray], variable: str) -> np.ndarray:
@@ -220,21 +180,3 @@ def _unpack(tree: PyTree) -> PyTree:
     return jax.tree.map(
         lambda leaf: unpack_leaf(leaf) if isinstance(leaf, packed) else leaf, tree
     )
-
-
-def _pack_each(values: np.ndarray) -> np.ndarray:
-    """Pack the objects along an axis; numbers stay as they are."""
-    return values if values.dtype != object else _apply_to_each(_pack, values)
-
-
-def _unpack_each(values: np.ndarray) -> np.ndarray:
-    """Unpack the objects along an axis."""
-    return _apply_to_each(_unpack, values)
-
-
-def _apply_to_each(function: Callable[[PyTree], PyTree], values: np.ndarray) -> np.ndarray:
-    """Apply a function to each object along an axis."""
-    new = np.empty_like(values)
-    for k, value in enumerate(values):
-        new[k] = function(value)
-    return new

@@ -1,32 +1,39 @@
-"""Shares of a suite beyond thresholds, counted from responses, and the curves through them."""
+"""Probabilities of exceedance of thresholds, counted from responses, and curves fitted to them."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..grids import DataType
+from ..grids import DataType, GridVariable
 from ..host import add_names
-from .lognormal import fit_lognormal
-from .share_intervals import bound_shares
+from .clopper_pearson import bound_probabilities
+from .lognormal import LognormalFit, fit_lognormal
 
 if TYPE_CHECKING:
     import xarray
 
 Threshold = float | int | str
-_LazyOrNot = Any  # an array of NumPy, or of Dask, which not every user has
+# Rotation ratios beyond which a response exceeds a threshold that is a word. Whatever
+# overturns exceeds all of them.
+WORDS = {"uplift": 0.0, "overturning": np.inf}
 # Characters of the longest remark, and a few more. Fixed, since a lazy dataset and a store
 # must know the type of a variable before there is any remark.
 _REMARK = 200
 
 
-class _CurveVariable(NamedTuple):
-    """A variable made of counts: its dimensions, type, long name, and unit if it has one."""
+class _Curve(NamedTuple):
+    """Exceedance of one threshold by one object; the fields are variables of the dataset."""
 
-    dims: tuple[str, ...]
-    dtype: DataType
-    long_name: str
-    units: str
+    exceedance: np.ndarray
+    exceedance_low: np.ndarray
+    exceedance_high: np.ndarray
+    lognormal: np.ndarray
+    lognormal_median: float
+    lognormal_dispersion: float
+    remark: str
+    dispersion_of_records: float
+    dispersion_of_parameters: float
 
 
 def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
@@ -44,165 +51,140 @@ def add_curves(
     confidence: float,
     unit: str,
 ) -> "xarray.Dataset":
-    """Add the curves over the levels to responses over record and level, before these.
+    """Put fragility curves over the level before the responses that they are counted from.
 
     The responses may have dimensions of objects and of samples as well. The curves are lazy if
     the responses are.
     """
-    dims = [str(dim) for dim in responses.rotation_ratio.dims]
-    record = dims.index("record")
-    ratio = responses.rotation_ratio.data
-    overturned = responses.overturned.data > 0
-    beyond = [_exceeds(threshold, ratio, overturned) for threshold in thresholds]
-    counts = np.stack([exceeded.sum(axis=record) for exceeded in beyond], axis=-1)
-    # The dimensions of the counts: objects and samples where there are any, levels, thresholds.
-    of_counts = [*(dim for dim in dims if dim != "record"), "threshold"]
-    scattered = "sample" in dims
-    axes = tuple(dims.index(dim) for dim in dims if dim in ("record", "sample"))
-    within = responses.within_tolerance.data.mean(axis=axes)
-    levels = responses.level.values
-    number = responses.sizes["record"]
-    entries = _list_curves(of_counts, confidence, unit)
-    arguments = (levels, number, confidence, of_counts.index("sample") if scattered else None)
-    # Curves are fitted to the counts of all levels: one task, which does not see the
-    # responses.
-    if isinstance(counts, np.ndarray):
-        curves = _compute_curves(counts, *arguments)
-    else:
-        kinds = {
-            name: ([of_counts.index(dim) for dim in entry.dims], entry.dtype)
-            for name, entry in entries.items()
-        }
-        from ..grids import apply_lazily
+    import xarray
 
-        curves = apply_lazily(_compute_curves, counts, arguments, kinds)
-    variables = {}
-    for name, (variable_dims, _, long_name, units) in entries.items():
-        described = describe_variable(long_name, units) if units else {"long_name": long_name}
-        variables[name] = (variable_dims, curves[name], described)
-    chaos = describe_variable("share of records whose answer is within tolerance")
-    plain = tuple(dim for dim in dims if dim in ("object", "level"))
-    variables["share_within_tolerance"] = (plain, within, chaos)
-    first = responses.drop_vars(list(responses.data_vars)).assign(variables)
-    whole = first.assign({name: responses[name] for name in responses.data_vars})
-    return add_names(whole, threshold=(names, "threshold"))
+    limits = xarray.DataArray([float(WORDS.get(t, t)) for t in thresholds], dims="threshold")
+    exceeded = (responses.rotation_ratio > limits) | (responses.overturned > 0)
+    counts = exceeded.sum("record")
+    variables = _list_variables(confidence, unit)
+    if "sample" not in counts.dims:
+        counts = counts.expand_dims("sample")
+        variables = {n: v for n, v in variables.items() if not n.startswith("dispersion_of_")}
+    lazy = responses.chunks
+    # A curve is fitted to the counts of all levels.
+    arrays = xarray.apply_ufunc(
+        _compute_curves,
+        counts.chunk({"sample": -1, "level": -1}) if lazy else counts,
+        kwargs={
+            "levels": responses.level.values,
+            "records": responses.sizes["record"],
+            "confidence": confidence,
+            "dtypes": {name: variable.dtype for name, variable in variables.items()},
+        },
+        input_core_dims=[["sample", "level"]],
+        output_core_dims=[variable.dims for variable in variables.values()],
+        output_dtypes=[variable.dtype for variable in variables.values()],
+        dask="parallelized",
+    )
+    curves = responses.drop_vars(list(responses.data_vars))
+    for (name, variable), array in zip(variables.items(), arrays, strict=True):
+        curves[name] = array.transpose(..., "threshold").assign_attrs(variable.attributes)
+    over = [dim for dim in ("record", "sample") if dim in responses.rotation_ratio.dims]
+    curves["fraction_within_tolerance"] = responses.within_tolerance.mean(over).assign_attrs(
+        describe_variable("fraction of responses within the tolerance")
+    )
+    if lazy:
+        # Variables of a dataset must agree about the chunks along a dimension.
+        curves = curves.chunk(level=lazy["level"])
+    return add_names(curves.assign(responses.data_vars), threshold=(names, "threshold"))
 
 
-def _list_curves(
-    of_counts: Sequence[str], confidence: float, unit: str
-) -> dict[str, _CurveVariable]:
-    """List the variables made of counts over these dimensions."""
-    ends = f"of the interval with a confidence of {confidence:g}"
-    plane = tuple(dim for dim in of_counts if dim != "sample")
-    line = tuple(dim for dim in plane if dim != "level")
-    share = "share of records beyond the threshold"
-    entries = {
-        "exceedance": _CurveVariable(plane, float, share, "1"),
-        "exceedance_low": _CurveVariable(plane, float, f"lower end {ends}", "1"),
-        "exceedance_high": _CurveVariable(plane, float, f"upper end {ends}", "1"),
-        "lognormal": _CurveVariable(plane, float, "most likely lognormal curve", "1"),
-        "lognormal_median": _CurveVariable(line, float, "median of the lognormal curve", unit),
-        "lognormal_dispersion": _CurveVariable(
-            line, float, "its standard deviation of ln(level)", "1"
-        ),
-        "remark": _CurveVariable(line, f"<U{_REMARK}", "on the curve", ""),
+def _list_variables(confidence: float, unit: str) -> dict[str, GridVariable]:
+    """List the variables that `_compute_curves` makes, without dimensions of the counts."""
+    interval = f"limit of the Clopper-Pearson interval, confidence {confidence:g}"
+    deviation = "standard deviation of ln(level)"
+    over_level = {
+        "exceedance": "probability of exceedance",
+        "exceedance_low": f"lower {interval}",
+        "exceedance_high": f"upper {interval}",
+        "lognormal": "maximum-likelihood lognormal fragility curve",
     }
-    if "sample" in of_counts:
-        part = "of the standard deviation of ln(level), the part due to"
-        entries["dispersion_of_records"] = _CurveVariable(
-            line, float, f"{part} the records", "1"
-        )
-        entries["dispersion_of_parameters"] = _CurveVariable(
-            line, float, f"{part} uncertain parameters", "1"
-        )
-    return entries
-
-
-def _exceeds(threshold: Threshold, ratio: _LazyOrNot, overturned: _LazyOrNot) -> _LazyOrNot:
-    """Tell which responses are beyond a threshold."""
-    if threshold == "uplift":
-        return ratio > 0
-    if threshold == "overturning":
-        return overturned
-    # A block that overturns is beyond every rotation, also where it was followed no further.
-    return (ratio > float(threshold)) | overturned
+    of_curve = {
+        "lognormal_dispersion": f"{deviation} of the lognormal curve",
+        "dispersion_of_records": f"part of the {deviation} due to the records",
+        "dispersion_of_parameters": f"part of the {deviation} due to uncertain parameters",
+    }
+    median = describe_variable("median of the lognormal curve", unit)
+    remark = {"long_name": "remark on the lognormal curve"}
+    return {
+        **{
+            n: GridVariable(("level",), float, describe_variable(w))
+            for n, w in over_level.items()
+        },
+        "lognormal_median": GridVariable((), float, median),
+        **{n: GridVariable((), float, describe_variable(w)) for n, w in of_curve.items()},
+        "remark": GridVariable((), f"<U{_REMARK}", remark),
+    }
 
 
 def _compute_curves(
     counts: np.ndarray,
     levels: np.ndarray,
-    number: int,
+    records: int,
     confidence: float,
-    sample_axis: int | None,
-) -> dict[str, np.ndarray]:
-    """Compute counted and fitted curves, for counts of shape (..., levels, thresholds).
+    dtypes: dict[str, DataType],
+) -> tuple[np.ndarray, ...]:
+    """Compute variables, with the types `dtypes`, of counts of shape (..., samples, levels)."""
+    *shape, samples, _ = counts.shape
+    curves = [
+        _compute_curve(lines, levels, records, confidence)
+        for lines in counts.reshape(-1, samples, levels.size)
+    ]
+    variables = []
+    for name, dtype in dtypes.items():
+        values = np.array([getattr(curve, name) for curve in curves], dtype)
+        variables.append(values.reshape(*shape, *values.shape[1:]))
+    return tuple(variables)
 
-    The axis of samples, if there is one, is in front of the levels.
-    """
-    each = counts if sample_axis is None else counts.mean(axis=sample_axis)
-    # With samples a record counts by the share of its samples, which scatters less than one
-    # outcome with the same mean: the interval is then wider than it need be, and never too
-    # narrow.
-    low, high = bound_shares(each, number, confidence)
-    shape = each.shape[:-2]
-    thresholds = each.shape[-1]
-    lines = np.moveaxis(each, -1, -2).reshape(-1, len(levels))
-    fits = [fit_lognormal(levels, line, number) for line in lines]
-    fitted = np.array([fit.at(levels) for fit in fits]).reshape(*shape, thresholds, -1)
-    fitted = np.moveaxis(fitted, -1, -2)
-    outside = ((fitted < low) | (fitted > high)).sum(axis=-2).ravel()
-    # The counts need not rise with the level: a block that a record overturns may survive
-    # the same record made stronger. A lognormal curve hides that, so the remark says it.
-    falls = (np.diff(lines, axis=-1) < 0).sum(axis=-1)
-    remarks = []
-    for fit, beyond, fall in zip(fits, outside.tolist(), falls.tolist(), strict=True):
-        words = [fit.remark] if fit.remark else []
-        if beyond:
-            words.append(f"outside of the intervals at {beyond} of {len(levels)} levels")
-        if fall:
-            where = f"{fall} level{'s' * (fall > 1)}"
-            words.append(f"at {where} fewer records exceed it than at the one below")
-        remarks.append("; ".join(words))
-    medians, dispersions = (
-        np.array([fit[k] for fit in fits], float).reshape(*shape, thresholds) for k in range(2)
+
+def _compute_curve(
+    counts: np.ndarray, levels: np.ndarray, records: int, confidence: float
+) -> _Curve:
+    """Compute counted and fitted probabilities of one threshold; counts (samples, levels)."""
+    # A record counts by the fraction of its samples, whose variance is smaller than that of a
+    # single outcome with the same mean: the interval is wider than necessary, never too narrow.
+    mean = counts.mean(axis=0)
+    low, high = bound_probabilities(mean, records, confidence)
+    fit = fit_lognormal(levels, mean, records)
+    fitted = fit.at(levels)
+    remarks = [fit.remark] if fit.remark else []
+    outside = int(((fitted < low) | (fitted > high)).sum())
+    if outside:
+        remarks.append(f"outside of the intervals at {outside} of {levels.size} levels")
+    # Counts need not increase with the level: a block that a record overturns may survive the
+    # same record made stronger. A lognormal curve hides that, so the remark says it.
+    falls = int((np.diff(mean) < 0).sum())
+    if falls:
+        places = f"{falls} level{'s' * (falls > 1)}"
+        remarks.append(f"at {places} fewer records exceed it than at the one below")
+    fits = [fit] if len(counts) == 1 else [fit_lognormal(levels, c, records) for c in counts]
+    return _Curve(
+        mean / records,
+        low,
+        high,
+        fitted,
+        fit.median,
+        fit.dispersion,
+        "; ".join(remarks),
+        *_split_dispersion(fits),
     )
-    curves = {
-        "exceedance": each / number,
-        "exceedance_low": low,
-        "exceedance_high": high,
-        "lognormal": fitted,
-        "lognormal_median": medians,
-        "lognormal_dispersion": dispersions,
-        "remark": np.asarray(remarks, f"<U{_REMARK}").reshape(*shape, thresholds),
-    }
-    if sample_axis is not None:
-        parts = _split_dispersion(np.moveaxis(counts, sample_axis, 0), levels, number)
-        curves["dispersion_of_records"], curves["dispersion_of_parameters"] = parts
-    return curves
 
 
-def _split_dispersion(
-    counts: np.ndarray, levels: np.ndarray, number: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Split the dispersion by the law of total variance, for counts (samples, ..., levels, n).
+def _split_dispersion(fits: Sequence[LognormalFit]) -> tuple[float, float]:
+    """Split the dispersion by the law of total variance, given the curve of each sample.
 
-    Within a sample only the records scatter; from sample to sample, the medians do. NaN where
+    Within a sample only the records differ; from sample to sample, the medians do. NaN where
     no more than half of the samples have a curve.
     """
-    samples = len(counts)
-    lines = np.moveaxis(counts, -1, -2)
-    shape = lines.shape[1:-1]
-    fits = [fit_lognormal(levels, line, number) for line in lines.reshape(-1, len(levels))]
-    medians, dispersions = (
-        np.array([fit[k] for fit in fits], float).reshape(samples, -1) for k in range(2)
-    )
-    of_records = np.full(medians.shape[1], np.nan)
-    of_parameters = of_records.copy()
-    for column in range(medians.shape[1]):
-        found = np.isfinite(medians[:, column])
-        # Samples without a curve are never or always beyond: what is left of them would be
-        # too narrow if they were many.
-        if found.sum() > samples // 2:
-            of_records[column] = (dispersions[found, column] ** 2).mean() ** 0.5
-            of_parameters[column] = np.log(medians[found, column]).std()
-    return of_records.reshape(shape), of_parameters.reshape(shape)
+    # Samples without a curve never or always exceed: without them, if they were many, the
+    # dispersion would be too small.
+    parameters = np.array([fit[:2] for fit in fits if np.isfinite(fit.median)])
+    if len(parameters) <= len(fits) // 2:
+        return np.nan, np.nan
+    medians, dispersions = parameters.T
+    return (dispersions**2).mean() ** 0.5, np.log(medians).std()

@@ -4,20 +4,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Least slope of the probit, for a change of ln(level) by its standard deviation. A fit to
-# counts that do not rise ends near 0, and its median would be beyond all levels.
-_LEAST_SLOPE = 1e-4
+# Least derivative of the probit with respect to ln(level), for a change by its standard
+# deviation. A fit to counts that do not increase ends near 0, and its median would be beyond
+# all levels.
+_LEAST_DERIVATIVE = 1e-4
 
 
 class LognormalFit(NamedTuple):
-    """A curve Phi(ln(x / median) / dispersion); NaN where there is none."""
+    """A fragility curve Phi(ln(level / median) / dispersion); NaN where there is none.
+
+    Attributes
+    ----------
+    median : float
+        Level at which the probability of exceedance is 1/2 [unit of the levels].
+    dispersion : float
+        Standard deviation of ln(level) [-].
+    remark : str
+        Why there is no curve, or that it is a step; empty otherwise.
+    """
 
     median: float
     dispersion: float
-    remark: str = ""  # a reason why there is none, or a fault of it; empty if all is well
+    remark: str = ""
 
     def at(self, levels: np.ndarray) -> np.ndarray:
-        """Evaluate the curve at levels."""
+        """Evaluate the probability of exceedance at levels."""
         from scipy.special import ndtr
 
         if self.dispersion == 0:
@@ -26,7 +37,21 @@ class LognormalFit(NamedTuple):
 
 
 def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> LognormalFit:
-    """Fit the most likely curve to counts of exceedance at levels, with `trials` at each."""
+    """Fit the maximum-likelihood lognormal fragility curve to counts of exceedance.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (n,)
+        Increasing, greater than 0.
+    exceeded : ndarray, shape (n,)
+        Counts of trials that exceed, between 0 and `trials`. They need not be whole.
+    trials : int
+        Number of trials at each level.
+
+    Returns
+    -------
+    LognormalFit
+    """
     from scipy.optimize import minimize
     from scipy.special import log_ndtr
 
@@ -36,42 +61,48 @@ def fit_lognormal(levels: np.ndarray, exceeded: np.ndarray, trials: int) -> Logn
         return LognormalFit(np.nan, np.nan, "always exceeded")
     if len(levels) < 2:
         return LognormalFit(np.nan, np.nan, "one level is not enough for a curve")
-    # Data that a threshold separates have no most likely curve: the steeper, the likelier. The
-    # search would not end, so these are answered by a step.
-    partly = np.flatnonzero((exceeded > 0) & (exceeded < trials))
-    if len(partly) < 2 and (np.diff(exceeded) >= 0).all():
-        # Any steep curve through the one level between does, the likelier the steeper.
-        at = int(np.argmax(exceeded > 0))
-        if len(partly) and at in (0, len(levels) - 1):
-            where = "begins" if at else "ends"
-            return LognormalFit(np.nan, np.nan, f"the levels end where exceedance {where}")
-        median = levels[at] if len(partly) else np.sqrt(levels[at - 1] * levels[at])
-        where = "around one level" if len(partly) else "between two levels"
-        return LognormalFit(float(median), 0.0, f"from none to all {where}")
+    # If a level separates the counts, the likelihood has no maximum: it increases with the
+    # steepness of the curve. The search would not end, so the answer is a step.
+    between = np.flatnonzero((exceeded > 0) & (exceeded < trials))
+    if len(between) < 2 and (np.diff(exceeded) >= 0).all():
+        first = int(np.argmax(exceeded > 0))
+        if not len(between):
+            median = float(np.sqrt(levels[first - 1] * levels[first]))
+            return LognormalFit(median, 0.0, "from none to all between two levels")
+        # Any steep curve through the only level between none and all.
+        if 0 < first < len(levels) - 1:
+            return LognormalFit(float(levels[first]), 0.0, "from none to all around one level")
+        end = "begins" if first else "ends"
+        return LognormalFit(np.nan, np.nan, f"the levels end where exceedance {end}")
     # Levels of mean 0 and deviation 1: the search starts at 0 and takes steps of about 1.
-    x = np.log(levels)
-    middle = x.mean()
-    width = x.std()
-    scaled = (x - middle) / width
+    logarithms = np.log(levels)
+    middle = logarithms.mean()
+    width = logarithms.std()
+    scaled = (logarithms - middle) / width
 
-    def minus_log_likelihood(parameters: np.ndarray) -> tuple[float, np.ndarray]:
+    def compute_negative_log_likelihood(
+        parameters: np.ndarray,
+    ) -> tuple[float, np.ndarray]:
         # In logarithms of the distribution function, which do not underflow far from the
         # median.
-        z = parameters[0] + parameters[1] * scaled
-        above = log_ndtr(z)
-        below = log_ndtr(-z)
+        probit = parameters[0] + parameters[1] * scaled
+        above = log_ndtr(probit)
+        below = log_ndtr(-probit)
         value = -(exceeded * above + (trials - exceeded) * below).sum()
-        density = -0.5 * z * z - 0.5 * np.log(2 * np.pi)
-        pull = exceeded * np.exp(density - above) - (trials - exceeded) * np.exp(
+        density = -0.5 * probit * probit - 0.5 * np.log(2 * np.pi)
+        derivative = exceeded * np.exp(density - above) - (trials - exceeded) * np.exp(
             density - below
         )
-        return value / trials, -np.array([pull.sum(), (pull * scaled).sum()]) / trials
+        gradient = -np.array([derivative.sum(), (derivative * scaled).sum()])
+        return value / trials, gradient / trials
 
     # The log-likelihood is concave in both parameters (Pratt 1981), so that where the search
     # ends does not depend on where it starts.
-    found = minimize(minus_log_likelihood, np.zeros(2), jac=True, method="BFGS", tol=1e-10)
-    offset, slope = found.x
-    if slope < _LEAST_SLOPE:
-        return LognormalFit(np.nan, np.nan, "the share does not rise with the level")
-    median = float(np.exp(middle - offset / slope * width))
-    return LognormalFit(median, float(width / slope), "")
+    search = minimize(
+        compute_negative_log_likelihood, np.zeros(2), jac=True, method="BFGS", tol=1e-10
+    )
+    offset, derivative = search.x
+    if derivative < _LEAST_DERIVATIVE:
+        return LognormalFit(np.nan, np.nan, "the probability does not increase with the level")
+    median = float(np.exp(middle - offset / derivative * width))
+    return LognormalFit(median, float(width / derivative))

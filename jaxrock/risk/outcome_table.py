@@ -33,7 +33,7 @@ class Cases(NamedTuple):
     batch : Batch
         Of shape (records, objects), each record scaled to an intensity of 1.
     names : tuple of str
-        Of the objects; empty if there is only one.
+        Of the objects; empty where they are samples, or there is only one.
     """
 
     site: Site
@@ -81,15 +81,15 @@ class Cases(NamedTuple):
         levels: np.ndarray,
     ) -> None:
         """Raise `ValueError` if an integration has not finished, with what it belongs to."""
-        incomplete = np.flatnonzero(~np.asarray(complete))
-        if incomplete.size:
-            first = incomplete[0]
-            labels = {"record": self.site.suite.names[records[first]], "level": levels[first]}
-            if self.names:
-                # Samples of an object lie side by side.
-                samples = self.batch.shape[1] // len(self.names)
-                labels["object"] = self.names[objects[first] // samples]
-            raise ValueError(describe_incomplete(labels, incomplete.size))
+        (incomplete,) = np.nonzero(~np.asarray(complete))
+        if not incomplete.size:
+            return
+        first = incomplete[0]
+        names = [self.site.suite.names[k] for k in records[incomplete]]
+        labels = {"record": names, "level": f"{levels[first]:.6g}"}
+        if self.names:
+            labels["object"] = repr(self.names[objects[first]])
+        require_complete(np.zeros(incomplete.size, bool), **labels)
 
 
 class Crossings(NamedTuple):

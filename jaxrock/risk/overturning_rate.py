@@ -281,7 +281,7 @@ def _average_samples(
     block, restitution = jax.tree.map(
         lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution)
     )
-    cases = Cases.of(objects._replace(block=block, restitution=restitution), site, model)
+    cases = Cases.of(objects._replace(block=block, restitution=restitution, names=()), site, model)
     levels = np.asarray(site.levels)
     rates, overturned = compute_rates(cases, levels, _ACCURACY_OF_SAMPLES)
     records = cases.records

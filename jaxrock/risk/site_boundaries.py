@@ -29,7 +29,7 @@ def find_boundaries_at_site(
     # Boundaries are sought along a factor on records of intensity 1, so that the factor is the
     # level itself. The derivative of a boundary that rounding decides is unknown: it is
     # dropped.
-    search = Search("factor", model, max_boundaries, drop_unknown=True)
+    search = Search("factor", model, max_boundaries, drop_unknown=True, tolerance=_TOLERANCE)
     subject, factors = check_subject(
         block, restitution, site.suite, search.along, site.levels
     )

@@ -25,10 +25,10 @@ from ..grids import (
     Values,
     apply_padded,
     as_axis,
-    as_object_array,
     list_points,
 )
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, check_pulse_class
+from ..host import add_names
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -148,7 +148,10 @@ def rocking_spectrum(
     grid = _make_response_grid(
         "Rocking spectrum", axes, problem, motion, model, tolerance, about
     )
-    return grid.build_dataset(chunks)
+    dataset = grid.build_dataset(chunks)
+    if isinstance(motion, Suite):
+        return add_names(dataset, record=(motion.names, "ground motion"))
+    return dataset
 
 
 def _is_several(motion: Motion) -> bool:
@@ -294,14 +297,9 @@ def _make_response_grid(
         attributes["tolerance"] = tolerance
         table = _VARIABLES | _ESTIMATES
     compute = functools.partial(_follow_part, problem, model, tolerance, (*table,), (*axes,))
-    names = {}
     if isinstance(shared, Suite):
-        names["record"] = (shared.names, "ground motion")
-        axes = {"record": as_object_array([*shared]), **axes}
-        # Records come as values along an axis instead of as the shared pytree, so that a chunk
-        # of some records does not carry the others along.
-        compute = functools.partial(_follow_suite, compute)
-        shared = None
+        axes = {"record": np.arange(len(shared)), **axes}
+        compute = functools.partial(_simulate_some_records, compute)
     variables = {
         name: GridVariable(tuple(axes), dtype, {"long_name": long_name, "units": units})
         for name, (dtype, long_name, units) in table.items()
@@ -314,19 +312,19 @@ def _make_response_grid(
         compute,
         _LARGEST,
         _USUAL,
-        names=names,
         shared=shared,
     )
 
 
-def _follow_suite(
+def _simulate_some_records(
     compute: Callable[..., dict[str, np.ndarray]],
-    _: None,
+    suite: Suite,
     records: np.ndarray,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Follow blocks over a part of a grid whose first axis are records of a suite."""
-    return compute(Suite([*records]), *parts)
+    """Simulate blocks over a part of a grid whose first axis are records, by their numbers."""
+    # A chunk has records that are next to one another.
+    return compute(suite[records[0] : records[-1] + 1], *parts)
 
 
 def _follow_part(

@@ -114,7 +114,8 @@ class Batch(eqx.Module):
         shape = self.shape
 
         def take(leaf: HostNumbers) -> np.ndarray:
-            return np.broadcast_to(leaf, shape).reshape(-1)[index]
+            # Not by `reshape`, which would copy all blocks to take a few.
+            return np.broadcast_to(leaf, shape).flat[index]
 
         numbers = jax.tree.map(take, self.ground.numbers)
         ground = self.ground.replace_numbers(numbers)

@@ -1,14 +1,25 @@
-"""Exact intervals of probabilities, from shares of records."""
+"""Clopper-Pearson intervals of probabilities (1934, doi:10.1093/biomet/26.4.404)."""
 
 import numpy as np
 
 
-def bound_shares(
+def bound_probabilities(
     exceeded: np.ndarray, trials: int, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Bound probabilities by the exact interval of Clopper and Pearson.
+    """Bound probabilities by Clopper-Pearson intervals.
 
-    After Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The counts need not be whole.
+    Parameters
+    ----------
+    exceeded : ndarray, shape (...)
+        Counts of trials that exceed, between 0 and `trials`. They need not be whole.
+    trials : int
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    low, high : ndarray, shape (...)
+        Limits of the probability of exceedance [-].
     """
     from scipy.special import betaincinv
 
