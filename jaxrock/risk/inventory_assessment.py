@@ -13,6 +13,7 @@ from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
 from .clopper_pearson import bound_probabilities
+from .exceedance import describe_variable
 from .hazard import Hazard
 from .inventory import Inventory
 from .lognormal import fit_lognormal
