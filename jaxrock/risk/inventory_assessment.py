@@ -230,7 +230,8 @@ def _simulate_objects(
         objects._replace(block=block, restitution=restitution, names=()), site, model
     )
     levels = np.asarray(site.levels)
-    rates, overturned = compute_rates(cases, levels, _ACCURACY)
+    overturned = tabulate_outcomes(cases, levels)
+    rates = compute_rates(cases, overturned, levels, _ACCURACY)
     at_reported = tabulate_outcomes(cases, reported)
     separate = []
     remarks = []

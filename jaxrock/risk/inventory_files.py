@@ -10,10 +10,12 @@ import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..impact import housner_restitution
+from ..sensitivity import Uncertain
 from ..tables import QUANTITIES, Row, Table, quote_word, read_table
 from ..validation import AT_LEAST_ONE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL
-from .inventory import Inventory, check_scatter
+from .inventory import Inventory
 
+_COEFFICIENT = "restitution coefficient of variation"
 # The columns of numbers, and their values in SI.
 _DOMAINS = {
     "width": POSITIVE,
@@ -21,7 +23,7 @@ _DOMAINS = {
     "depth": POSITIVE,
     "inertia ratio": AT_LEAST_ONE,
     "restitution": UNIT_INTERVAL,
-    "restitution scatter": NON_NEGATIVE,
+    _COEFFICIENT: NON_NEGATIVE,
 }
 # What spreadsheets call rows below the objects, in a few languages.
 _TOTALS = (
@@ -31,19 +33,19 @@ _TOTALS = (
 _NEEDED = ("name", "width", "height")
 _ALLOWED = (
     "name, width [m], height [m], and perhaps depth [m], inertia ratio, restitution,"
-    " restitution scatter, with lengths in m, cm, mm, in or ft"
+    f" {_COEFFICIENT}, with lengths in m, cm, mm, in or ft"
 )
 
 
 class _Object(NamedTuple):
-    """An object: its name; width, height, inertia ratio, restitution, scatter; a remark."""
+    """An object: its name; width, height, inertia ratio, restitution, its coefficient; a remark."""
 
     name: str
     numbers: tuple[float, float, float, float, float]
     remark: str
 
 
-def read_inventory(path: str | os.PathLike[str]) -> Inventory:
+def read_inventory(path: str | os.PathLike[str], *, samples: int = 16, seed: int = 0) -> Inventory:
     r"""Read a table of objects from a text file, as .csv.
 
     Parameters
@@ -58,11 +60,13 @@ def read_inventory(path: str | os.PathLike[str]) -> Inventory:
         that of the centre of mass. It may have a ``depth``: then the
         shorter of the two sides of its base is the width over which it rocks. An ``inertia
         ratio`` that is missing is 4/3, a ``restitution`` that is missing Housner's. The
-        ``restitution scatter`` is the coefficient of variation of an uncertain restitution, 0
-        if it is missing. A column or a cell may be missing, but for the first three columns.
+        ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is missing.
+        A column or a cell may be missing, but for the first three columns.
 
-        Lengths are in m, cm, mm, in or ft, a scatter is a number or in %. Units stand in the heads,
-        in brackets or behind the name.
+        Lengths are in m, cm, mm, in or ft, a coefficient of variation is a number or in %. Units
+        stand in the heads, in brackets or behind the name.
+    samples, seed : int
+        Of uncertain restitutions; see `Uncertain`.
 
     Returns
     -------
@@ -84,9 +88,8 @@ def read_inventory(path: str | os.PathLike[str]) -> Inventory:
     ...     _ = path.write_text("name,width [cm],height [m]\nvase,20,0.6\nbust,30,0.9\n")
     ...     print(jr.risk.read_inventory(path))
     2 objects
-                             width [m]    height [m]   restitution       scatter
-    vase                           0.2           0.6          0.85             0
-    bust                           0.3           0.9          0.85             0
+                             width [m]    height [m]   restitution
+    vase                           0.2           0.6           0.8...
     """
     table = read_table(Path(path))
     columns = _find_columns(table)
@@ -109,10 +112,13 @@ def read_inventory(path: str | os.PathLike[str]) -> Inventory:
         )
         raise table.text.error(f"{reason} newline if it is complete", last.line)
     numbers = np.array([described.numbers for described in objects.values()])
-    width, height, ratio, restitution, scatter = numbers.T
+    width, height, ratio, restitution, coefficient = numbers.T
     block = Block.from_size(width=width, height=height, inertia_ratio=ratio)
     remarks = [described.remark for described in objects.values()]
-    return Inventory([*objects], block, restitution, scatter, remarks)
+    uncertain = None
+    if coefficient.any():
+        uncertain = Uncertain({"restitution": coefficient}, samples=samples, seed=seed)
+    return Inventory([*objects], block, restitution, uncertain, remarks)
 
 
 def _find_columns(table: Table) -> dict[str, int]:
@@ -137,7 +143,7 @@ def _find_columns(table: Table) -> dict[str, int]:
             raise table.text.error(reason, table.line)
         if "length" in QUANTITIES[head.quantity].dimensions:
             allowed = "" if head.units and not math.isnan(head.factor) else "a unit of length"
-        elif head.quantity == "restitution scatter":
+        elif head.quantity == _COEFFICIENT:
             allowed = "no unit or %" if math.isnan(head.factor) else ""
         else:
             allowed = "no unit" if head.factor != 1 else ""
@@ -184,12 +190,14 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
             )
         values["restitution"] = housner
         remarks.append("Housner's restitution")
-    scatter = values.get("restitution scatter", 0.0)
+    coefficient = values.get(_COEFFICIENT, 0.0)
+    block = Block.from_size(width=width, height=values["height"], inertia_ratio=ratio)
     try:
-        check_scatter(values["restitution"], scatter)
+        # What cannot be drawn is refused with its line.
+        Uncertain({"restitution": coefficient}, samples=1).draw(block, values["restitution"])
     except ValueError as error:
-        raise table.text.error(f"restitution scatter: {error}", row.line) from None
-    numbers = (width, values["height"], ratio, values["restitution"], scatter)
+        raise table.text.error(str(error), row.line) from None
+    numbers = (width, values["height"], ratio, values["restitution"], coefficient)
     return _Object(name, numbers, "; ".join(remarks))
 
 

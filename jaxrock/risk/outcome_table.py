@@ -21,6 +21,8 @@ from .site import Site
 AT_ONCE = 2**18
 # The end of the refinement of a crossing, relative: it is as good as exact in double precision.
 _EXACT = 1e-13
+# So many standard errors away from a target a rate is on one side of it.
+_DECIDED = 5.0
 
 
 class Cases(NamedTuple):
@@ -153,7 +155,11 @@ def list_crossings(overturned: np.ndarray, levels: np.ndarray) -> Crossings:
 # A boundary lies anywhere between the two levels, uniformly in the rate of the hazard: 1 / 12 is
 # the variance of that.
 def locate_crossings(
-    cases: Cases, overturned: np.ndarray, crossings: Crossings, accuracy: float
+    cases: Cases,
+    overturned: np.ndarray,
+    crossings: Crossings,
+    accuracy: float,
+    targets: np.ndarray | None = None,
 ) -> Crossings:
     """Halve the intervals of crossings until the rates of all objects are accurate.
 
@@ -164,15 +170,19 @@ def locate_crossings(
     crossings : Crossings
     accuracy : float
         Standard error of a rate by the width of the intervals, relative.
+    targets : ndarray, shape (objects,), optional
+        Rates [1/yr]; an object whose rate is known to be on one side of it is done.
     """
     low = crossings.low.copy()
     high = crossings.high.copy()
     number = np.bincount(crossings.objects, minlength=overturned.shape[1])
     while True:
         located = crossings._replace(low=low, high=high)
-        rate = sum_rates(cases, overturned, located).rate
+        rates = sum_rates(cases, overturned, located)
         # Each interval of an object may be so wide, measured in the rate of the hazard.
-        allowed = accuracy * cases.records * rate * np.sqrt(12 / np.maximum(number, 1))
+        allowed = accuracy * cases.records * rates.rate * np.sqrt(12 / np.maximum(number, 1))
+        if targets is not None:
+            allowed[abs(rates.rate - targets) > _DECIDED * rates.error] = math.inf
         fall = cases.site.exceed(low) - cases.site.exceed(high)
         is_wide = (fall > allowed[crossings.objects]) & (high > low * (1 + _EXACT))
         (wide,) = np.nonzero(is_wide)
@@ -209,14 +219,18 @@ def sum_rates(cases: Cases, overturned: np.ndarray, crossings: Crossings) -> Rat
 
 
 def compute_rates(
-    cases: Cases, levels: np.ndarray, accuracy: float
-) -> tuple[Rates, np.ndarray]:
-    """Compute rates of overturning to a relative accuracy, and the outcomes at the levels.
+    cases: Cases,
+    overturned: np.ndarray,
+    levels: np.ndarray,
+    accuracy: float,
+    targets: np.ndarray | None = None,
+) -> Rates:
+    """Compute rates of overturning from outcomes at levels, to a relative accuracy.
 
-    With an infinite accuracy boundaries are taken to be in the middle between levels.
+    With an infinite accuracy boundaries are taken to be in the middle between levels. See
+    `locate_crossings`.
     """
-    overturned = tabulate_outcomes(cases, levels)
     crossings = list_crossings(overturned, levels)
     if not math.isinf(accuracy):
-        crossings = locate_crossings(cases, overturned, crossings, accuracy)
-    return sum_rates(cases, overturned, crossings), overturned
+        crossings = locate_crossings(cases, overturned, crossings, accuracy, targets)
+    return sum_rates(cases, overturned, crossings)

@@ -25,7 +25,7 @@ from ..validation import (
 )
 from .not_detected import bound_not_detected
 from .objects import Objects, gather_objects
-from .outcome_table import Cases, compute_rates
+from .outcome_table import Cases, compute_rates, tabulate_outcomes
 from .site import Site
 from .site_boundaries import find_boundaries_at_site, pad_boundaries
 
@@ -283,7 +283,8 @@ def _average_samples(
     )
     cases = Cases.of(objects._replace(block=block, restitution=restitution, names=()), site, model)
     levels = np.asarray(site.levels)
-    rates, overturned = compute_rates(cases, levels, _ACCURACY_OF_SAMPLES)
+    overturned = tabulate_outcomes(cases, levels)
+    rates = compute_rates(cases, overturned, levels, _ACCURACY_OF_SAMPLES)
     records = cases.records
     contributions = rates.contributions.reshape(records, *shape).mean(axis=-1)
     error = np.full(objects.shape, np.nan)

@@ -13,13 +13,13 @@ from ..host import Printed, format_fields, format_table
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Number, Reals, check_kind
 from .objects import Objects, gather_objects
-from .outcome_table import Cases, compute_rates
+from .outcome_table import Cases, compute_rates, tabulate_outcomes
 from .overturning_rate import OverturningRate, overturning_rate
 from .site import Site
 
 # Standard error of the rates at both ends of a change by the width of the intervals in which
 # boundaries are located, over the change: an elasticity is accurate to about as much.
-_ACCURACY = 2e-4
+_ACCURACY = 2e-3
 # Domains of the two parameters that have ends: kappa >= 1, 0 <= C <= 1.
 _LEAST = {"inertia_ratio": 1.0, "restitution": 0.0}
 
@@ -201,8 +201,9 @@ def compute_elasticities(
     rows = {name: np.stack(ends).reshape(-1).astype(dtype) for name, ends in changed.items()}
     ends = objects._replace(block=block_of(rows), restitution=rows["restitution"], names=())
     cases = Cases.of(ends, site, model)
-    rates = compute_rates(cases, np.asarray(site.levels), accuracy)[0].rate
-    low, high = rates.reshape(len(names), 2, *objects.shape).swapaxes(0, 1)
+    levels = np.asarray(site.levels)
+    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
+    low, high = rates.rate.reshape(len(names), 2, *objects.shape).swapaxes(0, 1)
     # A rate of 0 has no elasticity: NaN, without a warning.
     with np.errstate(invalid="ignore", divide="ignore"):
         elasticities = (high - low) / np.stack(spans) / rate

@@ -33,7 +33,7 @@ from ..validation import (
 )
 from .not_detected import estimate_windows
 from .objects import Objects, gather_objects
-from .outcome_table import Cases, compute_rates
+from .outcome_table import Cases, compute_rates, tabulate_outcomes
 from .overturning_rate import overturning_rate
 from .site import Site
 from .value_search import RateEstimate, ValueSearch, choose_strides, read_scan
@@ -224,11 +224,12 @@ def _search_value(
         raise ValueError("arguments must be concrete here: the search depends on the answers")
     objects = gather_objects(block, restitution)
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
+    limits = targets * _BELOW
     strides = choose_strides(np.asarray(site.levels))
     value_search = ValueSearch(
-        functools.partial(_estimate_rates, objects, site, search, strides),
+        functools.partial(_estimate_rates, objects, site, search, strides, limits),
         len(strides),
-        targets * _BELOW,
+        limits,
         search.resolution,
     )
     scans = value_search.scan(low, high)
@@ -294,25 +295,40 @@ def _estimate_rates(
     site: Site,
     search: _Search,
     strides: Sequence[int],
+    limits: np.ndarray,
     indices: np.ndarray,
     values: np.ndarray,
     stage: int,
+    known: Sequence[np.ndarray],
 ) -> RateEstimate:
     """Estimate the rates of objects at values of the parameter, from a part of the levels."""
     cases = Cases.of(
         _change_objects(objects, indices, values, search.along), site, search.model
     )
     levels = np.asarray(site.levels)
-    # The last level stands for all beyond, so that it is never left out.
-    last = levels.size - 1
-    place = np.unique(np.append(np.arange(0, last, strides[stage]), last))
+    place = _choose_levels(levels, strides[stage])
+    if not stage:
+        overturned = tabulate_outcomes(cases, levels[place])
+    else:
+        before = np.isin(place, _choose_levels(levels, strides[stage - 1]))
+        overturned = np.empty((*cases.batch.shape, place.size), bool)
+        overturned[..., before] = np.stack(known, axis=1)
+        overturned[..., ~before] = tabulate_outcomes(cases, levels[place][~before])
     if stage == len(strides) - 1:
-        rates, _ = compute_rates(cases, levels[place], _ACCURACY)
-        return RateEstimate(rates.rate, np.zeros_like(rates.rate))
-    rates, overturned = compute_rates(cases, levels[place], math.inf)
+        rates = compute_rates(cases, overturned, levels[place], _ACCURACY, limits[indices])
+        return RateEstimate(rates.rate, np.zeros_like(rates.rate), overturned)
+    rates = compute_rates(cases, overturned, levels[place], math.inf)
     # Windows narrower than these levels are met by chance.
     windows = estimate_windows(overturned, np.asarray(site.rates)[place])
-    return RateEstimate(rates.rate, np.hypot(rates.error, windows.deviation))
+    error = np.hypot(rates.error, windows.deviation)
+    return RateEstimate(rates.rate, error, overturned)
+
+
+def _choose_levels(levels: np.ndarray, stride: int) -> np.ndarray:
+    """Choose the places of every so many levels; each longer stride uses some of these."""
+    # The last level stands for all beyond, so that it is never left out.
+    last = levels.size - 1
+    return np.unique(np.append(np.arange(0, last, stride), last))
 
 
 def _change_parameter(

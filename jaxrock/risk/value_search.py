@@ -23,14 +23,19 @@ _DECIDED = 3.0
 
 
 class RateEstimate(NamedTuple):
-    """Rates of objects and their standard errors [1/yr], shape (objects,)."""
+    """Rates at values, their standard errors [1/yr], and outcomes that are used again.
+
+    All have an axis of values, the outcomes as their second one.
+    """
 
     rate: np.ndarray
     error: np.ndarray
+    overturned: np.ndarray
 
 
-# Takes indices of objects and values of the parameter along one axis, and a stage.
-Estimate = Callable[[np.ndarray, np.ndarray, int], RateEstimate]
+# Takes indices of objects and values of the parameter along one axis, a stage, and the outcomes
+# of the stage before for each value; of the first stage there are none.
+Estimate = Callable[[np.ndarray, np.ndarray, int, Sequence[np.ndarray]], RateEstimate]
 
 
 class RateScan(NamedTuple):
@@ -43,8 +48,9 @@ class RateScan(NamedTuple):
 def choose_strides(levels: np.ndarray) -> tuple[int, ...]:
     """Choose which part of the levels each stage uses: every so many of them, at last all."""
     widest = float(np.diff(np.log(levels)).max())
-    stride = max(1, int(_COARSEST / widest))
-    return tuple(dict.fromkeys((stride, max(1, stride // 2), 1)))
+    # A power of two, so that each stage has the levels of the one before.
+    halvings = max(0, math.floor(math.log2(_COARSEST / widest)))
+    return tuple(sorted({2**halvings, 2 ** max(halvings - 1, 0), 1}, reverse=True))
 
 
 class _Point:
@@ -56,6 +62,7 @@ class _Point:
         self.stage = -1
         self.rate = math.nan
         self.error = math.nan
+        self.overturned = np.empty(0, bool)
 
 
 # Most values are far from where the rate crosses the target, and few levels tell on which side of
@@ -66,7 +73,7 @@ class _Point:
 #   is decided     is further from the target than its error     nothing more
 #   is undecided   is closer, and there are more levels          estimated again at more levels
 #   is exact       was computed at all levels                    taken as it is
-#   is an answer   is decided, at an end or beside a crossing    computed at all levels as well
+#   is an answer   is decided, beside a crossing                 computed at all levels as well
 #
 # and between decided neighbours a value is added in the middle if the rate crosses the target
 # between them, or might, until they are as close as the resolution.
@@ -130,14 +137,9 @@ class ValueSearch(NamedTuple):
         """List the values that may be answers, and whose rates are not exact yet."""
         target = self.targets[row[0].object_index]
         above = [point.rate > target for point in row]
-        answers = []
-        for k, point in enumerate(row):
-            at_end = k in (0, len(row) - 1)
-            # Those on both sides of a crossing.
-            beside = not at_end and (above[k - 1] != above[k] or above[k] != above[k + 1])
-            if (at_end or beside) and not self._is_exact(point):
-                answers.append(point)
-        return answers
+        changes = [k for k in range(1, len(row)) if above[k] != above[k - 1]]
+        beside = {k for change in changes for k in (change - 1, change)}
+        return [row[k] for k in sorted(beside) if not self._is_exact(row[k])]
 
     def _estimate_tasks(self, tasks: Sequence[_Point]) -> None:
         """Estimate rates in the next stage of each value, one batch for each stage."""
@@ -147,10 +149,12 @@ class ValueSearch(NamedTuple):
         for stage, group in groups.items():
             objects = np.array([point.object_index for point in group])
             values = np.array([point.value for point in group])
-            estimate = self.estimate(objects, values, stage)
-            for point, rate, error in zip(group, *estimate, strict=True):
-                point.rate = float(rate)
-                point.error = float(error)
+            known = [point.overturned for point in group] if stage else []
+            estimate = self.estimate(objects, values, stage, known)
+            for k, point in enumerate(group):
+                point.rate = float(estimate.rate[k])
+                point.error = float(estimate.error[k])
+                point.overturned = estimate.overturned[:, k]
                 point.stage = stage
 
     def _add_middles(self, row: list[_Point]) -> None:
@@ -215,8 +219,8 @@ def read_scan(scan: RateScan, target: float, along: str, side: str) -> ScanAnswe
         bound = "upper" if upwards else "lower"
         missing = math.inf if upwards else -math.inf
         reason = (
-            f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still"
-            f" {rates[end]:.4g}, above {target:g}"
+            f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still about"
+            f" {rates[end]:.3g}, above {target:g}"
         )
         return ScanAnswer(missing, crossings, reason)
     if not unsafe.size:
