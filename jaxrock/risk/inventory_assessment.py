@@ -250,9 +250,7 @@ def _simulate_objects(
         if cases.records > 1:
             error = contributions.std(ddof=1) / math.sqrt(cases.records)
         # Samples are further records to the estimate of windows, which share their levels.
-        bound = bound_not_detected(
-            outcomes.reshape(-1, levels.size), np.asarray(site.rates)
-        )
+        bound = bound_not_detected(outcomes.reshape(-1, levels.size), np.asarray(site.rates))
         separate.append(
             {
                 "median": fit.median,
@@ -271,9 +269,7 @@ def _simulate_objects(
                 "overturns at the lowest level of the hazard, so that the rate may be more"
             )
         remarks.append("; ".join(words))
-    answers = {
-        name: np.array([answer[name] for answer in separate]) for name in separate[0]
-    }
+    answers = {name: np.array([answer[name] for answer in separate]) for name in separate[0]}
     return _Simulated(answers, rates.rate[:number], remarks)
 
 
@@ -310,7 +306,9 @@ def _make_dataset(
             described = describe_variable(long_name, units)
         variables[name] = (dims.get(name, ("object",)), values[order], described)
     uncertain = inventory.uncertain
-    samples = {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
+    samples = (
+        {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
+    )
     periods = _compute_return_periods(site.hazard, reported)
     dataset = make_dataset(
         "Inventory of objects, ranked by the rate of overturning",

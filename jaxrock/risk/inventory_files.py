@@ -45,7 +45,9 @@ class _Object(NamedTuple):
     remark: str
 
 
-def read_inventory(path: str | os.PathLike[str], *, samples: int = 16, seed: int = 0) -> Inventory:
+def read_inventory(
+    path: str | os.PathLike[str], *, samples: int = 16, seed: int = 0
+) -> Inventory:
     r"""Read a table of objects from a text file, as .csv.
 
     Parameters

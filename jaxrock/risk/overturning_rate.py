@@ -281,7 +281,9 @@ def _average_samples(
     block, restitution = jax.tree.map(
         lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution)
     )
-    cases = Cases.of(objects._replace(block=block, restitution=restitution, names=()), site, model)
+    cases = Cases.of(
+        objects._replace(block=block, restitution=restitution, names=()), site, model
+    )
     levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
     rates = compute_rates(cases, overturned, levels, _ACCURACY_OF_SAMPLES)
@@ -305,6 +307,4 @@ def _average_samples(
     dtype = np.asarray(objects.restitution).dtype
     fields = {name: np.asarray(value, dtype) for name, value in real.items()}
     fields |= {"overturns_first": overturns_first, "complete": ~overturns_first.any(axis=0)}
-    return OverturningRate(
-        **jax.device_put(fields), boundaries=None, records=site.suite.names
-    )
+    return OverturningRate(**jax.device_put(fields), boundaries=None, records=site.suite.names)

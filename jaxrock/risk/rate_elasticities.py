@@ -104,7 +104,9 @@ def rate_elasticities(
     restitution 0.00 0.00
     """
     if not isinstance(change, float | int) or not 0 < change < 0.5:
-        raise ValueError(f"change must be greater than 0 and less than 0.5, got {change!r:.60}")
+        raise ValueError(
+            f"change must be greater than 0 and less than 0.5, got {change!r:.60}"
+        )
     check_kind("site", site, Site)
     objects = gather_objects(block, restitution)
     parameters = list_parameters(objects, by)

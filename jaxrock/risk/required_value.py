@@ -367,9 +367,7 @@ def _differentiate_value(
         1.0 if domain is AT_LEAST_ONE else 0.0,
         1.0 if domain is UNIT_INTERVAL else jnp.inf,
     )
-    change = _move_value(
-        compute_rate, parts[:3], changes[:3], changes[3], safe, around, still
-    )
+    change = _move_value(compute_rate, parts[:3], changes[:3], changes[3], safe, around, still)
     nothing = jax.tree.map(lambda leaf: None, answer)
     return answer, eqx.tree_at(
         lambda tree: tree.value, nothing, change, is_leaf=lambda leaf: leaf is None

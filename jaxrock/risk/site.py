@@ -108,7 +108,9 @@ class Site(Printed, eqx.Module):
 
     def __str__(self) -> str:
         unit = "m/s" if self.measure == "pgv" else "m/s2"
-        hazard = str(self.hazard) if isinstance(self.hazard, Hazard) else "hazard by a function"
+        hazard = (
+            str(self.hazard) if isinstance(self.hazard, Hazard) else "hazard by a function"
+        )
         low, high = (float(level) for level in self.levels[jnp.array([0, -1])])
         levels = f"{len(self.levels)} levels of {self.measure} from {low:.4g} to {high:.4g}"
         return f"{self.suite}\n{hazard}\n{levels} {unit}"

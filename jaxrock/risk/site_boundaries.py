@@ -30,9 +30,7 @@ def find_boundaries_at_site(
     # level itself. The derivative of a boundary that rounding decides is unknown: it is
     # dropped.
     search = Search("factor", model, max_boundaries, drop_unknown=True, tolerance=_TOLERANCE)
-    subject, factors = check_subject(
-        block, restitution, site.suite, search.along, site.levels
-    )
+    subject, factors = check_subject(block, restitution, site.suite, search.along, site.levels)
     intensities = site.intensities
     if not is_traced(intensities):
         intensities = np.asarray(intensities)
@@ -72,9 +70,7 @@ def _join_boundaries(groups: Sequence[Boundaries]) -> Boundaries:
     return jax.device_put(joined)
 
 
-def pad_boundaries(
-    boundaries: Boundaries, room: int, names: tuple[str, ...]
-) -> Boundaries:
+def pad_boundaries(boundaries: Boundaries, room: int, names: tuple[str, ...]) -> Boundaries:
     """Pad the last axis of some fields to a number of columns."""
     namespace = choose_namespace(boundaries)
 
