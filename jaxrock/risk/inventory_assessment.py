@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import numpy as np
 
-from ..block import SIZES_IN_WORDS, Block, size_of
+from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import MEASURES
 from ..host import add_names, make_dataset
 from ..overturning import uplift_factor

@@ -12,7 +12,6 @@ import numpy as np
 from ..driven import Batch, follow_batch, require_complete
 from ..host import show_progress
 from ..resonance import RockingModel
-from ..validation import as_real
 from .objects import Objects
 from .site import Site
 

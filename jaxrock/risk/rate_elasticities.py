@@ -19,7 +19,7 @@ from .site import Site
 
 # Standard error of the rates at both ends of a change by the width of the intervals in which
 # boundaries are located, over the change: an elasticity is accurate to about as much.
-_ACCURACY = 2e-3
+_ACCURACY = 2e-4
 # Domains of the two parameters that have ends: kappa >= 1, 0 <= C <= 1.
 _LEAST = {"inertia_ratio": 1.0, "restitution": 0.0}
 
