@@ -1,4 +1,4 @@
-"""Dependence of driven motion: probabilities of outcomes, and slopes where they mean something."""
+"""Dependence of driven motion: probabilities of outcomes, slopes where they make sense."""
 
 from collections.abc import Mapping
 from pathlib import Path
