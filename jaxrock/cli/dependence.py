@@ -78,16 +78,17 @@ class Sensitivity(DrivenDependence):
             f" model;\n{self._write_moments(scatter)}"
         )
         moments = {
-            name: getattr(scatter, name) if scatter.valid else None
+            name: getattr(scatter, name) if scatter.within_tolerance else None
             for name in ("mean", "standard_deviation")
         }
         data = {"answer": self.answer_name, "model": self.model_name, "value": slopes.value}
-        return Answer(text, data | moments | {"valid": scatter.valid, "rows": rows})
+        moments["within_tolerance"] = scatter.within_tolerance
+        return Answer(text, data | moments | {"rows": rows})
 
     def _write_moments(self, scatter: MomentEstimate) -> str:
         """Write mean and standard deviation, or why there are none to be trusted."""
         given = f"with a coefficient of variation of {self.coefficient_of_variation:g} in each"
-        if scatter.valid:
+        if scatter.within_tolerance:
             return f"{given}: {scatter.mean:.6g} +- {scatter.standard_deviation:.3g}"
         if scatter.left_out:
             return f"{given}, {scatter.left_out:.1%} of samples overturn: there is no mean"

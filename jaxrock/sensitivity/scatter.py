@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.stats import norm
 
-from ..host import Printed, format_fields
+from ..host import Printed, Status, format_fields
 from ..validation import as_text
 from .parameters import Answer, ParametricAnswer, Spread, sample_scatter
 
 # Largest errors of mean and standard deviation, over the standard deviation, with which an
-# estimate counts as valid.
+# estimate counts as within tolerance.
 _ALLOWED = 0.1
 
 
@@ -31,7 +31,7 @@ class MomentEstimate(Printed):
         Errors of `mean` and `standard_deviation` by the samples, plus two standard errors of
         that estimate, over the standard deviation; inf where a sample has no answer. Share of
         such samples.
-    valid : bool
+    within_tolerance : bool
         Whether both errors are at most 0.1. Not so where the answer is too nonlinear within
         the scatter, chaotic, or ceases to exist because the block overturns.
     """
@@ -41,7 +41,7 @@ class MomentEstimate(Printed):
     mean: float
     standard_deviation: float
     shares: dict[str, float]
-    valid: bool
+    within_tolerance: bool
     mean_error: float
     standard_deviation_error: float
     left_out: float
@@ -190,8 +190,9 @@ class ReliabilityResult:
         Share of samples that the paraboloid puts on the wrong side of the limit state. But for
         the noise of sampling, it bounds the error of the paraboloid's probability, which
         `probability` approximates.
-    valid : bool
-        Whether the search has converged, and the samples do not contradict.
+    status : Status
+        NOT_CONVERGED if the search for that point has not converged, NOT_VALIDATED if the
+        samples contradict the paraboloid.
     """
 
     probability: float
@@ -199,9 +200,11 @@ class ReliabilityResult:
     reliability_index: float
     most_likely: dict[str, float]
     misjudged: float
-    valid: bool
+    status: Status
 
-    __str__ = MomentEstimate.__str__
+    def __str__(self) -> str:
+        names = [name for name in vars(self) if name != "status"]
+        return format_fields(self, **dict.fromkeys(names, ""))
 
 
 def failure_probability(
@@ -238,8 +241,8 @@ def failure_probability(
     >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.28)
     >>> scatter = {"intensity": 0.1, "restitution": 0.05}
     >>> chance = jr.sensitivity.failure_probability(jr.overturning_margin, wall, scatter)
-    >>> print(f"{chance.probability:.3f}", chance.valid)
-    0.245 True
+    >>> print(f"{chance.probability:.3f}", chance.status.name)
+    0.245 COMPLETE
     """
     function, z = sample_scatter(margin, at, coefficients_of_variation, samples, seed)
     if not any(coefficients_of_variation.values()):
@@ -276,8 +279,9 @@ def failure_probability(
     parameters = np.asarray(function.parameters_at(jnp.asarray(point))).tolist()
     likely = dict(zip(function.names, parameters, strict=True))
     first_order = float(norm.cdf(-beta))
-    valid = converged and agrees
-    return ReliabilityResult(second_order, first_order, beta, likely, misjudged, valid)
+    status = Status.COMPLETE if agrees else Status.NOT_VALIDATED
+    status = status if converged else Status.NOT_CONVERGED
+    return ReliabilityResult(second_order, first_order, beta, likely, misjudged, status)
 
 
 def _find_design_point(function: ParametricAnswer, z: np.ndarray) -> tuple[np.ndarray, bool]:
