@@ -728,7 +728,7 @@ def test_a_table_that_stands_still():
         ({"time": TIME[:-1]}, "one-dimensional, of one length of at least 2, got shapes"),
         ({"time": TIME - 1}, "time must be finite and at least 0, got -1"),
         ({"time": TIME * 0}, "time must increase, got 0 after 0"),
-        ({"time": TIME * NAN}, "time must be finite, got nan"),
+        ({"time": TIME * NAN}, "time must be finite and at least 0, got nan"),
         ({"rotation": TIME * NAN}, "rotation must be known at 2 times at least, got 0"),
         ({"rotation": TIME + INF}, "rotation must be finite, got inf"),
         ({"rotation": TIME * 0}, "rotation must be of a block that rocks, got 0 everywhere"),
