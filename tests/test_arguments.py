@@ -10,8 +10,9 @@ import pytest
 from tools.selection import first_by_default
 
 import jaxrock as jr
+from jaxrock.driven import require_complete
 from jaxrock.resonance import as_model
-from jaxrock.validation import as_real
+from jaxrock.validation import as_real, check_increasing
 
 BLOCK = jr.Block(0.4, 5.0)
 SCENE = jr.Scene(BLOCK, 0.5, 0.1)
@@ -213,3 +214,63 @@ def test_arguments_are_guarded_once():
 
     program = str(jax.make_jaxpr(ratio)(*numbers))
     assert len(re.findall(r"= lt \S+ inf", program)) == 6
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([0.1, 0.8, 0.5, 0.4], "levels must increase, got 0.5 after 0.8"),
+        ([[1, 2], [4, 4]], "levels must increase, got 4 after 4"),
+        ([1.0, np.nan], "levels must increase, got nan after 1"),
+    ],
+)
+def test_values_that_do_not_increase_are_named(values, message):
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        check_increasing("levels", values)
+
+
+def test_values_that_increase_or_are_traced_pass():
+    check_increasing("levels", [0.1])
+    check_increasing("levels", [[1, 2], [0, 5]])
+    jax.jit(lambda values: check_increasing("levels", values))(jnp.array([2.0, 1.0]))
+
+
+RECORDS = ("cape mendocino", "napa north")
+ALL_BUT_ONE = np.array([[True, True], [True, False]])
+
+
+@pytest.mark.parametrize(
+    ("complete", "labels", "where"),
+    [
+        (
+            ALL_BUT_ONE,
+            {"record": RECORDS, "level": [0.4, 0.8]},
+            "record 'napa north' at level 0.8",
+        ),
+        (
+            ALL_BUT_ONE,
+            {"frequency_ratio": [1.0, 2.0], "sample": None},
+            "frequency ratio 2, sample 2",
+        ),
+        (
+            ALL_BUT_ONE & False,
+            {"record": RECORDS, "level": [0.4, 0.8]},
+            "record 'cape mendocino' at level 0.4 (and 3 others)",
+        ),
+        (
+            ALL_BUT_ONE[:, 1] & False,
+            {"object": np.array(["vase", "urn"])},
+            "object 'vase' (and 1 other)",
+        ),
+        (np.array(False), {"factor": "between 0.5 and 2"}, "factor between 0.5 and 2"),
+    ],
+)
+def test_the_first_unfinished_integration_is_named(complete, labels, where):
+    with pytest.raises(
+        ValueError, match=f"^integration did not finish for {re.escape(where)}$"
+    ):
+        require_complete(complete, **labels)
+
+
+def test_finished_integrations_pass():
+    require_complete(ALL_BUT_ONE | True, record=RECORDS, level=[0.4, 0.8])

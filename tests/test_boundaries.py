@@ -300,7 +300,7 @@ def test_nothing_there():
     ("change", "words"),
     [
         ({"along": "scale"}, "along must be one of amplitude, duration, factor"),
-        ({"values": [2.0, 1.0]}, "values must be increasing"),
+        ({"values": [2.0, 1.0]}, "values must increase, got 1 after 2"),
         ({"values": [2.0]}, "values must be at least two values"),
         (
             {"values": [-1.0, 2.0], "along": "duration"},

@@ -203,7 +203,9 @@ def test_several_motions_are_a_suite():
 def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):
     lazy = jr.overturning_spectrum(jr.Sine, [1.0, 2.0], 2.0, chunks={"frequency_ratio": 1})
     monkeypatch.setattr("jaxrock.spectra.driven.follow_batch", incomplete)
-    with pytest.raises(ValueError, match="could not be followed to its end for every block"):
+    with pytest.raises(
+        ValueError, match=r"not finish for frequency ratio [12], amplitude ratio 2$"
+    ):
         lazy.compute(scheduler="synchronous")
 
 

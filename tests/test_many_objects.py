@@ -1,5 +1,6 @@
 """Fragility and rates of many objects, and of uncertain ones: the same bits, closed forms."""
 
+import equinox as eqx
 import jax
 import mpmath
 import numpy as np
@@ -8,6 +9,7 @@ from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, v
 from scipy import optimize, stats
 
 import jaxrock as jr
+from jaxrock.driven import follow_within
 from jaxrock.risk.counted_rate import count_rates, estimate_error_of_mean, plan_counting
 
 DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
@@ -43,6 +45,27 @@ def test_fragility_of_many_has_the_bits_of_each(scatter):
         assert one.exceedance.dims == ("level", "threshold")
         for name in one:
             assert equal(one[name], many[name].isel(object=k)), name
+
+
+def test_an_integration_that_does_not_finish_is_named(monkeypatch):
+    """By its object, its record and its level, also in a chunk that has only some of them."""
+
+    def fail_at_last(*arguments):
+        estimate = follow_within(*arguments)
+        complete = np.array(estimate.response.complete)
+        complete.flat[-1] = False
+        return eqx.tree_at(lambda found: found.response.complete, estimate, complete)
+
+    monkeypatch.setattr("jaxrock.risk.fragility_curves.follow_within", fail_at_last)
+    suite = jr.Suite([*pulses(50)][:2], ["napa", "kobe"])
+    arguments = (BLOCKS, 0.8, suite, [1.0, 2.0])
+    options = {**LINEARIZED, "names": ["vase", "bust", "case"], "tolerance": 1e-2}
+    message = r"did not finish for object 'case'.* record 'kobe' at level 2$"
+    with pytest.raises(ValueError, match=message):
+        jr.fragility(*arguments, **options)
+    lazy = jr.fragility(*arguments, **options, chunks={"object": 1, "record": 1})
+    with pytest.raises(ValueError, match=message):
+        lazy.isel(object=2, record=1).margin.compute()
 
 
 @pytest.mark.thorough
@@ -266,7 +289,10 @@ def test_dispersion_is_split_by_its_causes():
         ),
         ({"restitution": np.array([0.8, 0.9])}, r"that broadcast, got .*\(3,\).*\(2,\)"),
         ({"restitution": np.array([0.8, 0.9, 1.1])}, "restitution must be between 0 and 1"),
-        ({"blocks": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8}, "at least one object"),
+        (
+            {"blocks": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8},
+            "at least one object",
+        ),
     ],
 )
 def test_objects_that_are_refused(change, message):

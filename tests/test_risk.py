@@ -497,9 +497,10 @@ OF_BOTH = [
     ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
     ({"measure": "pgd"}, "measure must be one of .* got 'pgd'"),
     ({"levels": [0.0, 2.0]}, "levels must be finite and greater than 0, got 0"),
-    ({"levels": [2.0, 1.0]}, "levels must be .*increasing"),
+    ({"levels": [2.0, 1.0]}, r"levels must .*increas"),
 ]
 OF_FRAGILITY = [
+    ({"levels": [0.5, 0.8, 0.5]}, "levels must increase, got 0.5 after 0.8"),
     ({"levels": 1.0}, "levels must be one-dimensional"),
     ({"thresholds": ["topple"]}, "ratios, 'uplift' or 'overturning', got 'topple'"),
     ({"thresholds": [0.0]}, "thresholds must be finite and greater than 0, got 0"),

@@ -13,6 +13,7 @@ from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     FINITE,
+    NON_NEGATIVE,
     POSITIVE,
     UNIT_INTERVAL,
     Booleans,
@@ -23,6 +24,7 @@ from ..validation import (
     as_real,
     as_text,
     check,
+    check_increasing,
     check_kind,
     unify_precision,
 )
@@ -225,10 +227,9 @@ def _check_test(
             "time and rotation must be one-dimensional, of one length of at least 2,"
             f" got shapes {times.shape} and {angles.shape}"
         )
-    check("time", times, FINITE)
+    check("time", times, NON_NEGATIVE)
+    check_increasing("time", times)
     instants = np.asarray(times, float)  # in NumPy, which compiles nothing
-    if (np.diff(instants) <= 0).any() or instants[0] < 0:
-        raise ValueError("time must increase from each to the next, from 0 on")
     measured = np.asarray(angles, float)
     counts = ~np.isnan(measured)
     check("rotation", measured[counts], FINITE)
@@ -291,7 +292,7 @@ def _make_driven_fit(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit
     rotation, _, _ = test.follow(stage.numbers, float(test.time[-1]))
     if not np.isfinite(rotation).all():
         raise ValueError(
-            "the motion of the block could not be followed; see the status of respond"
+            "integration did not finish with the fitted values; see the status of respond"
         )
     # On opposite sides where both are seen: an impact came in another order in between.
     opposite = detect_sides(test, test.measured) * detect_sides(test, rotation) < 0

@@ -6,7 +6,16 @@ from jaxtyping import Array
 
 from ..block import Block
 from ..resonance import Linearized, RockingModel
-from ..validation import FINITE, POSITIVE, Number, Numbers, as_real, check, check_kind
+from ..validation import (
+    FINITE,
+    POSITIVE,
+    Number,
+    Numbers,
+    as_real,
+    check,
+    check_increasing,
+    check_kind,
+)
 from .free_rocking_motion import ANGLE, FREQUENCY, Known, Measured, Noises
 from .least_squares import Values, check_concrete
 
@@ -58,13 +67,7 @@ def _as_float(values: Array | None, size: int) -> Values:
 def _check_times(times: Values) -> None:
     """Raise `ValueError` if times are not finite or do not increase."""
     check("impact_times", times, FINITE)
-    steps = np.diff(times)
-    if (steps <= 0).any():
-        at = int(np.argmax(steps <= 0))
-        raise ValueError(
-            "impact_times must increase from each to the next,"
-            f" got {times[at]:.6g} and then {times[at + 1]:.6g}"
-        )
+    check_increasing("impact_times", times)
 
 
 def _check_peaks(peaks: Values) -> None:

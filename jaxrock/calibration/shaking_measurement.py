@@ -152,7 +152,7 @@ def _compute_rotations(
             max_impacts=room,
         )
         complete = response.status == Status.COMPLETE
-        # A motion that could not be followed is asked for at time 0, where it is known.
+        # Where the integration did not finish, the motion is known at time 0 only.
         asked = jnp.where(complete, times, 0)
 
         # The number of pieces is an argument: room for times that is not used costs nothing.
@@ -221,7 +221,7 @@ def _fit_part(test: ShakingTest, start: Values, end: float, noise: float | None)
         sigma = float(np.sqrt(np.sum(residuals**2) / max(1, residuals.size - values.size)))
     covariance = sigma**2 * compute_covariance(jacobian)
 
-    # A motion that cannot be followed has NaN, and has not converged.
+    # A motion whose integration does not finish is NaN, and the search has not converged.
     converged = False
     if np.isfinite(covariance).all() and np.isfinite(residuals).all():
         step = np.linalg.lstsq(jacobian, residuals)[0]
@@ -330,7 +330,7 @@ def _estimate_noise(rotation: np.ndarray) -> float:
 
 
 def fit_in_parts(test: ShakingTest, restitution: float | None, noise: float | None) -> Stage:
-    """Fit as much of the motion as can be followed from one part to the next."""
+    """Fit as much of the motion as the model reproduces from one part to the next."""
     # state         | what is known                     | what happens next
     # first part    | a C, or those that fit it best    | fit from each, keep the better one
     # next part     | numbers of the part before        | fit from these

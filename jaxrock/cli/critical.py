@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import numpy as np
 
 from .. import resonance
+from ..driven import require_complete
 from ..ground_motion import Motion
 from ..overturning import (
     UNITS,
@@ -161,11 +162,9 @@ class Critical(MotionOptions, BlockOptions, Writing):
                 found, ends = self._find_amplitudes(motion, _AMPLITUDES[1], uplift)
         # A boundary may be hidden among values that were given up. A table with gaps would
         # mislead, so none is written.
-        if not bool(found.complete):
-            raise ValueError(
-                "motion could not be followed to its end for every one of the values"
-            )
-        return _Examined(found, (float(ends[0]), float(ends[1])), uplift)
+        low, high = map(float, ends)
+        require_complete(found.complete, **{along: f"between {low:g} and {high:g}"})
+        return _Examined(found, (low, high), uplift)
 
     def _find_amplitudes(
         self, pulse: Any, ratios: tuple[float, float], uplift: float

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..driven import respond_batch
+from ..driven import require_complete, respond_batch
 from ..ground_motion import Motion
 from ..host import format_table
 from ..overturning import overturning_boundaries
@@ -153,8 +153,7 @@ class DrivenDependence(DependenceOptions):
         assert motion is not None
         duration = self.find_duration(motion)
         found = respond_batch(block, c, motion, duration, model=self.model_name)
-        if not bool(np.asarray(found.complete).all()):
-            raise ValueError("motion could not be followed to its end for every sample")
+        require_complete(found.complete, sample=None)
         parts = (found.peak_rotation, found.margin, found.overturned)
         return np.asarray(self.choose_answer(block, *parts))
 
@@ -172,8 +171,8 @@ class DrivenDependence(DependenceOptions):
         found = overturning_boundaries(
             self.block, self.coefficient, motion, "factor", factors, model=self.model_name
         )
-        if not bool(found.complete):
-            raise ValueError("motion could not be followed to its end for every factor")
+        low, high = factors[[0, -1]]
+        require_complete(found.complete, factor=f"between {low:g} and {high:g}")
         places = np.asarray(found.value)
         below = places[places <= 1]
         above = places[places > 1]

@@ -84,7 +84,7 @@ class Respond(MotionOptions, BlockOptions, Writing):
         response = respond(block, c, motion, length, model=self.model)
         # No file is written of a motion that breaks off: half of it would look like all.
         if response.status in (Status.STOPPED, Status.INVALID):
-            raise ValueError(f"motion could not be followed to its end: {response}")
+            raise ValueError(f"integration did not finish: {response}")
         data: dict[str, str | int | float] = {
             "status": Status(int(response.status)).name.lower()
         }

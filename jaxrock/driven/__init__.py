@@ -5,6 +5,8 @@ of blocks side by side along Taylor series; both follow `equation` and decide by
 `overturning_criterion`.
 """
 
+from .completeness import Labels as Labels
+from .completeness import require_complete as require_complete
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
 from .many_blocks import TOLERANCES as TOLERANCES

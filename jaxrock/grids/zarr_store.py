@@ -121,12 +121,8 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
         raise ValueError(
             f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address"
         )
-    # Names of arrays follow from all that they are computed from, precision included. Names
-    # along dimensions, as those of records, are no part of that.
-    identity = tokenize(
-        [(name, array.name, array.chunks) for name, array in arrays.items()],
-        [(name, values.to_numpy()) for name, values in dataset.coords.items()],
-    )
+    # Names of arrays follow from all that they are computed from, precision included.
+    identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
     if os.path.lexists(path):
         check_continues(path, dataset, arrays, identity)
     else:

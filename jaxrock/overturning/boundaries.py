@@ -59,7 +59,7 @@ class Boundaries(Printed, eqx.Module):
     overturns_first : Array of bool, shape (...)
         Whether the block overturns at the first of the values.
     complete : Array of bool, shape (...)
-        Whether all motions were followed to their ends. If not, values are NaN.
+        Whether all integrations finished. If not, values are NaN.
     along : str
         The quantity.
     """

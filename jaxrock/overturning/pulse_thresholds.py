@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..driven import uplift_acceleration
+from ..driven import require_complete, uplift_acceleration
 from ..ground_motion import Motion, Pulse, check_pulse_class
 from ..host import Printed, format_number
 from ..resonance import ModelLike, Nonlinear, as_model
@@ -231,7 +231,7 @@ def survival_windows(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed, or a motion could not be followed.
+        If an argument is outside of what is allowed, or an integration did not finish.
 
     Examples
     --------
@@ -246,8 +246,8 @@ def survival_windows(
         raise ValueError(
             f"one block at a time here, got an array of shape {found.count.shape}"
         )
-    if not bool(found.complete):
-        raise ValueError("motion could not be followed to its end for every factor")
+    low, high = np.asarray(factors)[[0, -1]]
+    require_complete(found.complete, factor=f"between {low:g} and {high:g}")
     edges = np.asarray(found.value)
     if found.overturns_first:
         edges = np.append(as_real("factors", factors)[0], edges)

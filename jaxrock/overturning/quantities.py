@@ -26,9 +26,9 @@ from ..validation import (
     as_name,
     as_real,
     check,
+    check_increasing,
     check_kind,
     check_shapes,
-    is_traced,
     unify_precision,
 )
 
@@ -175,8 +175,7 @@ def check_subject(
         )
     of_each = np.broadcast_to(0.0, places.shape[:-1])
     check_shapes(block=block, restitution=restitution, motion=single, values=of_each)
-    if not is_traced(places) and (np.diff(np.asarray(places)) <= 0).any():
-        raise ValueError("values must be increasing, got values that do not increase")
+    check_increasing("values", places)
     numbers = unify_precision((block, restitution, motion, places))
     block, restitution, motion, places = numbers
     # The samples of records are brought into the form of the batch here, once for all values.
@@ -211,7 +210,7 @@ def respond_at(
 ) -> BatchResponse:
     """Follow the response at a value, until a time or the end of the input.
 
-    In a transformation, only the first `count` blocks need be followed.
+    In a transformation, only the first `count` blocks need be simulated.
     """
     at = set_quantity(subject, value, search)
     batch = Batch.of(at.block, at.restitution, at.motion, until)

@@ -73,7 +73,7 @@ def plot_boundaries(
             f"found must be of one block, got an array of shape {np.shape(found.count)}"
         )
     if not bool(found.complete):
-        raise ValueError("found must be complete, got motions that were not followed")
+        raise ValueError("found must be complete, got an integration that did not finish")
     ax = get_axes(ax, figsize=(8.0, 2.6))
     values = np.asarray(found.value)
     edges = np.concatenate([[ends[0]], values, [ends[1]]])

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import Block
-from ..driven import Batch, follow_within
+from ..driven import Batch, Labels, follow_within, require_complete
 from ..grids import DataType, Grid, GridVariable, apply_padded
 from ..ground_motion import MEASURES, Suite, require_positive_measures
 from ..host import add_names
@@ -23,9 +23,10 @@ from ..validation import (
     as_real,
     as_text,
     check,
+    check_increasing,
     check_kind,
 )
-from .exceedance import WORDS, Threshold, add_curves, describe_variable
+from .exceedance import NAMED_THRESHOLDS, Threshold, add_curves, describe_variable
 from .objects import Objects, draw_objects, gather_objects
 
 if TYPE_CHECKING:
@@ -172,7 +173,6 @@ def fragility(
     if scatter is not None:
         attributes |= {f"coefficient_of_variation_of_{n}": v for n, v in scatter.items()}
         attributes |= {"samples": samples, "seed": seed}
-    long_name, unit, _ = MEASURES[measure]
     grid = Grid(
         "Fragility",
         axes,
@@ -181,14 +181,14 @@ def fragility(
         functools.partial(_simulate_scaled_records, tolerance, model, tuple(axes)),
         _LARGEST,
         _USUAL,
-        labels={"level": describe_variable(long_name, unit)},
+        labels={"level": describe_variable(*MEASURES[measure][:2])},
         shared=_gather_parameters(drawn, suite, strengths),
     )
     labels = {"record": (suite.names, "ground motion")}
     if objects.shape:
         labels["object"] = (objects.names, "object")
     responses = add_names(grid.build_dataset(chunks), **labels)
-    return add_curves(responses, thresholds, threshold_names, confidence, unit)
+    return add_curves(responses, thresholds, threshold_names, confidence)
 
 
 def _check_levels(levels: Numbers) -> np.ndarray:
@@ -199,8 +199,7 @@ def _check_levels(levels: Numbers) -> np.ndarray:
         raise ValueError(
             f"levels must be one-dimensional, got an array of shape {values.shape}"
         )
-    if (np.diff(values) <= 0).any():
-        raise ValueError("levels must be increasing, got values that do not increase")
+    check_increasing("levels", values)
     return values
 
 
@@ -224,11 +223,14 @@ class _Parameters(NamedTuple):
         Intensities of the records [unit of the measure].
     critical_angle : ndarray, shape (objects, samples)
         Of the blocks [rad].
+    names : dict
+        Names of the records and of the objects, for messages.
     """
 
     batch: Batch
     strengths: AnyArray
     critical_angle: AnyArray
+    names: dict[str, tuple[str, ...]]
 
 
 def _gather_parameters(objects: Objects, suite: Suite, strengths: np.ndarray) -> _Parameters:
@@ -242,6 +244,7 @@ def _gather_parameters(objects: Objects, suite: Suite, strengths: np.ndarray) ->
         Batch.of(block, restitution, suite),
         np.broadcast_to(strengths.reshape(len(suite), -1), (len(suite), objects.number)),
         angles.reshape(objects.number, -1),
+        {"object": objects.names, "record": suite.names},
     )
 
 
@@ -256,7 +259,7 @@ def _simulate_scaled_records(
     # Dimensions that the dataset lacks have one entry, the first.
     index: dict[str, npt.NDArray | int] = {"object": 0, "sample": 0}
     index |= zip(dims, np.meshgrid(*parts, indexing="ij", sparse=True), strict=True)
-    batch, strengths, angles = parameters
+    batch, strengths, angles, names = parameters
     blocks = np.ravel_multi_index(
         (index["record"], index["object"], index["sample"]), batch.shape
     )
@@ -264,8 +267,10 @@ def _simulate_scaled_records(
     factor = levels / np.asarray(strengths)[index["record"], index["object"]]
     estimate = follow_within(batch.select(blocks).scaled(factor), tolerance, model)
     response = estimate.response
-    if not np.asarray(response.complete).all():
-        raise ValueError("motion could not be followed to its end for every record and level")
+    labels: dict[str, Labels] = dict(zip(dims, parts, strict=True))
+    for dim in names.keys() & labels.keys():
+        labels[dim] = [names[dim][k] for k in labels[dim]]
+    require_complete(response.complete, **labels)
     angle = np.asarray(angles)[index["object"], index["sample"]]
     ratio = np.asarray(response.peak_rotation) / angle
     values = {**vars(estimate), **vars(response), "factor": factor, "rotation_ratio": ratio}
@@ -288,8 +293,8 @@ def _name_threshold(threshold: Threshold) -> str:
     """Name a threshold; a `ValueError` if it is none."""
     threshold = as_text(threshold)
     if isinstance(threshold, str):
-        if threshold not in WORDS:
-            allowed = f"rotation ratios, {' or '.join(map(repr, WORDS))}"
+        if threshold not in NAMED_THRESHOLDS:
+            allowed = f"rotation ratios, {' or '.join(map(repr, NAMED_THRESHOLDS))}"
             raise ValueError(f"thresholds must be {allowed}, got {threshold!r}")
         return threshold
     check("thresholds", as_real("thresholds", threshold), POSITIVE)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..block import Block
-from ..driven import Batch, check_batch, follow_batch
+from ..driven import Batch, check_batch, follow_batch, require_complete
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -195,7 +195,8 @@ def outcome_shares(
     Raises
     ------
     ValueError
-        If an argument is out of range, a name is not known, or a motion could not be followed.
+        If an argument is out of range, a name is not known, or an integration did not
+        finish.
 
     Notes
     -----
@@ -320,8 +321,8 @@ def _follow_samples(
         batch = Batch.of(blocks, restitution, chosen).scaled(scale)
         batch = replace(batch, until=batch.until + _BEYOND)
         response = follow_batch(batch, model)
-        if not np.asarray(response.complete).all():
-            raise ValueError("motion could not be followed to its end for every sample")
+        records = {"record": chosen.names} if isinstance(chosen, Suite) else {}
+        require_complete(response.complete, **records, sample=None)
         rotation = np.asarray(response.peak_rotation) / critical_angle
         overturned = np.asarray(response.overturned)
         rows = [

@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..driven import Batch, follow_batch, follow_within, uplift_acceleration
+from ..driven import (
+    Batch,
+    Labels,
+    follow_batch,
+    follow_within,
+    require_complete,
+    uplift_acceleration,
+)
 from ..grids import (
     DataType,
     Grid,
@@ -106,7 +113,7 @@ def rocking_spectrum(
     Raises
     ------
     ValueError
-        If an argument is out of range, or a motion could not be followed.
+        If an argument is out of range, or an integration did not finish.
 
     Examples
     --------
@@ -213,7 +220,7 @@ def overturning_spectrum(
     Raises
     ------
     ValueError
-        If an argument is out of range, or a motion could not be followed.
+        If an argument is out of range, or an integration did not finish.
 
     Examples
     --------
@@ -289,7 +296,7 @@ def _make_response_grid(
         check("tolerance", as_real("tolerance", tolerance), POSITIVE)
         attributes["tolerance"] = tolerance
         table = _VARIABLES | _ESTIMATES
-    compute = functools.partial(_follow_part, problem, model, tolerance, (*table,))
+    compute = functools.partial(_follow_part, problem, model, tolerance, (*table,), (*axes,))
     if isinstance(shared, Suite):
         axes = {"record": np.arange(len(shared)), **axes}
         compute = functools.partial(_simulate_some_records, compute)
@@ -325,21 +332,23 @@ def _follow_part(
     model: RockingModel,
     tolerance: float | None,
     names: Sequence[str],
+    axes: Sequence[str],
     shared: PyTree,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Follow blocks over a part of a grid."""
+    """Simulate blocks over a part of a grid, the values along whose axes are the parts."""
     shape, points = list_points(*parts)
+    labels: dict[str, Labels] = dict(zip(axes, parts, strict=True))
     if isinstance(shared, Suite):
         shape = (len(shared), *shape)
+        labels = {"record": shared.names, **labels}
     batch = Batch.of(*problem(shared, *points))
     if tolerance is None:
         response = estimate = follow_batch(batch, model)
     else:
         estimate = follow_within(batch, tolerance, model)
         response = estimate.response
-    if not np.asarray(response.complete).all():
-        raise ValueError("motion could not be followed to its end for every block")
+    require_complete(np.reshape(response.complete, shape), **labels)
     # One value for blocks of one shape, else one for each point.
     angles = apply_padded(lambda block: block.critical_angle, batch.block)
     ratio = np.asarray(response.peak_rotation) / angles

@@ -13,6 +13,7 @@ from ..driven import (
     Batch,
     follow_batch,
     follow_launched,
+    require_complete,
     uplift_acceleration,
 )
 from ..grids import (
@@ -109,7 +110,7 @@ def harmonic_spectrum(
     Raises
     ------
     ValueError
-        If an argument is out of range, or a motion could not be followed.
+        If an argument is out of range, or an integration did not finish.
 
     Notes
     -----
@@ -250,16 +251,22 @@ def _compute_floors(
 
     orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
     motion = Harmonic(amplitude, frequency, cycles)
+    region, peak_near_orbit = _classify_orbits(
+        block, restitution, amplitude, frequency, cycles, orbit, model
+    )
+    peak_from_rest = np.asarray(
+        follow_batch(Batch.of(block, restitution, motion), model).peak_rotation
+    )
+    known = ~np.isnan(peak_near_orbit + peak_from_rest)
+    require_complete(known.reshape(shape), frequency_ratio=parts[0], amplitude_ratio=parts[1])
     answers = {
         "velocity_ratio": np.asarray(orbit.launch_velocity) / critical,
         "rotation_ratio": orbit.rotation_ratio,
         "phase": orbit.phase,
         "trace": orbit.trace,
         "multiplier": abs(np.asarray(orbit.multipliers[..., 0])),
-        "region": _classify_orbits(
-            block, restitution, amplitude, frequency, cycles, orbit, model
-        ),
-        "from_rest": _classify_from_rest(block, restitution, motion, model),
+        "region": region + _flag_toppled(peak_near_orbit),
+        "from_rest": (peak_from_rest > 0) + _flag_toppled(peak_from_rest),
     }
     return {name: np.asarray(values).reshape(shape) for name, values in answers.items()}
 
@@ -272,9 +279,19 @@ def _classify_orbits(
     cycles: int,
     orbit: HarmonicOrbit,
     model: RockingModel,
-) -> np.ndarray:
-    """Classify the orbits as in `_FLAGS`; follow blocks near orbits that are not stable."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Classify the orbits, and simulate blocks near orbits that are not stable.
+
+    Returns
+    -------
+    region : ndarray of int8
+        As in `_FLAGS`, where the block does not overturn.
+    peak : ndarray
+        Peak rotation near an orbit that is not stable [rad]; 0 elsewhere, NaN where the
+        integration did not finish.
+    """
     region = np.asarray(orbit.stable, np.int8)
+    peaks = np.zeros(region.shape, np.asarray(orbit.phase).dtype)
     exists = np.asarray(orbit.exists)
     unstable = np.flatnonzero(exists & (region == 0))
     if unstable.size:
@@ -285,24 +302,13 @@ def _classify_orbits(
             np.asarray(x).flat[places] for x in (orbit.phase, orbit.launch_velocity)
         )
         faster = (1 + _DISTURBANCE) * launch
-        peak = follow_launched(block, restitution, motion, phase, faster, model)
-        region.flat[places] = 2 + _flag_toppled(peak)
-    return region
-
-
-def _classify_from_rest(
-    block: Block, restitution: Reals, motion: Harmonic, model: RockingModel
-) -> np.ndarray:
-    """Classify what blocks at rest do, as in `_FLAGS`."""
-    response = follow_batch(Batch.of(block, restitution, motion), model)
-    peak = np.asarray(response.peak_rotation)
-    return (peak > 0) + _flag_toppled(peak)
+        peaks.flat[places] = follow_launched(block, restitution, motion, phase, faster, model)
+        region.flat[places] = 2
+    return region, peaks
 
 
 def _flag_toppled(peak: np.ndarray) -> np.ndarray:
     """Flag blocks that have fallen by 1, others by 0."""
-    if np.isnan(peak).any():
-        raise ValueError("motion could not be followed to its end for every block")
     # By rotation and not by energy: the floor goes on moving, so that it does not count what
     # the block would do on a floor at rest.
     return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..driven import require_complete
 from ..grids import DataType, Grid, GridVariable, Values, as_axis
 from ..ground_motion import Pulse, check_pulse_class
 from ..overturning import check_range, search_amplitudes_alone
@@ -78,7 +79,7 @@ def overturning_map(
     Raises
     ------
     ValueError
-        If an argument is out of range.
+        If an argument is out of range, or an integration did not finish.
 
     Examples
     --------
@@ -151,8 +152,7 @@ def _search_boundaries(
     durations = kind.angle / (ratios * rate)
     block, c = shared
     found = search_amplitudes_alone(block, c, kind, durations, *search)
-    if not np.asarray(found.complete).all():
-        raise ValueError("motion could not be followed to its end for every pulse")
+    require_complete(found.complete, frequency_ratio=ratios)
     answers = {
         "amplitude_ratio": np.asarray(found.value) / uplift,
         "overturns_beyond": np.asarray(found.overturns_beyond, np.int8),

@@ -306,7 +306,7 @@ def _search_threshold(
         margin, slope, (velocity, lands, early) = _compute_margin(
             scene, -scan.trial, along, count, model, rtol
         )
-        # Written so that NaN, of a motion that could not be followed, counts as overturned.
+        # Written so that NaN, of an integration that did not finish, counts as overturned.
         overturns = ~lands & ~(margin >= 0) | early
         kind = jnp.where(overturns, ABOVE, BELOW)
         new = Sample(scan.trial, -margin, jnp.where(lands | early, 0, slope), kind)

@@ -24,6 +24,7 @@ from .domains import UNIT_INTERVAL as UNIT_INTERVAL
 from .domains import Checked as Checked
 from .domains import Domain as Domain
 from .domains import check as check
+from .domains import check_increasing as check_increasing
 from .domains import check_kind as check_kind
 from .domains import check_shapes as check_shapes
 from .domains import iterate_quantities as iterate_quantities

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .arrays import AnyArray, describe, is_traced
+from .arrays import AnyArray, Numbers, describe, is_traced
 
 
 class Domain(NamedTuple):
@@ -122,6 +122,32 @@ def check(name: str, value: object, domain: Domain | None) -> None:
         if values.ndim:
             first = f"{first} (first of {outside.sum()} such elements out of {outside.size})"
         raise ValueError(f"{name} must be {domain.allowed}, got {first}")
+
+
+def check_increasing(name: str, values: Numbers) -> None:
+    """Check that concrete values increase along their last axis.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    values : array_like, shape (..., n)
+        NaN does not increase. Traced values are not checked.
+
+    Raises
+    ------
+    ValueError
+        If a value is not greater than the one before it. The message has the first such pair.
+    """
+    if is_traced(values):
+        return
+    array = np.asarray(values)
+    before = array[..., :-1]
+    after = array[..., 1:]
+    falls = ~(after > before)
+    if falls.any():
+        first = f"{after[falls][0]:.9g} after {before[falls][0]:.9g}"
+        raise ValueError(f"{name} must increase, got {first}")
 
 
 # `Callable` is a kind as well, but no `type` for type checkers: hence `Any`.

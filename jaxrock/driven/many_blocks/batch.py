@@ -1,4 +1,4 @@
-"""A batch: blocks under ground motions, brought to one type and ready to be followed."""
+"""A batch: blocks under ground motions, brought to one type and ready to be simulated."""
 
 from collections.abc import Hashable
 
@@ -43,7 +43,7 @@ class Batch(eqx.Module):
         duration: Number | None = None,
         axes: int = 0,
     ) -> "Batch":
-        """Make the batch, to be followed to the end of the motion or for a duration.
+        """Make the batch, to be simulated to the end of the motion or for a duration.
 
         The answers have as many `axes` at least, behind the axis of the records of a suite.
         """

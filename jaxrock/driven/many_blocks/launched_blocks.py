@@ -44,7 +44,7 @@ def follow_launched(
     """Find the peak rotations of blocks until the motion ends [rad]; NumPy, one-dimensional.
 
     Launched to the positive side with a velocity [rad/s] at a phase [rad] of the first period.
-    At most `TOPPLED_ROTATION`; NaN where the motion could not be followed to its end.
+    At most `TOPPLED_ROTATION`; NaN where the integration did not finish.
     """
     ground = convert_motion(motion)
     numbers = ground.numbers

@@ -105,8 +105,8 @@ class BatchResponse(Printed, eqx.Module):
         Number of impacts before overturning, which may be one more than until the end of the
         input; -1 for a block that stands.
     complete : Array of bool
-        Whether the motion was followed to its end. Where it was not, for want of steps or of
-        valid arguments, the real numbers are NaN.
+        Whether the integration finished. Where it did not, for want of steps or of valid
+        arguments, the real numbers are NaN.
     """
 
     peak_rotation: Reals
@@ -289,7 +289,7 @@ def follow_batch(
 ) -> BatchResponse:
     """Follow a batch, as `respond_batch` does once it has checked; in NumPy where concrete.
 
-    In a transformation only the first `count` blocks need be followed.
+    In a transformation only the first `count` blocks need be simulated.
     """
     return simulate_batch(batch, model, rtol, count).response
 
