@@ -144,8 +144,8 @@ def test_lognormal_fit_maximizes_the_likelihood(levels, counts, trials):
 
 def test_lognormal_fit_recovers_a_curve():
     levels = np.geomspace(0.2, 5, 15)
-    shares = stats.norm.cdf(np.log(levels / 0.8) / 0.45)
-    fit = fit_lognormal(levels, np.round(1e9 * shares).astype(int), 10**9)
+    probabilities = stats.norm.cdf(np.log(levels / 0.8) / 0.45)
+    fit = fit_lognormal(levels, np.round(1e9 * probabilities).astype(int), 10**9)
     assert fit.median == pytest.approx(0.8, rel=1e-6)
     assert fit.dispersion == pytest.approx(0.45, rel=1e-6)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Threshold = float | int | str
 # Rotation ratios beyond which a response exceeds a threshold that has a name. Whatever
 # overturns exceeds all of them.
-NAMED_THRESHOLDS = {"uplift": 0.0, "overturning": np.inf}
+NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf}
 
 
 def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
@@ -50,7 +50,7 @@ _PARTS_OF_DISPERSION: dict[str, tuple[tuple[str, ...], DataType, str]] = {
 }
 
 
-class _Curve(NamedTuple):
+class _FragilityCurve(NamedTuple):
     """Exceedance of one threshold by one object; the fields are variables of the dataset."""
 
     exceedance: np.ndarray
@@ -147,7 +147,7 @@ def _compute_curves(
 
 def _compute_curve(
     counts: np.ndarray, levels: np.ndarray, records: int, confidence: float
-) -> _Curve:
+) -> _FragilityCurve:
     """Compute counted and fitted probabilities of one threshold; counts (samples, levels)."""
     # A record counts by the fraction of its samples, whose variance is smaller than that of a
     # single outcome with the same mean: the interval is wider than necessary, never too narrow.
@@ -166,7 +166,7 @@ def _compute_curve(
         places = f"{falls} level{'s' * (falls > 1)}"
         remarks.append(f"at {places} fewer records exceed it than at the one below")
     fits = [fit] if len(counts) == 1 else [fit_lognormal(levels, c, records) for c in counts]
-    return _Curve(
+    return _FragilityCurve(
         mean / records,
         low,
         high,

@@ -182,7 +182,7 @@ def fragility(
         _LARGEST,
         _USUAL,
         labels={"level": describe_variable(*MEASURES[measure][:2])},
-        shared=_gather_parameters(drawn, suite, strengths),
+        shared=_gather_input(drawn, suite, strengths),
     )
     labels = {"record": (suite.names, "ground motion")}
     if objects.shape:
@@ -212,8 +212,8 @@ def _describe_objects(objects: Objects) -> dict[str, object]:
     }
 
 
-class _Parameters(NamedTuple):
-    """What is simulated, as arrays from which axes of numbers take their parts.
+class _SimulationInput(NamedTuple):
+    """Input of all simulations, of which a chunk takes the parts that its indices say.
 
     Attributes
     ----------
@@ -233,14 +233,14 @@ class _Parameters(NamedTuple):
     names: dict[str, tuple[str, ...]]
 
 
-def _gather_parameters(objects: Objects, suite: Suite, strengths: np.ndarray) -> _Parameters:
+def _gather_input(objects: Objects, suite: Suite, strengths: np.ndarray) -> _SimulationInput:
     """Gather the parameters of all objects, samples and records."""
     block, restitution = jax.tree.map(
         lambda leaf: leaf.reshape(objects.number, -1), (objects.block, objects.restitution)
     )
     flat = jax.tree.map(np.ravel, block)
     angles = apply_padded(lambda padded: padded.critical_angle, flat)
-    return _Parameters(
+    return _SimulationInput(
         Batch.of(block, restitution, suite),
         np.broadcast_to(strengths.reshape(len(suite), -1), (len(suite), objects.number)),
         angles.reshape(objects.number, -1),
@@ -252,7 +252,7 @@ def _simulate_scaled_records(
     tolerance: float,
     model: RockingModel,
     dims: tuple[str, ...],
-    parameters: _Parameters,
+    parameters: _SimulationInput,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Simulate blocks under records that are scaled to levels, some along each dimension."""
@@ -267,9 +267,10 @@ def _simulate_scaled_records(
     factor = levels / np.asarray(strengths)[index["record"], index["object"]]
     estimate = follow_within(batch.select(blocks).scaled(factor), tolerance, model)
     response = estimate.response
-    labels: dict[str, Labels] = dict(zip(dims, parts, strict=True))
-    for dim in names.keys() & labels.keys():
-        labels[dim] = [names[dim][k] for k in labels[dim]]
+    labels: dict[str, Labels] = {
+        dim: [names[dim][k] for k in part] if dim in names else part
+        for dim, part in zip(dims, parts, strict=True)
+    }
     require_complete(response.complete, **labels)
     angle = np.asarray(angles)[index["object"], index["sample"]]
     ratio = np.asarray(response.peak_rotation) / angle
