@@ -26,10 +26,12 @@ def equal(one, other):
     return one.dtype == other.dtype and one.tobytes() == other.tobytes()
 
 
-@pytest.mark.parametrize("scatter", [None, {"half_width": 0.1, "restitution": 0.05}])
-def test_fragility_of_many_has_the_bits_of_each(scatter):
+@pytest.mark.parametrize(
+    "uncertain", [None, jr.Uncertain({"half_width": 0.1, "restitution": 0.05}, samples=4)]
+)
+def test_fragility_of_many_has_the_bits_of_each(uncertain):
     """Also lazily, in chunks that cut every dimension."""
-    options = {**LINEARIZED, "scatter": scatter, "samples": 4, "tolerance": 1e-2}
+    options = {**LINEARIZED, "uncertain": uncertain, "tolerance": 1e-2}
     names = ["vase", "bust", "case"]
     arguments = (BLOCKS, RESTITUTIONS, pulses(50), LEVELS[:5])
     many = jr.fragility(*arguments, names=names, **options)
@@ -218,18 +220,17 @@ def find_half_width(level, duration):
 def test_scatter_of_the_size_in_closed_form():
     """The probability that a lognormal size is below the one that is just overturned."""
     variation, levels = 0.2, np.array([1.2, 1.6, 2.0, 2.6])
-    options = {**LINEARIZED, "thresholds": ["overturning"], "samples": 512}
+    options = {**LINEARIZED, "thresholds": ["overturning"]}
     block, suite = jr.Block(0.25, 4.0), pulses(400)
-    curves = jr.fragility(
-        block, 0.85, suite, levels, scatter={"half_width": variation}, **options
-    )
+    uncertain = jr.Uncertain({"half_width": variation}, samples=512)
+    curves = jr.fragility(block, 0.85, suite, levels, uncertain=uncertain, **options)
     width = np.sqrt(np.log1p(variation**2))
     critical = np.array([[find_half_width(x, d) for x in levels] for d in DURATIONS])
     exact = stats.norm.cdf(np.log(critical / 0.25) / width)
     of_records = curves.overturned.mean("sample")
     np.testing.assert_allclose(of_records, exact, atol=0.01)
     np.testing.assert_allclose(curves.exceedance[:, 0], exact.mean(axis=0), atol=0.01)
-    # Of the binomial interval: the share of records, which are 3, need not be whole.
+    # Of the binomial interval: the count of records, which are 3, need not be whole.
     low = stats.beta.ppf(0.025, 3 * exact.mean(axis=0), 4 - 3 * exact.mean(axis=0))
     np.testing.assert_allclose(curves.exceedance_low[:, 0], low, atol=0.01)
     # Yearly: the mean of the closed form over the same distribution, by quadrature.
@@ -254,18 +255,18 @@ def test_scatter_of_the_size_in_closed_form():
 @DOUBLE
 @SLOW
 def test_dispersion_is_split_by_its_causes():
-    """Without scatter in the object all is due to the records, with one record none is."""
+    """Without uncertainty all is due to the records, with one record none is."""
     levels, options = np.geomspace(0.8, 4.0, 40), {**LINEARIZED, "thresholds": ["overturning"]}
     block = jr.Block(0.25, 4.0)
-    certain = jr.fragility(
-        block, 0.85, pulses(50), levels, scatter={"half_width": 0.0}, samples=2, **options
-    )
+    equal_samples = jr.Uncertain({"half_width": 0.0}, samples=2)
+    certain = jr.fragility(block, 0.85, pulses(50), levels, uncertain=equal_samples, **options)
     assert float(certain.dispersion_of_parameters[0]) == 0
     assert float(certain.dispersion_of_records[0]) == pytest.approx(
         float(certain.lognormal_dispersion[0]), rel=1e-9
     )
+    different_samples = jr.Uncertain({"half_width": 0.2}, samples=64)
     uncertain = jr.fragility(
-        block, 0.85, pulses(50)[:1], levels, scatter={"half_width": 0.2}, samples=64, **options
+        block, 0.85, pulses(50)[:1], levels, uncertain=different_samples, **options
     )
     width = np.sqrt(np.log1p(0.04))
     verges = [

@@ -491,21 +491,21 @@ OF_BOTH = [
     ({"suite": STRETCHED}, "scales of records must be single ones"),
     ({"block": TABLE}, "block and restitution must be single ones or have one axis"),
     ({"restitution": np.ones((2, 2))}, "must be single ones or have one axis"),
-    (
-        {"scatter": {"mass": 0.1}},
-        "coefficients_of_variation has 'mass'",
-    ),
-    (
-        {"scatter": {"width": 0.1, "slenderness": 0.1}},
-        "coefficients_of_.*width.*slenderness",
-    ),
-    ({"scatter": {"restitution": 0.1}, "samples": 3}, "samples must be a power of 2, got 3"),
     ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
     ({"measure": "pgd"}, "measure must be one of .* got 'pgd'"),
     ({"levels": [0.0, 2.0]}, "levels must be finite and greater than 0, got 0"),
     ({"levels": [2.0, 1.0]}, r"levels must .*increas"),
 ]
 OF_FRAGILITY = [
+    (
+        {"uncertain": jr.Uncertain({"mass": 0.1})},
+        "coefficients_of_variation has 'mass'",
+    ),
+    (
+        {"uncertain": jr.Uncertain({"width": 0.1, "slenderness": 0.1})},
+        "coefficients_of_.*width.*slenderness",
+    ),
+    ({"uncertain": {"restitution": 0.1}}, "uncertain must be an? Uncertain, got"),
     ({"levels": [0.5, 0.8, 0.5]}, "levels must increase, got 0.5 after 0.8"),
     ({"levels": 1.0}, "levels must be one-dimensional"),
     ({"thresholds": ["topple"]}, "ratios, 'uplift' or 'overturning', got 'topple'"),
@@ -517,6 +517,15 @@ OF_FRAGILITY = [
     ({"confidence": 1.0}, "confidence must be a number between 0 and 1, got 1.0"),
 ]
 OF_RATES = [
+    (
+        {"scatter": {"mass": 0.1}},
+        "coefficients_of_variation has 'mass'",
+    ),
+    (
+        {"scatter": {"width": 0.1, "slenderness": 0.1}},
+        "coefficients_of_.*width.*slenderness",
+    ),
+    ({"scatter": {"restitution": 0.1}, "samples": 3}, "samples must be a power of 2, got 3"),
     ({"measure": "pgv_ratio"}, "measure must be one of pga, pgv, got 'pgv_ratio'"),
     ({"hazard": 0.01}, "hazard must be a Hazard or a function, got 0.01"),
     (

@@ -1,4 +1,4 @@
-"""Probabilities of exceedance of thresholds, counted from responses, and curves fitted to them."""
+"""Probabilities of exceedance, counted from responses, and curves fitted to them."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -132,7 +132,7 @@ def _compute_curves(
     confidence: float,
     dtypes: Mapping[str, DataType],
 ) -> tuple[np.ndarray, ...]:
-    """Compute variables, with the types `dtypes`, of counts of shape (..., samples, levels)."""
+    """Compute variables of these types for counts of shape (..., samples, levels)."""
     *shape, samples, _ = counts.shape
     curves = [
         _compute_curve(lines, levels, records, confidence)
@@ -150,7 +150,7 @@ def _compute_curve(
 ) -> _FragilityCurve:
     """Compute counted and fitted probabilities of one threshold; counts (samples, levels)."""
     # A record counts by the fraction of its samples, whose variance is smaller than that of a
-    # single outcome with the same mean: the interval is wider than necessary, never too narrow.
+    # single outcome with the same mean: the interval is too wide, never too narrow.
     mean = counts.mean(axis=0)
     low, high = bound_probabilities(mean, records, confidence)
     fit = fit_lognormal(levels, mean, records)

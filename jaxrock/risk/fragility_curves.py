@@ -1,7 +1,7 @@
 """Fragility: probabilities of exceeding thresholds under a suite, over the intensity."""
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -14,6 +14,7 @@ from ..grids import DataType, Grid, GridVariable, apply_padded
 from ..ground_motion import MEASURES, Suite, require_positive_measures
 from ..host import add_names
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..sensitivity import Uncertain
 from ..validation import (
     POSITIVE,
     AnyArray,
@@ -27,7 +28,7 @@ from ..validation import (
     check_kind,
 )
 from .exceedance import NAMED_THRESHOLDS, Threshold, add_curves, describe_variable
-from .objects import Objects, draw_objects, gather_objects
+from .objects import Objects, gather_objects
 
 if TYPE_CHECKING:
     import xarray
@@ -57,16 +58,14 @@ def fragility(
     measure: str = "pgv",
     thresholds: Sequence[Threshold] = ("uplift", 0.5, 1.0, "overturning"),
     *,
+    uncertain: Uncertain | None = None,
     tolerance: float = 1e-3,
     confidence: float = 0.95,
     model: ModelLike = Nonlinear(),
     chunks: "Chunks | None" = None,
     names: Sequence[str] | None = None,
-    scatter: Mapping[str, float] | None = None,
-    samples: int = 64,
-    seed: int = 0,
 ) -> "xarray.Dataset":
-    """Compute fragility curves of blocks: probabilities of exceeding thresholds under a suite.
+    """Compute fragility curves: probabilities of exceeding thresholds under a suite.
 
     Parameters
     ----------
@@ -82,6 +81,9 @@ def fragility(
     thresholds : sequence of float or str
         Rotation ratios alpha_max / alpha_c [-], greater than 0; ``"uplift"``, any rotation;
         ``"overturning"``, which exceeds every ratio as well.
+    uncertain : Uncertain, optional
+        Coefficients of variation of sizes, of the ``inertia_ratio``, ``gravity`` and
+        ``restitution``, and the samples to draw. Records, levels and blocks share the samples.
     tolerance : float
         Relative error of peak rotations; see `respond_within`.
     confidence : float
@@ -93,14 +95,6 @@ def fragility(
         `resonance_spectrum`.
     names : sequence of str, optional
         Names of the blocks; ``"1"``, ``"2"``, ... by default.
-    scatter : mapping, optional
-        Coefficients of variation of uncertain parameters by name, such as ``{"restitution":
-        0.05}``: of the ``width`` at this height and the ``height`` at this width, or of the
-        ``half_width`` at this slenderness and the ``slenderness``; of the ``inertia_ratio``
-        and the ``restitution``. Distributions are those of `sensitivity.propagate`.
-    samples, seed : int
-        Number of samples of uncertain parameters, a power of 2, and the seed that they are drawn
-        with. All records, levels and blocks share them.
 
     Returns
     -------
@@ -116,7 +110,7 @@ def fragility(
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
         - Over record and level: every response, and the factor on the record.
 
-        With uncertain parameters responses have the dimension ``sample`` as well, and the
+        With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as
         the independent units, each with the fraction of its samples. They cover both kinds of
         uncertainty. Two variables over threshold split the dispersion:
@@ -151,12 +145,12 @@ def fragility(
     model = as_model(model)
     measure = as_name("measure", measure, MEASURES)
     strengths = np.asarray(require_positive_measures(suite, measure, objects.block))
-    drawn = objects if scatter is None else draw_objects(objects, scatter, samples, seed)
-    # A single block has no axis of objects, and without uncertainty there is none of samples.
+    # A single block has no axis of objects; without uncertainty there is none of samples.
     axes = {"object": np.arange(objects.number)} if objects.shape else {}
     axes["record"] = np.arange(len(suite))
-    if scatter is not None:
-        axes["sample"] = np.arange(samples)
+    if uncertain is not None:
+        check_kind("uncertain", uncertain, Uncertain)
+        axes["sample"] = np.arange(uncertain.samples)
     axes["level"] = levels
     variables = {
         name: GridVariable(tuple(axes), dtype, describe_variable(long_name, units))
@@ -164,15 +158,12 @@ def fragility(
     }
     attributes: dict[str, object] = {
         "model": model.name,
-        **_describe_objects(objects),
+        **_describe_objects(objects, uncertain),
         "measure": measure,
         "records": len(suite),
         "tolerance": tolerance,
         "confidence": confidence,
     }
-    if scatter is not None:
-        attributes |= {f"coefficient_of_variation_of_{n}": v for n, v in scatter.items()}
-        attributes |= {"samples": samples, "seed": seed}
     grid = Grid(
         "Fragility",
         axes,
@@ -182,7 +173,7 @@ def fragility(
         _LARGEST,
         _USUAL,
         labels={"level": describe_variable(*MEASURES[measure][:2])},
-        shared=_gather_input(drawn, suite, strengths),
+        shared=_gather_input(objects, uncertain, suite, strengths),
     )
     labels = {"record": (suite.names, "ground motion")}
     if objects.shape:
@@ -203,13 +194,17 @@ def _check_levels(levels: Numbers) -> np.ndarray:
     return values
 
 
-def _describe_objects(objects: Objects) -> dict[str, object]:
-    """Collect the parameters of the blocks as attributes: one, or one for each object."""
+def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str, object]:
+    """Collect parameters and coefficients of variation as attributes."""
     parameters = {**vars(objects.block), "restitution": objects.restitution}
-    return {
-        name: np.asarray(values, float).tolist() if np.ndim(values) else float(values)
-        for name, values in parameters.items()
+    attributes = {
+        name: np.asarray(value, float).tolist() for name, value in parameters.items()
     }
+    if uncertain is not None:
+        for name, value in uncertain.coefficients_of_variation.items():
+            attributes[f"coefficient_of_variation_of_{name}"] = np.asarray(value).tolist()
+        attributes |= {"samples": uncertain.samples, "seed": uncertain.seed}
+    return attributes
 
 
 class _SimulationInput(NamedTuple):
@@ -233,10 +228,17 @@ class _SimulationInput(NamedTuple):
     names: dict[str, tuple[str, ...]]
 
 
-def _gather_input(objects: Objects, suite: Suite, strengths: np.ndarray) -> _SimulationInput:
+def _gather_input(
+    objects: Objects, uncertain: Uncertain | None, suite: Suite, strengths: np.ndarray
+) -> _SimulationInput:
     """Gather the parameters of all objects, samples and records."""
+    parameters = (objects.block, objects.restitution)
+    if uncertain is not None:
+        parameters = uncertain.draw(*parameters)[:2]
+    # Samples are drawn in float64, and simulated in the precision of their medians.
+    dtype = objects.restitution.dtype
     block, restitution = jax.tree.map(
-        lambda leaf: leaf.reshape(objects.number, -1), (objects.block, objects.restitution)
+        lambda leaf: np.asarray(leaf, dtype).reshape(objects.number, -1), parameters
     )
     flat = jax.tree.map(np.ravel, block)
     angles = apply_padded(lambda padded: padded.critical_angle, flat)
