@@ -660,5 +660,5 @@ def test_slopes_of_boundaries_under_records(which):
     errors = np.concatenate(errors)
     compared = np.isfinite(errors)
     assert compared.mean() >= 0.8
-    assert unknown <= 0.1 * errors.size
+    assert unknown == 0
     np.testing.assert_array_less(errors[compared], 1e-5)
