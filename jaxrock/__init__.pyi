@@ -67,6 +67,7 @@ from .risk import fragility as fragility
 from .risk import overturning_rate as overturning_rate
 from .risk import read_hazard as read_hazard
 from .risk import required_value as required_value
+from .sensitivity import Uncertain as Uncertain
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import tornado as tornado
 from .sensitivity import value_and_slopes as value_and_slopes

@@ -1,8 +1,9 @@
 """The block: its geometry and inertia, and the numbers that follow from them and gravity."""
 
 import warnings
+from collections.abc import Mapping
+from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +28,16 @@ from .validation import (
 
 # kappa of a homogeneous rectangle; its reciprocal rounds to 0.75 in every precision.
 RECTANGLE_INERTIA_RATIO = 4 / 3
+# The two descriptions of the size of a block: 2b and 2a, or b and lambda.
+SizeDescription = Literal["sides", "shape"]
+SIDES = ("width", "height")
+SHAPE = ("half_width", "slenderness")
+# A width has two meanings, by what stays as it is where it is changed.
+SIZES_IN_WORDS = {
+    "width": "width at this height",
+    "height": "height at this width",
+    "half_width": "half-width at this slenderness",
+}
 # Larger full sizes [m] are hardly those of a free-standing object.
 LARGEST_SIZES = {"width": 30.0, "height": 100.0}
 
@@ -134,7 +145,8 @@ class Block(Printed, Checked):
         check("height", height, POSITIVE)
         warn_of_size("width", width)
         warn_of_size("height", height)
-        return cls(width / 2, height / width, gravity, inertia_ratio)
+        sides = {"width": width, "height": height}
+        return block_of({**sides, "gravity": gravity, "inertia_ratio": inertia_ratio})
 
     @classmethod
     def from_parameters(
@@ -299,8 +311,64 @@ def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:
         )
 
 
+def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floating]:
+    """List all parameters of a block, with its size described by its sides or by its shape.
+
+    Parameters
+    ----------
+    block : Block
+        Leaves of NumPy give numbers of NumPy, for which nothing is compiled.
+    by : {"sides", "shape"}
+        Whether the size is ``width`` and ``height`` [m], or ``half_width`` [m] and
+        ``slenderness`` [-].
+
+    Returns
+    -------
+    dict of Array
+        The two parameters of the size, ``gravity`` [m/s2], ``inertia_ratio`` [-]; in order.
+    """
+    size = {"half_width": block.half_width, "slenderness": block.slenderness}
+    if by == "sides":
+        width = 2 * block.half_width
+        size = {"width": width, "height": width * block.slenderness}
+    return {**size, "gravity": block.gravity, "inertia_ratio": block.inertia_ratio}
+
+
+def block_of(parameters: Mapping[str, Number]) -> Block:
+    """Make the block of its parameters, by either description of its size.
+
+    Parameters
+    ----------
+    parameters : mapping
+        As `size_of` lists them; other entries are not read.
+
+    Returns
+    -------
+    Block
+        With leaves of NumPy where all parameters are of NumPy, else of JAX.
+
+    Raises
+    ------
+    ValueError
+        If a concrete value is out of range.
+    """
+    if "width" in parameters:
+        half_width = parameters["width"] / 2
+        slenderness = parameters["height"] / parameters["width"]
+    else:
+        half_width = parameters["half_width"]
+        slenderness = parameters["slenderness"]
+    numbers = (half_width, slenderness, parameters["gravity"], parameters["inertia_ratio"])
+    block = Block(*numbers)
+    if all(isinstance(value, np.ndarray | np.generic) for value in numbers):
+        # A block moves its numbers to the device, where each operation on them would compile a
+        # program for each shape.
+        return jax.tree.unflatten(jax.tree.structure(block), numbers)
+    return block
+
+
 def change_block(block: Block, name: str, value: AnyArray) -> Block:
-    """Replace one number of a block, or one of its sides while the other stays.
+    """Replace one parameter of a block: a field, or one of its sides while the other stays.
 
     Parameters
     ----------
@@ -311,21 +379,9 @@ def change_block(block: Block, name: str, value: AnyArray) -> Block:
     value : Array, shape (...)
         The new value, which has been checked.
 
-    Returns
-    -------
-    Block
     """
-    if name == "width":
-        # Of half the new width and the old height; sizes that broadcast are those of `value`.
-        half_width = value / 2
-        slenderness = block.slenderness * (block.half_width / half_width)
-        return eqx.tree_at(
-            lambda b: (b.half_width, b.slenderness), block, (half_width, slenderness)
-        )
-    if name == "height":
-        name = "slenderness"
-        value = value / (2 * block.half_width)
-    return eqx.tree_at(lambda b: getattr(b, name), block, value)
+    by = "sides" if name in SIDES else "shape"
+    return block_of({**size_of(block, by), name: value})
 
 
 def diagonal_ratio(block: Block) -> Reals:

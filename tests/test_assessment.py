@@ -44,7 +44,7 @@ def test_every_answer_is_that_of_its_function():
     text = assessment.write_text(found)
     rows = {line[:34].strip(): line[34:].split()[:2] for line in text.splitlines()}
     for label, path in (
-        ("b at this slenderness [1/m]", ("derivatives", "half_width")),
+        ("half-width at this slenderness [1/m]", ("derivatives", "half_width")),
         ("intensity I [s/m]", ("derivatives", "intensity")),
         ("2 [m/s]", ("critical_intensity", "2")),
         ("unlimited [m/s]", ("critical_intensity", "unlimited")),

@@ -35,7 +35,7 @@ def test_assess(capsys):
     assert "settles at 12.4 %" in out
     assert "width at this height [1/m]" in out
     code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5)
-    assert "b at this slenderness [1/m]" in out
+    assert "half-width at this slenderness [1/m]" in out
     code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, "--json")
     assert code == 0
     answers = json.loads(out)
@@ -420,7 +420,10 @@ def test_fragility(tmp_path, capsys):
             "fragility --scatter restitution",
             "scatter must be NAME=NUMBER, such as restitution",
         ),
-        ("fragility --scatter mass=0.1", "scatter has 'mass', which is none of half_width"),
+        (
+            "fragility --scatter mass=0.1",
+            "coefficients_of_variation has 'mass', which is none",
+        ),
         ("fragility --scatter width=0.1 --samples 5", "samples must be a power of 2, got 5"),
         ("fragility --samples 16", "samples goes with scatter only"),
         (
@@ -544,7 +547,7 @@ def test_widths_at_this_height_and_at_this_slenderness(capsys, tmp_path):
     for along, said in (
         ("width", "width at this height of 1.8 m"),
         ("height", "height at this width of 0.6 m"),
-        ("half_width", "half-width (size at this slenderness of 3)"),
+        ("half_width", "half-width at this slenderness of 3"),
     ):
         _, text, _ = run(capsys, *sides, *pulse, "--along", along, "--values", "0.2:3:29")
         assert said in text.splitlines()

@@ -318,7 +318,8 @@ def test_uncertain_restitutions_enter_the_rate(scattered):
     """Counted again, each sample and level by itself."""
     inventory, found = scattered
     block = jax.tree.map(lambda leaf: leaf[1], inventory.block)
-    _, drawn, _ = jr.sensitivity.draw_blocks(block, 0.85, {"restitution": 0.1}, 2, 0)
+    uncertain = jr.Uncertain({"restitution": 0.1}, samples=2)
+    drawn = uncertain.draw(block, 0.85).restitution
     assert np.unique(drawn).size == 2
     levels = np.geomspace(0.2, 2.0, found.attrs["counting_levels"])
     middles = np.concatenate([levels[:1], np.sqrt(levels[1:] * levels[:-1])])

@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import pickle
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,13 +14,14 @@ from tools.selection import first_by_default
 import jaxrock as jr
 from jaxrock.cli import main
 from jaxrock.plot import plot_outcome_shares, plot_sobol_indices, plot_tornado
-from jaxrock.sensitivity import TornadoBars, draw_blocks, draw_parameters
+from jaxrock.sensitivity import TornadoBars
 from jaxrock.sensitivity.share_statistics import (
     compute_interval,
     compute_scores,
     compute_slopes,
     compute_sobol_indices,
 )
+from jaxrock.sensitivity.uncertain import draw_normal_numbers, map_normal_numbers
 
 float64 = pytest.mark.float64
 BLOCK = jr.Block.from_size(width=0.2, height=0.8)
@@ -43,34 +45,106 @@ def logit_width(median, variation):
 
 @float64
 def test_draws_are_a_net_of_the_distributions_asked_for():
-    n, variations = 1024, {"width": 0.1, "restitution": 0.08}
-    values, z = draw_parameters(
-        {"width": 0.5, "height": 2.0, "restitution": 0.8}, variations, n, seed=3
-    )
+    n = 1024
+    coefficients = {"width": 0.1, "restitution": 0.08}
+    block = jr.Block.from_size(width=0.5, height=2.0)
+
+    def draw(seed):
+        return jr.Uncertain(coefficients, samples=n, seed=seed).draw(block, 0.8)
+
+    draws = draw(3)
+    z = draws.normal
     # One point in each of n strips of equal probability: what random numbers do not have.
     for column in z.T:
         assert sorted(np.floor(n * stats.norm.cdf(column)).astype(int)) == list(range(n))
-    assert (values["height"] == 2.0).all()
-    spread = np.sqrt(np.log(1 + 0.1**2))
-    uniform = stats.lognorm(spread, scale=0.5).cdf(values["width"])
+    deviation = np.sqrt(np.log(1 + 0.1**2))
+    uniform = stats.lognorm(deviation, scale=0.5).cdf(2 * draws.block.half_width)
     np.testing.assert_allclose(uniform, stats.norm.cdf(z[:, 0]), atol=1e-12)
-    logit = special.logit(values["restitution"]) - special.logit(0.8)
+    logit = special.logit(draws.restitution) - special.logit(0.8)
     np.testing.assert_allclose(logit, logit_width(0.8, 0.08) * z[:, 1], atol=1e-7)
-    again = draw_parameters({"width": 0.5, "restitution": 0.8}, variations, n, seed=3)[1]
-    other = draw_parameters({"width": 0.5, "restitution": 0.8}, variations, n, seed=4)[1]
-    np.testing.assert_array_equal(z, again)
-    assert (z != other).any()
+    np.testing.assert_array_equal(z, draw(3).normal)
+    assert (z != draw(4).normal).any()
 
 
 @float64
 def test_drawn_sides_leave_the_other_side():
-    blocks, c, z = draw_blocks(BLOCK, 0.8, {"width": 0.1, "inertia_ratio": 0.02}, 64, 0)
+    uncertain = jr.Uncertain({"width": 0.1, "inertia_ratio": 0.02})
+    blocks, c, z = uncertain.draw(BLOCK, 0.8)
     assert z.shape == (64, 2)
     np.testing.assert_allclose(2 * blocks.half_width * blocks.slenderness, 0.8, rtol=1e-12)
     assert np.ptp(blocks.half_width) > 0.01
     assert (c == 0.8).all()
-    sized, _, _ = draw_blocks(BLOCK, 0.8, {"half_width": 0.1}, 64, 0)
+    sized = jr.Uncertain({"half_width": 0.1}).draw(BLOCK, 0.8).block
     np.testing.assert_allclose(sized.slenderness, 4.0, rtol=1e-12)
+
+
+@float64
+def test_an_object_is_drawn_as_if_it_were_alone():
+    """Medians and coefficients differ from object to object, the points do not."""
+    half_width = np.array([0.1, 0.2, 0.3])
+    restitution = np.array([0.7, 0.8, 0.9])
+    coefficients = np.array([0.0, 0.02, 0.05])
+    blocks = jr.Block(half_width, 4.0)
+    uncertain = jr.Uncertain({"width": 0.1, "restitution": coefficients}, samples=8, seed=3)
+    draws = uncertain.draw(blocks, restitution)
+    assert draws.restitution.shape == draws.block.gravity.shape == (3, 8)
+    for k in range(3):
+        alone = jr.Uncertain({"width": 0.1, "restitution": coefficients[k]}, samples=8, seed=3)
+        single = alone.draw(jr.Block(half_width[k], 4.0), restitution[k])
+        np.testing.assert_array_equal(draws.normal, single.normal)
+        np.testing.assert_array_equal(draws.restitution[k], single.restitution)
+        for name in ("half_width", "slenderness", "gravity", "inertia_ratio"):
+            values = getattr(draws.block, name)[k]
+            np.testing.assert_array_equal(values, getattr(single.block, name))
+
+
+def test_what_is_uncertain_is_a_value():
+    """Immutable, equal to another one of the same content, and what it prints."""
+    uncertain = jr.Uncertain({np.str_("width"): 0.02, "restitution": [0.05, 0.1]}, samples=128)
+    again = jr.Uncertain({"width": 0.02, "restitution": np.array([0.05, 0.1])}, samples=128)
+    assert uncertain == again != jr.Uncertain({"width": 0.02}, samples=128)
+    assert pickle.loads(pickle.dumps(uncertain)) == uncertain
+    assert {uncertain: 1}[again] == 1
+    with pytest.raises(AttributeError):
+        uncertain.samples = 4
+    assert str(uncertain) == (
+        "coefficients of variation: width 0.02, restitution 0.05 to 0.1; 128 samples, seed 0"
+    )
+    np.testing.assert_array_equal(
+        uncertain.coefficients_of_variation["restitution"], [0.05, 0.1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "options", "message"),
+    [
+        (
+            {"width": -0.1},
+            {},
+            "coefficients_of_variation of width must be finite and at least",
+        ),
+        ({"width": "wide"}, {}, "coefficients_of_variation of width must be a real number"),
+        ({"width": [[0.1]]}, {}, r"of width must be one number, .* got an array of shape"),
+        ({}, {"samples": 48}, "samples must be a power of 2, got 48"),
+        ({}, {"seed": -1}, "seed must be a whole number from 0 on, got -1"),
+        ({"hight": 0.1}, {}, "coefficients_of_variation has 'hight'.*did you mean 'height'"),
+        ({"width": 0.1, "half_width": 0.1}, {}, "must have width and height, or half_width"),
+        (
+            {"width": [0.1, 0.2]},
+            {},
+            "of width must be one number, or one for each object, got",
+        ),
+        (
+            {"inertia_ratio": 0.3},
+            {},
+            "must leave inertia_ratio at 1 or more, got samples down",
+        ),
+        ({"restitution": 0.9}, {}, "coefficient of variation of restitution must be at most"),
+    ],
+)
+def test_what_cannot_be_uncertain(coefficients, options, message):
+    with pytest.raises(ValueError, match=message):
+        jr.Uncertain(coefficients, **options).draw(BLOCK, 0.8)
 
 
 @float64
@@ -92,8 +166,9 @@ def test_slopes_of_a_share_are_those_of_its_closed_form():
 
         return integrate.quad(integrand, -9, 9, epsabs=1e-13)[0]
 
-    values, z = draw_parameters(
-        dict(zip(names, median, strict=True)), dict(zip(names, variation, strict=True)), n, 0
+    z = draw_normal_numbers(2, n, 0)
+    values = map_normal_numbers(
+        z, dict(zip(names, median, strict=True)), dict(zip(names, variation, strict=True))
     )
     outcome = (values["width"] * values["restitution"] > limit).astype(float)[None]
     assert outcome.mean() == pytest.approx(share(median, variation), abs=2e-3)
@@ -294,7 +369,7 @@ def test_a_suite_is_its_records():
     np.testing.assert_array_equal(both.peak, [one.peak[0] for one in each])
     assert both.sources == ("half_width", "gravity", "scale", "record")
     assert both.high[2] - both.low[2] > 0.5  # of two records
-    assert "size at this slenderness" in str(both)
+    assert "half-width at this slenderness" in str(both)
     assert both.answers == ("peak", "rocks", "exceeds 0.3", "overturns")
 
 
@@ -326,8 +401,8 @@ def test_pulses_and_noise():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"variations": {"size": 0.1}}, "variations has 'size', which is none of half_width"),
-        ({"variations": {"duration": 0.1}}, "variations has 'duration', which is none of"),
+        ({"variations": {"size": 0.1}}, "variation has 'size', which is none of half_width"),
+        ({"variations": {"duration": 0.1}}, "variation has 'duration', which is none of"),
         ({"variations": {"width": 0.1, "slenderness": 0.1}}, "got width and slenderness"),
         ({"variations": {"width": 0.0}}, "variations must be finite and greater than 0"),
         ({"variations": {}}, "variations must name at least one"),

@@ -491,8 +491,14 @@ OF_BOTH = [
     ({"suite": STRETCHED}, "scales of records must be single ones"),
     ({"block": TABLE}, "block and restitution must be single ones or have one axis"),
     ({"restitution": np.ones((2, 2))}, "must be single ones or have one axis"),
-    ({"scatter": {"mass": 0.1}}, "scatter has 'mass', which is none of half_width"),
-    ({"scatter": {"width": 0.1, "slenderness": 0.1}}, "scatter .*width.*slenderness"),
+    (
+        {"scatter": {"mass": 0.1}},
+        "coefficients_of_variation has 'mass'",
+    ),
+    (
+        {"scatter": {"width": 0.1, "slenderness": 0.1}},
+        "coefficients_of_.*width.*slenderness",
+    ),
     ({"scatter": {"restitution": 0.1}, "samples": 3}, "samples must be a power of 2, got 3"),
     ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
     ({"measure": "pgd"}, "measure must be one of .* got 'pgd'"),

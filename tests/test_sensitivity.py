@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.sensitivity.parameters import find_widths, quantiles
+from jaxrock.sensitivity.distributions import find_widths, quantiles
 from jaxrock.sensitivity.scatter import _estimate_moments
 
 pytestmark = pytest.mark.float64
@@ -42,7 +42,7 @@ def ratio_by_sides(width, height):
 
 
 def test_sides_are_parameters_of_their_own():
-    """The width at this height is not the size at this slenderness."""
+    """The width at this height is not the half-width at this slenderness."""
     found = jr.sensitivities(jr.rotation_ratio, WALL, sides=True)
     assert found.names[:3] == ("width", "height", "gravity")
     np.testing.assert_allclose(found.at[:2], (0.8, 4.0), rtol=1e-14)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import numpy as np
 
 from .. import resonance
+from ..block import SIDES, SIZES_IN_WORDS
 from ..driven import require_complete
 from ..ground_motion import Motion
 from ..overturning import (
@@ -191,12 +192,11 @@ class Critical(MotionOptions, BlockOptions, Writing):
         columns = {along: boundaries.value, **{n: getattr(boundaries, n) for n in names}}
         of = "amplitude" if along == "amplitude" else "factor"
         lines = [self._write_uplift(along, uplift)]
-        if along in ("width", "height"):
+        if along in SIDES:
             other = "height" if along == "width" else "width"
-            lines.append(f"{along} at this {other} of {getattr(self.block, other):.6g} m")
+            lines.append(f"{SIZES_IN_WORDS[along]} of {getattr(self.block, other):.6g} m")
         if along == "half_width":
-            slenderness = self.block.slenderness
-            lines.append(f"half-width (size at this slenderness of {slenderness:.6g})")
+            lines.append(f"{SIZES_IN_WORDS[along]} of {self.block.slenderness:.6g}")
         if self.values is not None:
             others = "" if boundaries.count else "; --values takes others"
             lines.append(f"{_shorten(str(boundaries))}{others}")

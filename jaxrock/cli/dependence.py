@@ -30,7 +30,7 @@ class Sensitivity(DrivenDependence):
     lies, beside the scatter. Writes sensitivity.csv, shares.csv, shares.png and tornado.png.
 
     With a height, the numbers are the width at this height and the height at this width. Else
-    they are the size at this slenderness and the slenderness.
+    they are the half-width at this slenderness and the slenderness.
 
     Example: jaxrock sensitivity --answer rotation-ratio --restitution 0.7
     """

@@ -8,11 +8,18 @@ from typing import Annotated, Any, Literal
 import jax.numpy as jnp
 
 from .. import resonance
-from ..block import Block
+from ..block import (
+    SHAPE,
+    SIDES,
+    SIZES_IN_WORDS,
+    Block,
+    SizeDescription,
+    block_of,
+    size_of,
+)
 from ..driven import respond
 from ..ground_motion import PULSES, Motion, Suite
 from ..overturning import UNITS
-from ..sensitivity import describe_input
 from ..validation import NON_NEGATIVE, POSITIVE, Booleans, Number, Reals, check
 from .command import OF_MOTION, Count, ModelName, Writing
 from .options import BlockOptions, MotionOptions, read_records
@@ -24,7 +31,7 @@ AnswerName = Literal[
 _UNITS_OF_ANSWERS = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}
 UNITS_OF_NUMBERS = {
     **UNITS,
-    **{"width": "m", "height": "m", "intensity": "m/s", "pulse_duration": "s"},
+    **{"intensity": "m/s", "pulse_duration": "s"},
 }
 _OF_SAMPLES = ("ratio", "samples", "seed")
 # A peak may come after the input [s].
@@ -97,23 +104,28 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
         found = read_records(self.records, self.unit, self.time_step)
         return Suite([record.scaled(self.scale) for record in found], found.names)
 
+    @property
+    def size_description(self) -> SizeDescription:
+        """The description of the size: who states a height asks about blocks of this height."""
+        return "shape" if self.height is None else "sides"
+
     def name_sides(self) -> tuple[str, ...]:
         """Name the sides of the block, if it is described by them."""
-        # Who states a height asks about blocks of this height.
-        return () if self.height is None else ("width", "height")
+        return () if self.height is None else SIDES
 
     def name_sizes(self) -> tuple[str, ...]:
-        """Name the two numbers that describe the size of the block."""
-        return self.name_sides() or ("half_width", "slenderness")
+        """Name the two parameters that describe the size of the block."""
+        return self.name_sides() or SHAPE
 
     def write_sizes(self) -> str:
         """Write in words what a change of size leaves as it is."""
-        sizes = [name for name in self.name_sizes() if name != "slenderness"]
-        return ", ".join(f"{name} is the {describe_input(name)}" for name in sizes)
+        sizes = [name for name in self.name_sizes() if name in SIZES_IN_WORDS]
+        return ", ".join(f"{name} is the {SIZES_IN_WORDS[name]}" for name in sizes)
 
     def collect_numbers(self) -> dict[str, float]:
         """Check the options, and collect the numbers that the answer depends on, by name."""
-        at = {name: float(getattr(self.block, name)) for name in self.name_sizes()}
+        size = size_of(self.block, self.size_description)
+        at = {name: float(size[name]) for name in self.name_sizes()}
         at["restitution"] = self.coefficient
         check("intensity", self.intensity, NON_NEGATIVE)
         check("relative_change", self.relative_change, POSITIVE)
@@ -165,11 +177,8 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
 
     def make_scene(self, at: Mapping[str, Number]) -> tuple[Block, Number, Motion | None]:
         """Make block, restitution and motion of the numbers, which may be traced."""
-        rest = {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
-        if "width" in at:
-            block = Block.from_size(width=at["width"], height=at["height"], **rest)
-        else:
-            block = Block(at["half_width"], at["slenderness"], **rest)
+        constant = {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
+        block = block_of({**at, **constant})
         if self.pulse is not None:
             motion = PULSES[self.pulse](at["amplitude"], at["pulse_duration"])
         else:

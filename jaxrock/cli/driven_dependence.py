@@ -14,7 +14,7 @@ from ..sensitivity import (
     OutcomeShares,
     TornadoBars,
     arrange_bars,
-    describe_input,
+    describe_parameter,
     list_ends,
     make_parametric,
     outcome_shares,
@@ -235,7 +235,7 @@ class DrivenDependence(DependenceOptions):
             numbers = np.array(list(at.values()))
             with np.errstate(divide="ignore", invalid="ignore"):
                 elasticity = slopes * numbers / bars.value
-            names = [describe_input(name) for name in at]
+            names = [describe_parameter(name) for name in at]
             columns = {"at": numbers, "slope": slopes, "elasticity": elasticity}
             lines.append(format_table("slopes", names, **columns))
         return lines

@@ -10,7 +10,7 @@ from ..grids import write_table
 from ..ground_motion import MEASURES, Suite
 from ..host import format_table
 from ..risk import Hazard, fragility, name_thresholds, overturning_rate, rate_elasticities
-from ..sensitivity import draw_blocks
+from ..sensitivity import Uncertain
 from ..validation import POSITIVE, as_real, check
 from .command import Answer, Count, Folder, Grid, ModelName, Steps, save_picture
 from .options import BlockOptions, SuiteOptions
@@ -177,7 +177,7 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
                     f"scatter must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
                 ) from None
         # Drawn once here, so that a name that is none is refused before anything is computed.
-        draw_blocks(self.block, self.coefficient, scatter, self.samples, 0, "scatter")
+        Uncertain(scatter, samples=self.samples).draw(self.block, self.coefficient)
         return {"scatter": scatter, "samples": self.samples}
 
     def _choose_levels(self) -> np.ndarray:

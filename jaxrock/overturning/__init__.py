@@ -11,7 +11,6 @@ from .pulse_thresholds import (
 )
 from .pulse_thresholds import check_range as check_range
 from .pulse_thresholds import search_amplitudes_alone as search_amplitudes_alone
-from .quantities import MEANINGS as MEANINGS
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search
 from .quantities import check_subject as check_subject

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from ..block import Block, change_block
+from ..block import SHAPE, SIDES, SIZES_IN_WORDS, Block, change_block
 from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..resonance import ModelLike, as_model
@@ -120,8 +120,7 @@ _QUANTITIES = {
     "frequency": _Quantity(POSITIVE, Harmonic, _replace_in_motion("frequency")),
     "factor": _Quantity(NON_NEGATIVE, Motion, _multiply_strength),
     **{
-        name: _Quantity(POSITIVE, Motion, _replace_in_block(name))
-        for name in ("half_width", "slenderness", "width", "height")
+        name: _Quantity(POSITIVE, Motion, _replace_in_block(name)) for name in (*SHAPE, *SIDES)
     },
     "inertia_ratio": _Quantity(AT_LEAST_ONE, Motion, _replace_in_block("inertia_ratio")),
     "restitution": _Quantity(
@@ -138,19 +137,13 @@ UNITS = {
     "frequency": "rad/s",
     **dict.fromkeys(("half_width", "width", "height"), "m"),
 }
-# A width means two things, and a height: what stays the same has to be said.
-MEANINGS = {
-    "half_width": "half-width at this slenderness",
-    "width": "width at this height",
-    "height": "height at this width",
-}
 
 
 def format_value(along: str, value: float) -> str:
     """Write a value of a quantity, an acceleration also in g."""
     text = f"{value:.6g} {UNITS.get(along, '')}".rstrip()
-    if along in MEANINGS:
-        return f"{text}, {MEANINGS[along]}"
+    if along in SIZES_IN_WORDS:
+        return f"{text}, {SIZES_IN_WORDS[along]}"
     return f"{text} ({value / 9.81:.3g} g)" if along == "amplitude" else text
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..sensitivity import OutcomeShares, describe_input
+from ..sensitivity import OutcomeShares, describe_parameter
 from ..validation import as_name
 from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
 
@@ -87,7 +87,7 @@ def plot_sobol_indices(
             label={"first": "first order", "total": "total"}[kind],
         )
     ax.axvline(0, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [describe_input(name) for name in found.sources])
+    ax.set_yticks(rows, [describe_parameter(name) for name in found.sources])
     # An answer that does not vary has no indices, which is said where the bars would be.
     if not np.isfinite(found.first[k]).any():
         ax.text(0.5, 0.5, "does not vary", ha="center", va="center", transform=ax.transAxes)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..block import Block
+from ..block import SIZES_IN_WORDS, Block
 from ..overturning import UNITS, Boundaries
 from ..resonance import Linearized, Nonlinear, critical_intensity
 from ..validation import Number
@@ -17,9 +17,7 @@ _LABELS = {
     "duration": "duration of the pulse",
     "frequency": "frequency of the floor",
     "factor": "factor on the motion",
-    "width": "width at this height",
-    "height": "height at this width",
-    "half_width": "half-width (size at this slenderness)",
+    **SIZES_IN_WORDS,
     "slenderness": "slenderness at this width",
     "inertia_ratio": r"inertia ratio $\kappa$",
     "restitution": "restitution $C$",

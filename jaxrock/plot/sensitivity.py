@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Annotation
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
-from ..sensitivity import MomentEstimate, TornadoBars, describe_input
+from ..sensitivity import MomentEstimate, TornadoBars, describe_parameter
 from .axes import (
     ABOVE,
     ACCENT,
@@ -180,7 +180,7 @@ def _label_number(name: str, sides: Sequence[str]) -> str:
     """Label a number; of a size also what stays as it is where it is changed."""
     symbols = {"width": "2b", "height": "2a", "half_width": "b"}
     if name == "half_width" or (name in sides and name in symbols):
-        return f"{describe_input(name)}, ${symbols[name]}$ [m]"
+        return f"{describe_parameter(name)}, ${symbols[name]}$ [m]"
     return write_number_label(name)
 
 
@@ -389,7 +389,7 @@ def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
     """
     ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
     shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])
-    names = [describe_input(name) for name, _ in shares]
+    names = [describe_parameter(name) for name, _ in shares]
     bars = ax.barh(names, [100 * share for _, share in shares], color=INK)
     ax.bar_label(bars, fmt=" {:.1f}", fontsize="small")
     ax.set_xlim(0, 110)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from .. import resonance
 from ..accuracy import choose
-from ..block import RECTANGLE_INERTIA_RATIO
+from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, size_of
 from ..host import map_in_threads
 from ..impact import housner_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
@@ -47,29 +47,28 @@ _ROWS = (
 )
 _DERIVATIVE = "derivative of the rotation ratio with respect to"
 _ELASTICITY = "elasticity of the rotation ratio with respect to"
-# A width means two things: what stays the same is said.
-_ROWS_BY_SIZE = (
+_ROWS_BY_SHAPE = (
     (_DERIVATIVE, ""),
     ("restitution C [-]", "derivatives.restitution"),
     ("slenderness at this width [-]", "derivatives.slenderness"),
-    ("b at this slenderness [1/m]", "derivatives.half_width"),
+    (f"{SIZES_IN_WORDS['half_width']} [1/m]", "derivatives.half_width"),
     ("intensity I [s/m]", "derivatives.intensity"),
     (_ELASTICITY, ""),
     ("restitution C [-]", "elasticities.restitution"),
     ("slenderness at this width [-]", "elasticities.slenderness"),
-    ("b at this slenderness [-]", "elasticities.half_width"),
+    (f"{SIZES_IN_WORDS['half_width']} [-]", "elasticities.half_width"),
     ("intensity I [-]", "elasticities.intensity"),
 )
 _ROWS_BY_SIDES = (
     (_DERIVATIVE, ""),
     ("restitution C [-]", "derivatives.restitution"),
-    ("width at this height [1/m]", "derivatives.width_at_this_height"),
-    ("height at this width [1/m]", "derivatives.height_at_this_width"),
+    (f"{SIZES_IN_WORDS['width']} [1/m]", "derivatives.width_at_this_height"),
+    (f"{SIZES_IN_WORDS['height']} [1/m]", "derivatives.height_at_this_width"),
     ("intensity I [s/m]", "derivatives.intensity"),
     (_ELASTICITY, ""),
     ("restitution C [-]", "elasticities.restitution"),
-    ("width at this height [-]", "elasticities.width_at_this_height"),
-    ("height at this width [-]", "elasticities.height_at_this_width"),
+    (f"{SIZES_IN_WORDS['width']} [-]", "elasticities.width_at_this_height"),
+    (f"{SIZES_IN_WORDS['height']} [-]", "elasticities.height_at_this_width"),
     ("intensity I [-]", "elasticities.intensity"),
 )
 
@@ -168,8 +167,7 @@ def _describe_scene(scene: Scene) -> Answers:
         "inertia_ratio",
     )
     return {
-        "width": 2 * block.half_width,
-        "height": 2 * block.half_height,
+        **{name: size_of(block, "sides")[name] for name in ("width", "height")},
         **{name: getattr(block, name) for name in names},
         "restitution": scene.restitution,
         "housner_restitution": housner_restitution(block),
@@ -198,7 +196,7 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
         elasticities[name] = derivatives[name] * value / ratio
     # The sides are w = 2 b and h = lambda w. With a wider base at this height the slenderness
     # falls, and with more height at this width only the slenderness grows.
-    width = 2 * block.half_width
+    width = size_of(block, "sides")["width"]
     slenderness = block.slenderness
     of_slenderness = derivatives["slenderness"]
     derivatives["width_at_this_height"] = (
@@ -269,7 +267,7 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
     ]
-    for label, place in _ROWS + (_ROWS_BY_SIDES if by_sides else _ROWS_BY_SIZE):
+    for label, place in _ROWS + (_ROWS_BY_SIDES if by_sides else _ROWS_BY_SHAPE):
         line = f"  {label:32}" if place else label
         for number in (column[place] for column in columns if place in column):
             never = place == "overturning_half_cycle" and math.isinf(number)

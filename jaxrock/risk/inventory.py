@@ -9,7 +9,7 @@ import numpy as np
 
 from ..block import Block
 from ..host import Printed, format_table
-from ..sensitivity import draw_parameters
+from ..sensitivity import Uncertain
 from ..validation import Numbers, Reals, as_real
 from .objects import gather_objects
 
@@ -99,4 +99,4 @@ class Inventory(Printed, eqx.Module):
 
 def check_scatter(restitution: float, scatter: float) -> None:
     """Raise `ValueError` if a restitution cannot scatter that much."""
-    draw_parameters({"restitution": restitution}, {"restitution": scatter}, 1, 0)
+    Uncertain({"restitution": scatter}, samples=1).draw(Block(1.0, 1.0), restitution)

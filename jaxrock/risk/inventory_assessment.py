@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import jax
 import numpy as np
 
-from ..block import Block
+from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import MEASURES, Suite, require_positive_measures
 from ..host import add_names, make_dataset
-from ..overturning import MEANINGS, uplift_factor
+from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_kind
 from .counted_rate import Counting, plan_counting
@@ -170,7 +170,7 @@ def assess_inventory(
             "seed": seed,
         },
     )
-    meant = [MEANINGS.get(name, name) for name in PARAMETERS]
+    meant = [SIZES_IN_WORDS.get(name, name) for name in PARAMETERS]
     names = {
         "object": ([inventory.names[k] for k in order], "object"),
         "parameter": (meant, "parameter"),
@@ -376,4 +376,4 @@ def _name_most_important(elasticity: np.ndarray) -> str:
     if not np.isfinite(elasticity).any():
         return "none"
     name = PARAMETERS[int(np.nanargmax(abs(elasticity)))]
-    return MEANINGS.get(name, name)
+    return SIZES_IN_WORDS.get(name, name)

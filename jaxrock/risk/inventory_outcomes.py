@@ -9,7 +9,7 @@ import numpy as np
 from ..block import Block, change_block
 from ..ground_motion import Suite
 from ..resonance import RockingModel
-from ..sensitivity import draw_blocks
+from ..sensitivity import Uncertain
 from ..validation import AnyArray
 from .counted_rate import Counting, count_rates, estimate_error_of_mean, find_outcomes
 from .inventory import Inventory
@@ -137,9 +137,9 @@ def _draw_object(
         lambda leaf: leaf[number], (inventory.block, inventory.restitution)
     )
     scatter = {"restitution": float(inventory.restitution_scatter[number])}
-    drawn = draw_blocks(block, c, scatter, samples, seed)[:2]
+    drawn = Uncertain(scatter, samples=samples, seed=seed).draw(block, c)
     dtype = np.asarray(inventory.restitution).dtype
-    return jax.tree.map(lambda leaf: np.asarray(leaf, dtype), drawn)
+    return jax.tree.map(lambda leaf: np.asarray(leaf, dtype), drawn[:2])
 
 
 def _summarize_object(outcomes: _Outcomes, counting: Counting) -> ObjectRisk:

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from ..block import Block
-from ..sensitivity import draw_blocks
+from ..sensitivity import Uncertain
 from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_kind
 
 
@@ -92,16 +92,11 @@ def draw_objects(
     All objects share their normal numbers, and so do all records and levels: what differs
     between two answers is then not the noise of two samples.
     """
-    drawn = [
-        draw_blocks(*objects.select(number), scatter, samples, seed, "scatter")[:2]
-        for number in range(objects.number)
-    ]
-    if not objects.shape:
-        block, restitution = drawn[0]
-    else:
-        block, restitution = jax.tree.map(lambda *leaves: np.stack(leaves), *drawn)
+    drawn = Uncertain(scatter, samples=samples, seed=seed).draw(
+        objects.block, objects.restitution
+    )
     dtype = np.asarray(objects.restitution).dtype
     block, restitution = jax.tree.map(
-        lambda leaf: np.asarray(leaf, dtype), (block, restitution)
+        lambda leaf: np.asarray(leaf, dtype), (drawn.block, drawn.restitution)
     )
     return objects._replace(block=block, restitution=restitution)

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..block import Block
+from ..block import SIZES_IN_WORDS, Block
 from ..driven import BatchResponse, respond_batch
 from ..ground_motion import Suite
 from ..host import Printed, format_fields, format_table
-from ..overturning import MEANINGS
 from ..resonance import ModelLike, Nonlinear
 from ..validation import AnyArray, Number, Numbers, Reals
 from .counted_rate import AT_ONCE
@@ -49,7 +48,7 @@ class RateElasticities(Printed, eqx.Module):
             return format_fields(self, slopes="", differences="")
         over = {f"over_+-{100 * self.change:g}%": np.asarray(self.differences)}
         columns = {**over, "at_the_point": np.asarray(self.slopes)}
-        labels = [MEANINGS.get(name, name) for name in self.names]
+        labels = [SIZES_IN_WORDS.get(name, name) for name in self.names]
         return format_table("elasticities of the rate", labels, **columns)
 
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..block import SIZES_IN_WORDS
 from ..host import show_clock
-from ..overturning import MEANINGS, UNITS
+from ..overturning import UNITS
 from .counted_rate import Counting, count_rates
 
 # Distance of the values that are examined at first, in logarithms, and the least number of them.
@@ -229,7 +230,7 @@ def read_scan(scan: RateScan, target: float, along: str, side: str) -> ScanAnswe
     crossings = np.where(above[changes], values[changes + 1], values[changes])
     upwards = side == "above"
     unsafe = np.flatnonzero(above)
-    what = f"{UNITS.get(along, '')}, {MEANINGS.get(along, along)}".lstrip(", ")
+    what = f"{UNITS.get(along, '')}, {SIZES_IN_WORDS.get(along, along)}".lstrip(", ")
     end = -1 if upwards else 0
     if above[end]:
         bound = "upper" if upwards else "lower"

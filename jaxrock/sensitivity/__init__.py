@@ -12,7 +12,7 @@ from .measures import (
 from .measures import arrange_bars as arrange_bars
 from .measures import list_ends as list_ends
 from .outcome_shares import OutcomeShares, outcome_shares
-from .parameters import describe_input as describe_input
+from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
 from .scatter import (
     MomentEstimate,
@@ -21,16 +21,17 @@ from .scatter import (
     monte_carlo,
     propagate,
 )
-from .scattered_inputs import draw_blocks as draw_blocks
-from .scattered_inputs import draw_parameters as draw_parameters
+from .uncertain import Draws, Uncertain
 
 __all__ = [
     "DerivativeBasedMeasures",
+    "Draws",
     "MomentEstimate",
     "OutcomeShares",
     "ReliabilityResult",
     "Sensitivities",
     "TornadoBars",
+    "Uncertain",
     "derivative_based_measures",
     "failure_probability",
     "monte_carlo",

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import jax
 import numpy as np
 
 from ..block import Block
@@ -10,19 +11,21 @@ from ..driven import Batch, check_batch, follow_batch, require_complete
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Number, as_real, as_text, check
-from .parameters import Spread, describe_input
-from .scattered_inputs import (
-    draw_normal_numbers,
-    list_medians,
-    make_blocks,
-    map_normal_numbers,
-)
+from ..validation import POSITIVE, Number, as_real, check
+from .parameters import Spread, describe_parameter
 from .share_statistics import (
     compute_interval,
     compute_scores,
     compute_slopes,
     compute_sobol_indices,
+)
+from .uncertain import (
+    Uncertain,
+    draw_normal_numbers,
+    list_medians,
+    list_single_coefficients,
+    make_drawn_blocks,
+    map_normal_numbers,
 )
 
 # Responses that are followed at once, for which there is memory.
@@ -117,7 +120,7 @@ class OutcomeShares(Printed):
             head += f"{'median +1 %':>22}{'variation +0.01':>22}"
         rows = [head]
         for i, source in enumerate(self.sources):
-            row = f"{describe_input(source):30}"
+            row = f"{describe_parameter(source):30}"
             row += _write_index(self.first[k, i], self.first_error[k, i])
             row += _write_index(self.total[k, i], self.total_error[k, i])
             if slopes and i < len(self.names):
@@ -222,8 +225,12 @@ def outcome_shares(
         )
     if not variations:
         raise ValueError("variations must name at least one input, got none")
-    variations = {as_text(name): value for name, value in variations.items()}
-    medians = list_medians(block, scene[0], variations, "variations")
+    uncertain = Uncertain(variations, samples=samples, seed=seed)
+    variations = list_single_coefficients(uncertain)
+    if any(np.ndim(leaf) for leaf in jax.tree.leaves((block, scene[0]))):
+        raise ValueError("block and restitution must be single ones, got arrays of them")
+    parameters = list_medians(block, scene[0], variations)
+    medians = {name: float(value) for name, value in parameters.items()}
     medians |= _list_medians_of_motion(motion)
     median = np.array([medians.get(name, np.nan) for name in variations])
     variation = np.array([float(value) for value in variations.values()])
@@ -302,8 +309,8 @@ def _follow_samples(
     values: Mapping[str, np.ndarray], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
     """Follow all samples; peak and outcomes, shape (answers, records, samples)."""
-    blocks = make_blocks(values)
     # Drawn in float64, followed in the precision that JAX has been set to.
+    blocks = jax.device_put(make_drawn_blocks(values))
     restitution = as_real("restitution", values["restitution"])
     scale = np.asarray(as_real("scale", values["scale"]))
     if isinstance(motion, Pulse):

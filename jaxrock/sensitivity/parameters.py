@@ -2,9 +2,8 @@
 
 import dataclasses
 import difflib
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, NoReturn
 
 import equinox as eqx
 import jax
@@ -12,13 +11,19 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import KeyPath, keystr
 from jaxtyping import Array, PyTree
-from scipy.special import expit
 
-from ..block import Block
+from ..block import (
+    SHAPE,
+    SIDES,
+    SIZES_IN_WORDS,
+    Block,
+    SizeDescription,
+    block_of,
+    size_of,
+)
 from ..validation import (
     COUNT,
     NON_NEGATIVE,
-    AnyArray,
     Number,
     as_real,
     as_text,
@@ -27,17 +32,15 @@ from ..validation import (
     check_kind,
     describe,
 )
+from .distributions import find_widths, quantiles
 
 Answer = Callable[..., Number]  # of a pytree of numbers
 Ranges = Mapping[str, tuple[float, float]]
 Spread = Mapping[str, float]  # coefficients of variation by name
-_Float = TypeVar("_Float", float, np.ndarray)
 
-# The two descriptions of the size of a block: 2b and 2a, or b and lambda.
-SIDES = ("width", "height")
-SHAPE = ("half_width", "slenderness")
+# The parameters of a block that is described by its sides, as `size_of` lists them.
+_BY_SIDES = (*SIDES, "gravity", "inertia_ratio")
 _CHUNK = 2**14  # points evaluated at once, for which there is memory
-_BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
 
 
 class ParametricAnswer(eqx.Module):
@@ -71,8 +74,8 @@ class ParametricAnswer(eqx.Module):
         """Compute the answer at a point."""
         parameters = list(self.parameters_at(point))
         for k in self.widths:
-            width, height = parameters[k : k + 2]
-            parameters[k : k + 2] = width / 2, height / width
+            block = block_of(dict(zip(_BY_SIDES, parameters[k : k + 4], strict=True)))
+            parameters[k : k + 4] = jax.tree.leaves(block)
         value = jnp.asarray(self.answer(jax.tree.unflatten(self.form, parameters)))
         if value.ndim:
             raise ValueError(f"answer must be one number, got an array of shape {value.shape}")
@@ -129,20 +132,17 @@ def make_parametric(
     varied = None if varied is None else tuple(map(as_text, varied))
     widths = _find_widths_of_blocks(at, paths, varied, argument, sides)
     names = _name_parameters(paths, widths)
+    # A block has its sides as well, in place of half-width and slenderness.
+    has_block = any(name.endswith(SHAPE[0]) for name in names)
+    allowed = (*names, *SIDES) if has_block else names
     for name in varied or ():
         if name not in names:
-            # A block has these as well, in place of half-width and slenderness.
-            block = any(each.endswith("half_width") for each in names)
-            allowed = dict.fromkeys((*names, *(("width", "height") if block else ())))
-            near = difflib.get_close_matches(name, allowed, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise ValueError(
-                f"{argument} has {name!r}, which is none of {', '.join(allowed)}{hint}"
-            )
-    numbers = [float(leaf) for _, leaf in leaves]
+            refuse_name(name, allowed, argument)
+    numbers = [np.float64(leaf) for _, leaf in leaves]
     for k in widths:
-        width = 2 * numbers[k]
-        numbers[k : k + 2] = width, width * numbers[k + 1]
+        block = Block(*numbers[k : k + 4])
+        block = jax.tree.unflatten(jax.tree.structure(block), numbers[k : k + 4])
+        numbers[k : k + 4] = map(np.float64, size_of(block, "sides").values())
     values = jnp.asarray(np.array(numbers))
     places = tuple(map(names.index, names if varied is None else varied))
     return ParametricAnswer(answer, values, names, jax.tree.structure(at), places, widths)
@@ -201,7 +201,7 @@ def _find_widths_of_blocks(
         asked = [name for name in varied if name in described and name not in names]
         if asked:
             shape = [name for name in varied if name in names[k : k + 2]]
-            choose_sides([_cut(name) for name in asked + shape], argument)
+            choose_description([_cut(name) for name in asked + shape], argument)
             found.append(k)
     return tuple(found)
 
@@ -225,117 +225,41 @@ def sample_scatter(
     return dataclasses.replace(function, scatter=(width, bounded)), z
 
 
-def choose_sides(names: Iterable[str], argument: str) -> bool:
-    """Tell whether the names describe a block by its sides.
+def refuse_name(name: str, allowed: Iterable[str], argument: str) -> NoReturn:
+    """Raise `ValueError` for a name that is not allowed; it suggests one that is similar."""
+    allowed = list(dict.fromkeys(allowed))
+    similar = difflib.get_close_matches(name, allowed, 1)
+    hint = f"; did you mean {similar[0]!r}?" if similar else ""
+    raise ValueError(f"{argument} has {name!r}, which is none of {', '.join(allowed)}{hint}")
+
+
+def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
+    """Choose the description of a block that the names belong to, its shape if none does.
 
     Raises
     ------
     ValueError
-        If they also describe it by half-width or slenderness.
+        If some describe it by its sides, and others by half-width or slenderness.
     """
     names = list(names)
-    by_sides = [name for name in names if name in SIDES]
-    by_shape = [name for name in names if name in SHAPE]
-    if by_sides and by_shape:
+    sides = [name for name in names if name in SIDES]
+    shape = [name for name in names if name in SHAPE]
+    if sides and shape:
         raise ValueError(
             f"{argument} must have width and height, or half_width and slenderness, which are"
-            f" the same two numbers; got {by_sides[0]} and {by_shape[0]}"
+            f" the same two numbers; got {sides[0]} and {shape[0]}"
         )
-    return bool(by_sides)
+    return "sides" if sides else "shape"
 
 
-# A width has two meanings, by what stays as it is.
-_WORDS = {
-    "width": "width at this height",
-    "height": "height at this width",
-    "half_width": "size at this slenderness",
-    "scale": "factor on the motion",
-}
+_IN_WORDS = {**SIZES_IN_WORDS, "scale": "factor on the motion"}
 
 
-def describe_input(name: str) -> str:
+def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with what stays as it is where it is changed."""
-    return _WORDS.get(name, name.replace("_", " "))
+    return _IN_WORDS.get(name, name.replace("_", " "))
 
 
 def label_sides(names: Iterable[str], sides: Sequence[str]) -> list[str]:
     """Label the sides of a block in words, other parameters by their names."""
-    return [_WORDS.get(name, name) if name in sides else name for name in names]
-
-
-def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray) -> AnyArray:
-    """Compute parameters at standard normal numbers, distributed as `find_widths` says.
-
-    In NumPy where all is concrete and of NumPy.
-    """
-    host = all(isinstance(each, np.ndarray) for each in (z, median, width, bounded))
-    library = np if host else jnp
-    sigmoid = expit if host else jax.nn.sigmoid
-    # Each branch is computed for all parameters, and the derivative of a branch that is not
-    # taken must not be NaN: hence the 1 in place of a median that has no odds.
-    odds = library.where(bounded, median / library.where(bounded, 1 - median, 1), 1.0)
-    logit_normal = sigmoid(library.log(odds) + width * z)
-    lognormal = median * library.exp(width * z)
-    normal = median + width * abs(median) * z
-    return library.where(bounded, logit_normal, library.where(median > 0, lognormal, normal))
-
-
-def find_widths(
-    names: Iterable[str], median: np.ndarray, variation: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find widths of distributions from coefficients of variation; tell which are bounded.
-
-    Parameters between 0 and 1 are logit-normal, and thus bounded. Others are lognormal where
-    the median is positive, else normal. The width is the standard deviation of the logit, of
-    the logarithm, or (normal) of the parameter over its median.
-    """
-    bounded = np.asarray([name.endswith(_BETWEEN_0_AND_1) for name in names], bool)
-    # At a median of 0, or without scatter, there is no logit to be spread.
-    bounded &= (median > 0) & (variation > 0)
-    width = np.where(median > 0, np.log1p(variation**2) ** 0.5, variation)
-    for k, name in enumerate(names):
-        if bounded[k]:
-            width[k] = _find_logit_width(name, float(median[k]), float(variation[k]))
-    return width, bounded
-
-
-def _find_logit_width(name: str, median: float, variation: float) -> float:
-    """Find the logit's standard deviation for a coefficient of variation, by quadrature."""
-    must_be = f"coefficient of variation of {name} must be"
-    if median >= 1:
-        raise ValueError(f"{must_be} 0 at {median:g}, got {variation:g}")
-    logit = abs(math.log(median) - math.log1p(-median))
-    z = np.linspace(-9, 9, 1801)
-    weight = np.exp(-0.5 * z**2)
-    weight /= weight.sum()
-
-    def compute_variation(width: _Float) -> _Float:
-        # Of median e^u / (1 - median + median e^u) above the median, u = width z, in a form
-        # that keeps its digits where the width is small.
-        growth = np.expm1(np.multiply.outer(width, z))
-        above = median * (1 - median) * growth / (1 + median * growth)
-        mean = above @ weight
-        return ((above - mean[..., None]) ** 2 @ weight) ** 0.5 / (median + mean)
-
-    def bisect(condition: Callable[[float], bool], high: float) -> float:
-        """Find where a condition that is true at 0 ceases to be."""
-        low = 0.0
-        # 60 halvings are more than the 53 bits of a number.
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if condition(middle) else (low, middle)
-        return low
-
-    # The density has one peak up to here: the equation of its extremes, logit(x) =
-    # logit(median) + width^2 (2 x - 1), solved together with its derivative.
-    apart = bisect(lambda u: math.sinh(u) - u <= logit, 4 + math.log1p(logit))
-    tried = np.linspace(0, 2**0.5 * math.cosh(0.5 * apart), 201)
-    variations = compute_variation(tried)
-    # Beyond its maximum the coefficient decreases: the mean grows faster than the deviation.
-    largest = int(np.argmax(variations))
-    if variation > variations[largest]:
-        raise ValueError(
-            f"{must_be} at most {variations[largest]:.3g} at {median:g}, since with"
-            f" more the density has two peaks, near 0 and near 1; got {variation:g}"
-        )
-    return bisect(lambda width: compute_variation(width) <= variation, float(tried[largest]))
+    return [SIZES_IN_WORDS.get(name, name) if name in sides else name for name in names]

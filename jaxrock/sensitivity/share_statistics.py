@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .parameters import find_widths
+from .distributions import find_widths
 
 # Draws of random weights, for an interval to a hundredth of its width.
 _DRAWS = 2**13
