@@ -1,6 +1,8 @@
 """The dependence of an answer: derivatives, ranges, scatter and probability of failure."""
 
 from .array_slopes import value_and_slopes
+from .driven_answer import DrivenAnswer as DrivenAnswer
+from .local_dependence import LocalDependence, local_dependence
 from .measures import (
     DerivativeBasedMeasures,
     Sensitivities,
@@ -26,6 +28,7 @@ from .uncertain import Draws, Uncertain
 __all__ = [
     "DerivativeBasedMeasures",
     "Draws",
+    "LocalDependence",
     "MomentEstimate",
     "OutcomeShares",
     "ReliabilityResult",
@@ -34,6 +37,7 @@ __all__ = [
     "Uncertain",
     "derivative_based_measures",
     "failure_probability",
+    "local_dependence",
     "monte_carlo",
     "outcome_shares",
     "propagate",

@@ -8,10 +8,11 @@ import numpy as np
 
 from ..block import Block
 from ..driven import Batch, check_batch, follow_batch, require_complete
-from ..ground_motion import Harmonic, Motion, Pulse, Suite
+from ..ground_motion import Motion, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
+from .driven_answer import change_motion, list_motion_medians
 from .parameters import Spread, describe_parameter
 from .share_statistics import (
     compute_interval,
@@ -176,8 +177,9 @@ def outcome_shares(
         Coefficients of variation, greater than 0, of ``width`` (at this height) and ``height``
         (at this width) of the block, or of ``half_width`` (at this slenderness) and
         ``slenderness``; of ``gravity``, ``inertia_ratio``, ``restitution``; of ``scale``, a
-        factor on the motion with the median 1; of the ``duration`` of a pulse, the
-        ``frequency`` of a `Harmonic`. Distributed as in `propagate`, and independent.
+        factor on the motion with the median 1; of ``amplitude`` and ``duration`` of a pulse,
+        ``amplitude`` and ``frequency`` of a `Harmonic`. Distributed as in `propagate`, and
+        independent.
     ratio : float
         Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
         that overturns exceeds it.
@@ -231,7 +233,7 @@ def outcome_shares(
         raise ValueError("block and restitution must be single ones, got arrays of them")
     parameters = list_medians(block, scene[0], variations)
     medians = {name: float(value) for name, value in parameters.items()}
-    medians |= _list_medians_of_motion(motion)
+    medians |= list_motion_medians(motion)
     median = np.array([medians.get(name, np.nan) for name in variations])
     variation = np.array([float(value) for value in variations.values()])
     check("variations", variation, POSITIVE)
@@ -295,16 +297,6 @@ def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]
     return mixed
 
 
-def _list_medians_of_motion(motion: Motion | Suite) -> dict[str, float]:
-    """List the inputs that a motion has, with their medians."""
-    medians = {"scale": 1.0}
-    if isinstance(motion, Pulse):
-        medians["duration"] = float(motion.duration)
-    if isinstance(motion, Harmonic):
-        medians["frequency"] = float(motion.frequency)
-    return medians
-
-
 def _follow_samples(
     values: Mapping[str, np.ndarray], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
@@ -313,15 +305,12 @@ def _follow_samples(
     blocks = jax.device_put(make_drawn_blocks(values))
     restitution = as_real("restitution", values["restitution"])
     scale = np.asarray(as_real("scale", values["scale"]))
-    if isinstance(motion, Pulse):
-        motion = replace(motion, duration=as_real("duration", values["duration"]))
-    if isinstance(motion, Harmonic):
-        motion = replace(motion, frequency=as_real("frequency", values["frequency"]))
     group = max(1, _AT_ONCE // restitution.size)
-    parts: list[Motion | Suite] = [motion]
     if isinstance(motion, Suite):
         records = list(motion)
         parts = [Suite(records[k : k + group]) for k in range(0, len(records), group)]
+    else:
+        parts = [change_motion(motion, values)]
     critical_angle = np.asarray(blocks.critical_angle)
     answers = []
     for chosen in parts:
