@@ -1,4 +1,4 @@
-"""Dependence of driven motion: shares of outcomes, and derivatives where they mean something."""
+"""Dependence of driven motion: probabilities of outcomes, and meaningful derivatives."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,13 +11,13 @@ from ..resonance import as_model
 from ..sensitivity import (
     DrivenAnswer,
     LocalDependence,
-    OutcomeShares,
+    OutcomeProbabilities,
     TornadoBars,
     Uncertain,
     arrange_bars,
     list_ends,
     local_dependence,
-    outcome_shares,
+    outcome_probabilities,
 )
 from ..tables import write_csv
 from .command import Answer, save_picture
@@ -43,25 +43,27 @@ class DrivenDependence(DependenceOptions):
         """Name the files; under a suite there is no tornado."""
         if self.records is not None:
             self.read_suite()
-            return ("sensitivity.csv", "shares.csv", "shares.png")
-        return ("sensitivity.csv", "shares.csv", "shares.png", "tornado.png")
+            return ("sensitivity.csv", "probabilities.csv", "probabilities.png")
+        return ("sensitivity.csv", "probabilities.csv", "probabilities.png", "tornado.png")
 
     def answer_driven(self, at: dict[str, float], folder: Path) -> Answer:
-        """Count the shares, and under one motion look at the answer itself."""
+        """Compute the probabilities, and under one motion look at the answer itself."""
         from ..plot import plot_tornado
 
-        scatter = self.coefficient_of_variation
         bars = None if self.records is not None else self._compute_bars(at)
         # Pulses are made to measure: one that overturns the block is a wrong question.
         if bars is not None and not np.isfinite(bars.value) and self.pulse is not None:
             raise ValueError(self.refuse_answer(at))
-        found = self._count_shares(at)
+        outcomes = self._compute_probabilities(at)
         columns: dict[str, list[object]] = {
-            "quantity": list(found.sources),
-            "unit": [UNITS_OF_NUMBERS.get(name, "-") for name in found.sources],
+            "quantity": list(outcomes.sources),
+            "unit": [UNITS_OF_NUMBERS.get(name, "-") for name in outcomes.sources],
         }
-        text = f"by the {self.model_name} model, with a coefficient of variation of"
-        lines = [f"{text} {scatter:g} in each; {self.write_sizes()}", str(found)]
+        coefficient = (
+            f"a coefficient of variation of {self.coefficient_of_variation:g} in each"
+        )
+        text = f"by the {self.model_name} model, with {coefficient}; {self.write_sizes()}"
+        lines = [text, str(outcomes)]
         data: dict[str, object] = {"model": self.model_name}
         if bars is not None:
             dependence = self._compute_dependence(at)
@@ -70,29 +72,27 @@ class DrivenDependence(DependenceOptions):
             save_picture(plot_tornado(bars, label=self.axis_label), folder / "tornado.png")
             data |= {"answer": self.answer_name, "value": bars.value}
             data |= {name: getattr(dependence, name) for name in _SUMMARY}
-        columns |= _tabulate_indices(found)
+        columns |= _tabulate_indices(outcomes)
         write_csv(folder / "sensitivity.csv", columns, {}, self.about)
-        shares = {
-            "outcome": list(found.outcomes),
-            "share": found.share.tolist(),
-            "low": found.low.tolist(),
-            "high": found.high.tolist(),
+        probabilities = {
+            "outcome": list(outcomes.outcomes),
+            "probability": outcomes.probability.tolist(),
+            "low": outcomes.low.tolist(),
+            "high": outcomes.high.tolist(),
         }
-        write_csv(folder / "shares.csv", shares, {}, self.about)
-        _draw_shares(found, folder / "shares.png")
-        data |= {"shares": _list_rows(shares), "rows": _list_rows(columns)}
+        write_csv(folder / "probabilities.csv", probabilities, {}, self.about)
+        _draw_probabilities(outcomes, folder / "probabilities.png")
+        data |= {"probabilities": _list_rows(probabilities), "rows": _list_rows(columns)}
         return Answer("\n".join(lines), data)
 
-    def _count_shares(self, at: Mapping[str, float]) -> OutcomeShares:
-        """Count the shares of outcomes under scattered numbers."""
-        return outcome_shares(
+    def _compute_probabilities(self, at: Mapping[str, float]) -> OutcomeProbabilities:
+        """Compute the probabilities of outcomes of uncertain parameters."""
+        return outcome_probabilities(
             self.block,
             at["restitution"],
             self.motion if self.records is None else self.read_suite(),
-            dict.fromkeys(at, self.coefficient_of_variation),
+            self._make_uncertain(at),
             ratio=self.ratio,
-            samples=self.samples,
-            seed=self.seed,
             model=self.model_name,
         )
 
@@ -102,15 +102,16 @@ class DrivenDependence(DependenceOptions):
             self.block,
             at["restitution"],
             self._read_motion(),
-            Uncertain(
-                dict.fromkeys(at, self.coefficient_of_variation),
-                samples=self.samples,
-                seed=self.seed,
-            ),
+            self._make_uncertain(at),
             answer=_ANSWERS[self.answer_name],
             scale=at.get("scale", 1.0),
             model=self.model_name,
         )
+
+    def _make_uncertain(self, at: Mapping[str, float]) -> Uncertain:
+        """Make all parameters uncertain."""
+        coefficients = dict.fromkeys(at, self.coefficient_of_variation)
+        return Uncertain(coefficients, samples=self.samples, seed=self.seed)
 
     def _read_motion(self) -> Motion:
         """Read the motion: a record without its scale, which is a parameter."""
@@ -147,23 +148,26 @@ def _tabulate_answer(
     return columns
 
 
-def _tabulate_indices(found: OutcomeShares) -> dict[str, list[object]]:
-    """Tabulate Sobol indices of all answers, and slopes of the shares."""
+def _tabulate_indices(outcomes: OutcomeProbabilities) -> dict[str, list[object]]:
+    """Tabulate Sobol indices of all answers, and derivatives of the probabilities."""
     columns: dict[str, list[object]] = {}
-    for k, answer in enumerate(found.answers):
+    for k, answer in enumerate(outcomes.answers):
         word = answer.replace(" ", "_")
         for kind in ("first", "total"):
-            columns[f"{kind}_{word}"] = _list_numbers(getattr(found, kind)[k])
-            columns[f"{kind}_{word}_error"] = _list_numbers(getattr(found, f"{kind}_error")[k])
-    rest = [None] * (len(found.sources) - len(found.names))  # the record has no slopes
-    for k, outcome in enumerate(found.outcomes):
+            columns[f"{kind}_{word}"] = _list_numbers(getattr(outcomes, kind)[k])
+            columns[f"{kind}_{word}_error"] = _list_numbers(
+                getattr(outcomes, f"{kind}_error")[k]
+            )
+    # The record has no derivatives.
+    missing = [None] * (len(outcomes.sources) - len(outcomes.names))
+    for k, outcome in enumerate(outcomes.outcomes):
         word = outcome.replace(" ", "_")
-        for kind in ("by_median", "by_variation"):
-            slopes = getattr(found, kind)[k]
-            errors = getattr(found, f"{kind}_error")[k]
-            clear = np.where(errors < abs(slopes), slopes, np.nan)
-            columns[f"{kind}_{word}"] = [*_list_numbers(clear), *rest]
-            columns[f"{kind}_{word}_error"] = [*_list_numbers(errors), *rest]
+        for kind in ("by_median", "by_coefficient_of_variation"):
+            derivatives = getattr(outcomes, kind)[k]
+            errors = getattr(outcomes, f"{kind}_error")[k]
+            clear = np.where(errors < abs(derivatives), derivatives, np.nan)
+            columns[f"{kind}_{word}"] = [*_list_numbers(clear), *missing]
+            columns[f"{kind}_{word}_error"] = [*_list_numbers(errors), *missing]
     return columns
 
 
@@ -179,14 +183,14 @@ def _list_rows(columns: Mapping[str, list[object]]) -> list[dict[str, object]]:
     ]
 
 
-def _draw_shares(found: OutcomeShares, path: Path) -> None:
-    """Draw the shares, and the indices of the answers that vary."""
+def _draw_probabilities(outcomes: OutcomeProbabilities, path: Path) -> None:
+    """Draw the probabilities, and the indices of the answers that vary."""
     import matplotlib.pyplot as plt
 
-    from ..plot import plot_outcome_shares, plot_sobol_indices
+    from ..plot import plot_outcome_probabilities, plot_sobol_indices
 
-    vary = np.isfinite(found.first).all(axis=1)
-    answers = [name for name, varies in zip(found.answers, vary, strict=True) if varies]
+    vary = np.isfinite(outcomes.first).all(axis=1)
+    answers = [name for name, varies in zip(outcomes.answers, vary, strict=True) if varies]
     # Of the outcomes, the last one that varies is the one that matters most.
     chosen = [name for name in ("peak", answers[-1] if answers else "") if name in answers]
     chosen = list(dict.fromkeys(chosen))
@@ -196,7 +200,7 @@ def _draw_shares(found: OutcomeShares, path: Path) -> None:
         figsize=(6.4, 2.6 + 2.6 * len(chosen)),
         squeeze=False,
     )
-    plot_outcome_shares(found, axes[0, 0])
+    plot_outcome_probabilities(outcomes, axes[0, 0])
     for name, ax in zip(chosen, axes[1:, 0], strict=True):
-        plot_sobol_indices(found, name, ax)
+        plot_sobol_indices(outcomes, name, ax)
     save_picture(figure, path)

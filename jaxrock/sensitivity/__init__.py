@@ -1,4 +1,4 @@
-"""The dependence of an answer: derivatives, ranges, scatter and probability of failure."""
+"""The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
 
 from .array_slopes import value_and_slopes
 from .driven_answer import DrivenAnswer as DrivenAnswer
@@ -13,16 +13,11 @@ from .measures import (
 )
 from .measures import arrange_bars as arrange_bars
 from .measures import list_ends as list_ends
-from .outcome_shares import OutcomeShares, outcome_shares
+from .moments import MomentEstimate, monte_carlo, propagate
+from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
 from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
-from .scatter import (
-    MomentEstimate,
-    ReliabilityResult,
-    failure_probability,
-    monte_carlo,
-    propagate,
-)
+from .reliability import ReliabilityResult, failure_probability
 from .uncertain import Draws, Uncertain
 
 __all__ = [
@@ -30,7 +25,7 @@ __all__ = [
     "Draws",
     "LocalDependence",
     "MomentEstimate",
-    "OutcomeShares",
+    "OutcomeProbabilities",
     "ReliabilityResult",
     "Sensitivities",
     "TornadoBars",
@@ -39,7 +34,7 @@ __all__ = [
     "failure_probability",
     "local_dependence",
     "monte_carlo",
-    "outcome_shares",
+    "outcome_probabilities",
     "propagate",
     "sensitivities",
     "tornado",

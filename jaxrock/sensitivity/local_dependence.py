@@ -211,7 +211,7 @@ def local_dependence(
 
     See Also
     --------
-    outcome_shares : Of the same samples, where derivatives mean nothing.
+    outcome_probabilities : Of the same samples, where derivatives mean nothing.
 
     Notes
     -----
@@ -225,7 +225,7 @@ def local_dependence(
     --------
     >>> import jaxrock as jr
     >>> block, record = jr.Block.from_size(width=0.2, height=0.8), jr.example_record()
-    >>> uncertain = jr.sensitivity.Uncertain({"width": 0.05, "scale": 0.05})
+    >>> uncertain = jr.Uncertain({"width": 0.05, "scale": 0.05})
     >>> local = jr.sensitivity.local_dependence(block, 0.8, record, uncertain, scale=2.0)
     >>> print(local.meaningful, local.overturned)
     False False
@@ -256,7 +256,7 @@ uncertainty (5 %)
     }
     medians |= list_motion_medians(motion) | {"scale": float(scale)}
     names = tuple(coefficients)
-    # The samples of which `outcome_shares` counts the outcomes: half of its columns.
+    # The samples of which `outcome_probabilities` counts the outcomes: half of its columns.
     normal = draw_normal_numbers(2 * len(names), uncertain.samples, uncertain.seed)
     samples = map_normal_numbers(normal[:, : len(names)], medians, coefficients)
     at = np.array([medians[name] for name in names])

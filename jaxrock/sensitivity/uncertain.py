@@ -1,12 +1,15 @@
 """Uncertain parameters of blocks and their impacts, and samples of them."""
 
+import dataclasses
 import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 from scipy.special import ndtri
 
 from ..block import SHAPE, SIDES, Block, block_of, size_of
@@ -24,7 +27,13 @@ from ..validation import (
     describe,
 )
 from .distributions import find_widths, quantiles
-from .parameters import choose_description, refuse_name
+from .parameters import (
+    Answer,
+    ParametricAnswer,
+    choose_description,
+    make_parametric,
+    refuse_name,
+)
 
 _ARGUMENT = "coefficients_of_variation"
 _BITS = 30  # of a Sobol point, the default of SciPy
@@ -193,6 +202,19 @@ class Uncertain(Printed, eqx.Module):
             name: value[number] if isinstance(value, tuple) else value
             for name, value in zip(self.names, self.coefficients, strict=True)
         }
+
+
+def make_uncertain_answer(
+    answer: Answer, at: PyTree, uncertain: Uncertain
+) -> tuple[ParametricAnswer, np.ndarray]:
+    """Make an answer a function of independent standard normal numbers, and draw these."""
+    coefficients = list_single_coefficients(uncertain)
+    function = make_parametric(answer, at, _ARGUMENT, uncertain.names)
+    medians = np.asarray(function.values)[list(function.varied)]
+    widths = find_widths(uncertain.names, medians, np.array(list(coefficients.values())))
+    width, bounded = map(jnp.asarray, widths)
+    normal = draw_normal_numbers(len(coefficients), uncertain.samples, uncertain.seed)
+    return dataclasses.replace(function, distribution=(width, bounded)), normal
 
 
 def list_single_coefficients(uncertain: Uncertain) -> dict[str, float]:

@@ -220,7 +220,7 @@ def same(bar):
     return (bar, bar)
 
 
-SCATTER = {"intensity": 0.1, "restitution": 0.05}
+COEFFICIENTS = {"intensity": 0.1, "restitution": 0.05}
 RANGES = {"intensity": (0.1, 0.2), "restitution": (0.6, 0.8)}
 CASES = {
     "respond, pulse": Case(lambda: called(respond("pulse")), (2, 3)),
@@ -240,7 +240,9 @@ CASES = {
         lambda: of_scene("sensitivities", "rotation_ratio"), following=same(0.01)
     ),
     "failure_probability": Case(
-        lambda: of_scene("failure_probability", "overturning_margin", SCATTER),
+        lambda: of_scene(
+            "failure_probability", "overturning_margin", jr.Uncertain(COEFFICIENTS)
+        ),
         following=same(0.05),
     ),
     "derivative_based_measures": Case(
