@@ -1,4 +1,4 @@
-"""Probabilities of outcomes: draws against SciPy, statistics against closed forms and brute force."""
+"""Uncertain parameters and probabilities of outcomes, against SciPy, closed forms, sampling."""
 
 import csv
 import itertools

@@ -28,7 +28,7 @@ _OF_BARS = ("low", "high", "at_low", "at_high")
 class Sensitivity(DrivenDependence):
     """Dependence of an answer: probabilities of outcomes, slopes, elasticities, a tornado.
 
-    Of the resonance under instantaneous pulses: slopes, a tornado, and the effect of uncertainty.
+    Of the resonance under instantaneous pulses: slopes, a tornado, the effect of uncertainty.
     Writes sensitivity.csv, tornado.png and map.png: the elasticity to the restitution over
     slenderness and restitution.
 

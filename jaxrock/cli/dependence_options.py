@@ -96,7 +96,7 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
 
     @property
     def size_description(self) -> SizeDescription:
-        """The description of the size: who states a height asks about blocks of this height."""
+        """The description of the size: by its sides where a height is given."""
         return "shape" if self.height is None else "sides"
 
     def name_sides(self) -> tuple[str, ...]:

@@ -114,7 +114,7 @@ class OutcomeProbabilities(Printed):
         return "\n".join(lines)
 
     def _write_table(self, k: int, answer: str) -> list[str]:
-        """Write a table of an answer that varies: indices, and derivatives of a probability."""
+        """Write a table of an answer that varies: indices, derivatives of a probability."""
         is_outcome = k > 0
         head = f"{answer:30}{'first order':>18}{'total':>18}"
         if is_outcome:
@@ -196,8 +196,7 @@ def outcome_probabilities(
     Raises
     ------
     ValueError
-        If an argument is out of range, a name is not known, or an integration did not
-        finish.
+        If an argument is out of range, a name is unknown, or an integration did not finish.
 
     Notes
     -----
@@ -283,7 +282,7 @@ def outcome_probabilities(
 
 
 def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]:
-    """Draw two samples of normal numbers, then the first with each parameter from the second."""
+    """Draw two samples of normal numbers, then the first with a column from the second."""
     both = draw_normal_numbers(2 * count, samples, seed)
     first, second = np.split(both, 2, axis=1)
     mixed = [first, second]

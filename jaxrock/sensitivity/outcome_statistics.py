@@ -100,8 +100,8 @@ def compute_sobol_indices(
             total[varies] = np.reshape(found.total_order, (-1, parameters))
             first_order *= variance[:, None]
             total *= variance[:, None]
-        # A parameter alone explains what it does to the mean over the records. Together with all
-        # others, the record among them, it explains what it does under each.
+        # A parameter alone explains what it does to the mean over the records. Together with
+        # all others, the record among them, it explains what it does under each.
         result.first[k, :parameters] = first_order[0] / whole
         result.total[k, :parameters] = total[1:].mean(axis=0) / whole
         change = exchanged - both[0]
@@ -184,7 +184,7 @@ def compute_scores(
 def compute_derivatives(
     values: np.ndarray, scores: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute derivatives of the mean of values, shape (records, samples), and standard errors."""
+    """Compute derivatives of the mean of values (records, samples), and standard errors."""
     records, samples = values.shape
     # Scores have the mean 0: without the mean of the values there is less noise.
     centred = values - values.mean(axis=1, keepdims=True)

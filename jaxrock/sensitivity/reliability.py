@@ -25,8 +25,8 @@ class ReliabilityResult(Printed):
     most_likely : dict
         The parameters there, by name.
     misjudged : float
-        Fraction of samples that the paraboloid puts on the wrong side of the limit state. But for
-        the noise of sampling, it bounds the error of the paraboloid's probability, which
+        Fraction of samples that the paraboloid puts on the wrong side of the limit state. But
+        for the noise of sampling, it bounds the error of the paraboloid's probability, which
         `probability` approximates.
     valid : bool
         Whether the search has converged, and the samples do not contradict.
@@ -115,7 +115,7 @@ def failure_probability(margin: Answer, at: Any, uncertain: Uncertain) -> Reliab
 
 
 def _find_design_point(function: ParametricAnswer, z: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Find the design point, the point of the limit state next to 0; return whether that converged.
+    """Find the design point, next to 0 on the limit state; return whether that converged.
 
     Each step goes to the nearest point of the tangent plane (Hasofer and Lind 1974; Rackwitz
     and Fiessler 1978, doi:10.1016/0045-7949(78)90046-9), or part of the way where a merit of

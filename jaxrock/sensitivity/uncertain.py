@@ -182,7 +182,8 @@ class Uncertain(Printed, eqx.Module):
                     f" {len(values)} for shape {shape} of the objects"
                 )
         normal = draw_normal_numbers(len(self.names), self.samples, self.seed)
-        # Object by object: the last digit of an exponential may depend on its place in an array.
+        # Object by object: the last digit of an exponential may depend on its place in the
+        # array.
         rows = np.stack(medians, axis=-1).reshape(-1, len(medians)).tolist()
         drawn = [
             map_normal_numbers(
@@ -328,8 +329,8 @@ def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[flo
     values = np.asarray(value, float)
     if checked.ndim > 1:
         raise ValueError(
-            f"{_ARGUMENT} of {name} must be one number, or one for each object, got an array of"
-            f" shape {checked.shape}"
+            f"{_ARGUMENT} of {name} must be one number, or one for each object, got an array"
+            f" of shape {checked.shape}"
         )
     check(f"{_ARGUMENT} of {name}", values, NON_NEGATIVE)
     return name, float(values) if not values.ndim else tuple(values.tolist())
