@@ -95,7 +95,9 @@ class Sensitivity(DrivenDependence):
             for name in ("mean", "standard_deviation")
         }
         data = {"answer": self.answer_name, "model": self.model_name, "value": slopes.value}
-        return Answer(text, data | values | {"within_tolerance": moments.within_tolerance, "rows": rows})
+        return Answer(
+            text, data | values | {"within_tolerance": moments.within_tolerance, "rows": rows}
+        )
 
     def _write_moments(self, moments: MomentEstimate) -> str:
         """Write mean and standard deviation, or why there are none to be trusted."""
