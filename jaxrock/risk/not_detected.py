@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from ..validation import AnyArray, Booleans, Reals, choose_namespace
+from ..validation import AnyArray, choose_namespace
 
 # The rule of three: where none was detected, a Poisson variable has a mean of at most
 # -ln(0.05), about 3, with a confidence of 95 % (Hanley and Lippman-Hand 1983,
@@ -25,7 +25,7 @@ _RULE_OF_THREE = 3
 #
 # A window that was missed changes the rate by its width, up or down. The sum of the widths is
 # thus a bound of the change, in which no signs cancel.
-def bound_not_detected(overturned: Booleans, rates: Reals) -> AnyArray:
+def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
     """Bound the change of rates by windows between levels, and by levels beyond the last, to 95 %.
 
     After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
@@ -45,17 +45,17 @@ def bound_not_detected(overturned: Booleans, rates: Reals) -> AnyArray:
     library = choose_namespace((overturned, rates))
     windows = estimate_windows(overturned, rates)
     # Without any level alone both are 0, and yet windows may have been missed: up to three,
-    # each as wide as steps are where the outcome changes, or as the widest step if it never
-    # does.
+    # each as wide as the widest step where the outcome changes, or as the widest of all if it
+    # never does. Windows at levels far below these are wider, and not covered.
     steps = rates[:-1] - rates[1:]
     changed = overturned[..., 1:] != overturned[..., :-1]
-    number = changed.sum(axis=-1).sum(axis=0)
-    width = library.where(changed, steps, 0).sum(axis=-1).sum(axis=0)
-    at_least_one = library.maximum(number, 1).astype(rates.dtype)
-    typical = library.where(number > 0, width / at_least_one, steps.max())
+    all_steps = library.broadcast_to(steps, changed.shape)
+    widest = library.where(changed, all_steps, 0).max(axis=-1).max(axis=0)
+    widest = library.where(changed.any(axis=-1).any(axis=0), widest, steps.max())
     missed = windows.width + 2 * windows.deviation
     # Beyond the last level anything may happen.
-    return missed + _RULE_OF_THREE * typical / len(overturned) + rates[-1]
+    bound = missed + _RULE_OF_THREE * widest / len(overturned) + rates[-1]
+    return library.asarray(bound)
 
 
 class WindowEstimate(NamedTuple):
@@ -73,13 +73,14 @@ class WindowEstimate(NamedTuple):
     deviation: AnyArray
 
 
-def estimate_windows(overturned: Booleans, rates: Reals) -> WindowEstimate:
+def estimate_windows(overturned: AnyArray, rates: AnyArray) -> WindowEstimate:
     """Estimate the width of windows that are hit by exactly one level; see `bound_not_detected`."""
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[..., 1:] != overturned[..., :-1]
     is_alone = changed[..., :-1] & changed[..., 1:]
-    alone = library.where(is_alone, 0.5 * (rates[:-2] - rates[2:]), 0)
+    widths = library.broadcast_to(0.5 * (rates[:-2] - rates[2:]), is_alone.shape)
+    alone = library.where(is_alone, widths, 0)
     width = alone.sum(axis=-1).sum(axis=0)
     deviation = library.sqrt((alone * alone).sum(axis=-1).sum(axis=0))
     return WindowEstimate(width / len(overturned), deviation / len(overturned))
