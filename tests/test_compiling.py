@@ -69,7 +69,7 @@ def shaking_test(k):
     return time, rotation, jr.Block(0.2, 5.0), pulse
 
 
-_VARIATION = {"restitution": 0.05}
+_COEFFICIENTS = {"restitution": 0.05}
 _RANGES = {"intensity": (0.1, 0.16)}
 _slopes = jr.value_and_slopes(jr.rotation_ratio)
 
@@ -128,7 +128,7 @@ CALLS = {
     ),
     "example_record": lambda k: jr.example_record(("north", "east")[k]),
     "failure_probability": lambda k: jr.sensitivity.failure_probability(
-        jr.overturning_margin, wall(k), _VARIATION, samples=100, seed=k
+        jr.overturning_margin, wall(k), jr.Uncertain(_COEFFICIENTS, samples=128, seed=k)
     ),
     "required_value": lambda k: jr.required_value(
         block(k),
@@ -140,8 +140,8 @@ CALLS = {
         levels=[0.2, 0.5, 0.9],
         resolution=0.05,
     ),
-    "outcome_shares": lambda k: jr.sensitivity.outcome_shares(
-        block(k), 0.8, record(500 + k), {"restitution": 0.05 + 0.01 * k}, samples=16
+    "outcome_probabilities": lambda k: jr.sensitivity.outcome_probabilities(
+        block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})
     ),
     "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
     "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
@@ -165,7 +165,7 @@ CALLS = {
     ),
     "model_error": lambda k: jr.model_error(scene(k)),
     "monte_carlo": lambda k: jr.sensitivity.monte_carlo(
-        jr.rotation_ratio, scene(k), _VARIATION, samples=50, seed=k
+        jr.rotation_ratio, scene(k), jr.Uncertain(_COEFFICIENTS, seed=k)
     ),
     "next_velocity": lambda k: jr.next_velocity(scene(k), 0.1 + 0.1 * k),
     "overturning_boundaries": lambda k: jr.overturning_boundaries(
@@ -185,7 +185,7 @@ CALLS = {
         jr.HalfSine, np.linspace(2.0 + k, 4, 3), np.linspace(2.0 + k, 4, 4)
     ),
     "propagate": lambda k: jr.sensitivity.propagate(
-        jr.rotation_ratio, scene(k), _VARIATION, samples=50
+        jr.rotation_ratio, scene(k), jr.Uncertain(_COEFFICIENTS)
     ),
     "pulsed_next_velocity": lambda k: jr.steady.pulsed_next_velocity(
         block(k), 0.7, pulse(k, jr.HalfSine), 0.2
@@ -263,7 +263,7 @@ LEFT_OUT = {
 # Only functions make them.
 ANSWERS = {
     jr.risk.RequiredValue,
-    jr.sensitivity.OutcomeShares,
+    jr.sensitivity.OutcomeProbabilities,
     jr.driven.BatchResponse,
     jr.overturning.Boundaries,
     jr.accuracy.Choice,

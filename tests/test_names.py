@@ -10,7 +10,7 @@ import jaxrock as jr
 from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
 from jaxrock.plot import plot_sobol_indices
 from jaxrock.risk import Inventory, assess_inventory
-from jaxrock.sensitivity import outcome_shares
+from jaxrock.sensitivity import outcome_probabilities
 
 BLOCK = jr.Block(0.2, 5.0)
 SCENE = jr.Scene(BLOCK, 0.8, 0.1)
@@ -101,8 +101,8 @@ QUESTIONS = {
     "sensitivities": lambda text: jr.tornado(
         jr.rotation_ratio, SCENE, {text("restitution"): (0.7, 0.9), text("width"): (0.3, 0.5)}
     ),
-    "scatter": lambda text: jr.sensitivity.propagate(
-        jr.rotation_ratio, SCENE, {text("restitution"): 0.1}
+    "uncertain": lambda text: jr.sensitivity.propagate(
+        jr.rotation_ratio, SCENE, jr.Uncertain({text("restitution"): 0.1})
     ),
     "free rocking": lambda text: fit_free_rocking(
         [0.0, 0.777, 1.372, 1.861, 2.276, 2.635], jr.Block(0.1, 5.0), model=text("linearized")
@@ -110,8 +110,8 @@ QUESTIONS = {
     "driven rocking": lambda text: fit_driven_rocking(
         TIME, ROTATION, BLOCK, SINE, 0.8, parameters=(text("slenderness"),)
     ),
-    "shares": lambda text: outcome_shares(
-        BLOCK, 0.8, RECORD, {text("width"): 0.1}, samples=64, model=text("linearized")
+    "probabilities": lambda text: outcome_probabilities(
+        BLOCK, 0.8, RECORD, jr.Uncertain({text("width"): 0.1}), model=text("linearized")
     ),
 }
 
@@ -166,5 +166,5 @@ def test_an_element_of_a_coordinate_is_a_name():
 
 
 def test_names_of_answers():
-    shares = outcome_shares(BLOCK, 0.8, RECORD, SPREAD, samples=64)
-    plot_sobol_indices(shares, np.str_("peak"))
+    result = outcome_probabilities(BLOCK, 0.8, RECORD, jr.Uncertain(SPREAD))
+    plot_sobol_indices(result, np.str_("peak"))

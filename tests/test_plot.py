@@ -32,7 +32,7 @@ from jaxrock.plot import (
     plot_free_rocking_fit,
     plot_harmonic,
     plot_inventory,
-    plot_outcome_shares,
+    plot_outcome_probabilities,
     plot_overturning_map,
     plot_phase,
     plot_resonance,
@@ -40,12 +40,12 @@ from jaxrock.plot import (
     plot_rocking_curves,
     plot_rocking_spectrum,
     plot_sensitivity_map,
-    plot_shares,
     plot_sobol_indices,
     plot_spectrum,
     plot_tornado,
     plot_tradeoff,
     plot_train,
+    plot_variance_fractions,
 )
 from jaxrock.resonance.pulse_train import Rocker
 from jaxrock.resonance.train_through_impacts import Train, follow_phased_train
@@ -88,7 +88,9 @@ def rocking():
 @pytest.fixture(scope="module")
 def scatter():
     return jr.sensitivity.propagate(
-        jr.rotation_ratio, WALL, {"intensity": 0.1, "restitution": 0.05}
+        jr.rotation_ratio,
+        WALL,
+        jr.Uncertain({"intensity": 0.1, "restitution": 0.05}, samples=1024),
     )
 
 
@@ -153,8 +155,8 @@ def curves():
 def shares():
     record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
     suite = jr.Suite([record, record.scaled(0.1)])
-    return jr.sensitivity.outcome_shares(
-        jr.Block(0.1, 4.0), 0.8, suite, {"half_width": 0.1}, samples=64
+    return jr.sensitivity.outcome_probabilities(
+        jr.Block(0.1, 4.0), 0.8, suite, jr.Uncertain({"half_width": 0.1})
     )
 
 
@@ -162,7 +164,9 @@ def shares():
 def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares):
     """A call of every function that takes axes, and the number of entries in its legend."""
     pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
-    samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, {"intensity": 0.5}, 200)
+    samples = jr.sensitivity.monte_carlo(
+        jr.rotation_ratio, WALL, jr.Uncertain({"intensity": 0.5}, samples=256)
+    )
     nine = jr.resonance_spectrum([3.0, 4.0], np.linspace(0.4, 1.2, 9), 0.6, 0.15)
     floor = jr.harmonic_spectrum(
         np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), restitution=0.9
@@ -190,7 +194,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares
         ),
         plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
         plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 6),
-        plot_outcome_shares: (lambda ax: plot_outcome_shares(shares, ax), 3),
+        plot_outcome_probabilities: (lambda ax: plot_outcome_probabilities(shares, ax), 3),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
@@ -201,7 +205,7 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares
         ),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
         plot_sobol_indices: (lambda ax: plot_sobol_indices(shares, "peak", ax), 2),
-        plot_shares: (lambda ax: plot_shares(scatter, ax), 0),
+        plot_variance_fractions: (lambda ax: plot_variance_fractions(scatter, ax), 0),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 3),
         plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
@@ -259,8 +263,8 @@ def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
         assert bool(new.get_ylabel()) == (
             function
             not in (
-                *(plot_tornado, plot_shares, plot_boundaries),
-                *(plot_outcome_shares, plot_sobol_indices, plot_inventory),
+                *(plot_tornado, plot_variance_fractions, plot_boundaries),
+                *(plot_outcome_probabilities, plot_sobol_indices, plot_inventory),
             )
         ), name
         looks = looks_of(new) if new.get_legend() else []
@@ -784,12 +788,13 @@ def test_distribution(scatter):
         plot_distribution(np.full(3, np.nan))
 
 
-def test_shares(scatter):
-    ax = plot_shares(scatter)
+def test_variance_fractions(scatter):
+    ax = plot_variance_fractions(scatter)
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["intensity", "restitution"]  # the largest on top
     np.testing.assert_allclose(
-        [bar.get_width() for bar in ax.patches], [100 * scatter.shares[name] for name in names]
+        [bar.get_width() for bar in ax.patches],
+        [100 * scatter.variance_fractions[name] for name in names],
     )
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import jaxrock as jr
 from jaxrock.sensitivity.distributions import find_widths, quantiles
-from jaxrock.sensitivity.scatter import _estimate_moments
+from jaxrock.sensitivity.moments import _estimate_moments
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -110,21 +110,21 @@ def test_tornado():
 
 @pytest.mark.thorough
 def test_scatter():
-    variation = {"half_width": 0.03, "restitution": 0.01, "intensity": 0.04}
-    found = jr.sensitivity.propagate(jr.rotation_ratio, WALL, variation)
-    samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, variation, 200_000)
+    coefficients = {"half_width": 0.03, "restitution": 0.01, "intensity": 0.04}
+    uncertain = jr.Uncertain(coefficients, samples=1024)
+    found = jr.sensitivity.propagate(jr.rotation_ratio, WALL, uncertain)
+    many = jr.Uncertain(coefficients, samples=2**17, seed=1)
+    samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, many)
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
     assert found.standard_deviation == pytest.approx(samples.std(), rel=1e-2)
     assert found.valid
     # Near the overturning threshold, samples that overturn have no answer: no derivative sees
     # it.
     near = jr.Scene(WALL.block, 0.7, 0.28)
-    scatter = {"restitution": 0.05, "intensity": 0.1}
-    assert (
-        np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, scatter, 2000)).mean()
-        > 0.2
-    )
-    assert not jr.sensitivity.propagate(jr.rotation_ratio, near, scatter).valid
+    uncertain = jr.Uncertain({"restitution": 0.05, "intensity": 0.1}, samples=2048)
+    missing = np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, uncertain))
+    assert missing.mean() > 0.2
+    assert not jr.sensitivity.propagate(jr.rotation_ratio, near, uncertain).valid
     # Second order is nearer than first.
     assert abs(found.mean - samples.mean()) < 0.2 * abs(
         found.first_order_mean - samples.mean()
@@ -132,7 +132,7 @@ def test_scatter():
     assert abs(found.standard_deviation - samples.std()) < abs(
         found.first_order_standard_deviation - samples.std()
     )
-    assert sum(found.shares.values()) == pytest.approx(1)
+    assert sum(found.variance_fractions.values()) == pytest.approx(1)
 
 
 NAMES = ("half_width", "slenderness", "restitution", "intensity")
@@ -228,14 +228,15 @@ def test_a_deviation_that_is_missed_by_a_third():
     def margin(scene):
         return jr.overturning_margin(scene, jr.Nonlinear())
 
-    found = jr.sensitivity.propagate(margin, scene, variation)
-    samples = jr.sensitivity.monte_carlo(margin, scene, variation, 100_000, seed=3)
+    found = jr.sensitivity.propagate(margin, scene, jr.Uncertain(variation, samples=1024))
+    many = jr.Uncertain(variation, samples=2**17, seed=3)
+    samples = jr.sensitivity.monte_carlo(margin, scene, many)
     missed = samples.std() / found.standard_deviation - 1
     assert missed > 0.2
     assert not found.valid
     assert found.standard_deviation_error > 0.8 * missed
     assert found.left_out == 0
-    still = jr.sensitivity.propagate(margin, scene, {"intensity": 0.0})
+    still = jr.sensitivity.propagate(margin, scene, jr.Uncertain({"intensity": 0.0}))
     assert (still.valid, still.standard_deviation, still.mean_error) == (True, 0, 0)
 
 
@@ -305,10 +306,10 @@ def test_probability_of_overturning():
 
         scatter = dict.fromkeys(("half_width", "slenderness", "intensity"), 0.1)
         scatter["restitution"] = variation
-        found = jr.sensitivity.failure_probability(margin, scene, scatter)
-        share = (
-            jr.sensitivity.monte_carlo(margin, scene, scatter, 100_000, seed=1) < 0
-        ).mean()
+        uncertain = jr.Uncertain(scatter, samples=2048)
+        found = jr.sensitivity.failure_probability(margin, scene, uncertain)
+        many = jr.Uncertain(scatter, samples=2**17, seed=1)
+        share = (jr.sensitivity.monte_carlo(margin, scene, many) < 0).mean()
         assert found.valid
         assert abs(found.probability - share) < 0.01
         seen.append(found.probability)
@@ -325,8 +326,9 @@ def test_probability_of_a_driven_outcome():
         pulse = jr.HalfSine(at["amplitude"], at["duration"])
         return jr.respond_batch(block, 0.9, pulse, pulse.end).margin
 
-    at, scatter = {"amplitude": 5.0, "duration": 0.27}, {"amplitude": 0.1, "duration": 0.1}
-    found = jr.sensitivity.failure_probability(margin, at, scatter)
+    at = {"amplitude": 5.0, "duration": 0.27}
+    uncertain = jr.Uncertain({"amplitude": 0.1, "duration": 0.1}, samples=2048)
+    found = jr.sensitivity.failure_probability(margin, at, uncertain)
     assert found.valid
     rng = np.random.default_rng(4)
     width = np.sqrt(np.log1p(0.1**2))
@@ -343,10 +345,12 @@ def test_where_the_method_does_not_hold_it_says_so():
     def margin(at):
         return (at["x"] - 1.05) * (at["x"] - 1.1) * (at["x"] - 0.95)
 
-    assert not jr.sensitivity.failure_probability(margin, {"x": 1.0}, {"x": 0.1}).valid
-    assert not jr.sensitivity.failure_probability(
-        lambda at: 1.0 + 0 * at["x"], {"x": 1.0}, {"x": 0.1}
-    ).valid
+    def constant(at):
+        return 1.0 + 0 * at["x"]
+
+    uncertain = jr.Uncertain({"x": 0.1}, samples=2048)
+    for answer in (margin, constant):
+        assert not jr.sensitivity.failure_probability(answer, {"x": 1.0}, uncertain).valid
 
 
 def test_global_sensitivities():
@@ -364,20 +368,28 @@ def test_global_sensitivities():
     ("call", "words"),
     [
         (
-            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"size": 0.1}),
+            lambda: jr.sensitivity.propagate(
+                jr.rotation_ratio, WALL, jr.Uncertain({"size": 0.1})
+            ),
             "none of half_width",
         ),
         (
-            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"intensity": -1.0}),
-            "at least 0",
+            lambda: jr.sensitivity.propagate(
+                jr.rotation_ratio, WALL, jr.Uncertain({"intensity": [0.1, 0.2]})
+            ),
+            "intensity must be one number here, got 2 of them",
         ),
         (
-            lambda: jr.sensitivity.propagate(jr.rotation_ratio, WALL, {"restitution": 0.5}),
+            lambda: jr.sensitivity.propagate(
+                jr.rotation_ratio, WALL, jr.Uncertain({"restitution": 0.5})
+            ),
             "variation of restitution must be at most 0.468 at 0.7",
         ),
         (
             lambda: jr.sensitivity.monte_carlo(
-                lambda at: at["restitution"], {"restitution": 1.0}, {"restitution": 0.1}
+                lambda at: at["restitution"],
+                {"restitution": 1.0},
+                jr.Uncertain({"restitution": 0.1}),
             ),
             "variation of restitution must be 0 at 1",
         ),
@@ -397,7 +409,7 @@ def test_global_sensitivities():
         ),
         (
             lambda: jr.sensitivity.failure_probability(
-                jr.rotation_ratio, WALL, {"intensity": 0.0}
+                jr.rotation_ratio, WALL, jr.Uncertain({"intensity": 0.0})
             ),
             "greater than 0 for at least one",
         ),

@@ -6,28 +6,38 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensitivity import MomentEstimate, propagate, sensitivities, tornado, value_and_slopes
+from ..sensitivity import (
+    MomentEstimate,
+    Uncertain,
+    propagate,
+    sensitivities,
+    tornado,
+    value_and_slopes,
+)
 from ..tables import write_csv
 from ..validation import Number, Reals
 from .command import Answer, Folder, Steps, save_picture
 from .dependence_options import UNITS_OF_NUMBERS
 from .driven_dependence import DrivenDependence
 
+# Samples that check moments.
+_SAMPLES = 1024
 _OF_BARS = ("low", "high", "at_low", "at_high")
 
 
 class Sensitivity(DrivenDependence):
-    """Dependence of an answer: shares of outcomes, slopes, elasticities, a tornado, scatter.
+    """Dependence of an answer: probabilities of outcomes, slopes, elasticities, a tornado.
 
-    Of the resonance under instantaneous pulses: slopes, a tornado, and the effect of scatter.
+    Of the resonance under instantaneous pulses: slopes, a tornado, the effect of uncertainty.
     Writes sensitivity.csv, tornado.png and map.png: the elasticity to the restitution over
     slenderness and restitution.
 
-    With a pulse, a record or a suite: the shares of scattered inputs with which the block
-    rocks and overturns, Sobol indices, and slopes of the shares to each input's median and
-    scatter. Under one motion also a tornado, and slopes of the answer where they mean
-    something: that is decided by the window between overturning strengths in which the scene
-    lies, beside the scatter. Writes sensitivity.csv, shares.csv, shares.png and tornado.png.
+    With a pulse, a record or a suite: the probabilities that the block rocks and overturns,
+    Sobol indices, and derivatives of the probabilities with respect to the median and the
+    coefficient of variation of each parameter. Under one motion also a tornado, and slopes of
+    the answer where they mean something: that is decided by the window between overturning
+    strengths in which the scene lies, beside the uncertainty. Writes sensitivity.csv,
+    probabilities.csv, probabilities.png and tornado.png.
 
     With a height, the numbers are the width at this height and the height at this width. Else
     they are the half-width at this slenderness and the slenderness.
@@ -53,8 +63,9 @@ class Sensitivity(DrivenDependence):
             raise ValueError(self.refuse_answer(at))
         ranges = self.make_ranges(at)
         bars = replace(tornado(self.compute_answer, at, ranges), sides=sides)
-        variation = dict.fromkeys(at, self.coefficient_of_variation)
-        scatter = propagate(self.compute_answer, at, variation)
+        coefficients = dict.fromkeys(at, self.coefficient_of_variation)
+        uncertain = Uncertain(coefficients, samples=_SAMPLES)
+        moments = propagate(self.compute_answer, at, uncertain)
         # The bars begin with the longest, the slopes go by the order of the numbers.
         order = [bars.names.index(name) for name in slopes.names]
         columns = {
@@ -64,7 +75,9 @@ class Sensitivity(DrivenDependence):
             "slope": slopes.gradient,
             "elasticity": slopes.elasticity,
             **{name: np.asarray(getattr(bars, name))[order] for name in _OF_BARS},
-            "share_of_variance": [scatter.shares[name] for name in slopes.names],
+            "fraction_of_variance": [
+                moments.variance_fractions[name] for name in slopes.names
+            ],
         }
         columns = {name: np.asarray(column).tolist() for name, column in columns.items()}
         rows = [
@@ -75,22 +88,22 @@ class Sensitivity(DrivenDependence):
         self._draw_map(at, folder / "map.png")
         text = (
             f"{self.answer_name} {slopes}\n{self.write_sizes()}; by the {self.model_name}"
-            f" model;\n{self._write_moments(scatter)}"
+            f" model;\n{self._write_moments(moments)}"
         )
-        moments = {
-            name: getattr(scatter, name) if scatter.valid else None
+        values = {
+            name: getattr(moments, name) if moments.valid else None
             for name in ("mean", "standard_deviation")
         }
         data = {"answer": self.answer_name, "model": self.model_name, "value": slopes.value}
-        return Answer(text, data | moments | {"valid": scatter.valid, "rows": rows})
+        return Answer(text, data | values | {"valid": moments.valid, "rows": rows})
 
-    def _write_moments(self, scatter: MomentEstimate) -> str:
+    def _write_moments(self, moments: MomentEstimate) -> str:
         """Write mean and standard deviation, or why there are none to be trusted."""
         given = f"with a coefficient of variation of {self.coefficient_of_variation:g} in each"
-        if scatter.valid:
-            return f"{given}: {scatter.mean:.6g} +- {scatter.standard_deviation:.3g}"
-        if scatter.left_out:
-            return f"{given}, {scatter.left_out:.1%} of samples overturn: there is no mean"
+        if moments.valid:
+            return f"{given}: {moments.mean:.6g} +- {moments.standard_deviation:.3g}"
+        if moments.left_out:
+            return f"{given}, {moments.left_out:.1%} of samples overturn: there is no mean"
         return f"{given}, slopes and curvatures do not describe the answer: no mean is given"
 
     def _draw_map(self, at: dict[str, float], path: Path) -> None:

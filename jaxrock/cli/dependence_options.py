@@ -48,13 +48,13 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
     model: ModelName | None = None
     """Equation of motion; by default nonlinear under a pulse or a record, else linearized."""
     relative_change: float = 0.1
-    """Share by which the tornado lowers and raises numbers."""
+    """Relative change by which the tornado lowers and raises parameters."""
     coefficient_of_variation: float = 0.05
     """Coefficient of variation of each number."""
     records: Annotated[str | None, OF_MOTION] = None
     """A folder of records, "example" for twenty, or a set of FEMA P695, as fema-far-field."""
     ratio: float = 0.5
-    """Rotation ratio alpha_max / alpha_c whose share is counted [-]."""
+    """Rotation ratio alpha_max / alpha_c whose probability is computed [-]."""
     samples: Count = 4096
     """Samples of the numbers under each motion, a power of 2."""
     seed: Count = 0
@@ -106,7 +106,7 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
 
     @property
     def size_description(self) -> SizeDescription:
-        """The description of the size: who states a height asks about blocks of this height."""
+        """The description of the size: by its sides where a height is given."""
         return "shape" if self.height is None else "sides"
 
     def name_sides(self) -> tuple[str, ...]:

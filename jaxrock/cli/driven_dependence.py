@@ -1,4 +1,4 @@
-"""Dependence of driven motion: shares of outcomes, and slopes where they mean something."""
+"""Dependence of driven motion: probabilities of outcomes, slopes where they make sense."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,13 +11,14 @@ from ..ground_motion import Motion
 from ..host import format_table
 from ..overturning import overturning_boundaries
 from ..sensitivity import (
-    OutcomeShares,
+    OutcomeProbabilities,
     TornadoBars,
+    Uncertain,
     arrange_bars,
     describe_parameter,
     list_ends,
     make_parametric,
-    outcome_shares,
+    outcome_probabilities,
 )
 from ..tables import write_csv
 from .command import Answer, save_picture
@@ -29,8 +30,8 @@ _RANGE = 4.0
 _STRENGTHS = 257
 # A tangent describes an answer if it explains so much of the variance within the scatter.
 _EXPLAINED = 0.8
-# Names of numbers of a pulse among the inputs of shares.
-_IN_SHARES = {"amplitude": "scale", "pulse_duration": "duration"}
+# Names of parameters of a pulse among those that are uncertain.
+_NAMES_OF_UNCERTAIN = {"amplitude": "scale", "pulse_duration": "duration"}
 
 
 class _Window(NamedTuple):
@@ -88,11 +89,11 @@ class DrivenDependence(DependenceOptions):
         """Name the files; under a suite there is no tornado."""
         if self.records is not None:
             self.read_suite()
-            return ("sensitivity.csv", "shares.csv", "shares.png")
-        return ("sensitivity.csv", "shares.csv", "shares.png", "tornado.png")
+            return ("sensitivity.csv", "probabilities.csv", "probabilities.png")
+        return ("sensitivity.csv", "probabilities.csv", "probabilities.png", "tornado.png")
 
     def answer_driven(self, at: dict[str, float], folder: Path) -> Answer:
-        """Count the shares, and under one motion look at the answer itself."""
+        """Compute the probabilities, and under one motion look at the answer itself."""
         from ..plot import plot_tornado
 
         scatter = self.coefficient_of_variation
@@ -100,7 +101,7 @@ class DrivenDependence(DependenceOptions):
         # Pulses are made to measure: one that overturns the block is a wrong question.
         if bars is not None and not np.isfinite(bars.value) and self.pulse is not None:
             raise ValueError(self.refuse_answer(at))
-        found = self._count_shares(at)
+        found = self._compute_probabilities(at)
         # The numbers, which of a pulse have other names than its inputs, and the record.
         names = [*at, *found.sources[len(at) :]]
         columns: dict[str, list[object]] = {
@@ -120,30 +121,29 @@ class DrivenDependence(DependenceOptions):
             data |= {"window": [window.low, window.high], "overturns": window.overturns}
         columns |= _tabulate_indices(found)
         write_csv(folder / "sensitivity.csv", columns, {}, self.about)
-        shares = {
+        probabilities = {
             "outcome": list(found.outcomes),
-            "share": found.share.tolist(),
+            "probability": found.probability.tolist(),
             "low": found.low.tolist(),
             "high": found.high.tolist(),
         }
-        write_csv(folder / "shares.csv", shares, {}, self.about)
-        _draw_shares(found, folder / "shares.png")
-        data |= {"shares": _list_rows(shares), "rows": _list_rows(columns)}
+        write_csv(folder / "probabilities.csv", probabilities, {}, self.about)
+        _draw_probabilities(found, folder / "probabilities.png")
+        data |= {"probabilities": _list_rows(probabilities), "rows": _list_rows(columns)}
         return Answer("\n".join(lines), data)
 
-    def _count_shares(self, at: Mapping[str, float]) -> OutcomeShares:
-        """Count the shares of outcomes under scattered numbers."""
+    def _compute_probabilities(self, at: Mapping[str, float]) -> OutcomeProbabilities:
+        """Compute the probabilities of outcomes of uncertain parameters."""
         scatter = self.coefficient_of_variation
         # A pulse of another amplitude is the pulse by a factor.
-        names = [_IN_SHARES.get(name, name) for name in at]
-        return outcome_shares(
+        coefficients = {_NAMES_OF_UNCERTAIN.get(name, name): scatter for name in at}
+        uncertain = Uncertain(coefficients, samples=self.samples, seed=self.seed)
+        return outcome_probabilities(
             self.block,
             at["restitution"],
             self.motion if self.records is None else self.read_suite(),
-            dict.fromkeys(names, scatter),
+            uncertain,
             ratio=self.ratio,
-            samples=self.samples,
-            seed=self.seed,
             model=self.model_name,
         )
 
@@ -186,7 +186,7 @@ class DrivenDependence(DependenceOptions):
         )
 
     def _find_slopes(
-        self, at: Mapping[str, float], found: OutcomeShares, window: _Window
+        self, at: Mapping[str, float], found: OutcomeProbabilities, window: _Window
     ) -> tuple[np.ndarray | None, str]:
         """Find slopes of the answer where they mean something, and say what decides."""
         scatter = self.coefficient_of_variation
@@ -196,7 +196,7 @@ class DrivenDependence(DependenceOptions):
         if window.overturns and self.answer_name != "margin":
             return None, f"{words}: the {self.answer_name} has no slopes there"
         inputs = {
-            name: found.inputs[_IN_SHARES.get(name, name)]
+            name: found.inputs[_NAMES_OF_UNCERTAIN.get(name, name)]
             * (at[name] if name in ("amplitude", "scale") else 1.0)
             for name in at
         }
@@ -259,8 +259,8 @@ def _tabulate_answer(
     return columns
 
 
-def _tabulate_indices(found: OutcomeShares) -> dict[str, list[object]]:
-    """Tabulate Sobol indices of all answers, and slopes of the shares."""
+def _tabulate_indices(found: OutcomeProbabilities) -> dict[str, list[object]]:
+    """Tabulate Sobol indices of all answers, and derivatives of the probabilities."""
     columns: dict[str, list[object]] = {}
     for k, answer in enumerate(found.answers):
         word = answer.replace(" ", "_")
@@ -270,7 +270,7 @@ def _tabulate_indices(found: OutcomeShares) -> dict[str, list[object]]:
     rest = [None] * (len(found.sources) - len(found.names))  # the record has no slopes
     for k, outcome in enumerate(found.outcomes):
         word = outcome.replace(" ", "_")
-        for kind in ("by_median", "by_variation"):
+        for kind in ("by_median", "by_coefficient_of_variation"):
             slopes = getattr(found, kind)[k]
             errors = getattr(found, f"{kind}_error")[k]
             clear = np.where(errors < abs(slopes), slopes, np.nan)
@@ -302,11 +302,11 @@ def _explain_by_plane(answers: np.ndarray, steps: np.ndarray) -> float:
     return 1 - float(((answers - fitted) ** 2).mean()) / variance
 
 
-def _draw_shares(found: OutcomeShares, path: Path) -> None:
-    """Draw the shares, and the indices of the answers that vary."""
+def _draw_probabilities(found: OutcomeProbabilities, path: Path) -> None:
+    """Draw the probabilities, and the indices of the answers that vary."""
     import matplotlib.pyplot as plt
 
-    from ..plot import plot_outcome_shares, plot_sobol_indices
+    from ..plot import plot_outcome_probabilities, plot_sobol_indices
 
     vary = np.isfinite(found.first).all(axis=1)
     answers = [name for name, varies in zip(found.answers, vary, strict=True) if varies]
@@ -319,7 +319,7 @@ def _draw_shares(found: OutcomeShares, path: Path) -> None:
         figsize=(6.4, 2.6 + 2.6 * len(chosen)),
         squeeze=False,
     )
-    plot_outcome_shares(found, axes[0, 0])
+    plot_outcome_probabilities(found, axes[0, 0])
     for name, ax in zip(chosen, axes[1:, 0], strict=True):
         plot_sobol_indices(found, name, ax)
     save_picture(figure, path)

@@ -10,10 +10,15 @@ from .calibration import plot_free_rocking_fit
 from .fragility import plot_fragility
 from .harmonic import plot_harmonic
 from .inventory import plot_inventory
-from .outcome_shares import plot_outcome_shares, plot_sobol_indices
+from .outcome_probabilities import plot_outcome_probabilities, plot_sobol_indices
 from .overturning import plot_boundaries, plot_critical_intensity
 from .pulses import plot_convergence, plot_overturning_map, plot_resonance, plot_train
-from .sensitivity import plot_distribution, plot_sensitivity_map, plot_shares, plot_tornado
+from .sensitivity import (
+    plot_distribution,
+    plot_sensitivity_map,
+    plot_tornado,
+    plot_variance_fractions,
+)
 from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
 from .tradeoff import plot_tradeoff
 
@@ -29,7 +34,7 @@ __all__ = [
     "plot_free_rocking_fit",
     "plot_harmonic",
     "plot_inventory",
-    "plot_outcome_shares",
+    "plot_outcome_probabilities",
     "plot_overturning_map",
     "plot_phase",
     "plot_resonance",
@@ -37,10 +42,10 @@ __all__ = [
     "plot_rocking_curves",
     "plot_rocking_spectrum",
     "plot_sensitivity_map",
-    "plot_shares",
     "plot_sobol_indices",
     "plot_spectrum",
     "plot_tornado",
     "plot_tradeoff",
     "plot_train",
+    "plot_variance_fractions",
 ]

@@ -1,4 +1,4 @@
-"""Dependence of an answer on numbers: tornado, maps of slopes, scatter."""
+"""Dependence of an answer on numbers: tornado, maps of slopes, distributions."""
 
 import textwrap
 from collections.abc import Sequence
@@ -303,18 +303,18 @@ def _list_levels(locator: Locator, low: float, high: float) -> list[float]:
 
 def plot_distribution(
     samples: np.ndarray,
-    scatter: MomentEstimate | None = None,
+    moments: MomentEstimate | None = None,
     ax: Axes | None = None,
     label: str = "answer",
 ) -> Axes:
-    """Draw how an answer scatters.
+    """Draw the distribution of an answer.
 
     Parameters
     ----------
     samples, label : ndarray, shape (samples,), str
         From `jaxrock.sensitivity.monte_carlo`, NaN where there is no answer; the name of the
         answer, with its unit.
-    scatter : MomentEstimate, optional
+    moments : MomentEstimate, optional
         From `jaxrock.sensitivity.propagate`: adds the normal distributions of both orders.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
@@ -343,34 +343,34 @@ def plot_distribution(
     edges = np.histogram_bin_edges(finite, bins=min(60, 10 + finite.size // 50))
     heights = np.histogram(finite, edges)[0] / samples.size
     ax.stairs(heights, edges, fill=True, color="0.8", label=f"{samples.size:,} samples")
-    if scatter is not None:
+    if moments is not None:
         place = np.linspace(edges[0], edges[-1], 400)
-        first = scatter.first_order_mean, scatter.first_order_standard_deviation
-        second = scatter.mean, scatter.standard_deviation
+        first = moments.first_order_mean, moments.first_order_standard_deviation
+        second = moments.mean, moments.standard_deviation
         for (mean, deviation), look, colour, name in (
             (first, ":", ACCENT, "first"),
             (second, "-", INK, "second"),
         ):
             if deviation > 0:
-                share = np.exp(-0.5 * ((place - mean) / deviation) ** 2) / np.sqrt(2 * np.pi)
-                share *= (edges[1] - edges[0]) / deviation
-                ax.plot(place, share, look, color=colour, label=f"normal, {name} order")
-        if not scatter.valid:
+                height = np.exp(-0.5 * ((place - mean) / deviation) ** 2) / np.sqrt(2 * np.pi)
+                height *= (edges[1] - edges[0]) / deviation
+                ax.plot(place, height, look, color=colour, label=f"normal, {name} order")
+        if not moments.valid:
             ax.set_title("neither order is valid", fontsize="medium")
     if finite.size < samples.size:
         missing = 100 * (1 - finite.size / samples.size)
         ax.plot([], [], " ", label=f"{missing:.1f} % without an answer")
     ax.set_ylim(bottom=0)
     ax.legend(frameon=False)
-    return label_axes(ax, label, "share of samples in a bin [-]")
+    return label_axes(ax, label, "fraction of samples in a bin [-]")
 
 
-def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
-    """Draw which share of the variance of an answer comes from which number.
+def plot_variance_fractions(moments: MomentEstimate, ax: Axes | None = None) -> Axes:
+    """Draw which fraction of the variance of an answer comes from which parameter.
 
     Parameters
     ----------
-    scatter : MomentEstimate
+    moments : MomentEstimate
         From `jaxrock.sensitivity.propagate`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
@@ -384,13 +384,14 @@ def plot_shares(scatter: MomentEstimate, ax: Axes | None = None) -> Axes:
     --------
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
-    >>> scatter = {"intensity": 0.1, "restitution": 0.05}
-    >>> axes = jr.plot.plot_shares(jr.sensitivity.propagate(jr.rotation_ratio, wall, scatter))
+    >>> uncertain = jr.Uncertain({"intensity": 0.1, "restitution": 0.05})
+    >>> moments = jr.sensitivity.propagate(jr.rotation_ratio, wall, uncertain)
+    >>> axes = jr.plot.plot_variance_fractions(moments)
     """
-    ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(scatter.shares)))
-    shares = sorted(scatter.shares.items(), key=lambda pair: pair[1])
-    names = [describe_parameter(name) for name, _ in shares]
-    bars = ax.barh(names, [100 * share for _, share in shares], color=INK)
+    ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(moments.variance_fractions)))
+    fractions = sorted(moments.variance_fractions.items(), key=lambda pair: pair[1])
+    names = [describe_parameter(name) for name, _ in fractions]
+    bars = ax.barh(names, [100 * fraction for _, fraction in fractions], color=INK)
     ax.bar_label(bars, fmt=" {:.1f}", fontsize="small")
     ax.set_xlim(0, 110)
-    return label_axes(ax, "share of the variance, first order [%]", "", grid="x")
+    return label_axes(ax, "fraction of the variance, first order [%]", "", grid="x")

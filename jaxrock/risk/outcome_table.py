@@ -9,9 +9,11 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from ..block import Block
 from ..driven import Batch, follow_batch, require_complete
 from ..host import show_progress
 from ..resonance import RockingModel
+from ..validation import AnyArray
 from .objects import Objects
 from .site import Site
 
@@ -45,12 +47,14 @@ class Cases(NamedTuple):
     @classmethod
     def of(cls, objects: Objects, site: Site, model: RockingModel) -> "Cases":
         """Make the cases of objects, or of the samples of objects, along one axis."""
-        block, restitution = jax.tree.map(
-            lambda leaf: np.atleast_1d(leaf), (objects.block, objects.restitution)
-        )
-        batch = Batch.of(block, restitution, site.suite, axes=1)
+        batch = Batch.of(*_list_along_axis(objects), site.suite, axes=1)
         intensities = np.asarray(site.intensities, batch.dtype)[:, None]
         return cls(site, model, batch.scaled(1 / intensities), objects.names)
+
+    def replace_objects(self, objects: Objects) -> "Cases":
+        """Return the cases of other objects, for which records are not converted again."""
+        batch = Batch.of(*_list_along_axis(objects), self.batch.ground)
+        return self._replace(batch=batch, names=objects.names)
 
     @property
     def records(self) -> int:
@@ -91,6 +95,11 @@ class Cases(NamedTuple):
         if self.names:
             labels["object"] = repr(self.names[objects[first]])
         require_complete(np.zeros(incomplete.size, bool), **labels)
+
+
+def _list_along_axis(objects: Objects) -> tuple[Block, AnyArray]:
+    """Return blocks and restitutions along an axis, which a single one does not have."""
+    return jax.tree.map(np.atleast_1d, (objects.block, objects.restitution))
 
 
 class Crossings(NamedTuple):

@@ -31,7 +31,7 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .not_detected import estimate_windows
+from .not_detected import bound_not_detected, estimate_windows
 from .objects import Objects, gather_objects
 from .outcome_table import Cases, compute_rates, tabulate_outcomes
 from .overturning_rate import overturning_rate
@@ -151,8 +151,9 @@ def required_value(
 
     Notes
     -----
-    The rate at the value is the one of `overturning_rate`, computed there, not interpolated, and
-    does not exceed the target. Far from the target it is estimated at a part of the levels.
+    The rate at the value is the one of `overturning_rate`, computed there to 1e-6, not
+    interpolated, and does not exceed the target. Far from the target it is estimated at a part
+    of the levels.
 
     Derivatives with respect to the target, the block, the restitution and the hazard are those
     of the implicit function theorem, with the rate's derivatives of `overturning_rate`. They
@@ -225,9 +226,10 @@ def _search_value(
     objects = gather_objects(block, restitution)
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
     limits = targets * _BELOW
+    cases = Cases.of(objects, site, search.model)
     strides = choose_strides(np.asarray(site.levels))
     value_search = ValueSearch(
-        functools.partial(_estimate_rates, objects, site, search, strides, limits),
+        functools.partial(_estimate_rates, objects, cases, search.along, strides, limits),
         len(strides),
         limits,
         search.resolution,
@@ -247,11 +249,15 @@ def _search_value(
     changed = _change_objects(
         objects, np.arange(objects.number), np.where(exists, values, low), search.along
     )
-    rate = overturning_rate(changed.block, changed.restitution, site, model=search.model)
+    cases = cases.replace_objects(changed)
+    levels = np.asarray(site.levels)
+    overturned = tabulate_outcomes(cases, levels)
+    rates = compute_rates(cases, overturned, levels, _ACCURACY)
+    bound = bound_not_detected(overturned, np.asarray(site.rates))
     arrays = {
         "value": values,
-        "rate": np.where(exists, rate.rate, np.nan),
-        "not_detected": np.where(exists, rate.not_detected, np.nan),
+        "rate": np.where(exists, rates.rate, np.nan),
+        "not_detected": np.where(exists, bound, np.nan),
         "crossings": crossings,
     }
     dtype = np.asarray(objects.restitution).dtype
@@ -261,7 +267,7 @@ def _search_value(
         for name, entries in arrays.items()
     }
     fields["count"] = np.array([a.crossings.size for a in answers]).reshape(shape)
-    fields["complete"] = (exists & np.asarray(rate.complete)).reshape(shape)
+    fields["complete"] = (exists & ~overturned[..., 0].any(axis=0)).reshape(shape)
     reasons = tuple(answer.reason for answer in answers)
     return RequiredValue(**jax.device_put(fields), reasons=reasons, along=search.along)
 
@@ -292,8 +298,8 @@ def _change_objects(
 
 def _estimate_rates(
     objects: Objects,
-    site: Site,
-    search: _Search,
+    cases: Cases,
+    along: str,
     strides: Sequence[int],
     limits: np.ndarray,
     indices: np.ndarray,
@@ -302,9 +308,8 @@ def _estimate_rates(
     known: Sequence[np.ndarray],
 ) -> RateEstimate:
     """Estimate the rates of objects at values of the parameter, from a part of the levels."""
-    cases = Cases.of(
-        _change_objects(objects, indices, values, search.along), site, search.model
-    )
+    cases = cases.replace_objects(_change_objects(objects, indices, values, along))
+    site = cases.site
     levels = np.asarray(site.levels)
     place = _choose_levels(levels, strides[stage])
     if not stage:

@@ -172,7 +172,7 @@ class ValueSearch(NamedTuple):
             second = after.rate - target
             # It might cross the target and come back: if the nearer end is closer to the target
             # than the ends are apart, or than both rates may be off.
-            apart = abs(after.rate - before.rate) + 2 * max(before.error, after.error)
+            apart = 0.5 * abs(after.rate - before.rate) + max(before.error, after.error)
             if (first > 0) != (second > 0) or min(abs(first), abs(second)) <= apart:
                 middle = 0.5 * (before.value + after.value)
                 middles.append(_Point(before.object_index, middle))

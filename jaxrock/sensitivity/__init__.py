@@ -1,4 +1,4 @@
-"""The dependence of an answer: derivatives, ranges, scatter and probability of failure."""
+"""The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
 
 from .array_slopes import value_and_slopes
 from .measures import (
@@ -11,23 +11,18 @@ from .measures import (
 )
 from .measures import arrange_bars as arrange_bars
 from .measures import list_ends as list_ends
-from .outcome_shares import OutcomeShares, outcome_shares
+from .moments import MomentEstimate, monte_carlo, propagate
+from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
 from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
-from .scatter import (
-    MomentEstimate,
-    ReliabilityResult,
-    failure_probability,
-    monte_carlo,
-    propagate,
-)
+from .reliability import ReliabilityResult, failure_probability
 from .uncertain import Draws, Uncertain
 
 __all__ = [
     "DerivativeBasedMeasures",
     "Draws",
     "MomentEstimate",
-    "OutcomeShares",
+    "OutcomeProbabilities",
     "ReliabilityResult",
     "Sensitivities",
     "TornadoBars",
@@ -35,7 +30,7 @@ __all__ = [
     "derivative_based_measures",
     "failure_probability",
     "monte_carlo",
-    "outcome_shares",
+    "outcome_probabilities",
     "propagate",
     "sensitivities",
     "tornado",

@@ -43,7 +43,7 @@ def find_widths(
     the logarithm, or (normal) of the parameter over its median.
     """
     bounded = np.asarray([name.endswith(_BETWEEN_0_AND_1) for name in names], bool)
-    # At a median of 0, or without scatter, there is no logit to be spread.
+    # At a median of 0, or without uncertainty, there is no logit with a width.
     bounded &= (median > 0) & (variation > 0)
     width = np.where(median > 0, np.log1p(variation**2) ** 0.5, variation)
     for k, name in enumerate(names):

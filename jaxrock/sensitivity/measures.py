@@ -191,7 +191,7 @@ class DerivativeBasedMeasures(Printed):
         Mean magnitude of the partial derivative; nu, its mean square; and
         nu (high - low)^2 / (pi^2 variance), no less than Sobol's total index [-].
     mean, standard_deviation, left_out : float
-        Of the answer over the ranges; share of samples without one, which are not counted.
+        Of the answer over the ranges; fraction of samples without one, which are not counted.
     """
 
     names: tuple[str, ...]
@@ -242,8 +242,8 @@ def derivative_based_measures(
     check("samples", samples, COUNT)
     points = low + np.random.default_rng(seed).random((samples, low.size)) * (high - low)
     values, gradients = function.evaluate(points, 1)
-    # Samples without an answer, where the block overturns, are left out and their share is
-    # said. The measures are then those of the ranges as far as there is an answer.
+    # Samples without an answer, where the block overturns, are left out and their fraction
+    # is returned. The measures are then those of the ranges as far as there is an answer.
     finite = np.isfinite(values) & np.isfinite(gradients).all(axis=1)
     if not finite.any():
         raise ValueError("answer is NaN everywhere in these ranges")
@@ -253,7 +253,7 @@ def derivative_based_measures(
     measure = (gradients**2).mean(axis=0)
     variance = values.var()
     # The bound follows from Poincare's inequality for a uniform variable, whose constant is
-    # (high - low)^2 / pi^2. An answer that does not vary has no variance to be shared out.
+    # (high - low)^2 / pi^2. An answer that does not vary has no variance to divide.
     bound = measure * (high - low) ** 2 / (np.pi**2 * variance) if variance else 0 * measure
     moments = float(values.mean()), float(values.std()), float(1 - finite.mean())
     return DerivativeBasedMeasures(

@@ -1,6 +1,5 @@
-"""An answer as a compiled function of the parameters that it depends on, and their scatter."""
+"""An answer as a compiled function of the parameters that it depends on."""
 
-import dataclasses
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
@@ -22,21 +21,17 @@ from ..block import (
     size_of,
 )
 from ..validation import (
-    COUNT,
-    NON_NEGATIVE,
     Number,
     as_real,
     as_text,
     carries_unit,
-    check,
     check_kind,
     describe,
 )
-from .distributions import find_widths, quantiles
+from .distributions import quantiles
 
 Answer = Callable[..., Number]  # of a pytree of numbers
 Ranges = Mapping[str, tuple[float, float]]
-Spread = Mapping[str, float]  # coefficients of variation by name
 
 # The parameters of a block that is described by its sides, as `size_of` lists them.
 _BY_SIDES = (*SIDES, "gravity", "inertia_ratio")
@@ -56,7 +51,7 @@ class ParametricAnswer(eqx.Module):
     varied: tuple[int, ...] = eqx.field(static=True)
     # Places of the widths of blocks that are described by their sides; the height is next.
     widths: tuple[int, ...] = eqx.field(static=True, default=())
-    scatter: tuple[Array, Array] | None = None  # `find_widths`
+    distribution: tuple[Array, Array] | None = None  # widths and bounds, by `find_widths`
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -64,10 +59,10 @@ class ParametricAnswer(eqx.Module):
         return tuple(name for k in self.widths for name in self.names[k : k + 2])
 
     def parameters_at(self, point: Array) -> Array:
-        """Return all parameters at a point, also those without scatter or range."""
+        """Return all parameters at a point, also those without uncertainty or range."""
         varied = np.asarray(self.varied, int)
-        if self.scatter is not None:
-            point = jnp.asarray(quantiles(point, self.values[varied], *self.scatter))
+        if self.distribution is not None:
+            point = jnp.asarray(quantiles(point, self.values[varied], *self.distribution))
         return self.values.at[varied].set(point)
 
     def __call__(self, point: Array) -> Array:
@@ -128,7 +123,7 @@ def make_parametric(
             )
     paths = [path for path, _ in leaves]
     if isinstance(varied, Mapping):
-        _check_numbers(argument, varied)
+        _check_ranges(varied)
     varied = None if varied is None else tuple(map(as_text, varied))
     widths = _find_widths_of_blocks(at, paths, varied, argument, sides)
     names = _name_parameters(paths, widths)
@@ -148,15 +143,14 @@ def make_parametric(
     return ParametricAnswer(answer, values, names, jax.tree.structure(at), places, widths)
 
 
-def _check_numbers(argument: str, varied: Mapping[str, object]) -> None:
-    """Raise `ValueError` if what is given for a name is not a number, or two for a range."""
-    wanted = (2,) if argument == "ranges" else ()
-    must = "two numbers" if wanted else "a number"
-    for name, value in varied.items():
+def _check_ranges(ranges: Mapping[str, object]) -> None:
+    """Raise `ValueError` if what is given for a name are not two numbers."""
+    for name, value in ranges.items():
         # A unit would be lost: a name of a parameter does not tell its own.
-        if carries_unit(value) or np.shape(as_real(name, value)) != wanted:
-            got = describe(value)
-            raise ValueError(f"{argument} of {name} must be {must} without a unit, got {got}")
+        if carries_unit(value) or np.shape(as_real(name, value)) != (2,):
+            raise ValueError(
+                f"ranges of {name} must be two numbers without a unit, got {describe(value)}"
+            )
 
 
 def _name_parameters(paths: Sequence[KeyPath], widths: Sequence[int]) -> tuple[str, ...]:
@@ -209,20 +203,6 @@ def _find_widths_of_blocks(
 def _cut(name: str) -> str:
     """Cut the path off a name."""
     return name.rpartition(".")[2]
-
-
-def sample_scatter(
-    answer: Answer, at: PyTree, variations: Spread, samples: int, seed: int
-) -> tuple[ParametricAnswer, np.ndarray]:
-    """Make the answer a function of independent standard normal numbers, and sample these."""
-    function = make_parametric(answer, at, "coefficients_of_variation", variations)
-    wanted = np.asarray(list(variations.values()), float)
-    check("coefficients_of_variation", wanted, NON_NEGATIVE)
-    check("samples", samples, COUNT)
-    medians = np.asarray(function.values)[list(function.varied)]
-    width, bounded = map(jnp.asarray, find_widths(variations, medians, wanted))
-    z = np.random.default_rng(seed).standard_normal((samples, wanted.size))
-    return dataclasses.replace(function, scatter=(width, bounded)), z
 
 
 def refuse_name(name: str, allowed: Iterable[str], argument: str) -> NoReturn:

@@ -1,12 +1,15 @@
 """Uncertain parameters of blocks and their impacts, and samples of them."""
 
+import dataclasses
 import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 from scipy.special import ndtri
 
 from ..block import SHAPE, SIDES, Block, block_of, size_of
@@ -24,7 +27,13 @@ from ..validation import (
     describe,
 )
 from .distributions import find_widths, quantiles
-from .parameters import choose_description, refuse_name
+from .parameters import (
+    Answer,
+    ParametricAnswer,
+    choose_description,
+    make_parametric,
+    refuse_name,
+)
 
 _ARGUMENT = "coefficients_of_variation"
 _BITS = 30  # of a Sobol point, the default of SciPy
@@ -173,7 +182,8 @@ class Uncertain(Printed, eqx.Module):
                     f" {len(values)} for shape {shape} of the objects"
                 )
         normal = draw_normal_numbers(len(self.names), self.samples, self.seed)
-        # Object by object: the last digit of an exponential may depend on its place in an array.
+        # Object by object: the last digit of an exponential may depend on its place in the
+        # array.
         rows = np.stack(medians, axis=-1).reshape(-1, len(medians)).tolist()
         drawn = [
             map_normal_numbers(
@@ -193,6 +203,19 @@ class Uncertain(Printed, eqx.Module):
             name: value[number] if isinstance(value, tuple) else value
             for name, value in zip(self.names, self.coefficients, strict=True)
         }
+
+
+def make_uncertain_answer(
+    answer: Answer, at: PyTree, uncertain: Uncertain
+) -> tuple[ParametricAnswer, np.ndarray]:
+    """Make an answer a function of independent standard normal numbers, and draw these."""
+    coefficients = list_single_coefficients(uncertain)
+    function = make_parametric(answer, at, _ARGUMENT, uncertain.names)
+    medians = np.asarray(function.values)[list(function.varied)]
+    widths = find_widths(uncertain.names, medians, np.array(list(coefficients.values())))
+    width, bounded = map(jnp.asarray, widths)
+    normal = draw_normal_numbers(len(coefficients), uncertain.samples, uncertain.seed)
+    return dataclasses.replace(function, distribution=(width, bounded)), normal
 
 
 def list_single_coefficients(uncertain: Uncertain) -> dict[str, float]:
@@ -306,8 +329,8 @@ def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[flo
     values = np.asarray(value, float)
     if checked.ndim > 1:
         raise ValueError(
-            f"{_ARGUMENT} of {name} must be one number, or one for each object, got an array of"
-            f" shape {checked.shape}"
+            f"{_ARGUMENT} of {name} must be one number, or one for each object, got an array"
+            f" of shape {checked.shape}"
         )
     check(f"{_ARGUMENT} of {name}", values, NON_NEGATIVE)
     return name, float(values) if not values.ndim else tuple(values.tolist())

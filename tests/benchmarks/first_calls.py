@@ -125,6 +125,12 @@ def of_scene(name, answer, *arguments):
     return lambda: f(answer, scene, *arguments)
 
 
+def uncertain():
+    import jaxrock as jr
+
+    return jr.Uncertain({"intensity": 0.1, "restitution": 0.05}, samples=2048)
+
+
 def slopes():
     import jax.numpy as jnp
 
@@ -220,7 +226,6 @@ def same(bar):
     return (bar, bar)
 
 
-SCATTER = {"intensity": 0.1, "restitution": 0.05}
 RANGES = {"intensity": (0.1, 0.2), "restitution": (0.6, 0.8)}
 CASES = {
     "respond, pulse": Case(lambda: called(respond("pulse")), (2, 3)),
@@ -240,7 +245,7 @@ CASES = {
         lambda: of_scene("sensitivities", "rotation_ratio"), following=same(0.01)
     ),
     "failure_probability": Case(
-        lambda: of_scene("failure_probability", "overturning_margin", SCATTER),
+        lambda: of_scene("failure_probability", "overturning_margin", uncertain()),
         following=same(0.05),
     ),
     "derivative_based_measures": Case(

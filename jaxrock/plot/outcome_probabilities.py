@@ -1,20 +1,20 @@
-"""Shares of outcomes under scattered inputs, and Sobol indices of what they come from."""
+"""Probabilities of outcomes, and Sobol indices of the parameters that they come from."""
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..sensitivity import OutcomeShares, describe_parameter
+from ..sensitivity import OutcomeProbabilities, describe_parameter
 from ..validation import as_name
 from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
 
 
-def plot_outcome_shares(found: OutcomeShares, ax: Axes | None = None) -> Axes:
-    """Draw the share of each outcome with its interval, and the shares under each record.
+def plot_outcome_probabilities(found: OutcomeProbabilities, ax: Axes | None = None) -> Axes:
+    """Draw the probability of each outcome with its interval, and those under each record.
 
     Parameters
     ----------
-    found : OutcomeShares
-        From `jaxrock.sensitivity.outcome_shares`.
+    found : OutcomeProbabilities
+        From `jaxrock.sensitivity.outcome_probabilities`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -25,7 +25,7 @@ def plot_outcome_shares(found: OutcomeShares, ax: Axes | None = None) -> Axes:
     """
     ax = get_axes(ax, figsize=(5.6, 2.6))
     rows = np.arange(len(found.outcomes))[::-1]
-    ax.barh(rows, found.share, height=0.5, color=LIGHT, label="all samples")
+    ax.barh(rows, found.probability, height=0.5, color=LIGHT, label="all samples")
     records = len(found.by_record)
     if records > 1:
         # Side by side in the width of the bar: many are 0 or 1.
@@ -38,25 +38,25 @@ def plot_outcome_shares(found: OutcomeShares, ax: Axes | None = None) -> Axes:
     label = f"{found.confidence:.0%} interval"
     ax.plot(ends, np.repeat(rows, 3), "-|", color=INK, markersize=10, label=label)
     # Numbers beside the names: within the axes they would lie on intervals and points.
-    names = zip(found.outcomes, found.share, strict=True)
-    ax.set_yticks(rows, [f"{outcome}: {share:.3f}" for outcome, share in names])
+    names = zip(found.outcomes, found.probability, strict=True)
+    ax.set_yticks(rows, [f"{outcome}: {probability:.3f}" for outcome, probability in names])
     ax.set_xlim(-0.02, 1.02)
     ax.legend(**ABOVE, ncols=3, fontsize="small")
-    return label_axes(ax, "share of samples [-]", "", grid="x")
+    return label_axes(ax, "probability [-]", "", grid="x")
 
 
 def plot_sobol_indices(
-    found: OutcomeShares, answer: str = "peak", ax: Axes | None = None
+    found: OutcomeProbabilities, answer: str = "peak", ax: Axes | None = None
 ) -> Axes:
-    """Draw which part of the variance of an answer comes from each input.
+    """Draw which part of the variance of an answer comes from each parameter.
 
-    The first-order index is of an input alone, the total one with all that it does together
+    The first-order index is of a parameter alone, the total one with all that it does together
     with others.
 
     Parameters
     ----------
-    found, answer : OutcomeShares, str
-        From `jaxrock.sensitivity.outcome_shares`, and one of its answers.
+    found, answer : OutcomeProbabilities, str
+        From `jaxrock.sensitivity.outcome_probabilities`, and one of its answers.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 

@@ -1,4 +1,4 @@
-"""Shares of outcomes: draws against SciPy, statistics against closed forms and brute force."""
+"""Uncertain parameters and probabilities of outcomes, against SciPy, closed forms, sampling."""
 
 import csv
 import itertools
@@ -13,12 +13,12 @@ from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.cli import main
-from jaxrock.plot import plot_outcome_shares, plot_sobol_indices, plot_tornado
+from jaxrock.plot import plot_outcome_probabilities, plot_sobol_indices, plot_tornado
 from jaxrock.sensitivity import TornadoBars
-from jaxrock.sensitivity.share_statistics import (
+from jaxrock.sensitivity.outcome_statistics import (
+    compute_derivatives,
     compute_interval,
     compute_scores,
-    compute_slopes,
     compute_sobol_indices,
 )
 from jaxrock.sensitivity.uncertain import draw_normal_numbers, map_normal_numbers
@@ -175,11 +175,11 @@ def test_slopes_of_a_share_are_those_of_its_closed_form():
     to_median, to_variation = compute_scores(names, median, variation, z)
     for k, h in itertools.product(range(2), [1e-4]):
         ends = [share(median * (1 + s * h * np.eye(2)[k]), variation) for s in (-1, 1)]
-        slope, error = compute_slopes(outcome, to_median)
+        slope, error = compute_derivatives(outcome, to_median)
         assert abs(slope[k] - (ends[1] - ends[0]) / (2 * h)) < 3 * error[k]
         assert error[k] < 0.05 * abs(slope[k])
         ends = [share(median, variation + s * h * np.eye(2)[k]) for s in (-1, 1)]
-        slope, error = compute_slopes(outcome, to_variation)
+        slope, error = compute_derivatives(outcome, to_variation)
         assert abs(slope[k] - (ends[1] - ends[0]) / (2 * h)) < 3 * error[k]
 
 
@@ -291,11 +291,12 @@ def direct_shares(block, c, record, variations, count, seed, ratio=0.5):
 
 
 def check_against_direct_sampling(block, c, record, variations, count, seed, samples=4096):
-    found = jr.sensitivity.outcome_shares(block, c, record, variations, samples=samples)
+    uncertain = jr.Uncertain(variations, samples=samples)
+    found = jr.sensitivity.outcome_probabilities(block, c, record, uncertain)
     values, outcomes = direct_shares(block, c, record, variations, count, seed)
     direct = outcomes.mean(axis=1)
     noise = np.sqrt(direct * (1 - direct) * (1 / count + 1 / samples)) + 1e-4
-    assert (abs(found.share - direct) < 3.5 * noise).all(), (found.share, direct)
+    assert (abs(found.probability - direct) < 3.5 * noise).all(), (found.probability, direct)
     assert (found.low <= direct + 3 * noise).all()
     # The slope to a median, from the same random numbers around another one.
     step = 0.5 * variations["width"]
@@ -315,7 +316,7 @@ def check_against_direct_sampling(block, c, record, variations, count, seed, sam
         bins = np.array_split(fell[np.argsort(values[name])], 20)
         first = (np.var([each.mean() for each in bins]) - 19 / count * whole) / whole
         assert abs(found.first[3, k] - first) < 4 * found.first_error[3, k] + 1 / count**0.5
-    return found.share[2], direct[2]
+    return found.probability[2], direct[2]
 
 
 @pytest.mark.thorough
@@ -358,14 +359,15 @@ def test_five_scenes_against_a_hundred_thousand_samples():
 @float64
 def test_a_suite_is_its_records():
     records = [jr.example_record().scaled(factor) for factor in (0.5, 2.0)]
-    variations = {"half_width": 0.05, "gravity": 0.01, "scale": 0.1}
-    options = {"samples": 256, "ratio": 0.3}
-    both = jr.sensitivity.outcome_shares(BLOCK, 0.8, jr.Suite(records), variations, **options)
-    each = [
-        jr.sensitivity.outcome_shares(BLOCK, 0.8, record, variations, **options)
-        for record in records
-    ]
-    np.testing.assert_array_equal(both.by_record, [one.share for one in each])
+    coefficients = {"half_width": 0.05, "gravity": 0.01, "scale": 0.1}
+    uncertain = jr.Uncertain(coefficients, samples=256)
+
+    def compute(motion):
+        return jr.sensitivity.outcome_probabilities(BLOCK, 0.8, motion, uncertain, ratio=0.3)
+
+    both = compute(jr.Suite(records))
+    each = [compute(record) for record in records]
+    np.testing.assert_array_equal(both.by_record, [one.probability for one in each])
     np.testing.assert_array_equal(both.peak, [one.peak[0] for one in each])
     assert both.sources == ("half_width", "gravity", "scale", "record")
     assert both.high[2] - both.low[2] > 0.5  # of two records
@@ -377,47 +379,52 @@ def test_a_suite_is_its_records():
 @float64
 def test_pulses_and_noise():
     pulse = jr.HalfSine(3.5, 0.5)
-    scatter = {"duration": 0.1, "restitution": 0.05, "scale": 0.1}
-    found = jr.sensitivity.outcome_shares(BLOCK, 0.8, pulse, scatter, samples=512)
+    coefficients = {"duration": 0.1, "restitution": 0.05, "scale": 0.1}
+    uncertain = jr.Uncertain(coefficients, samples=512)
+    found = jr.sensitivity.outcome_probabilities(BLOCK, 0.8, pulse, uncertain)
     # It overturns without an impact, or not at all: the restitution decides nothing.
     assert found.first[3, 1] == 0
-    assert 0.1 < found.share[2] < 0.9
+    assert 0.1 < found.probability[2] < 0.9
     assert "within noise" in str(found)
-    rare = jr.sensitivity.outcome_shares(BLOCK, 0.8, pulse.scaled(0.8), scatter, samples=512)
-    assert 0 < rare.share[2] < 20 / 512
+    rare = jr.sensitivity.outcome_probabilities(BLOCK, 0.8, pulse.scaled(0.8), uncertain)
+    assert 0 < rare.probability[2] < 20 / 512
     assert np.isnan(rare.first[3]).all()
-    assert str(rare).endswith("overturns: too few samples differ for indices and slopes")
+    assert str(rare).endswith("overturns: too few samples differ for indices and derivatives")
     values = found.inputs
     pulses = jr.HalfSine(3.5 * values["scale"], values["duration"])
     response = jr.respond_batch(BLOCK, values["restitution"], pulses, pulses.end + 10)
-    assert found.share[2] == np.asarray(response.overturned).mean()
+    assert found.probability[2] == np.asarray(response.overturned).mean()
     # The rotation is highest after the end of the pulse.
     large = np.asarray(
         response.overturned | (response.peak_rotation > 0.5 * BLOCK.critical_angle)
     )
-    assert found.share[1] == large.mean()
+    assert found.probability[1] == large.mean()
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("coefficients", "change", "words"),
     [
-        ({"variations": {"size": 0.1}}, "variation has 'size', which is none of half_width"),
-        ({"variations": {"duration": 0.1}}, "variation has 'duration', which is none of"),
-        ({"variations": {"width": 0.1, "slenderness": 0.1}}, "got width and slenderness"),
-        ({"variations": {"width": 0.0}}, "variations must be finite and greater than 0"),
-        ({"variations": {}}, "variations must name at least one"),
-        ({"variations": {"inertia_ratio": 0.3}}, "leave inertia_ratio at 1 or more"),
-        ({"samples": 1000}, "samples must be a power of 2, got 1000"),
-        ({"ratio": 0.0}, "ratio must be finite and greater"),
-        ({"confidence": 1.0}, "confidence must be a number between 0 and 1"),
-        ({"block": jr.Block(np.array([0.1, 0.2]), 5.0)}, "single ones, got arrays"),
+        ({"size": 0.1}, {}, "variation has 'size', which is none of half_width"),
+        ({"duration": 0.1}, {}, "variation has 'duration', which is none of"),
+        ({"width": 0.1, "slenderness": 0.1}, {}, "got width and slenderness"),
+        ({"width": 0.0}, {}, "variation must be finite and greater than 0"),
+        ({}, {}, "uncertain must name at least one parameter"),
+        ({"inertia_ratio": 0.3}, {}, "leave inertia_ratio at 1 or more"),
+        ({"width": [0.1, 0.2]}, {}, "width must be one number here, got 2 of them"),
+        ({"width": 0.1}, {"ratio": 0.0}, "ratio must be finite and greater"),
+        ({"width": 0.1}, {"confidence": 1.0}, "confidence must be a number between 0 and 1"),
+        (
+            {"width": 0.1},
+            {"block": jr.Block(np.array([0.1, 0.2]), 5.0)},
+            "single ones, got arrays",
+        ),
     ],
 )
-def test_bad_questions(change, words):
+def test_bad_questions(coefficients, change, words):
     record = jr.Record([0.0, 3.0, 0.0], 0.1)
-    given = {"block": BLOCK, "variations": {"width": 0.1}} | change
+    arguments = {"block": BLOCK, "restitution": 0.8, "motion": record} | change
     with pytest.raises(ValueError, match=words):
-        jr.sensitivity.outcome_shares(restitution=0.8, motion=record, **given)
+        jr.sensitivity.outcome_probabilities(uncertain=jr.Uncertain(coefficients), **arguments)
 
 
 @pytest.mark.thorough
@@ -434,15 +441,15 @@ def test_the_command_says_shares_where_slopes_say_nothing(capsys, tmp_path):
         "wide, narrower than the scatter of 0.05: local slopes say nothing"
         in found["about_slopes"]
     )
-    assert found["shares"][2]["share"] == pytest.approx(0.517, abs=0.06)
+    assert found["probabilities"][2]["probability"] == pytest.approx(0.517, abs=0.06)
     rows = {row["quantity"]: row for row in found["rows"]}
     assert set(rows) == {"width", "height", "restitution", "scale"}
     assert {row["slope"] for row in rows.values()} == {None}
     assert rows["width"]["at_low"] == rows["width"]["at_high"] == "overturns"
-    lines = (tmp_path / "shares.csv").read_text(encoding="utf-8").splitlines()
+    lines = (tmp_path / "probabilities.csv").read_text(encoding="utf-8").splitlines()
     table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert [row["outcome"] for row in table] == ["rocks", "exceeds 0.5", "overturns"]
-    files = ["sensitivity.csv", "shares.csv", "shares.png", "tornado.png"]
+    files = ["probabilities.csv", "probabilities.png", "sensitivity.csv", "tornado.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == files
 
 
@@ -500,15 +507,17 @@ def test_labels_of_a_tornado_lie_apart(value):
 def test_pictures_of_shares():
     record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
     suite = jr.Suite([record, record.scaled(0.1)])
-    found = jr.sensitivity.outcome_shares(BLOCK, 0.8, suite, {"width": 0.1}, samples=64)
-    ax = plot_outcome_shares(found)
+    found = jr.sensitivity.outcome_probabilities(
+        BLOCK, 0.8, suite, jr.Uncertain({"width": 0.1})
+    )
+    ax = plot_outcome_probabilities(found)
     labels = [label.get_text() for label in ax.get_yticklabels()]
     assert labels == [
         f"{outcome}: {share:.3f}"
-        for outcome, share in zip(found.outcomes, found.share, strict=True)
+        for outcome, share in zip(found.outcomes, found.probability, strict=True)
     ]
     ends = [bar.get_width() for bar in ax.patches]
-    np.testing.assert_allclose(ends, found.share)
+    np.testing.assert_allclose(ends, found.probability)
     ax = plot_sobol_indices(found, "peak")
     assert [label.get_text() for label in ax.get_yticklabels()] == [
         "width at this height",

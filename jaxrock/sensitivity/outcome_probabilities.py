@@ -1,4 +1,4 @@
-"""Shares of scattered inputs with which a block rocks or overturns, and what decides them."""
+"""Probabilities that a block rocks or overturns, and the parameters that decide them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,13 +12,13 @@ from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
-from .parameters import Spread, describe_parameter
-from .share_statistics import (
+from .outcome_statistics import (
+    compute_derivatives,
     compute_interval,
     compute_scores,
-    compute_slopes,
     compute_sobol_indices,
 )
+from .parameters import describe_parameter
 from .uncertain import (
     Uncertain,
     draw_normal_numbers,
@@ -28,46 +28,46 @@ from .uncertain import (
     map_normal_numbers,
 )
 
-# Responses that are followed at once, for which there is memory.
+# Responses that are simulated at once, for which there is memory.
 _AT_ONCE = 2**20
 # The highest rotation may come after the end of the ground motion [s].
 _BEYOND = 10.0
-# An outcome has indices and slopes if at least so many samples have it, and have it not.
+# An outcome has indices and derivatives if at least so many samples have it, and have it not.
 _FEWEST = 20
 
 
 @dataclass(frozen=True, repr=False)
-class OutcomeShares(Printed):
-    """Shares of samples by outcome, and what they depend on; see `outcome_shares`.
+class OutcomeProbabilities(Printed):
+    """Probabilities of outcomes, and what they depend on; see `outcome_probabilities`.
 
-    Indices and slopes that noise hides are not printed as numbers.
+    Indices and derivatives that noise hides are not printed as numbers.
 
     Attributes
     ----------
     outcomes : tuple of str
         ``"rocks"``, ``"exceeds ..."`` the rotation ratio, ``"overturns"``.
-    share, low, high : ndarray, shape (outcomes,)
-        Share of all samples, and its interval.
+    probability, low, high : ndarray, shape (outcomes,)
+        Fraction of all samples, and its interval.
     by_record : ndarray, shape (records, outcomes)
-        Shares under each record; one row for a single motion.
+        Probabilities under each record; one row for a single motion.
     names : tuple of str
-        The inputs that scatter.
-    median, variation : ndarray, shape (inputs,)
+        The uncertain parameters.
+    median, coefficient_of_variation : ndarray, shape (parameters,)
         Their medians and coefficients of variation.
     answers : tuple of str
         ``"peak"`` and the outcomes: what the indices are of.
     sources : tuple of str
-        The inputs, and under a suite ``"record"``: what the indices belong to.
+        The parameters, and under a suite ``"record"``: what the indices belong to.
     first, total, first_error, total_error : ndarray, shape (answers, sources)
         Sobol indices [-], first-order and total, and their standard errors; NaN for an answer
         that does not vary, and for an outcome of fewer than 20 samples, or of all but those.
-    by_median, by_variation : ndarray, shape (outcomes, inputs)
-        Slope of the share to the logarithm of the median, and to the coefficient of variation
-        [-]; NaN like the indices.
-    by_median_error, by_variation_error : ndarray, shape (outcomes, inputs)
+    by_median, by_coefficient_of_variation : ndarray, shape (outcomes, parameters)
+        Derivatives of the probability with respect to the logarithm of the median, and to the
+        coefficient of variation [-]; NaN like the indices.
+    by_median_error, by_coefficient_of_variation_error : ndarray, shape (outcomes, parameters)
         Their standard errors.
     inputs : dict of ndarray, shape (samples,)
-        The inputs that scatter, by name.
+        Samples of the uncertain parameters, by name.
     peak : ndarray, shape (records, samples)
         Highest rotation over the critical angle, at most 1, and 1 where the block overturns.
     confidence : float
@@ -75,13 +75,13 @@ class OutcomeShares(Printed):
     """
 
     outcomes: tuple[str, ...]
-    share: np.ndarray
+    probability: np.ndarray
     low: np.ndarray
     high: np.ndarray
     by_record: np.ndarray
     names: tuple[str, ...]
     median: np.ndarray
-    variation: np.ndarray
+    coefficient_of_variation: np.ndarray
     answers: tuple[str, ...]
     sources: tuple[str, ...]
     first: np.ndarray
@@ -90,8 +90,8 @@ class OutcomeShares(Printed):
     total_error: np.ndarray
     by_median: np.ndarray
     by_median_error: np.ndarray
-    by_variation: np.ndarray
-    by_variation_error: np.ndarray
+    by_coefficient_of_variation: np.ndarray
+    by_coefficient_of_variation_error: np.ndarray
     inputs: dict[str, np.ndarray]
     peak: np.ndarray
     confidence: float
@@ -104,30 +104,30 @@ class OutcomeShares(Printed):
         ]
         for k, outcome in enumerate(self.outcomes):
             interval = f"{self.low[k]:.4f} to {self.high[k]:.4f}"
-            lines.append(f"{outcome:20}{self.share[k]:10.4f}   {interval}")
+            lines.append(f"{outcome:20}{self.probability[k]:10.4f}   {interval}")
         for k, answer in enumerate(self.answers):
             if np.isfinite(self.first[k]).all():
                 lines += ["", *self._write_table(k, answer)]
-            elif k and 0 < self.share[k - 1] < 1:
-                lines += ["", f"{answer}: too few samples differ for indices and slopes"]
+            elif k and 0 < self.probability[k - 1] < 1:
+                lines += ["", f"{answer}: too few samples differ for indices and derivatives"]
         return "\n".join(lines)
 
     def _write_table(self, k: int, answer: str) -> list[str]:
-        """Write a table of an answer that varies: indices, and slopes of a share."""
-        slopes = k > 0
+        """Write a table of an answer that varies: indices, derivatives of a probability."""
+        is_outcome = k > 0
         head = f"{answer:30}{'first order':>18}{'total':>18}"
-        if slopes:
-            head += f"{'median +1 %':>22}{'variation +0.01':>22}"
+        if is_outcome:
+            head += f"{'median +1 %':>22}{'coefficient of variation +0.01':>32}"
         rows = [head]
         for i, source in enumerate(self.sources):
             row = f"{describe_parameter(source):30}"
             row += _write_index(self.first[k, i], self.first_error[k, i])
             row += _write_index(self.total[k, i], self.total_error[k, i])
-            if slopes and i < len(self.names):
-                row += _write_slope(self.by_median[k - 1, i], self.by_median_error[k - 1, i])
-                row += _write_slope(
-                    self.by_variation[k - 1, i], self.by_variation_error[k - 1, i]
-                )
+            if is_outcome and i < len(self.names):
+                row += _write_change(self.by_median[k - 1, i], self.by_median_error[k - 1, i])
+                derivative = self.by_coefficient_of_variation[k - 1, i]
+                error = self.by_coefficient_of_variation_error[k - 1, i]
+                row += f"{_write_change(derivative, error):>32}"
             rows.append(row)
         return rows
 
@@ -139,51 +139,47 @@ def _write_index(value: float, error: float) -> str:
     return f"{f'{value:.2f} +- {error:.2f}' if error else f'{value:.2f}':>18}"
 
 
-def _write_slope(value: float, error: float) -> str:
-    """Write the change of a share for a hundredth more; nothing where noise hides it."""
+def _write_change(value: float, error: float) -> str:
+    """Write the change of a probability for a hundredth more; nothing where noise hides it."""
     if not error < abs(value):
         return f"{'within noise':>22}"
     return f"{f'{0.01 * value:+.4f} +- {0.01 * error:.4f}':>22}"
 
 
-def outcome_shares(
+def outcome_probabilities(
     block: Block,
     restitution: Number,
     motion: Motion | Suite,
-    variations: Spread,
+    uncertain: Uncertain,
     *,
     ratio: float = 0.5,
-    samples: int = 4096,
-    seed: int = 0,
     confidence: float = 0.95,
     model: ModelLike = Nonlinear(),
-) -> OutcomeShares:
-    """Compute with which shares of scattered inputs a block rocks and overturns.
+) -> OutcomeProbabilities:
+    """Compute the probabilities that a block with uncertain parameters rocks and overturns.
 
-    Under a record, a response is no smooth function of its inputs: above the first strength
-    that overturns a block there are windows in which it survives, and its slopes say little
-    beyond them. Shares of samples are smooth where the response is not.
+    Under a record, a response is no smooth function of its parameters: above the first
+    strength that overturns a block there are windows in which it survives, and derivatives
+    say little beyond them. Probabilities are smooth where the response is not.
 
     Parameters
     ----------
     block, restitution : Block, float
         The medians.
     motion : Motion or Suite
-        Under a suite shares are those of all samples under all records, and intervals are
-        those of records drawn from where these come from: the records, not the samples, are
-        what is independent.
-    variations : dict
-        Coefficients of variation, greater than 0, of ``width`` (at this height) and ``height``
-        (at this width) of the block, or of ``half_width`` (at this slenderness) and
-        ``slenderness``; of ``gravity``, ``inertia_ratio``, ``restitution``; of ``scale``, a
-        factor on the motion with the median 1; of the ``duration`` of a pulse, the
-        ``frequency`` of a `Harmonic`. Distributed as in `propagate`, and independent.
+        Under a suite the probabilities are those of all samples under all records, and the
+        intervals those of records drawn from where these come from: the records, not the
+        samples, are independent.
+    uncertain : Uncertain
+        By the names of the parameters of the block (see `Uncertain`) and ``restitution``; by
+        ``scale``, a factor on the motion with the median 1; by the ``duration`` of a pulse,
+        the ``frequency`` of a `Harmonic`. At least one, with one coefficient of variation
+        each, greater than 0. Under one motion 4,096 samples give indices to a few hundredths,
+        with the 64 of the default only probabilities are worth reading. As many responses
+        again are simulated for each parameter and once more, for the Sobol indices.
     ratio : float
         Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
         that overturns exceeds it.
-    samples, seed : int
-        Number of samples, a power of 2, and the seed of the Sobol points. As many responses
-        again are followed for each input and once more, for the Sobol indices.
     confidence : float
         Of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
@@ -191,30 +187,30 @@ def outcome_shares(
 
     Returns
     -------
-    OutcomeShares
+    OutcomeProbabilities
         The Sobol indices are those of the outcomes, 0 or 1, and of ``"peak"``: the highest
         rotation over the critical angle, at most 1, and 1 where the block overturns.
 
     Raises
     ------
     ValueError
-        If an argument is out of range, a name is not known, or an integration did not
-        finish.
+        If an argument is out of range, a name is unknown, or an integration does not finish.
 
     Notes
     -----
-    One sample serves everything: scrambled Sobol points, followed in one batch to 10 s beyond
-    the end of the motion. Slopes of shares to medians and coefficients of variation are means
-    of the outcome times the slope of the log-density (score function), so that no response is
-    differentiated.
+    One sample serves everything: scrambled Sobol points, simulated in one batch to 10 s beyond
+    the end of the motion. Derivatives of probabilities with respect to medians and
+    coefficients of variation are means of the outcome times the derivative of the log-density
+    (score function), so that no response is differentiated.
 
     Examples
     --------
     >>> import jaxrock as jr
     >>> record, block = jr.example_record().scaled(2.0), jr.Block.from_size(width=0.2, height=0.8)
-    >>> scatter = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
-    >>> found = jr.sensitivity.outcome_shares(block, 0.8, record, scatter)
-    >>> print(found.outcomes[2], f"{found.share[2]:.2f}")
+    >>> coefficients = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
+    >>> uncertain = jr.Uncertain(coefficients, samples=4096)
+    >>> result = jr.sensitivity.outcome_probabilities(block, 0.8, record, uncertain)
+    >>> print(result.outcomes[2], f"{result.probability[2]:.2f}")
     overturns 0.53
     """
     scene = check_batch(block, restitution, motion, None)
@@ -223,21 +219,21 @@ def outcome_shares(
         raise ValueError(
             f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
         )
-    if not variations:
-        raise ValueError("variations must name at least one input, got none")
-    uncertain = Uncertain(variations, samples=samples, seed=seed)
-    variations = list_single_coefficients(uncertain)
+    coefficients = list_single_coefficients(uncertain)
+    if not coefficients:
+        raise ValueError("uncertain must name at least one parameter, got none")
     if any(np.ndim(leaf) for leaf in jax.tree.leaves((block, scene[0]))):
         raise ValueError("block and restitution must be single ones, got arrays of them")
-    parameters = list_medians(block, scene[0], variations)
+    parameters = list_medians(block, scene[0], coefficients)
     medians = {name: float(value) for name, value in parameters.items()}
     medians |= _list_medians_of_motion(motion)
-    median = np.array([medians.get(name, np.nan) for name in variations])
-    variation = np.array([float(value) for value in variations.values()])
-    check("variations", variation, POSITIVE)
-    z = _draw_mixed_samples(len(variations), samples, seed)
-    values = map_normal_numbers(np.concatenate(z), medians, variations)
-    answers = _follow_samples(values, motion, as_model(model), ratio)
+    coefficient = np.array(list(coefficients.values()))
+    check("coefficients_of_variation", coefficient, POSITIVE)
+    samples = uncertain.samples
+    z = _draw_mixed_samples(len(coefficients), samples, uncertain.seed)
+    values = map_normal_numbers(np.concatenate(z), medians, coefficients)
+    median = np.array([medians[name] for name in coefficients])
+    answers = _simulate_samples(values, motion, as_model(model), ratio)
     shape = (*answers.shape[:2], len(z), samples)
     answers = np.moveaxis(answers.reshape(shape), 2, 0)
     outcomes = answers[0, 1:]
@@ -247,36 +243,36 @@ def outcome_shares(
     blank = np.where(clear, 1.0, np.nan)[:, None]
     indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
     indices = [part * np.concatenate([[[1.0]], blank]) for part in indices]
-    names = tuple(variations)
-    scores = compute_scores(names, median, variation, z[0])
-    slopes = [
+    names = uncertain.names
+    scores = compute_scores(names, median, coefficient, z[0])
+    derivatives = [
         np.array(parts) * blank
         for score in scores
-        for parts in zip(*(compute_slopes(each, score) for each in outcomes), strict=True)
+        for parts in zip(*(compute_derivatives(each, score) for each in outcomes), strict=True)
     ]
     by_record = outcomes.mean(axis=2).T
     intervals = [compute_interval(each, samples, confidence) for each in by_record.T]
     low, high = np.array(intervals).T
     words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
-    return OutcomeShares(
+    return OutcomeProbabilities(
         outcomes=words,
-        share=by_record.mean(axis=0),
+        probability=by_record.mean(axis=0),
         low=low,
         high=high,
         by_record=by_record,
         names=names,
         median=median,
-        variation=variation,
+        coefficient_of_variation=coefficient,
         answers=("peak", *words),
         sources=(*names, "record") if len(by_record) > 1 else names,
         first=indices[0],
         first_error=indices[1],
         total=indices[2],
         total_error=indices[3],
-        by_median=slopes[0],
-        by_median_error=slopes[1],
-        by_variation=slopes[2],
-        by_variation_error=slopes[3],
+        by_median=derivatives[0],
+        by_median_error=derivatives[1],
+        by_coefficient_of_variation=derivatives[2],
+        by_coefficient_of_variation_error=derivatives[3],
         inputs={name: values[name][:samples] for name in names},
         peak=answers[0, 0],
         confidence=float(confidence),
@@ -284,7 +280,7 @@ def outcome_shares(
 
 
 def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]:
-    """Draw two samples of normal numbers, then the first with each input from the second."""
+    """Draw two samples of normal numbers, then the first with a column from the second."""
     both = draw_normal_numbers(2 * count, samples, seed)
     first, second = np.split(both, 2, axis=1)
     mixed = [first, second]
@@ -296,7 +292,7 @@ def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]
 
 
 def _list_medians_of_motion(motion: Motion | Suite) -> dict[str, float]:
-    """List the inputs that a motion has, with their medians."""
+    """List the parameters that a motion has, with their medians."""
     medians = {"scale": 1.0}
     if isinstance(motion, Pulse):
         medians["duration"] = float(motion.duration)
@@ -305,11 +301,11 @@ def _list_medians_of_motion(motion: Motion | Suite) -> dict[str, float]:
     return medians
 
 
-def _follow_samples(
+def _simulate_samples(
     values: Mapping[str, np.ndarray], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
-    """Follow all samples; peak and outcomes, shape (answers, records, samples)."""
-    # Drawn in float64, followed in the precision that JAX has been set to.
+    """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
+    # Drawn in float64, simulated in the precision that JAX has been set to.
     blocks = jax.device_put(make_drawn_blocks(values))
     restitution = as_real("restitution", values["restitution"])
     scale = np.asarray(as_real("scale", values["scale"]))
