@@ -19,7 +19,6 @@ from .block import Block as Block
 from .calibration import fit_driven_rocking as fit_driven_rocking
 from .calibration import fit_free_rocking as fit_free_rocking
 from .driven import DrivenScene as DrivenScene
-from .driven import Status as Status
 from .driven import respond as respond
 from .driven import respond_batch as respond_batch
 from .driven import respond_within as respond_within
@@ -37,6 +36,7 @@ from .ground_motion import example_record as example_record
 from .ground_motion import example_suite as example_suite
 from .ground_motion import read_record as read_record
 from .ground_motion import read_suite as read_suite
+from .host import Status as Status
 from .impact import housner_restitution as housner_restitution
 from .overturning import critical_amplitude as critical_amplitude
 from .overturning import critical_duration as critical_duration

@@ -525,6 +525,7 @@ def test_never_lifted_and_traced_bad_values():
     samples = jnp.asarray(np.stack([SHAKEN] * 4), np.float32).at[1, 50].set(jnp.nan)
     c = np.array([0.9, 0.9, jnp.nan, 1.5], np.float32)
     broken = shaken(samples, np.float32(0.1), c)
+    assert broken.status.tolist() == [jr.Status.COMPLETE] + 3 * [jr.Status.INVALID]
     assert broken.complete.tolist() == [True, False, False, False]
     assert np.isnan(broken.peak_rotation).tolist() == [False, True, True, True]
     assert not shaken(samples, np.float32(-0.1), c).complete.any()

@@ -261,6 +261,34 @@ def test_record():
 
 
 @pytest.mark.thorough
+def test_derivatives_under_a_record_are_known_in_all_modes():
+    """Of each boundary, also under `jit`: a block on it topples long before the record ends.
+
+    Width and gravity times s make the accelerations that do the same s times as strong.
+    """
+    record, factors = jr.example_suite()[1], np.geomspace(0.4, 3.0, 100)
+
+    def edges(half_width, gravity, restitution):
+        block = jr.Block(half_width, 4.0, gravity)
+        return jr.overturning_boundaries(
+            block, restitution, record, "factor", factors, max_boundaries=24
+        ).value
+
+    def differentiate(restitution):
+        arguments = (0.3, 9.81, restitution)
+        value, by_scale = jax.jvp(edges, arguments, (0.3, 9.81, 0.0))
+        return value, by_scale, jax.jvp(edges, arguments, (0.0, 0.0, 1.0))[1]
+
+    value, by_scale, by_restitution = differentiate(0.8)
+    assert value.size >= 6
+    np.testing.assert_allclose(by_scale, value, rtol=1e-9)
+    compiled = [column[: value.size] for column in jax.jit(differentiate)(0.8)]
+    np.testing.assert_allclose(compiled[0], value, rtol=1e-12)
+    np.testing.assert_allclose(compiled[1], by_scale, rtol=1e-9)
+    np.testing.assert_allclose(compiled[2], by_restitution, rtol=1e-6)
+
+
+@pytest.mark.thorough
 def test_mode_beside_a_narrow_window():
     """Not that of what lies beyond the window, which stands."""
     block, factors = jr.Block(0.2, 5.0), jnp.linspace(0.5, 2.5, 41)

@@ -211,7 +211,8 @@ def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):
 
 def incomplete(*arguments, **options):
     response = follow_batch(*arguments, **options)
-    return eqx.tree_at(lambda r: r.complete, response, response.complete & False)
+    stopped = np.full_like(response.status, jr.Status.STOPPED)
+    return eqx.tree_at(lambda r: r.status, response, stopped)
 
 
 def test_without_the_extra(monkeypatch):

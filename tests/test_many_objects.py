@@ -1,5 +1,6 @@
 """Fragility and rates of many objects, and of uncertain ones: the same bits, closed forms."""
 
+import equinox as eqx
 import jax
 import mpmath
 import numpy as np
@@ -8,6 +9,7 @@ from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, v
 from scipy import optimize, stats
 
 import jaxrock as jr
+from jaxrock.driven import follow_within
 from jaxrock.risk.counted_rate import count_rates, estimate_error_of_mean, plan_counting
 
 DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
@@ -24,10 +26,12 @@ def equal(one, other):
     return one.dtype == other.dtype and one.tobytes() == other.tobytes()
 
 
-@pytest.mark.parametrize("scatter", [None, {"half_width": 0.1, "restitution": 0.05}])
-def test_fragility_of_many_has_the_bits_of_each(scatter):
+@pytest.mark.parametrize(
+    "uncertain", [None, jr.Uncertain({"half_width": 0.1, "restitution": 0.05}, samples=4)]
+)
+def test_fragility_of_many_has_the_bits_of_each(uncertain):
     """Also lazily, in chunks that cut every dimension."""
-    options = {**LINEARIZED, "scatter": scatter, "samples": 4, "tolerance": 1e-2}
+    options = {**LINEARIZED, "uncertain": uncertain, "tolerance": 1e-2}
     names = ["vase", "bust", "case"]
     arguments = (BLOCKS, RESTITUTIONS, pulses(50), LEVELS[:5])
     many = jr.fragility(*arguments, names=names, **options)
@@ -43,6 +47,27 @@ def test_fragility_of_many_has_the_bits_of_each(scatter):
         assert one.exceedance.dims == ("level", "threshold")
         for name in one:
             assert equal(one[name], many[name].isel(object=k)), name
+
+
+def test_an_integration_that_does_not_finish_is_named(monkeypatch):
+    """By its object, its record and its level, also in a chunk that has only some of them."""
+
+    def fail_at_last(*arguments):
+        estimate = follow_within(*arguments)
+        complete = np.array(estimate.response.complete)
+        complete.flat[-1] = False
+        return eqx.tree_at(lambda found: found.response.complete, estimate, complete)
+
+    monkeypatch.setattr("jaxrock.risk.fragility_curves.follow_within", fail_at_last)
+    suite = jr.Suite([*pulses(50)][:2], ["napa", "kobe"])
+    arguments = (BLOCKS, 0.8, suite, [1.0, 2.0])
+    options = {**LINEARIZED, "names": ["vase", "bust", "case"], "tolerance": 1e-2}
+    message = r"did not finish for object 'case'.* record 'kobe' at level 2$"
+    with pytest.raises(ValueError, match=message):
+        jr.fragility(*arguments, **options)
+    lazy = jr.fragility(*arguments, **options, chunks={"object": 1, "record": 1})
+    with pytest.raises(ValueError, match=message):
+        lazy.isel(object=2, record=1).margin.compute()
 
 
 @pytest.mark.thorough
@@ -195,18 +220,17 @@ def find_half_width(level, duration):
 def test_scatter_of_the_size_in_closed_form():
     """The probability that a lognormal size is below the one that is just overturned."""
     variation, levels = 0.2, np.array([1.2, 1.6, 2.0, 2.6])
-    options = {**LINEARIZED, "thresholds": ["overturning"], "samples": 512}
+    options = {**LINEARIZED, "thresholds": ["overturning"]}
     block, suite = jr.Block(0.25, 4.0), pulses(400)
-    curves = jr.fragility(
-        block, 0.85, suite, levels, scatter={"half_width": variation}, **options
-    )
+    uncertain = jr.Uncertain({"half_width": variation}, samples=512)
+    curves = jr.fragility(block, 0.85, suite, levels, uncertain=uncertain, **options)
     width = np.sqrt(np.log1p(variation**2))
     critical = np.array([[find_half_width(x, d) for x in levels] for d in DURATIONS])
     exact = stats.norm.cdf(np.log(critical / 0.25) / width)
     of_records = curves.overturned.mean("sample")
     np.testing.assert_allclose(of_records, exact, atol=0.01)
     np.testing.assert_allclose(curves.exceedance[:, 0], exact.mean(axis=0), atol=0.01)
-    # Of the binomial interval: the share of records, which are 3, need not be whole.
+    # Of the binomial interval: the count of records, which are 3, need not be whole.
     low = stats.beta.ppf(0.025, 3 * exact.mean(axis=0), 4 - 3 * exact.mean(axis=0))
     np.testing.assert_allclose(curves.exceedance_low[:, 0], low, atol=0.01)
     # Yearly: the mean of the closed form over the same distribution, by quadrature.
@@ -231,18 +255,18 @@ def test_scatter_of_the_size_in_closed_form():
 @DOUBLE
 @SLOW
 def test_dispersion_is_split_by_its_causes():
-    """Without scatter in the object all is due to the records, with one record none is."""
+    """Without uncertainty all is due to the records, with one record none is."""
     levels, options = np.geomspace(0.8, 4.0, 40), {**LINEARIZED, "thresholds": ["overturning"]}
     block = jr.Block(0.25, 4.0)
-    certain = jr.fragility(
-        block, 0.85, pulses(50), levels, scatter={"half_width": 0.0}, samples=2, **options
-    )
+    equal_samples = jr.Uncertain({"half_width": 0.0}, samples=2)
+    certain = jr.fragility(block, 0.85, pulses(50), levels, uncertain=equal_samples, **options)
     assert float(certain.dispersion_of_parameters[0]) == 0
     assert float(certain.dispersion_of_records[0]) == pytest.approx(
         float(certain.lognormal_dispersion[0]), rel=1e-9
     )
+    different_samples = jr.Uncertain({"half_width": 0.2}, samples=64)
     uncertain = jr.fragility(
-        block, 0.85, pulses(50)[:1], levels, scatter={"half_width": 0.2}, samples=64, **options
+        block, 0.85, pulses(50)[:1], levels, uncertain=different_samples, **options
     )
     width = np.sqrt(np.log1p(0.04))
     verges = [
@@ -266,7 +290,10 @@ def test_dispersion_is_split_by_its_causes():
         ),
         ({"restitution": np.array([0.8, 0.9])}, r"that broadcast, got .*\(3,\).*\(2,\)"),
         ({"restitution": np.array([0.8, 0.9, 1.1])}, "restitution must be between 0 and 1"),
-        ({"blocks": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8}, "at least one object"),
+        (
+            {"blocks": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8},
+            "at least one object",
+        ),
     ],
 )
 def test_objects_that_are_refused(change, message):

@@ -49,8 +49,7 @@ QUESTIONS = {
         measure=text("pgv"),
         thresholds=[text("uplift")],
         model=text("linearized"),
-        scatter={text("half_width"): 0.1},
-        samples=2,
+        uncertain=jr.Uncertain({text("half_width"): 0.1}, samples=2),
     ),
     "required value": lambda text: jr.required_value(
         BLOCK,

@@ -108,7 +108,7 @@ def test_a_period_without_bound_is_an_arrow():
     assert names == ["0.6", "0.8", "grows without bound,\noverturns beyond"]
 
 
-def test_shares_stand_at_their_level_and_intervals_are_bands():
+def test_probabilities_stand_at_their_levels_and_intervals_are_bands():
     pulse = np.sin(np.linspace(0, 2 * np.pi, 200))
     suite = jr.Suite([jr.Record(a * pulse, a / 400) for a in (1.0, 2.0, 3.0)])
     levels = np.geomspace(0.2, 3, 7)
@@ -118,12 +118,12 @@ def test_shares_stand_at_their_level_and_intervals_are_bands():
     assert len(marks) == curves.threshold.size
     assert not ax.containers  # no bars
     for k, (mark, band) in enumerate(zip(marks, ax.collections, strict=True)):
-        shares = curves.isel(threshold=k)
+        curve = curves.isel(threshold=k)
         np.testing.assert_allclose(mark.get_xdata(), levels)
-        np.testing.assert_array_equal(mark.get_ydata(), shares.exceedance)
+        np.testing.assert_array_equal(mark.get_ydata(), curve.exceedance)
         corners = band.get_paths()[0].vertices
         third = corners[np.isclose(corners[:, 0], levels[2]), 1]
-        ends = float(shares.exceedance_low[2]), float(shares.exceedance_high[2])
+        ends = float(curve.exceedance_low[2]), float(curve.exceedance_high[2])
         np.testing.assert_allclose([third.min(), third.max()], ends)
     assert "95% intervals (bands)" in ax.get_legend().get_title().get_text()
     assert find_clashes(ax.figure) == []

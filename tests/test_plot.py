@@ -111,7 +111,7 @@ def train(times, intensities, skips, delays):
         total=float(np.abs(intensities).sum()),
         peak_rotation=np.nan,
         overturns=False,
-        converged=True,
+        status=jr.Status.COMPLETE,
         objectives=np.array([0.5, 0.4]),
         history=np.array([[1.0, 0.6, 0.5], [0.8, 0.5, 0.4]]),
         goal="smallest largest",
@@ -783,7 +783,8 @@ def test_distribution(scatter):
         assert place[share.argmax()] == pytest.approx(mean, abs=0.003)
         normal = (edges[1] - edges[0]) / (deviation * np.sqrt(2 * np.pi))
         assert share.max() == pytest.approx(normal, rel=1e-3)
-    assert plot_distribution(samples, dataclasses.replace(scatter, valid=False)).get_title()
+    far = dataclasses.replace(scatter, within_tolerance=False)
+    assert plot_distribution(samples, far).get_title() == "neither order is within tolerance"
     with pytest.raises(ValueError, match="samples must have at least one answer"):
         plot_distribution(np.full(3, np.nan))
 

@@ -1,5 +1,6 @@
 """What is printed of arguments and answers: alone, many, and traced."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -80,7 +81,9 @@ def test_arguments_and_answers_print_themselves(thing, text):
             "      intensity 1",
         ),
         (
-            jr.sensitivity.ReliabilityResult(0.1, 0.2, 1.0, {"intensity": 1.0}, 0.0, True),
+            jr.sensitivity.ReliabilityResult(
+                0.1, 0.2, 1.0, {"intensity": 1.0}, 0.0, jr.Status.COMPLETE
+            ),
             "probability         0.1",
         ),
         (
@@ -131,3 +134,40 @@ def test_many_at_once():
     )
     found = jr.critical_amplitude(BLOCK, restitution, jr.Sine, 0.5)
     assert "complete            2 of 2" in str(found)
+
+
+RESPONSE = jr.respond_batch(BLOCK, 0.9, jr.Sine(np.array([1.0, 2.0, 3.0]), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("status", "line"),
+    [
+        ([0, 0, 0], None),
+        (
+            [0, 2, 3],
+            "status              ran out of steps, or could not go on: 1 of 3,"
+            " an argument is out of range: 1 of 3",
+        ),
+        (3, "status              an argument is out of range"),
+    ],
+)
+def test_a_status_is_said_where_something_ran_out(status, line):
+    result = eqx.tree_at(lambda response: response.status, RESPONSE, jnp.array(status))
+    lines = str(result).splitlines()
+    if line is None:
+        assert not any(text.startswith("status") for text in lines)
+    else:
+        assert lines[-1] == line
+
+
+def test_every_status_has_a_description():
+    descriptions = {status.description for status in jr.Status}
+    assert len(descriptions) == len(jr.Status)
+    assert all(descriptions)
+
+
+def test_a_train_with_too_many_impacts_says_so():
+    train = jr.respond_to_train(BLOCK, 1.0, [0.0, 1e6], [0.1, 0.1])
+    assert train.status == jr.Status.STOPPED
+    assert np.isnan(train.peak_rotation)
+    assert "status              ran out of steps, or could not go on" in str(train)

@@ -117,14 +117,14 @@ def test_scatter():
     samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, many)
     assert found.mean == pytest.approx(samples.mean(), rel=1e-3)
     assert found.standard_deviation == pytest.approx(samples.std(), rel=1e-2)
-    assert found.valid
+    assert found.within_tolerance
     # Near the overturning threshold, samples that overturn have no answer: no derivative sees
     # it.
     near = jr.Scene(WALL.block, 0.7, 0.28)
     uncertain = jr.Uncertain({"restitution": 0.05, "intensity": 0.1}, samples=2048)
     missing = np.isnan(jr.sensitivity.monte_carlo(jr.rotation_ratio, near, uncertain))
     assert missing.mean() > 0.2
-    assert not jr.sensitivity.propagate(jr.rotation_ratio, near, uncertain).valid
+    assert not jr.sensitivity.propagate(jr.rotation_ratio, near, uncertain).within_tolerance
     # Second order is nearer than first.
     assert abs(found.mean - samples.mean()) < 0.2 * abs(
         found.first_order_mean - samples.mean()
@@ -212,7 +212,7 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
             off = [others.mean() - scatter.mean, others.std() - scatter.standard_deviation]
             off = [abs(error) / scatter.standard_deviation for error in off]
         well += max(off) <= 0.09 and not missing
-        if scatter.valid:
+        if scatter.within_tolerance:
             held += 1
             assert max(off) <= 0.1 + 0.01  # the noise of 20,000
             assert missing <= 5 / SAMPLES
@@ -233,11 +233,11 @@ def test_a_deviation_that_is_missed_by_a_third():
     samples = jr.sensitivity.monte_carlo(margin, scene, many)
     missed = samples.std() / found.standard_deviation - 1
     assert missed > 0.2
-    assert not found.valid
+    assert not found.within_tolerance
     assert found.standard_deviation_error > 0.8 * missed
     assert found.left_out == 0
     still = jr.sensitivity.propagate(margin, scene, jr.Uncertain({"intensity": 0.0}))
-    assert (still.valid, still.standard_deviation, still.mean_error) == (True, 0, 0)
+    assert (still.within_tolerance, still.standard_deviation, still.mean_error) == (True, 0, 0)
 
 
 def test_scatter_is_what_was_asked_for():
@@ -310,7 +310,7 @@ def test_probability_of_overturning():
         found = jr.sensitivity.failure_probability(margin, scene, uncertain)
         many = jr.Uncertain(scatter, samples=2**17, seed=1)
         share = (jr.sensitivity.monte_carlo(margin, scene, many) < 0).mean()
-        assert found.valid
+        assert found.status == jr.Status.COMPLETE
         assert abs(found.probability - share) < 0.01
         seen.append(found.probability)
     assert min(seen) < 0.1
@@ -329,7 +329,7 @@ def test_probability_of_a_driven_outcome():
     at = {"amplitude": 5.0, "duration": 0.27}
     uncertain = jr.Uncertain({"amplitude": 0.1, "duration": 0.1}, samples=2048)
     found = jr.sensitivity.failure_probability(margin, at, uncertain)
-    assert found.valid
+    assert found.status == jr.Status.COMPLETE
     rng = np.random.default_rng(4)
     width = np.sqrt(np.log1p(0.1**2))
     many = {k: v * np.exp(width * rng.standard_normal(100_000)) for k, v in at.items()}
@@ -349,8 +349,13 @@ def test_where_the_method_does_not_hold_it_says_so():
         return 1.0 + 0 * at["x"]
 
     uncertain = jr.Uncertain({"x": 0.1}, samples=2048)
-    for answer in (margin, constant):
-        assert not jr.sensitivity.failure_probability(answer, {"x": 1.0}, uncertain).valid
+    contradicted, flat = (
+        jr.sensitivity.failure_probability(answer, {"x": 1.0}, uncertain)
+        for answer in (margin, constant)
+    )
+    assert contradicted.status == jr.Status.NOT_VALIDATED
+    assert "status              a check contradicts the answer" in str(contradicted)
+    assert flat.status == jr.Status.NOT_CONVERGED
 
 
 def test_global_sensitivities():

@@ -134,7 +134,8 @@ def test_table(tmp_path):
     pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
     np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
     assert (
-        tables.compute_overturned_share(spectrum) == (spectrum.overturning_margin <= 0).mean()
+        tables.compute_overturned_fraction(spectrum)
+        == (spectrum.overturning_margin <= 0).mean()
     )
     for row in (rows[0], rows[-2]):
         heads = {"slenderness": "-", "width": "m", "restitution": "-"}

@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import Printed
+from ..host import Printed, Status, describe_status
 from ..impact import housner_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -17,6 +17,7 @@ from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
     Booleans,
+    Integers,
     Number,
     Numbers,
     Reals,
@@ -66,8 +67,8 @@ class DrivenFit(Printed, eqx.Module):
     same_order : Array of bool
         True if the computed and the measured block are never seen on opposite sides, up to the
         end.
-    converged : Array of bool
-        True if the search has converged, for the part that counts.
+    status : Array of int
+        A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED for the part that counts.
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
@@ -82,14 +83,15 @@ class DrivenFit(Printed, eqx.Module):
     used_until: Reals
     last_time: Reals
     same_order: Booleans
-    converged: Booleans
+    status: Integers
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences to know before the numbers are used."""
         said = []
-        if not bool(self.converged):
-            said.append("the search has not converged")
+        status = describe_status(self.status)
+        if status:
+            said.append(status)
         if not bool(self.same_order):
             said.append("impacts come in another order than measured before the end")
         if float(self.used_until) < float(self.last_time):
@@ -319,5 +321,5 @@ def _make_driven_fit(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit
         used_until=to_real(stage.end),
         last_time=to_real(test.time[-1]),
         same_order=as_array(not opposite.any()),
-        converged=as_array(stage.converged),
+        status=as_array(Status.COMPLETE if stage.converged else Status.NOT_CONVERGED),
     )

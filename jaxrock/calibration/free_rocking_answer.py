@@ -51,8 +51,6 @@ class FreeRockingFit(Printed, eqx.Module):
         p is fitted.
     degrees_of_freedom : Array
         Measurements less fitted numbers.
-    converged : Array of bool
-        Whether the search has; it has in every fit that is returned.
     block : Block or None
         The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
     model : str
@@ -85,7 +83,6 @@ class FreeRockingFit(Printed, eqx.Module):
     restitution_change_p_value: Reals
     frequency_p_value: Reals
     degrees_of_freedom: Reals
-    converged: Booleans
     block: Block | None
     model: str = eqx.field(static=True)
     repairs: tuple[str, ...] = eqx.field(static=True)
@@ -122,7 +119,7 @@ class FreeRockingFit(Printed, eqx.Module):
     def __str__(self) -> str:
         units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))
         if jnp.ndim(self.restitution):
-            return format_fields(self, **units, converged="")
+            return format_fields(self, **units)
         order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
         lines = []
         for name in order:

@@ -290,7 +290,6 @@ def _make_free_rocking_fit(
     others = {
         "impact_numbers": measured.impacts,
         "used": measured.time_counts,
-        "converged": np.asarray(True),
     }
     arrays = jax.device_put({**reals, **others})  # at once, which is ten times faster
     return FreeRockingFit(

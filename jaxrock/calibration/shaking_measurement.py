@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..block import Block
-from ..driven import Status, respond
+from ..driven import respond
 from ..ground_motion import Motion
+from ..host import Status
 from ..resonance import RockingModel
 from ..validation import Integers, Reals
 from .least_squares import Flags, Places, Values, compute_covariance, minimize

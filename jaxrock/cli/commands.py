@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from ..accuracy import make_default_scene, measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
 from ..driven import DrivenScene
-from ..grids import as_axis, compute_overturned_share, write_table
+from ..grids import as_axis, compute_overturned_fraction, write_table
 from ..reports import conformance, paper
 from ..resonance import Scene
 from ..spectra import RESONANCE_AXES, resonance_spectrum, rocking_spectrum
@@ -90,7 +90,7 @@ class Spectrum(Storing):
         with compute(store=folder / "spectrum.nc") as dataset:
             write_table(dataset, folder / "spectrum.csv")
             save_picture(plot_spectrum(dataset), folder / "spectrum.png")
-            return self._make_answer(dataset, compute_overturned_share(dataset))
+            return self._make_answer(dataset, compute_overturned_fraction(dataset))
 
     def _make_answer(self, dataset: "xarray.Dataset", overturned: float) -> Answer:
         """Say how many scenes there are and which share of them overturns."""

@@ -91,16 +91,18 @@ class Sensitivity(DrivenDependence):
             f" model;\n{self._write_moments(moments)}"
         )
         values = {
-            name: getattr(moments, name) if moments.valid else None
+            name: getattr(moments, name) if moments.within_tolerance else None
             for name in ("mean", "standard_deviation")
         }
         data = {"answer": self.answer_name, "model": self.model_name, "value": slopes.value}
-        return Answer(text, data | values | {"valid": moments.valid, "rows": rows})
+        return Answer(
+            text, data | values | {"within_tolerance": moments.within_tolerance, "rows": rows}
+        )
 
     def _write_moments(self, moments: MomentEstimate) -> str:
         """Write mean and standard deviation, or why there are none to be trusted."""
         given = f"with a coefficient of variation of {self.coefficient_of_variation:g} in each"
-        if moments.valid:
+        if moments.within_tolerance:
             return f"{given}: {moments.mean:.6g} +- {moments.standard_deviation:.3g}"
         if moments.left_out:
             return f"{given}, {moments.left_out:.1%} of samples overturn: there is no mean"

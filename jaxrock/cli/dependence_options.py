@@ -2,25 +2,20 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Annotated, Any, Literal
-
-import jax.numpy as jnp
 
 from .. import resonance
 from ..block import (
     SHAPE,
     SIDES,
     SIZES_IN_WORDS,
-    Block,
     SizeDescription,
     block_of,
     size_of,
 )
-from ..driven import respond
-from ..ground_motion import PULSES, Motion, Suite
+from ..ground_motion import Suite
 from ..overturning import UNITS
-from ..validation import NON_NEGATIVE, POSITIVE, Booleans, Number, Reals, check
+from ..validation import NON_NEGATIVE, POSITIVE, Number, Reals, check
 from .command import OF_MOTION, Count, ModelName, Writing
 from .options import BlockOptions, MotionOptions, read_records
 
@@ -29,13 +24,8 @@ AnswerName = Literal[
 ]
 
 _UNITS_OF_ANSWERS = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}
-UNITS_OF_NUMBERS = {
-    **UNITS,
-    **{"intensity": "m/s", "pulse_duration": "s"},
-}
+UNITS_OF_NUMBERS = {**UNITS, "intensity": "m/s"}
 _OF_SAMPLES = ("ratio", "samples", "seed")
-# A peak may come after the input [s].
-_BEYOND = 10.0
 
 
 class DependenceOptions(MotionOptions, BlockOptions, Writing):
@@ -155,10 +145,7 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
         if self.pulse is None:
             return at | {"scale": self.scale}
         # The amplitude of the motion has the factor on it already.
-        return at | {
-            "amplitude": float(motion.amplitude),
-            "pulse_duration": float(motion.duration),
-        }
+        return at | {"amplitude": float(motion.amplitude), "duration": float(motion.duration)}
 
     def make_ranges(self, at: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """Make the ranges of the tornado."""
@@ -175,45 +162,16 @@ class DependenceOptions(MotionOptions, BlockOptions, Writing):
         given += "" if self.shaken else f" and {at['intensity']:g} m/s"
         return f"answer {self.answer_name} does not exist here: the block overturns at {given}"
 
-    def make_scene(self, at: Mapping[str, Number]) -> tuple[Block, Number, Motion | None]:
-        """Make block, restitution and motion of the numbers, which may be traced."""
+    def compute_answer(self, at: Mapping[str, Number]) -> Reals:
+        """Compute an answer of resonance from the parameters, which may be traced."""
         constant = {"gravity": self.gravity, "inertia_ratio": self.inertia_ratio}
         block = block_of({**at, **constant})
-        if self.pulse is not None:
-            motion = PULSES[self.pulse](at["amplitude"], at["pulse_duration"])
-        else:
-            unscaled = replace(self, scale=1.0)
-            motion = unscaled.motion.scaled(at["scale"]) if self.record else None
-        return block, at["restitution"], motion
-
-    def find_duration(self, motion: Motion) -> Reals:
-        """Find the time up to which a response is followed."""
-        # The margin is known at the end of the input, by energy.
-        return motion.end + (0.0 if self.answer_name == "margin" else _BEYOND)
-
-    def compute_answer(self, at: Mapping[str, Number]) -> Reals:
-        """Compute the answer from the numbers that it depends on, which may be traced."""
-        block, c, motion = self.make_scene(at)
-        model = self.model_name
-        if motion is None:
-            if self.answer_name == "critical-intensity":
-                return resonance.critical_intensity(block, c, math.inf, model)
-            scene = resonance.Scene(block, c, at["intensity"])
-            return _OF_SCENE[self.answer_name](scene, model)
-        response = respond(block, c, motion, self.find_duration(motion), model=model)
-        return self.choose_answer(
-            block, response.peak_rotation, response.margin, response.overturned
-        )
-
-    def choose_answer(
-        self, block: Block, peak: Reals, margin: Reals, overturned: Booleans
-    ) -> Reals:
-        """Choose the answer among the results of responses."""
-        if self.answer_name == "margin":
-            return margin
-        # A block that has fallen lies where nothing changes: its peak is no answer.
-        peak = jnp.where(overturned, jnp.nan, peak)
-        return peak / block.critical_angle if self.answer_name == "rotation-ratio" else peak
+        if self.answer_name == "critical-intensity":
+            return resonance.critical_intensity(
+                block, at["restitution"], math.inf, self.model_name
+            )
+        scene = resonance.Scene(block, at["restitution"], at["intensity"])
+        return _OF_SCENE[self.answer_name](scene, self.model_name)
 
 
 _OF_SCENE = {

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from .. import resonance
-from ..driven import Status, respond
+from ..driven import respond
 from ..grids import write_table
-from ..host import make_dataset
+from ..host import Status, make_dataset
 from ..overturning import uplift_factor
 from ..reports import assessment
 from ..tables import write_csv
@@ -83,11 +83,10 @@ class Respond(MotionOptions, BlockOptions, Writing):
         length = float(motion.end) + 10 if self.duration is None else self.duration
         response = respond(block, c, motion, length, model=self.model)
         # No file is written of a motion that breaks off: half of it would look like all.
-        if response.status in (Status.STOPPED, Status.INVALID):
-            raise ValueError(f"integration did not finish: {response}")
-        data: dict[str, str | int | float] = {
-            "status": Status(int(response.status)).name.lower()
-        }
+        status = Status(int(response.status))
+        if status in (Status.STOPPED, Status.INVALID):
+            raise ValueError(f"integration did not finish: {status.description}")
+        data: dict[str, str | int | float] = {"status": status.name.lower()}
         data |= {n: int(getattr(response, n)) for n in ("overturned", "impacts", "at_rest")}
         data |= {name: float(getattr(response, name)) for name in _NUMBERS}
         data["uplift_factor"] = float(uplift_factor(block, motion, model=self.model))

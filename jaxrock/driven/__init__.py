@@ -20,7 +20,7 @@ from .many_blocks import follow_launched as follow_launched
 from .many_blocks import follow_within as follow_within
 from .many_blocks import jit_steps as jit_steps
 from .one_block import FollowedMotion as FollowedMotion
-from .one_block import Response, Status, respond
+from .one_block import Response, respond
 from .one_block import follow_driven as follow_driven
 from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
 from .overturning_criterion import free_motion_margin
@@ -32,7 +32,6 @@ __all__ = [
     "DrivenScene",
     "EstimatedResponse",
     "Response",
-    "Status",
     "free_motion_margin",
     "respond",
     "respond_batch",

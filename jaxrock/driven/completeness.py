@@ -11,7 +11,7 @@ from ..validation import AnyArray
 Labels = Sequence[str] | Sequence[float] | np.ndarray | str | None
 
 
-def require_complete(complete: AnyArray, **labels: Labels) -> None:
+def require_complete(complete: AnyArray | np.bool_, **labels: Labels) -> None:
     """Check that the integrations of a batch have finished.
 
     Parameters

@@ -18,7 +18,7 @@ from .grid import Grid as Grid
 from .grid import apply_in_tiles as apply_in_tiles
 from .grid import apply_padded as apply_padded
 from .grid import list_points as list_points
-from .tables import compute_overturned_share as compute_overturned_share
+from .tables import compute_overturned_fraction as compute_overturned_fraction
 from .tables import write_table
 
 if TYPE_CHECKING:

@@ -110,7 +110,7 @@ class Grid:
         lengths = lazy.choose_chunks(chunks, inner, self.usual)
         lengths |= {name: (size,) for name, size in sizes.items() if name not in used}
 
-        # What tells one grid from another beside its numbers: names of tasks follow from it.
+        # What distinguishes a grid beside its numbers: names of tasks follow from it.
         identity = (self.title, dict(self.attributes), read_version())
         compute = functools.partial(_compute_part, self.drop_values())
         return self.label(

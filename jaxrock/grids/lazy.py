@@ -147,7 +147,7 @@ def _take_variable(chunk: list | Mapping[str, np.ndarray], variable: str) -> np.
 
 
 def _is_plain(value: object) -> bool:
-    """Tell whether a setting means the same in another process, unlike a device."""
+    """Return whether a setting means the same in another process, unlike a device."""
     return value is None or isinstance(value, bool | int | float | str | enum.Enum)
 
 

@@ -58,8 +58,8 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
             )
 
 
-def compute_overturned_share(dataset: "xarray.Dataset") -> float:
-    """Compute the share of the scenes in a spectrum that overturn under unlimited pulses."""
+def compute_overturned_fraction(dataset: "xarray.Dataset") -> float:
+    """Compute the fraction of scenes in a spectrum that overturn under unlimited pulses."""
     # The margin alone is read, and a dataset in a file can be larger than memory.
     margin = dataset.overturning_margin
     parts = show_progress(divide_dataset(dataset), "overturned")

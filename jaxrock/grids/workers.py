@@ -24,9 +24,9 @@ _OF_CACHE = {
 
 
 def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
-    """Worker processes on this machine, among which its processors are shared out.
+    """Worker processes on this machine, among which its processors are divided.
 
-    Each follows one task at a time, with as many threads as it has processors. It keeps what
+    Each runs one task at a time, with as many threads as it has processors. It keeps what
     it compiles where this process does.
 
     Parameters
@@ -56,7 +56,7 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
 
 
 class OwnProcessors(WorkerPlugin):
-    """Shares out the processors and accelerators of a machine to its workers, by their names.
+    """Divides the processors and accelerators of a machine among its workers, by their names.
 
     XLA starts as many threads as its process has processors: workers that have all of them
     would be in each other's way. Where a batch system gives each worker its own, none of this

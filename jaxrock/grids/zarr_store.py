@@ -121,12 +121,8 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
         raise ValueError(
             f"store: {str(path)!r} has a # or a ?, which Zarr takes for an address"
         )
-    # Names of arrays follow from all that they are computed from, precision included. Names
-    # along dimensions, as those of records, are no part of that.
-    identity = tokenize(
-        [(name, array.name, array.chunks) for name, array in arrays.items()],
-        [(name, values.to_numpy()) for name, values in dataset.coords.items()],
-    )
+    # Names of arrays follow from all that they are computed from, precision included.
+    identity = tokenize([(name, array.name, array.chunks) for name, array in arrays.items()])
     if os.path.lexists(path):
         check_continues(path, dataset, arrays, identity)
     else:
@@ -191,7 +187,7 @@ def _select_lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
 
 
 def _depends_on_others(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
-    """Tell whether an array is made of others of these."""
+    """Return whether an array is computed from others of these."""
     # Walks through the layers from the array's own down, each once.
     others = {other.name for other in arrays.values()} - {array.name}
     dependencies = array.dask.dependencies
@@ -332,7 +328,7 @@ def _iterate_regions(array: da.Array) -> Iterator[tuple[slice, ...]]:
 def _run_graph(graph: Graph, keys: Sequence[tuple[str | int, ...]]) -> None:
     """Compute some keys of a graph, with Dask's own progress on a terminal."""
     # By keys instead of `array.compute()`: the missing chunks are some of an array, and those
-    # of several arrays go to the scheduler together, which shares the tasks below them.
+    # of several arrays go to the scheduler together, which computes common tasks once.
     get: Any = get_scheduler(cls=da.Array)
     optimized = da.Array.__dask_optimize__(graph, list(keys))
     shows = sys.stderr.isatty()

@@ -46,7 +46,7 @@ def check_continues(
 
 
 def _is_equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool:
-    """Tell whether a variable of the store equals the one of the dataset in memory."""
+    """Return whether a variable of the store equals the one of the dataset in memory."""
     if name not in there.variables:
         return False
     ours = dataset[name].values

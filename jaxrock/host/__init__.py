@@ -1,4 +1,4 @@
-"""The machine outside: files, threads, progress, printing."""
+"""The machine outside: files, threads, progress, printing of results and of their status."""
 
 from .datasets import add_names as add_names
 from .datasets import make_dataset as make_dataset
@@ -20,6 +20,8 @@ from .progress import hide_progress as hide_progress
 from .progress import show_clock as show_clock
 from .progress import show_progress as show_progress
 from .progress import speak_of_waits as speak_of_waits
+from .status import Status as Status
+from .status import describe_status as describe_status
 from .threads import apply_settings as apply_settings
 from .threads import count_processors as count_processors
 from .threads import map_in_threads as map_in_threads

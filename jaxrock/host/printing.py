@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from ..validation import Checked, Domain, is_traced, iterate_quantities
+from .status import Status, describe_status
 
 
 def format_number(value: object, unit: str = "") -> str:
@@ -84,8 +85,12 @@ def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) 
 
 
 def format_fields(result: object, **units: str) -> str:
-    """Write the named fields of a result with their units, one per line."""
-    return "\n".join(
-        f"{name.replace('_', ' '):20}{format_number(getattr(result, name), unit)}"
-        for name, unit in units.items()
-    )
+    """Write the named fields of a result with their units, one per line.
+
+    A line about its status follows, where it has one that is not COMPLETE.
+    """
+    texts = {name: format_number(getattr(result, name), unit) for name, unit in units.items()}
+    status = describe_status(getattr(result, "status", Status.COMPLETE))
+    if status:
+        texts["status"] = status
+    return "\n".join(f"{name.replace('_', ' '):20}{text}" for name, text in texts.items())

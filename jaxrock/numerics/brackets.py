@@ -134,12 +134,12 @@ def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
     before = np.roll(slope, 1)
     after = np.roll(slope, -1)
     before[:1] = after[-1:] = 0
-    own = abs(slope)
+    steepness = abs(slope)
 
     # Straight: the slopes on either side are between half and twice this one.
     low = np.minimum(before * slope, after * slope)
     high = np.maximum(abs(before), abs(after))
-    straight = (low > slope**2 / 2) & (high < 2 * own)
+    straight = (low > slope**2 / 2) & (high < 2 * steepness)
     straight[1:] &= same_case[:-1]
     straight[:-1] &= same_case[1:]
 
@@ -147,9 +147,9 @@ def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
     # where it heads for 0, seen from this end.
     first = margin[:-1]
     second = margin[1:]
-    own = np.where(straight, 0, own)
-    from_first = np.maximum(own, np.where(before * first < 0, abs(before), 0))
-    from_second = np.maximum(own, np.where(after * second > 0, abs(after), 0))
+    counted = np.where(straight, 0, steepness)
+    from_first = np.maximum(counted, np.where(before * first < 0, abs(before), 0))
+    from_second = np.maximum(counted, np.where(after * second > 0, abs(after), 0))
     reach = 2 * np.diff(value)
     reached = (from_first * reach > abs(first)) | (from_second * reach > abs(second))
 
@@ -186,10 +186,9 @@ def find_brackets_traced(
     has `max_boundaries` pairs, some of which only fill the list.
     """
     # From the left end, so that the given values themselves keep all bits.
-    share = jnp.arange(1 << levels, dtype=values.dtype) / (1 << levels)
-    inner = (
-        values[:, :-1, None] + (values[:, 1:, None] - values[:, :-1, None]) * share[None, None]
-    )
+    fraction = jnp.arange(1 << levels, dtype=values.dtype) / (1 << levels)
+    widths = values[:, 1:, None] - values[:, :-1, None]
+    inner = values[:, :-1, None] + widths * fraction[None, None]
     value = jnp.concatenate([inner.reshape(len(values), -1), values[:, -1:]], axis=1)
     cases, places = value.shape
     index = jnp.broadcast_to(jnp.arange(cases)[:, None], value.shape)
@@ -199,11 +198,12 @@ def find_brackets_traced(
     complete = ~jnp.isnan(margin).any(axis=1)
     negative = margin < 0
     change = (negative[:, 1:] != negative[:, :-1]) & complete[:, None]
-    # The places of the changes first, then a number that stands for none.
+    # The places of the changes first, then one that stands for none.
     none = places - 1
-    numbers = jnp.where(change, jnp.arange(none)[None, :], none)
-    numbers = jnp.pad(numbers, ((0, 0), (0, max_boundaries)), constant_values=none)
-    left = jnp.sort(numbers, axis=1)[:, :max_boundaries].reshape(-1)
+    places_of_changes = jnp.where(change, jnp.arange(none)[None, :], none)
+    padding = ((0, 0), (0, max_boundaries))
+    places_of_changes = jnp.pad(places_of_changes, padding, constant_values=none)
+    left = jnp.sort(places_of_changes, axis=1)[:, :max_boundaries].reshape(-1)
     valid = left < none
 
     case = jnp.repeat(jnp.arange(cases), max_boundaries)

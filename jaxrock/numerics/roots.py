@@ -183,7 +183,7 @@ def _step_ahead(
     """
     x1, x2, _ = iterate.x
 
-    # The tree of bisections that may follow: 1, 2, 4, ... values. They are computed by the
+    # The tree of bisections that may come next: 1, 2, 4, ... values. They are computed by the
     # formula of `_propose_value`, so that their bits are those that it will ask for.
     x = _propose_value(iterate, np)
     tried = [x]

@@ -24,15 +24,20 @@ from ..validation import (
     choose_namespace,
     is_traced,
 )
-from .boundary_slopes import FoundBoundaries, compute_tangents
+from .boundary_derivatives import BoundarySides, compute_tangents
 from .quantities import (
     Search,
     Subject,
     check_subject,
     format_value,
     respond_at,
-    split_numbers,
+    split_parameters,
 )
+
+# Relative width of the brackets at which derivatives are taken, unless they are narrower
+# anyway. The derivatives change with the distance from the boundary: so close to it by 1e-6 of
+# themselves at most, under records, and typically by 1e-11.
+_TOLERANCE_OF_DERIVATIVES = 1e-12
 
 
 class Boundaries(Printed, eqx.Module):
@@ -44,7 +49,7 @@ class Boundaries(Printed, eqx.Module):
     Attributes
     ----------
     value : Array, shape (..., boundaries)
-        Value of the quantity at the boundary, to rounding, those of an `OverturningRate` to a
+        Value of the quantity at the boundary, to rounding, of an `OverturningRate` to a
         relative 1e-9; the block does not overturn there. Has derivatives in both modes.
     overturns_beyond : Array of bool, shape (..., boundaries)
         Whether the block overturns beyond the boundary; if not, it does before it.
@@ -144,9 +149,8 @@ def overturning_boundaries(
     -----
     The derivatives are those of the implicit function theorem: at a boundary the margin
     stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record or a
-    `Harmonic` they are taken while the block still balances. Where rounding hides this they
-    are NaN. Under `jit` only the margin at the end is used: there the derivatives of most
-    boundaries under long motions are NaN.
+    `Harmonic` they are those of the velocity with which the block topples, right beside the
+    boundary. Where rounding hides this they are NaN.
 
     Examples
     --------
@@ -176,29 +180,37 @@ def find_boundaries(subject: Subject, places: Reals, search: Search) -> Boundari
     # The boundaries under a record must not depend on which others are in its suite.
     alone = search.alone or isinstance(subject.motion, GroundMotions)
     search = search._replace(model=as_model(search.model), alone=alone)
-    return _compute_boundaries(subject, places, search=search)
+    boundaries, _ = _compute_boundaries(subject, places, search=search)
+    return boundaries
 
 
 @eqx.filter_custom_jvp
-def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -> Boundaries:
-    """Find the boundaries: all of them, or under a transformation `max_boundaries`."""
+def _compute_boundaries(
+    subject: Subject, values: AnyArray, *, search: Search
+) -> tuple[Boundaries, AnyArray]:
+    """Find the boundaries, and the values right behind them at which the block overturns.
+
+    All of them, or under a transformation `max_boundaries`.
+    """
     traced = is_traced((subject, values))
     library = choose_namespace((subject, values))
-    # All cases one after the other: numbers of shape (cases,), values of shape (cases,
+    # All cases one after the other: parameters of shape (cases,), values of shape (cases,
     # places).
-    numbers, samples = split_numbers(subject)
-    numbers, values = jax.tree.map(library.asarray, (numbers, values))
+    parameters, samples = split_parameters(subject)
+    parameters, values = jax.tree.map(library.asarray, (parameters, values))
     shape = np.broadcast_shapes(
-        *(n.shape for n in jax.tree.leaves(numbers)), values.shape[:-1]
+        *(leaf.shape for leaf in jax.tree.leaves(parameters)), values.shape[:-1]
     )
     size = math.prod(shape)
     places = values.shape[-1]
-    numbers = jax.tree.map(lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), numbers)
+    parameters = jax.tree.map(
+        lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), parameters
+    )
     table = library.broadcast_to(values, (*shape, places)).reshape(size, places)
 
     def simulate(index: AnyArray, value: AnyArray) -> BatchResponse:
         """Simulate the motions of cases, by their indices, at values of the quantity."""
-        chosen = eqx.combine(jax.tree.map(lambda leaf: leaf[index], numbers), samples)
+        chosen = eqx.combine(jax.tree.map(lambda leaf: leaf[index], parameters), samples)
         return jax.tree.map(library.asarray, respond_at(chosen, value, search))
 
     def evaluate(index: AnyArray, value: AnyArray) -> EvaluatedMargin:
@@ -260,7 +272,8 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     )
     # `device_put` compiles nothing, unlike `jnp.asarray` of shapes that differ from call to
     # call.
-    return Boundaries(along=search.along, **jax.device_put(answers))
+    answers, falls = jax.device_put((answers, fill_table(falls, library.nan)))
+    return Boundaries(along=search.along, **answers), falls
 
 
 @_compute_boundaries.def_jvp
@@ -269,26 +282,27 @@ def _differentiate_boundaries(
     tangents: tuple[Subject, AnyArray | None],
     *,
     search: Search,
-) -> tuple[Boundaries, Boundaries]:
-    """Differentiate boundaries, elementwise in all numbers that are perturbed.
+) -> tuple[tuple[Boundaries, AnyArray], tuple[Boundaries, AnyArray]]:
+    """Differentiate boundaries, elementwise in all parameters that are perturbed.
 
     By the implicit function theorem; see `compute_tangents`. The values between which
     boundaries are sought have no influence on where these lie, so that their tangents are
     dropped. All fields but `value` have no tangent.
+
+    With a tolerance, boundaries that are differentiated are refined further.
     """
     subject, values = primals
-    changes, sample_changes = split_numbers(tangents[0])
+    changes, sample_changes = split_parameters(tangents[0])
     if jax.tree.leaves(sample_changes):
         raise ValueError(
             "boundaries have no derivatives with respect to the samples of a record"
         )
-    # Motions from both sides of a boundary tell how long the block balances there; see
-    # `_find_balanced_times`. For that they have to begin as close as rounding allows.
-    search = search._replace(tolerance=None)
-    found = _compute_boundaries(subject, values, search=search)
-    edges = FoundBoundaries(found.value, found.overturns_beyond, found.toppled)
-    total = compute_tangents(subject, changes, values, edges, search)
-    nothing = jax.tree.map(lambda leaf: None, found)
-    return found, eqx.tree_at(
-        lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None
-    )
+    # The derivatives of a boundary are those at the falling side of its bracket.
+    if search.tolerance is not None:
+        search = search._replace(tolerance=min(search.tolerance, _TOLERANCE_OF_DERIVATIVES))
+    boundaries, falls = _compute_boundaries(subject, values, search=search)
+    sides = BoundarySides(boundaries.value, falls, boundaries.toppled)
+    total = compute_tangents(subject, changes, values, sides, search)
+    nothing = jax.tree.map(lambda leaf: None, boundaries)
+    tangent = eqx.tree_at(lambda b: b.value, nothing, total, is_leaf=lambda leaf: leaf is None)
+    return (boundaries, falls), (tangent, total)

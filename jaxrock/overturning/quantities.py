@@ -1,4 +1,4 @@
-"""Quantities along which boundaries are sought, and the motions that are followed for it."""
+"""Quantities along which boundaries are sought, and the motions that are simulated for it."""
 
 from collections.abc import Callable
 from types import UnionType
@@ -112,7 +112,7 @@ def _replace_in_motion(name: str) -> Callable[[Subject, AnyArray], Subject]:
 
 
 def _replace_in_block(name: str) -> Callable[[Subject, AnyArray], Subject]:
-    """Make a function that replaces a number or a side of the block, as `change_block` does."""
+    """Make a function that replaces a parameter of the block, as `change_block` does."""
     return lambda subject, value: eqx.tree_at(
         lambda s: s.block, subject, change_block(subject.block, name, value)
     )
@@ -173,8 +173,7 @@ def check_subject(
     of_each = np.broadcast_to(0.0, places.shape[:-1])
     check_shapes(block=block, restitution=restitution, motion=single, values=of_each)
     check_increasing("values", places)
-    numbers = unify_precision((block, restitution, motion, places))
-    block, restitution, motion, places = numbers
+    block, restitution, motion, places = unify_precision((block, restitution, motion, places))
     # The samples of records are brought into the form of the batch here, once for all values.
     if isinstance(motion, Record | Suite):
         batch = Batch.of(block, restitution, motion, axes=places.ndim - 1)
@@ -183,13 +182,13 @@ def check_subject(
     return Subject(block, restitution, motion), places
 
 
-def split_numbers(subject: Subject) -> tuple[Subject, Subject]:
-    """Split a subject into its numbers, one a block, and the samples that all blocks share."""
+def split_parameters(subject: Subject) -> tuple[Subject, Subject]:
+    """Split a subject into the parameters of each block, and the samples common to all."""
     # The samples are the `parts` of `GroundMotions`.
-    is_number = jax.tree.map_with_path(
+    is_parameter = jax.tree.map_with_path(
         lambda path, _: all(getattr(step, "name", "") != "parts" for step in path), subject
     )
-    return eqx.partition(subject, is_number)
+    return eqx.partition(subject, is_parameter)
 
 
 def set_quantity(subject: Subject, value: AnyArray, search: Search) -> Subject:
@@ -202,13 +201,12 @@ def respond_at(
     subject: Subject,
     value: AnyArray,
     search: Search,
-    until: AnyArray | None = None,
     count: jax.Array | int | None = None,
 ) -> BatchResponse:
-    """Follow the response at a value, until a time or the end of the input.
+    """Simulate the response at a value, until the end of the input.
 
     In a transformation, only the first `count` blocks need be simulated.
     """
     at = set_quantity(subject, value, search)
-    batch = Batch.of(at.block, at.restitution, at.motion, until)
+    batch = Batch.of(at.block, at.restitution, at.motion)
     return follow_batch(batch, as_model(search.model), count=count)

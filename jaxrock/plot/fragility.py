@@ -23,10 +23,10 @@ _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 
 
 def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw shares of a suite over the level: counted, with intervals, and lognormal curves.
+    """Draw fragility curves: probabilities of exceedance over the level, with intervals.
 
-    A mark is the counted share at its level, a band joins the ends of the intervals, a line
-    is the most likely lognormal curve.
+    Marks are counted probabilities, a band joins the limits of their Clopper-Pearson
+    intervals, a line is the maximum-likelihood lognormal curve.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             curves[variable].values
             for variable in ("exceedance", "exceedance_low", "exceedance_high")
         )
-        # Hollow, so that equal shares of several thresholds are seen on one another.
+        # Hollow, so that equal probabilities of several thresholds are seen on one another.
         mark = {
             "marker": _MARKERS[k % len(_MARKERS)],
             "markersize": 5,
@@ -74,8 +74,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             ax.fill_between(levels, low, high, color=colour, alpha=0.15, linewidth=0)
         else:
             ax.vlines(levels, low, high, color=colour, linewidth=1)
-        # Without a fit, as where no record exceeds the threshold, the counted shares stand
-        # alone.
+        # Without a fit, as where no record exceeds the threshold, there are marks alone.
         line = {"color": colour, "linestyle": look["linestyle"]}
         if np.isfinite(curves["lognormal_median"]):
             fine = np.geomspace(levels[0], levels[-1], 300)
@@ -87,7 +86,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         ax.plot([], [], label=name, **line, **mark)
     # A dataset that was made by hand has no attributes.
     about = dataset.attrs
-    # One of many objects has no numbers of its own in the attributes.
+    # For an object selected from many, the attributes have the parameters of all.
     if np.ndim(about.get("half_width", ())) == 0:
         width = 2 * about["half_width"]
         c = about["restitution"]
@@ -100,4 +99,4 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     confidence = f"{about['confidence']:.0%} " if "confidence" in about else ""
     title = f"counted (marks), with\n{confidence}intervals (bands), and\nlognormal curves"
     ax.legend(**BESIDE, title=title)
-    return label_axes(ax, write_label(dataset.level), "share of the records [-]")
+    return label_axes(ax, write_label(dataset.level), "probability of exceedance [-]")

@@ -355,8 +355,8 @@ def plot_distribution(
                 height = np.exp(-0.5 * ((place - mean) / deviation) ** 2) / np.sqrt(2 * np.pi)
                 height *= (edges[1] - edges[0]) / deviation
                 ax.plot(place, height, look, color=colour, label=f"normal, {name} order")
-        if not moments.valid:
-            ax.set_title("neither order is valid", fontsize="medium")
+        if not moments.within_tolerance:
+            ax.set_title("neither order is within tolerance", fontsize="medium")
     if finite.size < samples.size:
         missing = 100 * (1 - finite.size / samples.size)
         ax.plot([], [], " ", label=f"{missing:.1f} % without an answer")

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..host import Printed, format_fields
+from ..host import Printed, Status, format_fields
 from ..impact import velocity_after_impact
 from ..numerics import pick_larger
 from ..validation import (
@@ -87,8 +87,9 @@ class TrainResponse(Printed, eqx.Module):
     overturned : Array of bool
         Whether the block has ever moved outward with more energy than the barrier, even if a
         later pulse would have caught it.
-    complete : Array of bool
-        False if there were too many impacts to follow: then the numbers are NaN.
+    status : Array of int
+        A `jaxrock.Status`: COMPLETE, or STOPPED after too many impacts, where the numbers are
+        NaN.
     times, after_pulses, rocker
         Times of the pulses [s], the motion after each, and the block: the data from which
         `history` follows it.
@@ -98,7 +99,7 @@ class TrainResponse(Printed, eqx.Module):
     peak_rotation: Reals
     overturned: Booleans
     side: Reals
-    complete: Booleans
+    status: Integers
     times: Reals
     after_pulses: FreeMotion
     rocker: Rocker
@@ -147,9 +148,7 @@ class TrainResponse(Printed, eqx.Module):
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
 
     def __str__(self) -> str:
-        return format_fields(
-            self, overturned="", peak_rotation="rad", velocity_ratio="", complete=""
-        )
+        return format_fields(self, overturned="", peak_rotation="rad", velocity_ratio="")
 
 
 def respond_to_train(
@@ -259,7 +258,7 @@ def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> Trai
         peak_rotation=jnp.where(complete, jnp.where(overturned, 0.5 * jnp.pi, peak), jnp.nan),
         overturned=overturned & complete,
         side=sides,
-        complete=complete,
+        status=jnp.where(complete, Status.COMPLETE, Status.STOPPED),
         times=times,
         after_pulses=after_pulses,
         rocker=rocker,

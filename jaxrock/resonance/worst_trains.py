@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import Printed, show_clock
+from ..host import Printed, Status, show_clock
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
@@ -32,12 +32,13 @@ from .train_through_impacts import MAX_IMPACTS
 class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
-    Where `converged`, `times` and `intensities` put into `respond_to_train` with the same model
-    overturn the block, or reach `peak_rotation`. The intensities are 1e-6 (in float32 3.5e-4)
-    above the intensities of the worst train, for "most rotation" beyond `largest`, and the times
-    are the times of this stronger train. All other attributes describe the train before it is
-    raised. Other intensities need other times, since the impacts of a stronger train come later:
-    a pulse that was to come right after an impact comes before it, and brakes the block.
+    Where the status is COMPLETE, `times` and `intensities` put into `respond_to_train` with the
+    same model overturn the block, or reach `peak_rotation`. The intensities are 1e-6 (in
+    float32 3.5e-4) above the intensities of the worst train, for "most rotation" beyond
+    `largest`, and the times are the times of this stronger train. All other attributes describe
+    the train before it is raised. Other intensities need other times, since the impacts of a
+    stronger train come later: a pulse that was to come right after an impact comes before it,
+    and brakes the block.
 
     Attributes
     ----------
@@ -55,8 +56,10 @@ class WorstTrain(Printed):
         Peak after the last pulse [rad]; NaN if the block overturns.
     overturns : bool
         Whether the train just overturns the block, or more.
-    converged : bool
-        Whether the search has ended, at a train that keeps the constraints and was verified.
+    status : Status
+        NOT_CONVERGED if the search has not ended, or at a train that does not keep the
+        constraints; NOT_VALIDATED if `respond_to_train` shows that the train does not what it
+        should, or its times break a constraint.
     objectives : ndarray, shape (starts,)
         Best value that each start arrived at: the largest or total intensity [m/s], or the
         velocity after the last pulse over the critical one [-].
@@ -74,7 +77,7 @@ class WorstTrain(Printed):
     total: float
     peak_rotation: float
     overturns: bool
-    converged: bool
+    status: Status
     objectives: np.ndarray
     history: np.ndarray
     goal: str
@@ -88,7 +91,7 @@ class WorstTrain(Printed):
                 if self.overturns
                 else f" peak rotation {self.peak_rotation:.6g} rad"
             )
-            + ("" if self.converged else ", NOT converged"),
+            + ("" if self.status == Status.COMPLETE else f"; {self.status.description}"),
             "  time [s]  intensity [m/s]  after impact [half-cycles]",
         ]
         pulses = zip(self.times, self.intensities, self.delays, strict=True)
@@ -275,7 +278,8 @@ def _make_result(
     times, raised, verified = _verify(best, problem, intensities, peak)
     in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all() and times[-1] <= latest
     # At the limit, even more impacts between two pulses might be worse.
-    in_time = in_time and (impacts < MAX_IMPACTS).all()
+    searched = best.ended and best.is_feasible(problem) and (impacts < MAX_IMPACTS).all()
+    status = Status.COMPLETE if verified and in_time else Status.NOT_VALIDATED
     steps = max(len(candidate.path) for candidate in candidates)
     paths = [np.pad(c.path, (0, steps - len(c.path)), mode="edge") for c in candidates]
     return WorstTrain(
@@ -287,7 +291,7 @@ def _make_result(
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
         overturns=overturns,
-        converged=bool(best.is_feasible(problem) and best.ended and verified and in_time),
+        status=status if searched else Status.NOT_CONVERGED,
         objectives=np.where(np.isfinite(losses), objectives, np.nan),
         history=np.array(paths) * (unit if problem.seeks_pulses else 1),
         goal=problem.goal,

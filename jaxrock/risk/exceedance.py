@@ -1,11 +1,11 @@
-"""Probabilities of exceedance of thresholds, counted from responses, and curves fitted to them."""
+"""Probabilities of exceedance, counted from responses, and curves fitted to them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..grids import DataType, GridVariable
+from ..grids import DataType
 from ..host import add_names
 from .clopper_pearson import bound_probabilities
 from .lognormal import LognormalFit, fit_lognormal
@@ -14,15 +14,43 @@ if TYPE_CHECKING:
     import xarray
 
 Threshold = float | int | str
-# Rotation ratios beyond which a response exceeds a threshold that is a word. Whatever
+# Rotation ratios beyond which a response exceeds a threshold that has a name. Whatever
 # overturns exceeds all of them.
-WORDS = {"uplift": 0.0, "overturning": np.inf}
-# Characters of the longest remark, and a few more. Fixed, since a lazy dataset and a store
-# must know the type of a variable before there is any remark.
-_REMARK = 200
+NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf}
 
 
-class _Curve(NamedTuple):
+def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
+    """Make the attributes of a variable, with its unit as CF writes it."""
+    return {
+        "long_name": long_name,
+        "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
+    }
+
+
+# Dimensions beside object and threshold, type, and long name of the variables of a curve. The
+# remark has no unit, the median has the one of the levels.
+_VARIABLES: dict[str, tuple[tuple[str, ...], DataType, str]] = {
+    "exceedance": (("level",), float, "probability of exceedance"),
+    "exceedance_low": (("level",), float, "lower limit of the Clopper-Pearson interval"),
+    "exceedance_high": (("level",), float, "upper limit of the Clopper-Pearson interval"),
+    "lognormal": (("level",), float, "maximum-likelihood lognormal fragility curve"),
+    "lognormal_median": ((), float, "median of the lognormal curve"),
+    "lognormal_dispersion": ((), float, "standard deviation of ln(level) of that curve"),
+    # Long enough for the longest remark: a lazy dataset and a store must know the type before
+    # there is any.
+    "remark": ((), "<U200", "remark on the lognormal curve"),
+}
+_PARTS_OF_DISPERSION: dict[str, tuple[tuple[str, ...], DataType, str]] = {
+    "dispersion_of_records": ((), float, "standard deviation of ln(level) due to the records"),
+    "dispersion_of_parameters": (
+        (),
+        float,
+        "standard deviation of ln(level) due to uncertain parameters",
+    ),
+}
+
+
+class _FragilityCurve(NamedTuple):
     """Exceedance of one threshold by one object; the fields are variables of the dataset."""
 
     exceedance: np.ndarray
@@ -36,20 +64,11 @@ class _Curve(NamedTuple):
     dispersion_of_parameters: float
 
 
-def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
-    """Make the attributes of a variable, with its unit as CF writes it."""
-    return {
-        "long_name": long_name,
-        "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
-    }
-
-
 def add_curves(
     responses: "xarray.Dataset",
     thresholds: Sequence[Threshold],
     names: Sequence[str],
     confidence: float,
-    unit: str,
 ) -> "xarray.Dataset":
     """Put fragility curves over the level before the responses that they are counted from.
 
@@ -58,68 +77,52 @@ def add_curves(
     """
     import xarray
 
-    limits = xarray.DataArray([float(WORDS.get(t, t)) for t in thresholds], dims="threshold")
+    limits = xarray.DataArray(
+        [float(NAMED_THRESHOLDS.get(threshold, threshold)) for threshold in thresholds],
+        dims="threshold",
+    )
     exceeded = (responses.rotation_ratio > limits) | (responses.overturned > 0)
     counts = exceeded.sum("record")
-    variables = _list_variables(confidence, unit)
-    if "sample" not in counts.dims:
+    if "sample" in counts.dims:
+        variables = _VARIABLES | _PARTS_OF_DISPERSION
+    else:
+        variables = _VARIABLES
         counts = counts.expand_dims("sample")
-        variables = {n: v for n, v in variables.items() if not n.startswith("dispersion_of_")}
-    lazy = responses.chunks
-    # A curve is fitted to the counts of all levels.
+    dims, dtypes, long_names = zip(*variables.values(), strict=True)
+    chunks = responses.chunks
+    if chunks:
+        # A curve is fitted to the counts of all samples at all levels.
+        counts = counts.chunk({"sample": -1, "level": -1})
     arrays = xarray.apply_ufunc(
         _compute_curves,
-        counts.chunk({"sample": -1, "level": -1}) if lazy else counts,
+        counts,
         kwargs={
             "levels": responses.level.values,
             "records": responses.sizes["record"],
             "confidence": confidence,
-            "dtypes": {name: variable.dtype for name, variable in variables.items()},
+            "dtypes": dict(zip(variables, dtypes, strict=True)),
         },
         input_core_dims=[["sample", "level"]],
-        output_core_dims=[variable.dims for variable in variables.values()],
-        output_dtypes=[variable.dtype for variable in variables.values()],
+        output_core_dims=dims,
+        output_dtypes=dtypes,
         dask="parallelized",
     )
     curves = responses.drop_vars(list(responses.data_vars))
-    for (name, variable), array in zip(variables.items(), arrays, strict=True):
-        curves[name] = array.transpose(..., "threshold").assign_attrs(variable.attributes)
-    over = [dim for dim in ("record", "sample") if dim in responses.rotation_ratio.dims]
-    curves["fraction_within_tolerance"] = responses.within_tolerance.mean(over).assign_attrs(
+    for name, long_name, array in zip(variables, long_names, arrays, strict=True):
+        curves[name] = array.transpose(..., "threshold").assign_attrs(
+            describe_variable(long_name)
+        )
+    curves["lognormal_median"].attrs["units"] = responses.level.attrs["units"]
+    del curves["remark"].attrs["units"]
+    averaged = [dim for dim in ("record", "sample") if dim in responses.factor.dims]
+    within = responses.within_tolerance.mean(averaged)
+    curves["fraction_within_tolerance"] = within.assign_attrs(
         describe_variable("fraction of responses within the tolerance")
     )
-    if lazy:
+    if chunks:
         # Variables of a dataset must agree about the chunks along a dimension.
-        curves = curves.chunk(level=lazy["level"])
+        curves = curves.chunk(level=chunks["level"])
     return add_names(curves.assign(responses.data_vars), threshold=(names, "threshold"))
-
-
-def _list_variables(confidence: float, unit: str) -> dict[str, GridVariable]:
-    """List the variables that `_compute_curves` makes, without dimensions of the counts."""
-    interval = f"limit of the Clopper-Pearson interval, confidence {confidence:g}"
-    deviation = "standard deviation of ln(level)"
-    over_level = {
-        "exceedance": "probability of exceedance",
-        "exceedance_low": f"lower {interval}",
-        "exceedance_high": f"upper {interval}",
-        "lognormal": "maximum-likelihood lognormal fragility curve",
-    }
-    of_curve = {
-        "lognormal_dispersion": f"{deviation} of the lognormal curve",
-        "dispersion_of_records": f"part of the {deviation} due to the records",
-        "dispersion_of_parameters": f"part of the {deviation} due to uncertain parameters",
-    }
-    median = describe_variable("median of the lognormal curve", unit)
-    remark = {"long_name": "remark on the lognormal curve"}
-    return {
-        **{
-            n: GridVariable(("level",), float, describe_variable(w))
-            for n, w in over_level.items()
-        },
-        "lognormal_median": GridVariable((), float, median),
-        **{n: GridVariable((), float, describe_variable(w)) for n, w in of_curve.items()},
-        "remark": GridVariable((), f"<U{_REMARK}", remark),
-    }
 
 
 def _compute_curves(
@@ -127,9 +130,9 @@ def _compute_curves(
     levels: np.ndarray,
     records: int,
     confidence: float,
-    dtypes: dict[str, DataType],
+    dtypes: Mapping[str, DataType],
 ) -> tuple[np.ndarray, ...]:
-    """Compute variables, with the types `dtypes`, of counts of shape (..., samples, levels)."""
+    """Compute variables of these types for counts of shape (..., samples, levels)."""
     *shape, samples, _ = counts.shape
     curves = [
         _compute_curve(lines, levels, records, confidence)
@@ -144,10 +147,10 @@ def _compute_curves(
 
 def _compute_curve(
     counts: np.ndarray, levels: np.ndarray, records: int, confidence: float
-) -> _Curve:
+) -> _FragilityCurve:
     """Compute counted and fitted probabilities of one threshold; counts (samples, levels)."""
     # A record counts by the fraction of its samples, whose variance is smaller than that of a
-    # single outcome with the same mean: the interval is wider than necessary, never too narrow.
+    # single outcome with the same mean: the interval is too wide, never too narrow.
     mean = counts.mean(axis=0)
     low, high = bound_probabilities(mean, records, confidence)
     fit = fit_lognormal(levels, mean, records)
@@ -163,7 +166,7 @@ def _compute_curve(
         places = f"{falls} level{'s' * (falls > 1)}"
         remarks.append(f"at {places} fewer records exceed it than at the one below")
     fits = [fit] if len(counts) == 1 else [fit_lognormal(levels, c, records) for c in counts]
-    return _Curve(
+    return _FragilityCurve(
         mean / records,
         low,
         high,

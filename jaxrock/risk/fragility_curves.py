@@ -1,7 +1,7 @@
 """Fragility: probabilities of exceeding thresholds under a suite, over the intensity."""
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import Block
-from ..driven import Batch, follow_within
+from ..driven import Batch, Labels, follow_within, require_complete
 from ..grids import DataType, Grid, GridVariable, apply_padded
 from ..ground_motion import MEASURES, Suite, require_positive_measures
 from ..host import add_names
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..sensitivity import Uncertain
 from ..validation import (
     POSITIVE,
     AnyArray,
@@ -23,10 +24,11 @@ from ..validation import (
     as_real,
     as_text,
     check,
+    check_increasing,
     check_kind,
 )
-from .exceedance import WORDS, Threshold, add_curves, describe_variable
-from .objects import Objects, draw_objects, gather_objects
+from .exceedance import NAMED_THRESHOLDS, Threshold, add_curves, describe_variable
+from .objects import Objects, gather_objects
 
 if TYPE_CHECKING:
     import xarray
@@ -56,16 +58,14 @@ def fragility(
     measure: str = "pgv",
     thresholds: Sequence[Threshold] = ("uplift", 0.5, 1.0, "overturning"),
     *,
+    uncertain: Uncertain | None = None,
     tolerance: float = 1e-3,
     confidence: float = 0.95,
     model: ModelLike = Nonlinear(),
     chunks: "Chunks | None" = None,
     names: Sequence[str] | None = None,
-    scatter: Mapping[str, float] | None = None,
-    samples: int = 64,
-    seed: int = 0,
 ) -> "xarray.Dataset":
-    """Compute fragility curves of blocks: probabilities of exceeding thresholds under a suite.
+    """Compute fragility curves: probabilities of exceeding thresholds under a suite.
 
     Parameters
     ----------
@@ -81,6 +81,9 @@ def fragility(
     thresholds : sequence of float or str
         Rotation ratios alpha_max / alpha_c [-], greater than 0; ``"uplift"``, any rotation;
         ``"overturning"``, which exceeds every ratio as well.
+    uncertain : Uncertain, optional
+        Coefficients of variation of sizes, of the ``inertia_ratio``, ``gravity`` and
+        ``restitution``, and the samples to draw. Records, levels and blocks share the samples.
     tolerance : float
         Relative error of peak rotations; see `respond_within`.
     confidence : float
@@ -92,14 +95,6 @@ def fragility(
         `resonance_spectrum`.
     names : sequence of str, optional
         Names of the blocks; ``"1"``, ``"2"``, ... by default.
-    scatter : mapping, optional
-        Coefficients of variation of uncertain parameters by name, such as ``{"restitution":
-        0.05}``: of the ``width`` at this height and the ``height`` at this width, or of the
-        ``half_width`` at this slenderness and the ``slenderness``; of the ``inertia_ratio``
-        and the ``restitution``. Distributions are those of `sensitivity.propagate`.
-    samples, seed : int
-        Number of samples of uncertain parameters, a power of 2, and the seed that they are drawn
-        with. All records, levels and blocks share them.
 
     Returns
     -------
@@ -115,7 +110,7 @@ def fragility(
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
         - Over record and level: every response, and the factor on the record.
 
-        With uncertain parameters responses have the dimension ``sample`` as well, and the
+        With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as
         the independent units, each with the fraction of its samples. They cover both kinds of
         uncertainty. Two variables over threshold split the dispersion:
@@ -150,12 +145,12 @@ def fragility(
     model = as_model(model)
     measure = as_name("measure", measure, MEASURES)
     strengths = np.asarray(require_positive_measures(suite, measure, objects.block))
-    drawn = objects if scatter is None else draw_objects(objects, scatter, samples, seed)
-    # A single block has no axis of objects, and without uncertainty there is none of samples.
+    # A single block has no axis of objects; without uncertainty there is none of samples.
     axes = {"object": np.arange(objects.number)} if objects.shape else {}
     axes["record"] = np.arange(len(suite))
-    if scatter is not None:
-        axes["sample"] = np.arange(samples)
+    if uncertain is not None:
+        check_kind("uncertain", uncertain, Uncertain)
+        axes["sample"] = np.arange(uncertain.samples)
     axes["level"] = levels
     variables = {
         name: GridVariable(tuple(axes), dtype, describe_variable(long_name, units))
@@ -163,16 +158,12 @@ def fragility(
     }
     attributes: dict[str, object] = {
         "model": model.name,
-        **_describe_objects(objects),
+        **_describe_objects(objects, uncertain),
         "measure": measure,
         "records": len(suite),
         "tolerance": tolerance,
         "confidence": confidence,
     }
-    if scatter is not None:
-        attributes |= {f"coefficient_of_variation_of_{n}": v for n, v in scatter.items()}
-        attributes |= {"samples": samples, "seed": seed}
-    long_name, unit, _ = MEASURES[measure]
     grid = Grid(
         "Fragility",
         axes,
@@ -181,14 +172,14 @@ def fragility(
         functools.partial(_simulate_scaled_records, tolerance, model, tuple(axes)),
         _LARGEST,
         _USUAL,
-        labels={"level": describe_variable(long_name, unit)},
-        shared=_gather_parameters(drawn, suite, strengths),
+        labels={"level": describe_variable(*MEASURES[measure][:2])},
+        shared=_gather_input(objects, uncertain, suite, strengths),
     )
     labels = {"record": (suite.names, "ground motion")}
     if objects.shape:
         labels["object"] = (objects.names, "object")
     responses = add_names(grid.build_dataset(chunks), **labels)
-    return add_curves(responses, thresholds, threshold_names, confidence, unit)
+    return add_curves(responses, thresholds, threshold_names, confidence)
 
 
 def _check_levels(levels: Numbers) -> np.ndarray:
@@ -199,22 +190,25 @@ def _check_levels(levels: Numbers) -> np.ndarray:
         raise ValueError(
             f"levels must be one-dimensional, got an array of shape {values.shape}"
         )
-    if (np.diff(values) <= 0).any():
-        raise ValueError("levels must be increasing, got values that do not increase")
+    check_increasing("levels", values)
     return values
 
 
-def _describe_objects(objects: Objects) -> dict[str, object]:
-    """Collect the parameters of the blocks as attributes: one, or one for each object."""
+def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str, object]:
+    """Collect parameters and coefficients of variation as attributes."""
     parameters = {**vars(objects.block), "restitution": objects.restitution}
-    return {
-        name: np.asarray(values, float).tolist() if np.ndim(values) else float(values)
-        for name, values in parameters.items()
+    attributes = {
+        name: np.asarray(value, float).tolist() for name, value in parameters.items()
     }
+    if uncertain is not None:
+        for name, value in uncertain.coefficients_of_variation.items():
+            attributes[f"coefficient_of_variation_of_{name}"] = np.asarray(value).tolist()
+        attributes |= {"samples": uncertain.samples, "seed": uncertain.seed}
+    return attributes
 
 
-class _Parameters(NamedTuple):
-    """What is simulated, as arrays from which axes of numbers take their parts.
+class _SimulationInput(NamedTuple):
+    """Input of all simulations, of which a chunk takes the parts that its indices say.
 
     Attributes
     ----------
@@ -224,24 +218,35 @@ class _Parameters(NamedTuple):
         Intensities of the records [unit of the measure].
     critical_angle : ndarray, shape (objects, samples)
         Of the blocks [rad].
+    names : dict
+        Names of the records and of the objects, for messages.
     """
 
     batch: Batch
     strengths: AnyArray
     critical_angle: AnyArray
+    names: dict[str, tuple[str, ...]]
 
 
-def _gather_parameters(objects: Objects, suite: Suite, strengths: np.ndarray) -> _Parameters:
+def _gather_input(
+    objects: Objects, uncertain: Uncertain | None, suite: Suite, strengths: np.ndarray
+) -> _SimulationInput:
     """Gather the parameters of all objects, samples and records."""
+    parameters = (objects.block, objects.restitution)
+    if uncertain is not None:
+        parameters = uncertain.draw(*parameters)[:2]
+    # Samples are drawn in float64, and simulated in the precision of their medians.
+    dtype = objects.restitution.dtype
     block, restitution = jax.tree.map(
-        lambda leaf: leaf.reshape(objects.number, -1), (objects.block, objects.restitution)
+        lambda leaf: np.asarray(leaf, dtype).reshape(objects.number, -1), parameters
     )
     flat = jax.tree.map(np.ravel, block)
     angles = apply_padded(lambda padded: padded.critical_angle, flat)
-    return _Parameters(
+    return _SimulationInput(
         Batch.of(block, restitution, suite),
         np.broadcast_to(strengths.reshape(len(suite), -1), (len(suite), objects.number)),
         angles.reshape(objects.number, -1),
+        {"object": objects.names, "record": suite.names},
     )
 
 
@@ -249,14 +254,14 @@ def _simulate_scaled_records(
     tolerance: float,
     model: RockingModel,
     dims: tuple[str, ...],
-    parameters: _Parameters,
+    parameters: _SimulationInput,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Simulate blocks under records that are scaled to levels, some along each dimension."""
     # Dimensions that the dataset lacks have one entry, the first.
     index: dict[str, npt.NDArray | int] = {"object": 0, "sample": 0}
     index |= zip(dims, np.meshgrid(*parts, indexing="ij", sparse=True), strict=True)
-    batch, strengths, angles = parameters
+    batch, strengths, angles, names = parameters
     blocks = np.ravel_multi_index(
         (index["record"], index["object"], index["sample"]), batch.shape
     )
@@ -264,8 +269,11 @@ def _simulate_scaled_records(
     factor = levels / np.asarray(strengths)[index["record"], index["object"]]
     estimate = follow_within(batch.select(blocks).scaled(factor), tolerance, model)
     response = estimate.response
-    if not np.asarray(response.complete).all():
-        raise ValueError("motion could not be followed to its end for every record and level")
+    labels: dict[str, Labels] = {
+        dim: [names[dim][k] for k in part] if dim in names else part
+        for dim, part in zip(dims, parts, strict=True)
+    }
+    require_complete(response.complete, **labels)
     angle = np.asarray(angles)[index["object"], index["sample"]]
     ratio = np.asarray(response.peak_rotation) / angle
     values = {**vars(estimate), **vars(response), "factor": factor, "rotation_ratio": ratio}
@@ -288,8 +296,8 @@ def _name_threshold(threshold: Threshold) -> str:
     """Name a threshold; a `ValueError` if it is none."""
     threshold = as_text(threshold)
     if isinstance(threshold, str):
-        if threshold not in WORDS:
-            allowed = f"rotation ratios, {' or '.join(map(repr, WORDS))}"
+        if threshold not in NAMED_THRESHOLDS:
+            allowed = f"rotation ratios, {' or '.join(map(repr, NAMED_THRESHOLDS))}"
             raise ValueError(f"thresholds must be {allowed}, got {threshold!r}")
         return threshold
     check("thresholds", as_real("thresholds", threshold), POSITIVE)

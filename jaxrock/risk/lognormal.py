@@ -1,4 +1,4 @@
-"""Lognormal fragility curves by maximum likelihood (Baker 2015, doi:10.1193/021113EQS025M)."""
+"""Maximum-likelihood lognormal fragility curves (Baker 2015, doi:10.1193/021113EQS025M)."""
 
 from typing import NamedTuple
 

@@ -1,13 +1,12 @@
 """Objects whose risk is asked for: one block or many."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from ..block import Block
-from ..sensitivity import Uncertain
 from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_kind
 
 
@@ -82,13 +81,3 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
     if twice:
         raise ValueError(f"names must differ, got {twice[0]!r} twice")
     return names
-
-
-def draw_objects(
-    objects: Objects, scatter: Mapping[str, float], samples: int, seed: int
-) -> Objects:
-    """Draw samples of every object, with leaves of shape (objects, samples) or (samples,)."""
-    draws = Uncertain(scatter, samples=samples, seed=seed).draw(
-        objects.block, objects.restitution
-    )
-    return objects._replace(block=draws.block, restitution=draws.restitution)

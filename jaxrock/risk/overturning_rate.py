@@ -164,8 +164,7 @@ def overturning_rate(
     1e-4. Above the highest level the outcome there is assumed to persist; below the lowest level
     the contribution is zero. Derivatives with respect to the block, the restitution and the
     hazard, in both modes, are those of the boundaries found; a boundary that rounding hides adds
-    nothing to them (see `overturning_boundaries`), under `jit` most boundaries of long records.
-    For a change of some per cent, compare them with `rate_elasticities`.
+    nothing to them (see `overturning_boundaries`). For a change of some per cent, compare them with `rate_elasticities`.
 
     By Good-Turing, the hazard mass of windows hit by exactly one level estimates the mass of
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,

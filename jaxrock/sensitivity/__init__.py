@@ -1,6 +1,8 @@
 """The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
 
 from .array_slopes import value_and_slopes
+from .driven_answer import DrivenAnswer as DrivenAnswer
+from .local_dependence import LocalDependence, local_dependence
 from .measures import (
     DerivativeBasedMeasures,
     Sensitivities,
@@ -21,6 +23,7 @@ from .uncertain import Draws, Uncertain
 __all__ = [
     "DerivativeBasedMeasures",
     "Draws",
+    "LocalDependence",
     "MomentEstimate",
     "OutcomeProbabilities",
     "ReliabilityResult",
@@ -29,6 +32,7 @@ __all__ = [
     "Uncertain",
     "derivative_based_measures",
     "failure_probability",
+    "local_dependence",
     "monte_carlo",
     "outcome_probabilities",
     "propagate",

@@ -11,7 +11,7 @@ from .parameters import Answer
 from .uncertain import Uncertain, make_uncertain_answer
 
 # Largest errors of mean and standard deviation, over the standard deviation, with which an
-# estimate counts as valid.
+# estimate counts as within tolerance.
 _ALLOWED = 0.1
 
 
@@ -29,7 +29,7 @@ class MomentEstimate(Printed):
         Errors of `mean` and `standard_deviation` by the samples, plus two standard errors of
         that estimate, over the standard deviation; inf where a sample has no answer.
         Fraction of such samples.
-    valid : bool
+    within_tolerance : bool
         Whether both errors are at most 0.1. Not so where the answer is too nonlinear within
         the uncertainty, chaotic, or ceases to exist because the block overturns.
     """
@@ -39,7 +39,7 @@ class MomentEstimate(Printed):
     mean: float
     standard_deviation: float
     variance_fractions: dict[str, float]
-    valid: bool
+    within_tolerance: bool
     mean_error: float
     standard_deviation_error: float
     left_out: float
@@ -53,7 +53,7 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
 
     Samples check whether the second order describes the answer. Only the difference between
     the two is sampled: 1,024 samples suffice, and with the 64 of the default an estimate
-    counts as valid only where the answer is nearly quadratic.
+    counts as within tolerance only where the answer is nearly quadratic.
 
     Parameters
     ----------

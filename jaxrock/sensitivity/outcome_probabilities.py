@@ -8,10 +8,11 @@ import numpy as np
 
 from ..block import Block
 from ..driven import Batch, check_batch, follow_batch, require_complete
-from ..ground_motion import Harmonic, Motion, Pulse, Suite
+from ..ground_motion import Motion, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
+from .driven_answer import change_motion, list_motion_medians
 from .outcome_statistics import (
     compute_derivatives,
     compute_interval,
@@ -172,11 +173,12 @@ def outcome_probabilities(
         samples, are independent.
     uncertain : Uncertain
         By the names of the parameters of the block (see `Uncertain`) and ``restitution``; by
-        ``scale``, a factor on the motion with the median 1; by the ``duration`` of a pulse,
-        the ``frequency`` of a `Harmonic`. At least one, with one coefficient of variation
-        each, greater than 0. Under one motion 4,096 samples give indices to a few hundredths,
-        with the 64 of the default only probabilities are worth reading. As many responses
-        again are simulated for each parameter and once more, for the Sobol indices.
+        ``scale``, a factor on the motion with the median 1; by ``amplitude`` and ``duration``
+        of a pulse, ``amplitude`` and ``frequency`` of a `Harmonic`. At least one, with one
+        coefficient of variation each, greater than 0. Under one motion 4,096 samples give
+        indices to a few hundredths, with the 64 of the default only probabilities are worth
+        reading. As many responses again are simulated for each parameter and once more, for
+        the Sobol indices.
     ratio : float
         Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
         that overturns exceeds it.
@@ -194,8 +196,8 @@ def outcome_probabilities(
     Raises
     ------
     ValueError
-        If an argument is out of range, a name is unknown, or an integration does not finish.
-
+            If an argument is out of range, a name is unknown, or an integration does not finish.
+    
     Notes
     -----
     One sample serves everything: scrambled Sobol points, simulated in one batch to 10 s beyond
@@ -226,7 +228,7 @@ def outcome_probabilities(
         raise ValueError("block and restitution must be single ones, got arrays of them")
     parameters = list_medians(block, scene[0], coefficients)
     medians = {name: float(value) for name, value in parameters.items()}
-    medians |= _list_medians_of_motion(motion)
+    medians |= list_motion_medians(motion)
     coefficient = np.array(list(coefficients.values()))
     check("coefficients_of_variation", coefficient, POSITIVE)
     samples = uncertain.samples
@@ -291,16 +293,6 @@ def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]
     return mixed
 
 
-def _list_medians_of_motion(motion: Motion | Suite) -> dict[str, float]:
-    """List the parameters that a motion has, with their medians."""
-    medians = {"scale": 1.0}
-    if isinstance(motion, Pulse):
-        medians["duration"] = float(motion.duration)
-    if isinstance(motion, Harmonic):
-        medians["frequency"] = float(motion.frequency)
-    return medians
-
-
 def _simulate_samples(
     values: Mapping[str, np.ndarray], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
@@ -309,15 +301,12 @@ def _simulate_samples(
     blocks = jax.device_put(make_drawn_blocks(values))
     restitution = as_real("restitution", values["restitution"])
     scale = np.asarray(as_real("scale", values["scale"]))
-    if isinstance(motion, Pulse):
-        motion = replace(motion, duration=as_real("duration", values["duration"]))
-    if isinstance(motion, Harmonic):
-        motion = replace(motion, frequency=as_real("frequency", values["frequency"]))
     group = max(1, _AT_ONCE // restitution.size)
-    parts: list[Motion | Suite] = [motion]
     if isinstance(motion, Suite):
         records = list(motion)
         parts = [Suite(records[k : k + group]) for k in range(0, len(records), group)]
+    else:
+        parts = [change_motion(motion, values)]
     critical_angle = np.asarray(blocks.critical_angle)
     answers = []
     for chosen in parts:

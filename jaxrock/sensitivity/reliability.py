@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.stats import norm
 
-from ..host import Printed, format_fields
+from ..host import Printed, Status, format_fields
 from .parameters import Answer, ParametricAnswer
 from .uncertain import Uncertain, make_uncertain_answer
 
@@ -28,8 +28,9 @@ class ReliabilityResult(Printed):
         Fraction of samples that the paraboloid puts on the wrong side of the limit state. But
         for the noise of sampling, it bounds the error of the paraboloid's probability, which
         `probability` approximates.
-    valid : bool
-        Whether the search has converged, and the samples do not contradict.
+    status : Status
+        NOT_CONVERGED if the search for that point has not converged, NOT_VALIDATED if the
+        samples contradict the paraboloid.
     """
 
     probability: float
@@ -37,10 +38,11 @@ class ReliabilityResult(Printed):
     reliability_index: float
     most_likely: dict[str, float]
     misjudged: float
-    valid: bool
+    status: Status
 
     def __str__(self) -> str:
-        return format_fields(self, **dict.fromkeys(vars(self), ""))
+        names = [name for name in vars(self) if name != "status"]
+        return format_fields(self, **dict.fromkeys(names, ""))
 
 
 def failure_probability(margin: Answer, at: Any, uncertain: Uncertain) -> ReliabilityResult:
@@ -72,8 +74,8 @@ def failure_probability(margin: Answer, at: Any, uncertain: Uncertain) -> Reliab
     >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.28)
     >>> uncertain = jr.Uncertain({"intensity": 0.1, "restitution": 0.05}, samples=1024)
     >>> result = jr.sensitivity.failure_probability(jr.overturning_margin, wall, uncertain)
-    >>> print(f"{result.probability:.3f}", result.valid)
-    0.245 True
+    >>> print(f"{result.probability:.3f}", result.status.name)
+    0.245 COMPLETE
     """
     function, z = make_uncertain_answer(margin, at, uncertain)
     if not any(uncertain.coefficients):
@@ -110,8 +112,9 @@ def failure_probability(margin: Answer, at: Any, uncertain: Uncertain) -> Reliab
     parameters = np.asarray(function.parameters_at(jnp.asarray(point))).tolist()
     likely = dict(zip(function.names, parameters, strict=True))
     first_order = float(norm.cdf(-beta))
-    valid = converged and agrees
-    return ReliabilityResult(second_order, first_order, beta, likely, misjudged, valid)
+    status = Status.COMPLETE if agrees else Status.NOT_VALIDATED
+    status = status if converged else Status.NOT_CONVERGED
+    return ReliabilityResult(second_order, first_order, beta, likely, misjudged, status)
 
 
 def _find_design_point(function: ParametricAnswer, z: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..driven import Driven, FollowedMotion, Status, follow_driven
+from ..driven import Driven, FollowedMotion, follow_driven
 from ..ground_motion import Pulse
+from ..host import Status
 from ..impact import velocity_after_impact
 from ..numerics import differentiate_by_jacobian
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model

@@ -28,7 +28,7 @@ class FinalStates(NamedTuple):
     end_impacts: Reals
     impacts: Reals
     impact_sum: Reals
-    followed: Reals  # 1 if to the end, otherwise 0
+    finished: Reals  # 1 if simulated to the end, otherwise 0
 
     @classmethod
     def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
@@ -42,7 +42,7 @@ class FinalStates(NamedTuple):
             end_impacts=lanes.end_impacts.astype(lanes.peak.dtype),
             impacts=lanes.impacts.astype(lanes.peak.dtype),
             impact_sum=lanes.impact_sum,
-            followed=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
+            finished=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
         )
 
 

@@ -11,11 +11,19 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Harmonic, Motion, Pulse, Record, Suite
-from ...host import Printed, count_processors, format_fields, map_in_threads, show_progress
+from ...host import (
+    Printed,
+    Status,
+    count_processors,
+    format_fields,
+    map_in_threads,
+    show_progress,
+)
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     POSITIVE,
     UNIT_INTERVAL,
+    AnyArray,
     Booleans,
     Integers,
     Number,
@@ -104,9 +112,8 @@ class BatchResponse(Printed, eqx.Module):
     mode : Array of int
         Number of impacts before overturning, which may be one more than until the end of the
         input; -1 for a block that stands.
-    complete : Array of bool
-        Whether the integration finished. Where it did not, for want of steps or of valid
-        arguments, the real numbers are NaN.
+    status : Array of int
+        A `jaxrock.Status`: COMPLETE, or STOPPED or INVALID, where the real numbers are NaN.
     """
 
     peak_rotation: Reals
@@ -116,7 +123,13 @@ class BatchResponse(Printed, eqx.Module):
     margin: Reals
     impacts: Integers
     mode: Integers
-    complete: Booleans
+    status: Integers
+
+    # Of NumPy in what rooms of the inside simulate; see `follow_batch`.
+    @property
+    def complete(self) -> AnyArray | np.bool_:
+        """True where the status is COMPLETE."""
+        return self.status == Status.COMPLETE
 
     def __str__(self) -> str:
         return format_fields(
@@ -127,7 +140,6 @@ class BatchResponse(Printed, eqx.Module):
             final_rotation="rad",
             final_velocity="rad/s",
             impacts="",
-            complete="",
         )
 
 
@@ -150,7 +162,10 @@ def _follow_rows(
         return take_step(lanes, case, ground, step_control, program.order)
 
     ends = work_off(ground, case, count, lanes, step)
-    complete = valid & (ends.followed > 0)
+    # In as few bytes as a boolean: statuses of large batches are copied like all else.
+    status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
+    status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
+    complete = status == Status.COMPLETE
     before_impact, after_impact = free_motion_margins(
         case.equation, case.restitution, ends.end_rotation, ends.end_velocity
     )
@@ -174,7 +189,7 @@ def _follow_rows(
         margin=where_complete(margin),
         impacts=impacts,
         mode=jnp.where(overturned, mode, -1),
-        complete=complete,
+        status=status,
     )
     # From beyond the critical angle a block has no velocity of free motion.
     highest = jnp.minimum(ends.peak, case.equation.critical_angle)

@@ -234,7 +234,7 @@ class Lanes(eqx.Module):
 def max_steps(case: Case) -> Integers:
     """Compute the largest number of steps of a lane, which bounds the time.
 
-    A lane that reaches it says so in `BatchResponse.complete`.
+    A lane that reaches it says so in `BatchResponse.status`.
     """
     return 1000 * jnp.minimum(case.excitation.intervals, 2 * 10**6) + 10**6
 

@@ -2,6 +2,6 @@
 
 from .event_loop import FollowedMotion, follow_driven
 from .respond_one import respond
-from .response import Response, Status
+from .response import Response
 
-__all__ = ["FollowedMotion", "Response", "Status", "follow_driven", "respond"]
+__all__ = ["FollowedMotion", "Response", "follow_driven", "respond"]

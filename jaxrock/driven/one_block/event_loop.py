@@ -10,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ...host import Status
 from ...numerics import differentiate_by_jacobian, pick_smaller
 from ...resonance import RockingModel
 from ...validation import Booleans, Reals, guard_once, replace_invalid
@@ -28,7 +29,7 @@ from .motion_to_event import (
     move_to_event,
 )
 from .packed_loop import repeat_packed
-from .response import Events, Response, Status
+from .response import Events, Response
 from .solver_steps import Stepper, estimate_time_rounding
 from .uplift import UpliftTable
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Motion, Record, Still, Suite
+from ...host import Status
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     Number,
@@ -24,7 +25,7 @@ from ...validation import (
 )
 from ..scene import Driven
 from .event_loop import follow_driven_jitted
-from .response import Response, Status
+from .response import Response
 
 _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
 # Impacts that are listed outside of transformations; a motion with more is followed again.

@@ -4,14 +4,12 @@ A response keeps the state after every event. The history at some time is integr
 last event before it, without a search for events.
 """
 
-import enum
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...host import Printed, format_fields
+from ...host import Printed, Status, format_fields
 from ...resonance import RockingModel
 from ...validation import Booleans, Integers, Numbers, Reals, as_array, as_real, is_traced
 from ..equation import Equation
@@ -26,24 +24,6 @@ _TIMES = 512
 _EVENTS = 8192
 # Impacts slower than this share of the fastest one are tiny bounces.
 _TINY = 0.01
-
-
-class Status(enum.IntEnum):
-    """The end of a computation.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> print(jr.Status(2).name)
-    STOPPED
-    """
-
-    COMPLETE = 0  # nothing ran out
-    LIST_FULL = 1  # all is right, but not all impacts are listed
-    STOPPED = 2  # the integrator ran out of steps, or could not go on
-    INVALID = 3  # an argument was out of its range
-    # All is right, but for a time the block was in unstable balance, in which none stays.
-    BALANCED = 4
 
 
 class Events(eqx.Module):
@@ -87,7 +67,7 @@ class Response(Printed, eqx.Module):
         Time at which the block leaves the ground [s], to 1e-4 of an integration step, without
         derivative; NaN if it does not.
     status : Array of int
-        A `Status`; where it is STOPPED or INVALID, the results are NaN.
+        A `jaxrock.Status`; where it is STOPPED or INVALID, the results are NaN.
     events, scene, model
         The state after every event, and the arguments: `history` integrates from these.
     """
@@ -164,10 +144,10 @@ class Response(Printed, eqx.Module):
         if jnp.ndim(self.status) or is_traced(self.status):
             units = {"peak_rotation": "rad", "peak_time": "s", "impacts": ""}
             units |= {"friction_demand": "", "normal_force": "of the weight"}
-            return format_fields(self, status="", overturned="", margin="", **units)
+            return format_fields(self, overturned="", margin="", **units)
         status = Status(int(self.status))
         if status in (Status.STOPPED, Status.INVALID):
-            return f"no response: {status.name.lower()}"
+            return f"no response: {status.description}"
         angle = self.scene.block.critical_angle
         fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
         balanced = status == Status.BALANCED and self.final_velocity == 0
