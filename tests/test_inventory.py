@@ -183,7 +183,7 @@ TABLES_THAT_ARE_REFUSED = [
     (f"{HEAD}\na,1,nan,,\n", r"2: .*'height \[m\]' must be finite .*, got 'nan'"),
     (f"{HEAD}\na,1,2,1.1,\n", "2: .*'restitution' must be between 0 and 1, got '1.1'"),
     (f"{HEAD}\na,1,2,0.8,-1\n", "2: .*'restitution cov' must be finite and at least"),
-    (f"{HEAD}\na,1,2,1,0.1\n", "2: restitution scatter: .* must be 0 at 1"),
+    (f"{HEAD}\na,1,2,1,0.1\n", "2: coefficient of variation of restitution must be 0 at 1"),
     # Separators of thousands.
     ('name,width [mm],height [mm]\na,450,"1,200"\n', "2: '1,200' may be .* of thousands"),
     ("name;width [mm];height [mm]\na;450;1.200\n", "2: '1.200' may be .* of thousands"),
@@ -283,7 +283,8 @@ def test_elasticities_in_closed_form(assessed):
         over_height = rate_of_sides(width, 1.1 * height) - rate_of_sides(width, 0.9 * height)
         # No impact comes before overturning, so that the restitution changes nothing.
         exact = np.array([over_width, over_height, 0.0]) / rate / 0.2
-        np.testing.assert_allclose(block.elasticity, exact, rtol=0, atol=0.02)
+        # The rates at both ends have a standard error of 2e-3, over a change of 0.2.
+        np.testing.assert_allclose(block.elasticity, exact, rtol=0, atol=0.04)
         most_important = block.parameter.values[np.argmax(np.abs(exact))]
         assert str(block.most_important.values) == most_important
 
@@ -390,7 +391,6 @@ def test_an_inventory_that_is_no_inventory():
         ({"target": 0.0}, "target must be finite and greater than 0"),
         ({"reported_levels": [2.0, 1.0]}, "reported_levels must increase, got 1 after 2"),
         ({"reported_levels": 2.0}, "reported_levels must be one-dimensional"),
-        ({"site": HAZARD}, "site must be a Site, got"),
         ({"site": by_function}, "site must have a Hazard, got a function"),
     ):
         arguments = {"site": site, "target": 1e-4} | options
