@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from ..validation import AnyArray, Booleans, Reals, choose_namespace
+from ..validation import AnyArray, choose_namespace
 
 # The rule of three: where none was detected, a Poisson variable has a mean of at most
 # -ln(0.05), about 3, with a confidence of 95 % (Hanley and Lippman-Hand 1983,
@@ -25,7 +25,7 @@ _RULE_OF_THREE = 3
 #
 # A window that was missed changes the rate by its width, up or down. The sum of the widths is
 # thus a bound of the change, in which no signs cancel.
-def bound_not_detected(overturned: Booleans, rates: Reals) -> AnyArray:
+def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
     """Bound the change of rates by windows between levels, and by levels beyond the last, to 95 %.
 
     After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
@@ -73,7 +73,7 @@ class WindowEstimate(NamedTuple):
     deviation: AnyArray
 
 
-def estimate_windows(overturned: Booleans, rates: Reals) -> WindowEstimate:
+def estimate_windows(overturned: AnyArray, rates: AnyArray) -> WindowEstimate:
     """Estimate the width of windows that are hit by exactly one level; see `bound_not_detected`."""
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.

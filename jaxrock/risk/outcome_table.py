@@ -75,12 +75,12 @@ class Cases(NamedTuple):
         levels = levels.astype(self.batch.dtype)
         batch = self.batch.select(index).scaled(levels)
         response = follow_batch(batch, self.model)
-        self._require_complete(response.complete, records, objects, levels)
+        self._require_complete(np.asarray(response.complete), records, objects, levels)
         return np.asarray(response.overturned)
 
     def _require_complete(
         self,
-        complete: np.ndarray,
+        complete: AnyArray,
         records: np.ndarray,
         objects: np.ndarray,
         levels: np.ndarray,

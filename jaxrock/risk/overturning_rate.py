@@ -164,7 +164,8 @@ def overturning_rate(
     1e-4. Above the highest level the outcome there is assumed to persist; below the lowest level
     the contribution is zero. Derivatives with respect to the block, the restitution and the
     hazard, in both modes, are those of the boundaries found; a boundary that rounding hides adds
-    nothing to them (see `overturning_boundaries`). For a change of some per cent, compare them with `rate_elasticities`.
+    nothing to them (see `overturning_boundaries`).
+    For a change of some per cent, compare them with `rate_elasticities`.
 
     By Good-Turing, the hazard mass of windows hit by exactly one level estimates the mass of
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
@@ -201,22 +202,22 @@ def overturning_rate(
 class _Sums(NamedTuple):
     """The fields of an `OverturningRate` that are sums over boundaries."""
 
-    complete: Booleans
-    contributions: Reals
-    rate: Reals
-    standard_error: Reals
-    not_detected: Reals
-    overturns_first: Booleans
+    complete: AnyArray
+    contributions: AnyArray
+    rate: AnyArray
+    standard_error: AnyArray
+    not_detected: AnyArray
+    overturns_first: AnyArray
 
 
 class _Edges(NamedTuple):
     """The fields of `Boundaries` on which rates depend, padded to few numbers of columns."""
 
-    value: Reals
-    overturns_beyond: Booleans
-    overturns_first: Booleans
-    complete: Booleans
-    count: AnyArray
+    value: AnyArray
+    overturns_beyond: AnyArray
+    overturns_first: AnyArray
+    complete: AnyArray
+    is_listed: AnyArray
 
 
 def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
@@ -226,7 +227,13 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
     columns = boundaries.value.shape[-1]
     room = max(8, 1 << (columns - 1).bit_length())
     padded = pad_boundaries(boundaries, room, ("value", "overturns_beyond"))
-    edges = _Edges(*(getattr(padded, name) for name in _Edges._fields))
+    edges = _Edges(
+        padded.value,
+        padded.overturns_beyond,
+        padded.overturns_first,
+        padded.complete,
+        padded.count <= columns,
+    )
     traced = is_traced((edges, site))
     if not traced:
         edges, rates, levels = jax.tree.map(np.asarray, (edges, site.rates, site.levels))
@@ -237,7 +244,7 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
     return _sum_traced(edges, site.hazard(value), site.rates, site.levels)
 
 
-def _sum_edges(edges: _Edges, at_edges: Reals, rates: Reals, levels: Reals) -> _Sums:
+def _sum_edges(edges: _Edges, at_edges: AnyArray, rates: AnyArray, levels: AnyArray) -> _Sums:
     """Sum the rates at the boundaries, H(a_0) - H(a_1) + ..."""
     library = choose_namespace((edges, at_edges, rates))
     exists = library.isfinite(edges.value)
@@ -253,8 +260,7 @@ def _sum_edges(edges: _Edges, at_edges: Reals, rates: Reals, levels: Reals) -> _
     # is not below anything.
     before = (edges.value[..., :, None] < levels).sum(axis=-2)
     overturned = (before % 2 == 1) != edges.overturns_first[..., None]
-    is_listed = edges.count <= exists.sum(axis=-1)
-    complete = edges.complete & ~edges.overturns_first & is_listed
+    complete = edges.complete & edges.is_listed & ~edges.overturns_first
     if library is jnp:
         # The bound has no derivative where no level is alone in its window.
         rates = jax.lax.stop_gradient(rates)

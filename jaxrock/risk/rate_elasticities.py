@@ -149,7 +149,8 @@ def rate_elasticities(
 def list_parameters(objects: Objects, by: SizeDescription) -> dict[str, np.ndarray]:
     """List the parameters of objects by their names, the restitution last."""
     block = jax.tree.map(np.asarray, objects.block)
-    return {**size_of(block, by), "restitution": np.asarray(objects.restitution)}
+    sizes = {name: np.asarray(value) for name, value in size_of(block, by).items()}
+    return {**sizes, "restitution": np.asarray(objects.restitution)}
 
 
 def compute_elasticities(

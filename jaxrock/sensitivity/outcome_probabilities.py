@@ -196,8 +196,8 @@ def outcome_probabilities(
     Raises
     ------
     ValueError
-            If an argument is out of range, a name is unknown, or an integration does not finish.
-    
+        If an argument is out of range, a name is unknown, or an integration did not finish.
+
     Notes
     -----
     One sample serves everything: scrambled Sobol points, simulated in one batch to 10 s beyond
