@@ -171,7 +171,8 @@ def overturning_rate(
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
     doi:10.1093/biomet/40.3-4.237; I. J. Good and G. H. Toulmin, Biometrika 43 (1956) 45-63,
     doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
-    three, three windows of the widest step at which an outcome changes. The standard error assumes independent records.
+    three, three windows of the widest step at which an outcome changes. The standard error
+    assumes independent records.
 
     Examples
     --------
