@@ -367,7 +367,7 @@ def test_an_inventory_agrees_with_the_functions_for_rates(under_noise, noise_sit
         error = float(expected.standard_error[k])
         assert float(answer.standard_error) == pytest.approx(error, rel=5 * tolerance)
         rows = [elasticities.names.index(parameter) for parameter in names]
-        over_change = elasticities.over_change[np.array(rows), k]
+        over_change = np.asarray(elasticities.over_change)[rows, k]
         np.testing.assert_allclose(answer.elasticity, over_change, rtol=0, atol=0.02)
         required = float(answer.required_width)
         wider = jr.Block.from_size(width=required, height=float(height[k]))
