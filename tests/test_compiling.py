@@ -37,6 +37,10 @@ def compiled():
     return _NAMES
 
 
+def site(k, levels):
+    return jr.Site(suite(k), jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=levels)
+
+
 def block(k):
     return jr.Block(0.2 + 0.01 * k, 5.0 + 0.1 * k)
 
@@ -133,11 +137,10 @@ CALLS = {
     "required_value": lambda k: jr.required_value(
         block(k),
         0.8,
-        suite(k),
-        jr.Hazard([0.1, 1.0], [0.01, 0.0001]),
+        site(k, [0.2, 0.5, 0.9]),
         1e-3 + 1e-4 * k,
-        bounds=(0.1, 0.5),
-        levels=[0.2, 0.5, 0.9],
+        "width",
+        (0.1, 0.5),
         resolution=0.05,
     ),
     "outcome_probabilities": lambda k: jr.sensitivity.outcome_probabilities(
@@ -174,13 +177,7 @@ CALLS = {
     "overturning_half_cycle": lambda k: jr.overturning_half_cycle(wall(k)),
     "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
     "overturning_margin": lambda k: jr.overturning_margin(scene(k)),
-    "overturning_rate": lambda k: jr.overturning_rate(
-        block(k),
-        0.8,
-        suite(k),
-        jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]),
-        levels=[0.2, 0.9],
-    ),
+    "overturning_rate": lambda k: jr.overturning_rate(block(k), 0.8, site(k, [0.2, 0.9])),
     "overturning_spectrum": lambda k: jr.overturning_spectrum(
         jr.HalfSine, np.linspace(2.0 + k, 4, 3), np.linspace(2.0 + k, 4, 4)
     ),
@@ -192,11 +189,7 @@ CALLS = {
     ),
     "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
     "rate_elasticities": lambda k: jr.risk.rate_elasticities(
-        block(k),
-        0.8,
-        suite(k),
-        jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]),
-        levels=[0.2, 0.9],
+        block(k), 0.8, site(k, [0.2, 0.9])
     ),
     "resonance_spectrum": lambda k: jr.resonance_spectrum(
         5.0, np.linspace(0.2, 1, 5) + 0.1 * k, 0.7, 0.15
@@ -249,6 +242,7 @@ LEFT_OUT = {
     "read_inventory": "reads without JAX",
     "write_inventory_page": "writes without JAX",
     "Inventory": "holds numbers",
+    "Site": "holds numbers",
     "assess_inventory": "what computes for it is called: outcomes, required values",
     "read_impact_times": "reads without JAX",
     "read_suite": "reads without JAX",
@@ -412,7 +406,9 @@ def test_questions_about_suites_share_programs(compiled):
         ),
         lambda some: jr.fragility(block(0), 0.8, some, [0.1, 0.3], tolerance=1e-2),
         lambda some: jr.overturning_boundaries(block(0), 0.8, some, "half_width", [0.1, 0.2]),
-        lambda some: jr.overturning_rate(block(0), 0.8, some, hazard, levels=[0.2, 0.9]),
+        lambda some: jr.overturning_rate(
+            block(0), 0.8, jr.Site(some, hazard, levels=[0.2, 0.9])
+        ),
         lambda some: jr.rocking_spectrum(some, [1.0, 6.0], 5.0, restitution=0.3),
     ]
     two = jr.Suite([record(500), record(900)])
@@ -439,14 +435,12 @@ def test_a_large_suite_takes_one_more_program(compiled):
 
 
 @pytest.mark.thorough
-def test_slopes_of_a_rate_take_one_program_whatever_moves(compiled):
-    hazard = jr.Hazard([0.1, 1.0], [1e-2, 1e-4])
+def test_derivatives_of_a_rate_take_one_program_whatever_moves(compiled):
+    place = site(0, [0.2, 0.9])
 
     def rate(half_width, slenderness, restitution):
         short = jr.Block(half_width, slenderness)
-        return jr.overturning_rate(
-            short, restitution, suite(0), hazard, levels=[0.2, 0.9]
-        ).rate
+        return jr.overturning_rate(short, restitution, place).rate
 
     jax.clear_caches()
     for numbers in (0, 1, (0, 2), (0, 1, 2)):

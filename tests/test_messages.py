@@ -144,7 +144,7 @@ LIBRARY = {
         "suite must be a Suite, got 'records'; read_suite reads one from files",
     ),
     "a file for a hazard": (
-        lambda: jr.overturning_rate(BLOCK, 0.7, SUITE, "hazard.csv"),
+        lambda: jr.Site(SUITE, "hazard.csv"),
         "hazard must be a Hazard or a function, got 'hazard.csv'; read_hazard reads one from files",
     ),
     "a number for a folder": (

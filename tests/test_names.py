@@ -26,6 +26,10 @@ def suite(text=str):
     return jr.Suite([RECORD, RECORD.scaled(0.7)], [text("a"), text("b")])
 
 
+def site(text=str):
+    return jr.Site(suite(text), HAZARD, text("pgv"), [0.5, 1.0, 2.0])
+
+
 # Every argument that is a name, of one question each; `text` makes the name.
 QUESTIONS = {
     "measure of a record": lambda text: jr.ground_motion.intensity_measure(
@@ -38,9 +42,8 @@ QUESTIONS = {
     "unit": lambda text: jr.Record([0.0, 1.0, 0.0], 0.1, unit=text("g")),
     "component": lambda text: jr.example_record(text("east")),
     "hazard": lambda text: jr.Hazard([0.4, 4.0], [1e-2, 1e-4], measure=text("pgv")),
-    "rate": lambda text: jr.overturning_rate(
-        BLOCK, 0.8, suite(), HAZARD, text("pgv"), [0.5, 1.0, 2.0], model=text("linearized")
-    ),
+    "site": lambda text: site(text),
+    "rate": lambda text: jr.overturning_rate(BLOCK, 0.8, site(text), model=text("linearized")),
     "fragility": lambda text: jr.fragility(
         BLOCK,
         0.8,
@@ -54,26 +57,20 @@ QUESTIONS = {
     "required value": lambda text: jr.required_value(
         BLOCK,
         0.8,
-        suite(),
-        HAZARD,
+        site(text),
         1e-3,
-        along=text("width"),
+        text("width"),
+        (0.2, 1.0),
         side=text("above"),
-        bounds=(0.2, 1.0),
-        measure=text("pgv"),
-        levels=[0.5, 1.0, 2.0],
         resolution=0.05,
     ),
     "elasticities": lambda text: jr.risk.rate_elasticities(
-        BLOCK, 0.8, suite(), HAZARD, text("pgv"), [0.5, 1.0, 2.0]
+        BLOCK, 0.8, site(text), by=text("sides")
     ),
     "inventory": lambda text: assess_inventory(
         Inventory([text("vase")], jr.Block(np.array([0.2]), 5.0), 0.8),
-        suite(),
-        HAZARD,
+        jr.Site(suite(text), HAZARD, text("pgv"), spacing=0.2),
         1e-3,
-        measure=text("pgv"),
-        spacing=0.2,
     ),
     "boundaries": lambda text: jr.overturning_boundaries(
         BLOCK, 0.8, SINE, text("slenderness"), [2.0, 5.0, 9.0], model=text("nonlinear")

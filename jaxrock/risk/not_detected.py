@@ -45,17 +45,17 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
     library = choose_namespace((overturned, rates))
     windows = estimate_windows(overturned, rates)
     # Without any level alone both are 0, and yet windows may have been missed: up to three,
-    # each as wide as steps are where the outcome changes, or as the widest step if it never
-    # does.
+    # each as wide as the widest step where the outcome changes, or as the widest of all if it
+    # never does. Windows at levels far below these are wider, and not covered.
     steps = rates[:-1] - rates[1:]
     changed = overturned[..., 1:] != overturned[..., :-1]
-    number = changed.sum(axis=-1).sum(axis=0)
-    width = library.where(changed, steps, 0).sum(axis=-1).sum(axis=0)
-    at_least_one = library.maximum(number, 1).astype(rates.dtype)
-    typical = library.where(number > 0, width / at_least_one, steps.max())
+    all_steps = library.broadcast_to(steps, changed.shape)
+    widest = library.where(changed, all_steps, 0).max(axis=-1).max(axis=0)
+    widest = library.where(changed.any(axis=-1).any(axis=0), widest, steps.max())
     missed = windows.width + 2 * windows.deviation
     # Beyond the last level anything may happen.
-    return missed + _RULE_OF_THREE * typical / len(overturned) + rates[-1]
+    bound = missed + _RULE_OF_THREE * widest / len(overturned) + rates[-1]
+    return library.asarray(bound)
 
 
 class WindowEstimate(NamedTuple):
@@ -79,7 +79,8 @@ def estimate_windows(overturned: AnyArray, rates: AnyArray) -> WindowEstimate:
     # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[..., 1:] != overturned[..., :-1]
     is_alone = changed[..., :-1] & changed[..., 1:]
-    alone = library.where(is_alone, 0.5 * (rates[:-2] - rates[2:]), 0)
+    widths = library.broadcast_to(0.5 * (rates[:-2] - rates[2:]), is_alone.shape)
+    alone = library.where(is_alone, widths, 0)
     width = alone.sum(axis=-1).sum(axis=0)
     deviation = library.sqrt((alone * alone).sum(axis=-1).sum(axis=0))
     return WindowEstimate(width / len(overturned), deviation / len(overturned))

@@ -171,9 +171,10 @@ def rate(moving=False):
 
     hazard = jr.Hazard(levels=[0.1, 0.3, 1.0, 3.0], rates=[2e-2, 2e-3, 1e-4, 4e-6])
     block, c, suite = statue()
+    site = jr.Site(suite, hazard)
 
     def at(block, c):
-        return jr.overturning_rate(block, c, suite, hazard).rate
+        return jr.overturning_rate(block, c, site).rate
 
     return lambda: jax.value_and_grad(at, (0, 1))(block, c) if moving else at(block, c)
 

@@ -1,6 +1,6 @@
 """Suites of records: the twenty that come with jaxrock at a thousand levels each, and a rate.
 
-Of many objects: twelve assessed, and the rates of two hundred from outcomes at 342 levels.
+Of many objects: twelve assessed, and the rates of two hundred, located between 342 levels.
 
 Run as ``python tests/benchmarks/suites.py``: times of first and next calls, the programs
 compiled, and the memory at its largest.
@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxrock as jr
-from jaxrock.risk.counted_rate import count_rates, find_outcomes, plan_counting
+from jaxrock.risk.objects import gather_objects
+from jaxrock.risk.outcome_table import Cases, compute_rates, tabulate_outcomes
 
 PROGRAMS = []
 
@@ -57,16 +58,12 @@ def make_objects(number):
     return jr.risk.Inventory(names, block, jr.housner_restitution(block))
 
 
-def count_many(objects, suite, hazard, levels):
-    """Count the rates of all objects at all levels."""
-    numbers = (objects.block, objects.restitution)
-    block, c = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf), levels.size), numbers)
-    strengths = np.asarray(suite.measure("pgv"))
-    everywhere = np.tile(levels, len(objects))
-    model = jr.Nonlinear()
-    outcomes = find_outcomes(block, c, everywhere, suite, strengths, model)
-    outcomes = outcomes.reshape(len(suite), len(objects), levels.size)
-    return count_rates(outcomes, plan_counting(hazard, levels)).rate
+def rate_many(inventory, site):
+    """Compute the rates of all objects to 1e-4."""
+    objects = gather_objects(inventory.block, inventory.restitution)
+    cases = Cases.of(objects, site, jr.Nonlinear())
+    levels = np.asarray(site.levels)
+    return compute_rates(cases, tabulate_outcomes(cases, levels), levels, 1e-4).rate
 
 
 def main():
@@ -75,6 +72,7 @@ def main():
     block, suite = jr.Block.from_size(width=0.6, height=2.4), jr.example_suite()
     levels = jnp.geomspace(0.1, 3.0, 1000)
     hazard = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+    site = jr.Site(suite, hazard)
     scaled = suite.scaled(suite.factors(levels, "pgv"))
     show("20 records x 1,000 levels", lambda: jr.respond_batch(block, 0.8, scaled), 5)
     twice = jr.Suite([*scaled, *scaled])
@@ -84,24 +82,22 @@ def main():
         lambda: jr.fragility(block, 0.8, suite, levels[::40]).level.data,
         3,
     )
-    show("overturning_rate", lambda: jr.overturning_rate(block, 0.8, suite, hazard).rate, 1)
+    show("overturning_rate", lambda: jr.overturning_rate(block, 0.8, site).rate, 1)
     show(
         "its derivatives",
-        lambda: jax.grad(lambda b: jr.overturning_rate(b, 0.8, suite, hazard).rate)(block),
+        lambda: jax.grad(lambda b: jr.overturning_rate(b, 0.8, site).rate)(block),
         1,
     )
     # Bars: the first call below 30 s with all imports, the next below 5 s.
     twelve = make_objects(12)
 
     def assess():
-        return jr.risk.assess_inventory(twelve, suite, hazard, 1e-4).rate.data
+        return jr.risk.assess_inventory(twelve, site, 1e-4).rate.data
 
     show("12 objects assessed", assess, 1)
     # Bar: below 60 s, with memory that does not grow with the number of objects.
-    places = np.geomspace(0.1, 3.0, 342)
-    places[[0, -1]] = 0.1, 3.0
     many = make_objects(200)
-    show("200 objects x 342 levels", lambda: count_many(many, suite, hazard, places), 1)
+    show("200 objects x 342 levels", lambda: rate_many(many, site), 1)
 
 
 if __name__ == "__main__":
