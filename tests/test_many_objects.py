@@ -53,9 +53,9 @@ def test_an_integration_that_does_not_finish_is_named(monkeypatch):
 
     def fail_at_last(*arguments):
         estimate = follow_within(*arguments)
-        complete = np.array(estimate.response.complete)
-        complete.flat[-1] = False
-        return eqx.tree_at(lambda found: found.response.complete, estimate, complete)
+        status = np.array(estimate.response.status)
+        status.flat[-1] = jr.Status.STOPPED
+        return eqx.tree_at(lambda found: found.response.status, estimate, status)
 
     monkeypatch.setattr("jaxrock.risk.fragility_curves.follow_within", fail_at_last)
     suite = jr.Suite([*pulses(50)][:2], ["napa", "kobe"])
@@ -199,19 +199,19 @@ def test_dispersion_is_split_by_its_causes():
         ({"names": ["a", "b"]}, "names must be one for each of 3 objects, got 2"),
         ({"names": ["a", "b", "a"]}, "names must differ, got 'a' twice"),
         (
-            {"blocks": jr.Block(0.2, 4.0), "restitution": 0.8, "names": ["a"]},
+            {"block": jr.Block(0.2, 4.0), "restitution": 0.8, "names": ["a"]},
             "names go with arrays of blocks",
         ),
         ({"restitution": np.array([0.8, 0.9])}, r"that broadcast, got .*\(3,\).*\(2,\)"),
         ({"restitution": np.array([0.8, 0.9, 1.1])}, "restitution must be between 0 and 1"),
         (
-            {"blocks": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8},
+            {"block": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8},
             "at least one object",
         ),
     ],
 )
 def test_objects_that_are_refused(change, message):
-    arguments = {"blocks": BLOCKS, "restitution": RESTITUTIONS} | change
+    arguments = {"block": BLOCKS, "restitution": RESTITUTIONS} | change
     with pytest.raises(ValueError, match=message) as error:
         jr.fragility(**arguments, suite=pulses(4), levels=[1.0])
     assert "\n" not in str(error.value)
