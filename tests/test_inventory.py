@@ -315,8 +315,12 @@ NOISE_TARGET = 1e-3
 
 @pytest.fixture(scope="module")
 def noise_site():
-    """Records of noise, under which blocks rock long before they overturn."""
-    return jr.Site(scenes.suite(), jr.Hazard([0.2, 2.0], [1e-2, 1e-4]), spacing=0.1)
+    """Records of noise, under which blocks rock long before they overturn.
+
+    Between neighbouring levels there is at most one boundary: of several, functions that search
+    in different ways may locate different ones.
+    """
+    return jr.Site(scenes.suite(), jr.Hazard([0.2, 2.0], [1e-2, 1e-4]), spacing=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -354,7 +358,7 @@ def test_an_inventory_agrees_with_the_functions_for_rates(under_noise, noise_sit
         block, restitution, noise_site, change=0.1, by="sides"
     )
     uncertain = jr.overturning_rate(block, restitution, noise_site, inventory.uncertain)
-    assert uncertain.rate[1] != pytest.approx(median.rate[1], rel=1e-2)
+    assert abs(uncertain.rate[1] - median.rate[1]) > 0.01 * median.rate[1]
     width = 2 * block.half_width
     height = width * block.slenderness
     names = ("width", "height", "restitution")
@@ -367,8 +371,9 @@ def test_an_inventory_agrees_with_the_functions_for_rates(under_noise, noise_sit
         error = float(expected.standard_error[k])
         assert float(answer.standard_error) == pytest.approx(error, rel=5 * tolerance)
         rows = [elasticities.names.index(parameter) for parameter in names]
-        over_change = elasticities.over_change[np.array(rows), k]
-        np.testing.assert_allclose(answer.elasticity, over_change, rtol=0, atol=0.02)
+        over_change = np.asarray(elasticities.over_change)[rows, k]
+        # Each of the two rates at the ends has a standard error of 2e-3, over a change of 0.2.
+        np.testing.assert_allclose(answer.elasticity, over_change, rtol=0, atol=0.04)
         required = float(answer.required_width)
         wider = jr.Block.from_size(width=required, height=float(height[k]))
         rate = jr.overturning_rate(wider, float(restitution[k]), noise_site).rate
