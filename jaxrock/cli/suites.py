@@ -2,16 +2,23 @@
 
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..grids import write_table
 from ..ground_motion import MEASURES, Suite
 from ..host import format_table
-from ..risk import Hazard, fragility, name_thresholds, overturning_rate, rate_elasticities
+from ..risk import (
+    Hazard,
+    Site,
+    fragility,
+    name_thresholds,
+    overturning_rate,
+    rate_elasticities,
+)
 from ..sensitivity import Uncertain
-from ..validation import POSITIVE, as_real, check
+from ..validation import POSITIVE, as_real, check, check_increasing
 from .command import Answer, Count, Folder, Grid, ModelName, Steps, save_picture
 from .options import BlockOptions, SuiteOptions
 from .storing import Storing
@@ -21,10 +28,10 @@ if TYPE_CHECKING:
 
 
 class Fragility(SuiteOptions, BlockOptions, Storing):
-    """Fragility of a block under a suite of records; with a hazard, the yearly rate of overturning.
+    """Fragility of a block under a suite of records; with a hazard, the rate of overturning.
 
-    Writes fragility.nc, fragility.csv and fragility.png: the share of records that exceed each
-    threshold at each level, with intervals and lognormal curves.
+    Writes fragility.nc, fragility.csv and fragility.png: the probability that each
+    threshold is exceeded at each level, with intervals and lognormal curves.
 
     Example: jaxrock fragility --records example --width 0.6 --height 2.4 --restitution 0.8
     """
@@ -39,10 +46,10 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
     """Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning"."""
     tolerance: float = 1e-3
     """Relative error of peak rotations that is allowed."""
-    scatter: tuple[str, ...] = ()
-    """Coefficients of variation of uncertain numbers, as in restitution=0.05 width=0.02."""
+    uncertain: tuple[str, ...] = ()
+    """Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02."""
     samples: Count = 64
-    """Samples of uncertain numbers, a power of 2."""
+    """Samples of uncertain parameters, a power of 2."""
     model: ModelName = "nonlinear"
     """Equation of motion."""
     out: Folder = Path("fragility")
@@ -59,17 +66,17 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
         else:
             levels = np.array(self.read_numbers("levels"))
             check("levels", levels, POSITIVE)
-            if (np.diff(levels) <= 0).any():
-                raise ValueError("levels must be increasing, got values that do not increase")
+            check_increasing("levels", levels)
         # Every record must have some of the measure, or it could not be scaled to a level.
         suite.factors(1.0, self.measure, block)
         hazard = self.read_hazard(self.measure)
-        drawing = self._read_scatter()
-        options = {"tolerance": self.tolerance, "model": self.model, **drawing}
+        site = None if hazard is None else Site(suite, hazard, self.measure)
+        uncertain = self._read_uncertain()
+        options = {"tolerance": self.tolerance, "model": self.model, "uncertain": uncertain}
         curves_of = functools.partial(
             fragility, block, c, suite, levels, self.measure, thresholds, **options
         )
-        answer = functools.partial(self._make_answer, suite, levels, hazard)
+        answer = functools.partial(self._make_answer, suite, levels, site, uncertain)
         if self.store:
             lazy = curves_of(chunks=self.lengths)
             yield ()
@@ -86,7 +93,12 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
         return answer(curves)
 
     def _make_answer(
-        self, suite: Suite, levels: np.ndarray, hazard: Hazard | None, curves: "xarray.Dataset"
+        self,
+        suite: Suite,
+        levels: np.ndarray,
+        site: Site | None,
+        uncertain: Uncertain | None,
+        curves: "xarray.Dataset",
     ) -> Answer:
         """Describe the curves, and with a hazard the rate as well."""
         chaotic = 1 - float(curves.within_tolerance.mean())
@@ -96,21 +108,21 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
         }
         _, unit, _ = MEASURES[self.measure]
         names = [str(name) for name in curves.threshold.values]
-        said = [_describe_threshold(name) for name in names]
+        descriptions = [_describe_threshold(name) for name in names]
         unit = "" if unit == "1" else f" {unit}"
         lines = [
             f"{suite}, {levels.size} levels of {self.measure}, {levels[0]:.4g} to"
             f" {levels[-1]:.4g}{unit}",
             format_table(
                 f"level of {self.measure} at which half of the records make the block ...",
-                said,
+                descriptions,
                 **{f"median{unit and f' [{unit.strip()}]'}": medians["median"]},
                 dispersion=medians["dispersion"],
             ),
         ]
         lines += [
             f"{words}: {remark}"
-            for words, remark in zip(said, curves.remark.values, strict=True)
+            for words, remark in zip(descriptions, curves.remark.values, strict=True)
             if remark
         ]
         if chaotic:
@@ -120,65 +132,71 @@ class Fragility(SuiteOptions, BlockOptions, Storing):
             "thresholds": names,
             **{name: values.tolist() for name, values in medians.items()},
             "remarks": curves.remark.values.tolist(),
-            "share_within_tolerance": 1 - chaotic,
+            "fraction_within_tolerance": 1 - chaotic,
         }
-        if self.scatter:
+        if uncertain is not None:
             parts = {
                 name.removeprefix("dispersion_"): curves[name].values
                 for name in ("dispersion_of_records", "dispersion_of_parameters")
             }
-            title = "dispersion that is due to the scatter"
-            lines.append(format_table(title, said, **parts))
+            lines.append(format_table("dispersion by its causes", descriptions, **parts))
             data |= {f"dispersion_{name}": part.tolist() for name, part in parts.items()}
-        if hazard is not None:
-            block = self.block
-            c = self.coefficient
-            # Of a block that is given by its sides, these are what can be changed.
-            sides = self.height is not None
-            about = rate_elasticities(
-                block, c, suite, hazard, self.measure, model=self.model, sides=sides
-            )
-            found = about.found
-            if hazard.statistic:
-                lines.append(str(hazard))
-            lines.append(f"{found}\n{about}")
-            data |= {
-                "hazard": str(hazard),
-                "rate": float(found.rate),
-                "standard_error": float(found.standard_error),
-                "unseen": float(found.unseen),
-                "complete": bool(found.complete),
-                "elasticities": dict(
-                    zip(about.names, about.differences.tolist(), strict=True)
-                ),
-                "slopes": dict(zip(about.names, about.slopes.tolist(), strict=True)),
-            }
-            if self.scatter:
-                drawing = self._read_scatter()
-                uncertain = overturning_rate(
-                    block, c, suite, hazard, self.measure, model=self.model, **drawing
-                )
-                lines.append(f"with uncertain numbers: {uncertain}")
-                data["rate_with_scatter"] = float(uncertain.rate)
+        if site is not None:
+            text, rates = self._describe_rate(site, uncertain)
+            lines.append(text)
+            data |= rates
         return Answer("\n".join(lines), data)
 
-    def _read_scatter(self) -> dict[str, Any]:
-        """Read the coefficients of variation, as arguments; none without any."""
-        if not self.scatter:
-            self.refuse("samples", only_with="scatter")
-            return {}
-        scatter = dict[str, float]()
-        for word in self.scatter:
+    def _describe_rate(
+        self, site: Site, uncertain: Uncertain | None
+    ) -> tuple[str, dict[str, object]]:
+        """Describe the rate of overturning, what it depends on, and its uncertainty."""
+        block = self.block
+        c = self.coefficient
+        # Of a block that is given by its sides, these are what can be changed.
+        by = "shape" if self.height is None else "sides"
+        elasticities = rate_elasticities(block, c, site, model=self.model, by=by)
+        rate = elasticities.rate
+        lines = [f"{rate}\n{elasticities}"]
+        assert isinstance(site.hazard, Hazard)
+        if site.hazard.statistic:
+            lines.insert(0, str(site.hazard))
+        names = elasticities.names
+        data: dict[str, object] = {
+            "hazard": str(site.hazard),
+            "rate": float(rate.rate),
+            "standard_error": float(rate.standard_error),
+            "not_detected": float(rate.not_detected),
+            "complete": bool(rate.complete),
+            "elasticities": dict(zip(names, elasticities.over_change.tolist(), strict=True)),
+            "elasticities_at_point": dict(
+                zip(names, elasticities.at_point.tolist(), strict=True)
+            ),
+        }
+        if uncertain is not None:
+            mean = overturning_rate(block, c, site, uncertain, model=self.model)
+            lines.append(f"with uncertain parameters: {mean}")
+            data["rate_with_uncertainty"] = float(mean.rate)
+        return "\n".join(lines), data
+
+    def _read_uncertain(self) -> Uncertain | None:
+        """Read what is uncertain; None without any."""
+        if not self.uncertain:
+            self.refuse("samples", only_with="uncertain")
+            return None
+        coefficients = dict[str, float]()
+        for word in self.uncertain:
             name, _, value = word.partition("=")
             try:
-                scatter[name] = float(value)
+                coefficients[name] = float(value)
             except ValueError:
                 raise ValueError(
-                    f"scatter must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
+                    f"uncertain must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
                 ) from None
+        uncertain = Uncertain(coefficients, samples=self.samples)
         # Drawn once here, so that a name that is none is refused before anything is computed.
-        Uncertain(scatter, samples=self.samples).draw(self.block, self.coefficient)
-        return {"scatter": scatter, "samples": self.samples}
+        uncertain.draw(self.block, self.coefficient)
+        return uncertain
 
     def _choose_levels(self) -> np.ndarray:
         """Choose levels around the intensities that lift and overturn a block of this size."""

@@ -49,8 +49,8 @@ def require_complete(complete: AnyArray | np.bool_, **labels: Labels) -> None:
         # Values come after names: record 'napa north' at level 0.8.
         joint = " for" if not text else " at" if text.endswith("'") else ","
         text += f"{joint} {noun.replace('_', ' ')} {label}"
-    others = int(failed.sum()) - 1
-    more = f" (and {others:,} other{'s' if others > 1 else ''})" if others else ""
+    remaining = int(failed.sum()) - 1
+    more = f" (and {remaining:,} other{'s' if remaining > 1 else ''})" if remaining else ""
     raise ValueError(f"integration did not finish{text}{more}")
 
 

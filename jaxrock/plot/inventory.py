@@ -1,4 +1,4 @@
-"""Objects ranked by the rate at which they overturn."""
+"""Objects ranked by the rate of overturning."""
 
 from typing import Any
 
@@ -18,11 +18,11 @@ _DECADES = 2
 
 
 def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the yearly rates at which objects overturn, the highest on top, and the target.
+    """Draw the rates of overturning of objects, the highest on top, and the target.
 
-    A point is the rate, a line its interval (95 %): by the scatter from record to record, and
-    by what levels miss. Beside each object stands its size, and the width at this height that
-    it needs for the target. The sixty objects with the highest rates are drawn.
+    A point is the rate, a line its interval (95 %), which covers the standard error and the
+    windows that were not detected. Beside each object stands its size, and the width at this
+    height that it needs for the target. The sixty objects with the highest rates are drawn.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """
     shown = dataset.isel(object=slice(None, _MOST))
     number = shown.object.size
-    own = ax is None
+    has_new_axes = ax is None
     if ax is None:
         _, ax = plt.subplots(layout="constrained", figsize=(8.0, 2.1 + 0.3 * number))
     figure: Any = ax.figure
@@ -46,10 +46,10 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     rate = shown.rate.values
     rows = np.arange(number)[::-1]
     # One record has no standard error.
-    spread = _QUANTILE * np.nan_to_num(shown.standard_error.values)
-    half = np.hypot(spread, shown.unseen.values)
+    sampling = _QUANTILE * np.nan_to_num(shown.standard_error.values)
+    half = np.hypot(sampling, shown.not_detected.values)
     low, high = _choose_ends(rate, half, target)
-    # Also told apart by their marks, for prints in grey.
+    # Marks differ as well as colours, for prints in grey.
     for above, colour, mark in ((True, ACCENT, "D"), (False, INK, "o")):
         which = (rate > target) == above
         if not which.any():
@@ -70,22 +70,23 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     beside.tick_params(length=0, colors=LINE)
     # Years instead of rates for those who think in them.
     top = ax.secondary_xaxis("top", functions=(_invert, _invert))
-    top.set_xlabel("overturns once in so many years [yr]")
+    top.set_xlabel("return period of overturning [yr]")
     top.xaxis.set_major_formatter(lambda value, _: _format_years(value))
     top.xaxis.set_minor_formatter(lambda value, _: "")
     look: dict[str, Any] = {"ncols": 3, "fontsize": "small", "frameon": False}
-    if own:
+    if has_new_axes:
         # Below all labels, which the axes do not know.
         figure.legend(loc="outside lower center", **look)
     else:
         ax.legend(**look)
-    return label_axes(ax, "rate at which it overturns [1/yr]", "", grid="x")
+    return label_axes(ax, "rate of overturning [1/yr]", "", grid="x")
 
 
-def _describe_size(found: xarray.Dataset) -> str:
+def _describe_size(assessed: xarray.Dataset) -> str:
     """Describe the size of an object and what it needs, beside its row."""
-    size = f"{float(found.width):.2f} \N{MULTIPLICATION SIGN} {float(found.height):.2f} m"
-    return f"{size}; {describe_need(found)}"
+    width = float(assessed.width)
+    size = f"{width:.2f} \N{MULTIPLICATION SIGN} {float(assessed.height):.2f} m"
+    return f"{size}; {describe_need(assessed)}"
 
 
 def _choose_ends(rate: np.ndarray, half: np.ndarray, target: float) -> tuple[float, float]:
@@ -105,5 +106,5 @@ def _invert(value: ArrayLike) -> ArrayLike:
 
 
 def _format_years(years: float) -> str:
-    """Write a number of years as people do: 2,500."""
+    """Write a number of years with separators of thousands: 2,500."""
     return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"

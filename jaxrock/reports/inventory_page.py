@@ -1,4 +1,4 @@
-"""A table of objects as one page for the file: picture, ranked table, what it means."""
+"""The page of an inventory: a picture, the ranked table, the meanings of its columns."""
 
 import base64
 import html
@@ -32,7 +32,7 @@ dd { margin: 0 0 0.7mm; break-inside: avoid; }
 
 
 def write_inventory_page(dataset: "xarray.Dataset", picture: bytes) -> str:
-    """Write objects that were assessed as one page of HTML that needs no other file.
+    """Write an assessed inventory as one page of HTML that needs no other file.
 
     Parameters
     ----------
@@ -51,14 +51,14 @@ def write_inventory_page(dataset: "xarray.Dataset", picture: bytes) -> str:
     number = dataset.object.size
     objects = f"{number} object{'s' * (number > 1)}"
     verb = "overturn" if above != 1 else "overturns"
+    summary = f"{above} of {objects} {verb} more often than the target of {target:g} per year"
     image = base64.b64encode(picture).decode("ascii")
     parts = [
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         f"<title>{objects} in earthquakes</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
         f"<h1>{objects} in earthquakes</h1>",
-        f"<p>{above} of {objects} {verb} more often than the target of {target:g} a year,"
-        f" once in {1 / target:,.0f} years.</p>",
-        '<img alt="Objects ranked by the rate at which they overturn, with the target"'
+        f"<p>{summary}, once in {1 / target:,.0f} years.</p>",
+        '<img alt="Objects ranked by the rate of overturning, with the target"'
         f' src="data:image/png;base64,{image}">',
         _write_table(dataset),
         _write_notes(dataset),
@@ -81,16 +81,17 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
         ),
         "restitution": (
             "C",
-            "Velocity after an impact over the one before it, and its scatter.",
+            "Restitution: velocity after an impact over the one before it, with its coefficient"
+            " of variation in brackets.",
         ),
-        "uplift_level": (
-            f"lifted at [{unit}]",
-            f"The {measure} that lifts it, the median over the records.",
+        "uplift_intensity": (
+            f"uplift [{unit}]",
+            f"The {measure} from which on the block is lifted, the median over the records.",
         ),
         "median": (
             f"median [{unit}]",
-            f"The {measure} at which half of the records overturn it, by a lognormal curve, and"
-            " its dispersion in brackets.",
+            f"The {measure} at which half of the records overturn it, by the maximum-likelihood"
+            " lognormal curve, with its dispersion in brackets.",
         ),
     }
     for k, level in enumerate(dataset.level.values):
@@ -100,21 +101,24 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
             head += f", {years:,.0f} years"
         columns[f"probability {k}"] = (
             head,
-            "The share of the records that overturn it at this level, which has this return"
-            " period, with its 95 % interval.",
+            "Probability of overturning at this level, which has this return period, with its"
+            " 95 % Clopper-Pearson interval.",
         )
     columns["rate"] = (
         "rate [10<sup>-4</sup>/yr]",
-        "How often a year it overturns, with the standard error by the records.",
+        "Rate of overturning, with its standard error, from record to record.",
     )
-    columns["unseen"] = ("unseen", "How much the levels may miss of the rate, at most (95 %).")
+    columns["not_detected"] = (
+        "not detected",
+        "Upper bound (95 %) of the change of the rate by windows that were not detected.",
+    )
     columns["need"] = (
         "for the target",
         "The width at this height from which on the rate stays below the target.",
     )
     columns["most_important"] = (
         "matters most",
-        "The number with the largest elasticity: the change of the rate in % for 1 % more.",
+        "The parameter with the largest elasticity: the change of the rate in % for 1 % more.",
     )
     return columns
 
@@ -130,36 +134,40 @@ def _write_table(dataset: "xarray.Dataset") -> str:
     )
     lines = ["<table>", f"<tr>{heads}</tr>"]
     for k in range(dataset.object.size):
-        one = dataset.isel(object=k)
-        cells = _write_cells(one)
+        assessed = dataset.isel(object=k)
+        cells = _write_cells(assessed)
         row = "".join(f"<td{mark.get(name, '')}>{cells[name]}</td>" for name in columns)
-        kind = "above" if float(one.rate) > dataset.attrs["target"] else "below"
+        kind = "above" if float(assessed.rate) > dataset.attrs["target"] else "below"
         lines.append(f'<tr class="{kind}">{row}</tr>')
     return "\n".join([*lines, "</table>"])
 
 
-def _write_cells(one: "xarray.Dataset") -> dict[str, str]:
+def _write_cells(assessed: "xarray.Dataset") -> dict[str, str]:
     """Write the cells of one object."""
-    scatter = float(one.restitution_scatter)
-    most = html.escape(str(one.most_important.values))
-    if most in one.parameter.values:
-        most += f" ({float(one.elasticity.sel(parameter=most)):+.1f})"
+    coefficient = float(assessed.coefficient_of_variation)
+    restitution = f"{float(assessed.restitution):.2f}"
+    if coefficient:
+        restitution += f" ({100 * coefficient:.0f} %)"
+    most_important = html.escape(str(assessed.most_important.values))
+    if most_important in assessed.parameter.values:
+        elasticity = float(assessed.elasticity.sel(parameter=most_important))
+        most_important += f" ({elasticity:+.1f})"
+    rate = f"{1e4 * float(assessed.rate):.3g}"
     cells = {
-        "rank": f"{int(one['rank'])}",
-        "name": html.escape(str(one.object.values)),
-        "size": f"{float(one.width):.2f} &times; {float(one.height):.2f}",
-        "restitution": f"{float(one.restitution):.2f}"
-        + (f" &plusmn; {100 * scatter:.0f} %" if scatter else ""),
-        "uplift_level": _write_number(one.uplift_level),
-        "median": f"{_write_number(one['median'])} ({_write_number(one.dispersion)})",
-        "rate": f"{1e4 * float(one.rate):.3g} &plusmn; {1e4 * float(one.standard_error):.2g}",
-        "unseen": f"{1e4 * float(one.unseen):.2g}",
-        "need": html.escape(describe_need(one)),
-        "most_important": most,
+        "rank": f"{int(assessed['rank'])}",
+        "name": html.escape(str(assessed.object.values)),
+        "size": f"{float(assessed.width):.2f} &times; {float(assessed.height):.2f}",
+        "restitution": restitution,
+        "uplift_intensity": _write_number(assessed.uplift_intensity),
+        "median": f"{_write_number(assessed['median'])} ({_write_number(assessed.dispersion)})",
+        "rate": f"{rate} &plusmn; {1e4 * float(assessed.standard_error):.2g}",
+        "not_detected": f"{1e4 * float(assessed.not_detected):.2g}",
+        "need": html.escape(describe_need(assessed)),
+        "most_important": most_important,
     }
-    for k in range(one.level.size):
+    for k in range(assessed.level.size):
         low, middle, high = (
-            f"{float(one[name][k]):.2f}"
+            f"{float(assessed[name][k]):.2f}"
             for name in ("probability_low", "probability", "probability_high")
         )
         cells[f"probability {k}"] = f"{middle} ({low}&ndash;{high})"
@@ -173,44 +181,47 @@ def _write_number(value: "xarray.DataArray") -> str:
 
 
 def list_remarks(dataset: "xarray.Dataset") -> list[str]:
-    """List what has to be said of single objects, what is said of several once."""
-    said: dict[str, list[str]] = {}
+    """List the remarks on objects: a remark on several of them once, with their names."""
+    names_by_remark: dict[str, list[str]] = {}
     reasons = []
     for k, name in enumerate(dataset.object.values.tolist()):
-        one = dataset.isel(object=k)
-        for remark in filter(None, str(one.remark.values).split("; ")):
-            said.setdefault(remark, []).append(name)
-        if math.isinf(float(one.required_width)):
-            reasons.append(f"{name}: {one.required_width_reason.values}")
-    return [*reasons, *(f"{remark}: {', '.join(names)}" for remark, names in said.items())]
+        assessed = dataset.isel(object=k)
+        for remark in filter(None, str(assessed.remark.values).split("; ")):
+            names_by_remark.setdefault(remark, []).append(name)
+        if math.isinf(float(assessed.required_width)):
+            reasons.append(f"{name}: {assessed.required_width_reason.values}")
+    shared = [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]
+    return [*reasons, *shared]
 
 
 def _write_notes(dataset: "xarray.Dataset") -> str:
-    """Write what has to be said of single objects."""
+    """Write the remarks on objects."""
     notes = [html.escape(remark) for remark in list_remarks(dataset)]
-    return f"<p>{'. '.join(notes)}.</p>" if notes else ""
+    return f"<p>{'; '.join(notes)}.</p>" if notes else ""
 
 
 def _write_meanings(dataset: "xarray.Dataset") -> str:
-    """Write what each column means, in a sentence."""
-    # Probabilities at several levels are explained once.
-    meanings = {head: says for _, (head, says) in _name_columns(dataset).items()}
-    once: dict[str, list[str]] = {}
-    for head, says in meanings.items():
-        once.setdefault(says, []).append(head)
-    lines = [f"<dt>{', '.join(heads)}</dt><dd>{says}</dd>" for says, heads in once.items()]
+    """Write the meaning of each column in a sentence."""
+    # Columns of the same meaning, as probabilities at several levels, are explained together.
+    heads_by_meaning: dict[str, list[str]] = {}
+    for head, meaning in _name_columns(dataset).values():
+        heads_by_meaning.setdefault(meaning, []).append(head)
+    lines = [
+        f"<dt>{', '.join(heads)}</dt><dd>{meaning}</dd>"
+        for meaning, heads in heads_by_meaning.items()
+    ]
     return "\n".join(["<dl>", *lines, "</dl>"])
 
 
 def _write_assumptions(dataset: "xarray.Dataset") -> str:
-    """Write what was assumed."""
+    """Write the assumptions, and the inputs of the simulations."""
     about = dataset.attrs
     return (
         "<p>Assumed: every object is a rigid block that stands free on a rigid floor, rocks about"
         " the edges of its base and neither slides nor turns; where no restitution was given,"
         " Housner&rsquo;s; the restitution stays when the width changes."
-        f" Counted under {about['record_count']} records, each scaled to"
-        f" {about['counting_levels']} levels of the {MEASURES[about['measure']][0]}, by the"
+        f" Simulated under {about['record_count']} records, each scaled to"
+        f" {about['simulated_levels']} levels of the {MEASURES[about['measure']][0]}, by the"
         f" {html.escape(str(about['model']))} equation of motion; hazard:"
         f" {html.escape(str(about['hazard_curve']))}. {html.escape(str(about['source']))}.</p>"
     )

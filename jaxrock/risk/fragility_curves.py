@@ -51,7 +51,7 @@ _RESPONSES: dict[str, tuple[DataType, str, str]] = {
 
 
 def fragility(
-    blocks: Block,
+    block: Block,
     restitution: Number,
     suite: Suite,
     levels: Numbers,
@@ -69,7 +69,7 @@ def fragility(
 
     Parameters
     ----------
-    blocks : Block
+    block : Block
         A single block, or many along one axis.
     restitution : array_like
         C [-], between 0 and 1; for all blocks, or an array with a value for each.
@@ -132,7 +132,7 @@ def fragility(
     [0. 1.]
     """
     check_kind("suite", suite, Suite)
-    objects = gather_objects(blocks, restitution, names)
+    objects = gather_objects(block, restitution, names)
     if any(np.shape(record.scale) for record in suite):
         raise ValueError("scales of records must be single ones, got arrays of them")
     levels = _check_levels(levels)

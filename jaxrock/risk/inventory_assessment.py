@@ -180,11 +180,11 @@ def assess_inventory(
     ]
     answers: dict[str, np.ndarray] = {
         **{name: parameters[name] for name in ("width", "height")},
-        "slenderness": objects.block.slenderness,
-        "inertia_ratio": objects.block.inertia_ratio,
-        "restitution": objects.restitution,
+        "slenderness": np.asarray(objects.block.slenderness),
+        "inertia_ratio": np.asarray(objects.block.inertia_ratio),
+        "restitution": parameters["restitution"],
         "coefficient_of_variation": _list_coefficients(inventory),
-        "critical_angle": np.arctan(1 / objects.block.slenderness),
+        "critical_angle": np.asarray(objects.block.critical_angle),
         "uplift_intensity": _find_uplift_intensities(inventory.block, site, model),
         **table.answers,
         "elasticity": elasticity,

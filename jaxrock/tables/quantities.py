@@ -83,9 +83,9 @@ QUANTITIES: dict[str, Quantity] = {
     "depth": Quantity(r"(?:full )?depth", "", _LENGTH),
     "inertia ratio": Quantity(r"inertia ratio|kappa", "", _RATIO),
     "restitution": Quantity(r"(?:coefficient of )?restitution|c", "", _RATIO),
-    "restitution scatter": Quantity(
-        r"restitution (?:scatter|cov)"
-        r"|(?:scatter|cov|coefficient of variation) of (?:the )?(?:restitution|c)",
+    "restitution coefficient of variation": Quantity(
+        r"restitution (?:coefficient of variation|cov|scatter)"
+        r"|(?:coefficient of variation|cov|scatter) of (?:the )?(?:restitution|c)",
         "",
         _RATIO,
     ),
