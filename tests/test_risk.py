@@ -1,7 +1,5 @@
 """Hazard, fragility and rates of overturning: closed forms, definitions, outcomes at levels."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import jaxtyping
@@ -21,7 +19,6 @@ from references.half_sine_rates import (
 from scipy import optimize, stats
 
 import jaxrock as jr
-from jaxrock.driven import follow_batch
 from jaxrock.risk.hazard import find_last_point
 from jaxrock.risk.lognormal import fit_lognormal
 from jaxrock.risk.objects import gather_objects
@@ -241,6 +238,7 @@ SLIM = jr.Block(0.1, 5.0)
 def test_under_jit_no_more_boundaries_than_are_listed():
     site = jr.Site(jr.Suite([SINE]), hazard, levels=np.linspace(0.3, 1.5, 41))
     concrete = jr.overturning_rate(SLIM, 0.9, site, max_boundaries=1)
+    assert concrete.boundaries is not None
     assert concrete.boundaries.count[0] == 3
     assert concrete.complete
     compiled = jax.jit(lambda c: jr.overturning_rate(SLIM, c, site, max_boundaries=1))(0.9)
@@ -254,6 +252,7 @@ def test_the_fields_and_the_words_of_a_rate():
     """Every record has one boundary: three windows of the widest step may not be detected."""
     verges = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS])
     answer = rate_of_pulses(SHAPE, RESTITUTION, site_of_pulses(400))
+    assert answer.boundaries is not None
     np.testing.assert_allclose(answer.boundaries.value[:, 0], verges, rtol=1e-7)
     np.testing.assert_allclose(answer.contributions, hazard(verges), rtol=1e-6)
     error = np.std(hazard(verges), ddof=1) / np.sqrt(3)
@@ -377,7 +376,7 @@ TABLE = jr.Block(np.full((2, 3), 0.2), 4.0)
 OF_SUITES = [
     ({"suite": pulses(4)[0]}, "suite must be a Suite, got a Record"),
     ({"suite": STILL}, "must have a pgv greater than 0 to be scaled, got 0 for '1'"),
-    ({"suite": STRETCHED}, r"scales of records must be single ones, .* \(2,\) for '1'"),
+    ({"suite": STRETCHED}, "scales of records must be single ones, got"),
     ({"measure": "pgd"}, "measure must be one of .* got 'pgd'"),
     ({"levels": [0.0, 2.0]}, "levels must be finite and greater than 0, got 0"),
     ({"levels": [0.5, 0.8, 0.5]}, "levels must increase, got 0.5 after 0.8"),
@@ -407,7 +406,7 @@ OF_FRAGILITY = [
     ({"confidence": 1.0}, "confidence must be a number between 0 and 1, got 1.0"),
 ]
 OF_SITES = [
-    ({"measure": "pgv_ratio"}, "measure must be one of pga, pgv, got 'pgv_ratio'"),
+    ({"measure": "pgv_ratio"}, "measure must be one of pgv, pga, got 'pgv_ratio'"),
     ({"hazard": 0.01}, "hazard must be a Hazard or a function, got 0.01"),
     (
         {"hazard": jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pga")},
@@ -465,14 +464,11 @@ def test_rates_that_are_refused(no_types, change, message):
 def test_an_integration_that_does_not_finish_is_named(monkeypatch):
     """By its record, the level, and the object if there are several."""
 
-    def follow_none(batch, model):
-        response = follow_batch(batch, model)
-        return dataclasses.replace(response, complete=np.zeros(batch.shape, bool))
-
+    complete = property(lambda response: np.zeros(response.peak_rotation.shape, bool))
+    monkeypatch.setattr(jr.driven.BatchResponse, "complete", complete)
     objects = gather_objects(jr.Block(np.array([0.2, 0.3]), 5.0), 0.8, ["vase", "urn"])
     site = jr.Site(scenes.suite(), jr.Hazard([0.1, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9])
     cases = Cases.of(objects, site, jr.Nonlinear())
-    monkeypatch.setattr("jaxrock.risk.outcome_table.follow_batch", follow_none)
     message = "^integration did not finish for record 'second' at level 0.9, object 'urn'"
     number = np.array([1])
     assert refuses(message, cases.simulate, number, number, np.array([0.9]))
