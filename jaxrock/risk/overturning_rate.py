@@ -354,8 +354,11 @@ def _sum_rates(found: Boundaries, rates: Reals, at_levels: Reals, levels: Reals)
     )
     listed = jnp.isfinite(found.value).sum(axis=-1)
     # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
-    # is not below anything.
-    before = (found.value[:, :, None] < levels[None, None, :]).sum(axis=1)
+    # is not below anything. At a boundary itself the block stands: a boundary that is a level
+    # is below it where the block stands beyond.
+    value = found.value[:, :, None]
+    stands_there = (value == levels[None, None, :]) & ~found.overturns_beyond[:, :, None]
+    before = ((value < levels[None, None, :]) | stands_there).sum(axis=1)
     overturned = (before % 2 == 1) != found.overturns_first[:, None]
     complete = found.complete.all() & ~found.overturns_first.any()
     return _Sums(
