@@ -258,9 +258,12 @@ def _sum_edges(edges: _Edges, at_edges: AnyArray, rates: AnyArray, levels: AnyAr
     if records > 1:
         error = contributions.std(axis=0, ddof=1) / math.sqrt(records)
     # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
-    # is not below anything.
+    # is not below anything. At a boundary itself the block stands: one that is a level is below
+    # it where the block stands beyond.
     along_levels = levels.reshape(*(1 for _ in edges.value.shape), -1)
-    before = (edges.value[..., None] < along_levels).sum(axis=-2)
+    value = edges.value[..., None]
+    stands_there = (value == along_levels) & ~edges.overturns_beyond[..., None]
+    before = ((value < along_levels) | stands_there).sum(axis=-2)
     overturned = (before % 2 == 1) != edges.overturns_first[..., None]
     complete = edges.complete & edges.is_listed & ~edges.overturns_first
     if library is jnp:
