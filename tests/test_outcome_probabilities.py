@@ -429,22 +429,19 @@ def test_bad_questions(coefficients, change, words):
 
 @pytest.mark.thorough
 @float64
-def test_the_command_says_shares_where_slopes_say_nothing(capsys, tmp_path):
-    """The scene lies in a window of survival 0.002 wide."""
+def test_the_command_gives_probabilities_where_derivatives_say_nothing(capsys, tmp_path):
+    """The scene lies in a window of scale factors 0.004 wide."""
     scene = ["--scale", "2", "--width", "0.2", "--height", "0.8", "--restitution", "0.8"]
     words = ["sensitivity", "--record", "example", *scene, "--samples", "512"]
     main([*words, "--out", str(tmp_path), "--json"])
     found = json.loads(capsys.readouterr().out)
-    low, high = found["window"]
-    assert low < 1 < high < low + 0.005
-    assert (
-        "wide, narrower than the scatter of 0.05: local slopes say nothing"
-        in found["about_slopes"]
-    )
+    assert 1.997 < found["factor_low"] < 2 < found["factor_high"] < 2.003
+    assert found["meaningful"] is False
+    assert "a range narrower than the assumed uncertainty (5 %)" in found["reason"]
     assert found["probabilities"][2]["probability"] == pytest.approx(0.517, abs=0.06)
     rows = {row["quantity"]: row for row in found["rows"]}
     assert set(rows) == {"width", "height", "restitution", "scale"}
-    assert {row["slope"] for row in rows.values()} == {None}
+    assert {row["derivative"] for row in rows.values()} == {None}
     assert rows["width"]["at_low"] == rows["width"]["at_high"] == "overturns"
     lines = (tmp_path / "probabilities.csv").read_text(encoding="utf-8").splitlines()
     table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
@@ -455,7 +452,7 @@ def test_the_command_says_shares_where_slopes_say_nothing(capsys, tmp_path):
 
 @pytest.mark.thorough
 @float64
-def test_the_command_gives_slopes_where_they_mean_something(capsys, tmp_path):
+def test_the_command_gives_derivatives_where_they_mean_something(capsys, tmp_path):
     pulse = ["--pulse", "half-sine", "--amplitude", "3", "--pulse-duration", "0.3"]
     block = ["--width", "0.4", "--height", "1.6", "--restitution", "0.9"]
     words = ["sensitivity", *pulse, *block, "--samples", "512", "--out", str(tmp_path)]
@@ -472,9 +469,10 @@ def test_the_command_gives_slopes_where_they_mean_something(capsys, tmp_path):
     h = 1e-4
     of_width = (ratio(0.4 + h, 3.0) - ratio(0.4 - h, 3.0)) / (2 * h)
     of_amplitude = (ratio(0.4, 3.0 + h) - ratio(0.4, 3.0 - h)) / (2 * h)
-    assert rows["width"]["slope"] == pytest.approx(of_width, rel=1e-4)
-    assert rows["amplitude"]["slope"] == pytest.approx(of_amplitude, rel=1e-4)
-    assert "tangents explain" in found["about_slopes"]
+    assert rows["width"]["derivative"] == pytest.approx(of_width, rel=1e-4)
+    assert rows["amplitude"]["derivative"] == pytest.approx(of_amplitude, rel=1e-4)
+    assert found["meaningful"] is True
+    assert "the tangent explains" in found["reason"]
 
 
 @pytest.mark.parametrize("value", [0.7, np.nan])

@@ -78,7 +78,7 @@ def test_arguments_and_answers_print_themselves(thing, text):
             jr.sensitivity.MomentEstimate(
                 1.0, 0.1, 1.1, 0.2, {"intensity": 1.0}, True, 0.01, 0.02, 0.0
             ),
-            "      intensity 1",
+            "variance fractions  intensity 1",
         ),
         (
             jr.sensitivity.ReliabilityResult(

@@ -26,18 +26,17 @@ _OF_BARS = ("low", "high", "at_low", "at_high")
 
 
 class Sensitivity(DrivenDependence):
-    """Dependence of an answer: probabilities of outcomes, slopes, elasticities, a tornado.
+    """Dependence of an answer: probabilities of outcomes, derivatives, a tornado.
 
-    Of the resonance under instantaneous pulses: slopes, a tornado, the effect of uncertainty.
-    Writes sensitivity.csv, tornado.png and map.png: the elasticity to the restitution over
-    slenderness and restitution.
+    Of the resonance under instantaneous pulses: derivatives, elasticities, a tornado, the
+    effect of uncertainty. Writes sensitivity.csv, tornado.png and map.png: the elasticity to
+    the restitution over slenderness and restitution.
 
     With a pulse, a record or a suite: the probabilities that the block rocks and overturns,
     Sobol indices, and derivatives of the probabilities with respect to the median and the
-    coefficient of variation of each parameter. Under one motion also a tornado, and slopes of
-    the answer where they mean something: that is decided by the window between overturning
-    strengths in which the scene lies, beside the uncertainty. Writes sensitivity.csv,
-    probabilities.csv, probabilities.png and tornado.png.
+    coefficient of variation of each parameter. Under one motion also a tornado, and derivatives
+    of the answer where they are meaningful, as `jaxrock.sensitivity.local_dependence` decides.
+    Writes sensitivity.csv, probabilities.csv, probabilities.png and tornado.png.
 
     With a height, the numbers are the width at this height and the height at this width. Else
     they are the half-width at this slenderness and the slenderness.
@@ -72,7 +71,7 @@ class Sensitivity(DrivenDependence):
             "quantity": list(slopes.names),
             "unit": [UNITS_OF_NUMBERS.get(name, "-") for name in slopes.names],
             "value": slopes.at,
-            "slope": slopes.gradient,
+            "derivative": slopes.gradient,
             "elasticity": slopes.elasticity,
             **{name: np.asarray(getattr(bars, name))[order] for name in _OF_BARS},
             "fraction_of_variance": [

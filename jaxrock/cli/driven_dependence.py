@@ -10,6 +10,7 @@ from ..ground_motion import Motion
 from ..resonance import as_model
 from ..sensitivity import (
     DrivenAnswer,
+    DrivenAnswerName,
     LocalDependence,
     OutcomeProbabilities,
     TornadoBars,
@@ -24,7 +25,7 @@ from .command import Answer, save_picture
 from .dependence_options import UNITS_OF_NUMBERS, DependenceOptions
 
 # The answers by the names that the library has for them.
-_ANSWERS = {
+_ANSWERS: dict[str, DrivenAnswerName] = {
     "rotation-ratio": "rotation_ratio",
     "rotation": "peak_rotation",
     "margin": "margin",

@@ -211,9 +211,7 @@ def _step_ahead(
     return iterate
 
 
-def _evaluate_table(
-    evaluate: Evaluate, case: np.ndarray, values: np.ndarray
-) -> EvaluatedMargin:
+def _evaluate_table(evaluate: Evaluate, case: AnyArray, values: AnyArray) -> EvaluatedMargin:
     """Evaluate at several values of each case, shape (cases, values)."""
     flat = evaluate(np.repeat(case, values.shape[1]), values.reshape(-1))
     return jax.tree.map(lambda leaf: leaf.reshape(values.shape), flat)

@@ -171,7 +171,8 @@ def overturning_rate(
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
     doi:10.1093/biomet/40.3-4.237; I. J. Good and G. H. Toulmin, Biometrika 43 (1956) 45-63,
     doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
-    three, three windows of the widest step at which an outcome changes. The standard error assumes independent records.
+    three, three windows of the widest step at which an outcome changes. The standard error
+    assumes independent records.
 
     Examples
     --------
@@ -257,9 +258,12 @@ def _sum_edges(edges: _Edges, at_edges: AnyArray, rates: AnyArray, levels: AnyAr
     if records > 1:
         error = contributions.std(axis=0, ddof=1) / math.sqrt(records)
     # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
-    # is not below anything.
+    # is not below anything. At a boundary itself the block stands: one that is a level is below
+    # it where the block stands beyond.
     along_levels = levels.reshape(*(1 for _ in edges.value.shape), -1)
-    before = (edges.value[..., None] < along_levels).sum(axis=-2)
+    value = edges.value[..., None]
+    stands_there = (value == along_levels) & ~edges.overturns_beyond[..., None]
+    before = ((value < along_levels) | stands_there).sum(axis=-2)
     overturned = (before % 2 == 1) != edges.overturns_first[..., None]
     complete = edges.complete & edges.is_listed & ~edges.overturns_first
     if library is jnp:

@@ -319,12 +319,12 @@ def _estimate_rates(
         overturned = np.empty((*cases.batch.shape, place.size), bool)
         overturned[..., before] = np.stack(known, axis=1)
         overturned[..., ~before] = tabulate_outcomes(cases, levels[place][~before])
-    if stage == len(strides) - 1:
-        rates = compute_rates(cases, overturned, levels[place], _ACCURACY, limits[indices])
-        return RateEstimate(rates.rate, np.zeros_like(rates.rate), overturned)
-    rates = compute_rates(cases, overturned, levels[place], math.inf)
     # Windows narrower than these levels are met by chance.
     windows = estimate_windows(overturned, np.asarray(site.rates)[place])
+    if stage == len(strides) - 1:
+        rates = compute_rates(cases, overturned, levels[place], _ACCURACY, limits[indices])
+        return RateEstimate(rates.rate, np.asarray(windows.deviation), overturned)
+    rates = compute_rates(cases, overturned, levels[place], math.inf)
     error = np.hypot(rates.error, windows.deviation)
     return RateEstimate(rates.rate, error, overturned)
 

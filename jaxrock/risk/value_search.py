@@ -171,9 +171,12 @@ class ValueSearch(NamedTuple):
             first = before.rate - target
             second = after.rate - target
             # It might cross the target and come back: if the nearer end is closer to the target
-            # than the ends are apart, or than both rates may be off.
-            apart = 0.5 * abs(after.rate - before.rate) + max(before.error, after.error)
-            if (first > 0) != (second > 0) or min(abs(first), abs(second)) <= apart:
+            # than half of what the ends are apart and two standard errors. A rate at all levels
+            # has an error as well: between neighbouring values windows come and go.
+            error = max(before.error, after.error)
+            apart = 0.5 * abs(after.rate - before.rate) + 2 * error
+            crosses = (first > 0) != (second > 0)
+            if crosses or min(abs(first), abs(second)) <= apart:
                 middle = 0.5 * (before.value + after.value)
                 middles.append(_Point(before.object_index, middle))
         row += middles

@@ -2,6 +2,7 @@
 
 from .array_slopes import value_and_slopes
 from .driven_answer import DrivenAnswer as DrivenAnswer
+from .driven_answer import DrivenAnswerName as DrivenAnswerName
 from .local_dependence import LocalDependence, local_dependence
 from .measures import (
     DerivativeBasedMeasures,

@@ -1,5 +1,6 @@
 """An answer of a block on moving ground, as a function of some of its parameters."""
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
@@ -21,7 +22,7 @@ ANSWERS = {
     "peak_rotation": "peak rotation",
     "margin": "overturning margin",
 }
-AnswerName = Literal["rotation_ratio", "peak_rotation", "margin"]
+DrivenAnswerName = Literal["rotation_ratio", "peak_rotation", "margin"]
 # Of a block and its response, or of blocks and the responses of a batch.
 AnswerOfResponse = Callable[[Block, Any], AnyArray]
 # The highest rotation may come after the end of the ground motion [s].
@@ -51,11 +52,12 @@ def _name_fields(motion: Motion | Suite) -> tuple[str, ...]:
     return ("amplitude", "frequency") if isinstance(motion, Harmonic) else ()
 
 
-def check_answer(answer: object) -> AnswerName | AnswerOfResponse:
+def check_answer(answer: DrivenAnswerName | AnswerOfResponse) -> str | AnswerOfResponse:
     """Return an answer, given by its name or as a function; a `ValueError` if it is neither."""
-    if callable(answer):
-        return answer
-    return as_name("answer", as_text(answer), ANSWERS)  # pyright: ignore[reportReturnType]
+    name = as_text(answer)
+    if isinstance(name, str) or not callable(name):
+        return as_name("answer", name, ANSWERS)
+    return name
 
 
 class DrivenAnswer(eqx.Module):
@@ -72,9 +74,9 @@ class DrivenAnswer(eqx.Module):
     """
 
     block: Block
-    restitution: Reals
+    restitution: Reals = eqx.field(converter=functools.partial(as_real, "restitution"))
     motion: Motion
-    answer: AnswerName | AnswerOfResponse = eqx.field(static=True)
+    answer: str | AnswerOfResponse = eqx.field(static=True)
     model: RockingModel = eqx.field(static=True)
 
     @property
@@ -102,9 +104,9 @@ class DrivenAnswer(eqx.Module):
         ValueError
             If an integration did not finish.
         """
-        host = jax.tree.map(np.asarray, self.block)
-        size = size_of(host, _choose_size(parameters))
-        blocks = jax.device_put(make_drawn_blocks({**size, **parameters}))
+        size = size_of(self.block, _choose_size(parameters))
+        constant = {name: np.asarray(value) for name, value in size.items()}
+        blocks = jax.device_put(make_drawn_blocks({**constant, **parameters}))
         restitution, motion = self._change_scene(parameters)
         duration = self._choose_duration(motion)
         response = respond_batch(blocks, restitution, motion, duration, model=self.model)

@@ -1,5 +1,6 @@
 """Local derivatives of a driven answer, where they mean something within the uncertainty."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -7,19 +8,19 @@ import equinox as eqx
 import numpy as np
 
 from ..block import Block
-from ..driven import Batch, check_batch, require_complete
+from ..driven import Batch, check_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record
 from ..host import Printed, format_table
-from ..overturning import overturning_boundaries
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import POSITIVE, Number, as_real, check, check_kind
 from .driven_answer import (
-    AnswerName,
     AnswerOfResponse,
     DrivenAnswer,
+    DrivenAnswerName,
     check_answer,
     list_motion_medians,
 )
+from .outcome_interval import OutcomeInterval, find_outcome_interval, write_outcome
 from .parameters import describe_parameter, make_parametric
 from .uncertain import (
     Uncertain,
@@ -29,10 +30,6 @@ from .uncertain import (
     map_normal_numbers,
 )
 
-# Boundaries are sought up to so many standard deviations of the logarithm away, at so many
-# factors. Odd, so that the motion itself is among them, however narrow its interval is.
-_RANGE = 4.0
-_FACTORS = 257
 # A tangent describes an answer if it explains this fraction of the variance.
 _EXPLAINED = 0.8
 _OMITTED = "; derivatives are not meaningful and are omitted"
@@ -93,7 +90,7 @@ class LocalDependence(Printed):
     def __str__(self) -> str:
         head = f"{self.answer} {self.value:.6g}"
         if np.isnan(self.value):
-            head = f"{self.answer}: none, the block {_write_outcome(self.overturned)}"
+            head = f"{self.answer}: none, the block {write_outcome(self.overturned)}"
         if np.isfinite(self.mean):
             moments = f"{self.mean:.6g} +- {self.standard_deviation:.3g}"
             head += f", within the uncertainty {moments}"
@@ -106,77 +103,23 @@ class LocalDependence(Printed):
         return f"{head}\n{self.reason}"
 
 
-class _Interval(NamedTuple):
-    """The scale factors around a motion at which the outcome stays.
-
-    Attributes
-    ----------
-    scale : float
-        The factor on the motion itself.
-    low, high : float
-        The ends, NaN where there is no boundary within the range.
-    range : tuple of float
-        The factors between which boundaries were sought.
-    overturned : bool
-        The outcome.
-    uncertainty : float
-        The largest coefficient of variation.
-    """
-
-    scale: float
-    low: float
-    high: float
-    range: tuple[float, float]
-    overturned: bool
-    uncertainty: float
-
-    @property
-    def nearest(self) -> float:
-        """The distance to the nearest boundary over the scale, inf if there is none."""
-        ends = np.array([self.low, self.high])
-        return float(np.nan_to_num(abs(ends / self.scale - 1), nan=np.inf).min())
-
-    @property
-    def narrow(self) -> bool:
-        """True if a boundary is nearer than the uncertainty."""
-        return self.nearest < self.uncertainty
-
-    def __str__(self) -> str:
-        block = f"the block {_write_outcome(self.overturned)}"
-        if np.isnan(self.low) and np.isnan(self.high):
-            low, high = self.range
-            return f"{block} for all scale factors from {low:.3g} to {high:.3g}"
-        uncertainty = f"than the assumed uncertainty ({100 * self.uncertainty:.3g} %)"
-        compared = f"{'nearer' if self.narrow else 'further away'} {uncertainty}"
-        if np.isnan(self.low):
-            return f"{block} up to a scale factor of {self.high:.5g}, {compared}"
-        if np.isnan(self.high):
-            return f"{block} from a scale factor of {self.low:.5g} on, {compared}"
-        factors = f"{block} only for scale factors {self.low:.5g} to {self.high:.5g}"
-        if self.high - self.low < self.uncertainty * self.scale:
-            return f"{factors}, a range narrower {uncertainty}"
-        if self.narrow:
-            return f"{factors}, of which one is {compared}"
-        return f"{factors}, a range wider {uncertainty}"
-
-
 def local_dependence(
     block: Block,
     restitution: Number,
     motion: Motion,
     uncertain: Uncertain,
     *,
-    answer: AnswerName | AnswerOfResponse = "rotation_ratio",
+    answer: DrivenAnswerName | AnswerOfResponse = "rotation_ratio",
     scale: float = 1.0,
     model: ModelLike = Nonlinear(),
 ) -> LocalDependence:
     """Differentiate an answer of a driven block, where derivatives mean something.
 
     Above the weakest motion that overturns a block there are narrow ranges of the strength in
-    which it survives, and between them and below, impacts make a response a rough function of
-    all parameters. A derivative is right there, and worthless for parameters that are known to
-    5 %. Derivatives are given if the outcome does not change nearby, and if a tangent describes
-    the answer over the whole uncertainty.
+    which it survives, and impacts make its response rough elsewhere too. A derivative is exact
+    there, and worthless for parameters that are known to 5 %. So derivatives are given if the
+    outcome does not change nearby, and if a tangent describes the answer within the
+    uncertainty.
 
     Parameters
     ----------
@@ -218,8 +161,9 @@ def local_dependence(
     Derivatives are meaningful if three conditions hold. The answer exists at the medians. No
     boundary of overturning is nearer than the largest coefficient of variation: boundaries
     are sought along the factor on the motion, four standard deviations of its logarithm to
-    either side, at 257 factors. And the tangent explains 80 % of the variance of the answer
-    over the samples that have one.
+    either side, at 257 factors. Two boundaries between neighbouring ones are not detected, so
+    that a narrow range may be narrower still. And the tangent explains 80 % of the variance of
+    the answer over the samples that have one.
 
     Examples
     --------
@@ -233,6 +177,59 @@ def local_dependence(
     the block stands only for scale factors 1.9979 to 2.0017, a range narrower than the assumed \
 uncertainty (5 %)
     """
+    coefficients = _check_question(block, restitution, motion, uncertain, scale)
+    names = tuple(coefficients)
+    function = DrivenAnswer(
+        block,
+        restitution,
+        motion if "scale" in names else motion.scaled(scale),
+        check_answer(answer),
+        as_model(model),
+    )
+    medians = {
+        name: float(value) for name, value in list_medians(block, restitution, names).items()
+    }
+    medians |= list_motion_medians(motion) | {"scale": float(scale)}
+    sample = _sample_answers(function, medians, coefficients, uncertain)
+    interval = find_outcome_interval(
+        block,
+        restitution,
+        motion,
+        scale=float(scale),
+        uncertainty=max(coefficients.values()),
+        model=model,
+    )
+    derivatives, explained = _differentiate(function, interval, sample)
+    missing = np.full(len(names), np.nan)
+    elasticities = missing
+    if derivatives is not None:
+        # An answer of 0 has no elasticity.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            elasticities = derivatives * sample.at / sample.value
+    return LocalDependence(
+        answer=function.title,
+        names=names,
+        at=sample.at,
+        value=sample.value,
+        overturned=interval.overturned,
+        factor_low=interval.low,
+        factor_high=interval.high,
+        factor_range=interval.range,
+        meaningful=derivatives is not None,
+        derivatives=missing if derivatives is None else derivatives,
+        elasticities=elasticities,
+        explained_variance=explained,
+        mean=float(sample.answers.mean()),
+        standard_deviation=float(sample.answers.std()),
+        left_out=float(1 - np.isfinite(sample.answers).mean()),
+        reason=_write_reason(interval, function.title, sample.value, explained),
+    )
+
+
+def _check_question(
+    block: Block, restitution: Number, motion: Motion, uncertain: Uncertain, scale: float
+) -> dict[str, float]:
+    """Check the arguments; a `ValueError` if one is not allowed. Return the coefficients."""
     restitution, _ = check_batch(block, restitution, motion, None)
     check_kind("motion", motion, Pulse, Harmonic, Record)
     shape = Batch.of(block, restitution, motion).shape
@@ -243,141 +240,88 @@ uncertainty (5 %)
     check_kind("uncertain", uncertain, Uncertain)
     check("scale", as_real("scale", scale), POSITIVE)
     coefficients = list_single_coefficients(uncertain)
-    uncertainty = max(coefficients.values(), default=0.0)
-    if not uncertainty:
+    if not any(coefficients.values()):
         raise ValueError("uncertain must have a coefficient greater than 0, got none")
-    strength = 1.0 if "scale" in coefficients else scale
-    function = DrivenAnswer(
-        block, restitution, motion.scaled(strength), check_answer(answer), as_model(model)
-    )
-    medians = {
-        name: float(value)
-        for name, value in list_medians(block, restitution, coefficients).items()
-    }
-    medians |= list_motion_medians(motion) | {"scale": float(scale)}
+    return coefficients
+
+
+class _Sample(NamedTuple):
+    """An answer at the medians of the uncertain parameters, and at samples of them.
+
+    Attributes
+    ----------
+    names, at : tuple of str, ndarray, shape (parameters,)
+        The parameters, and their medians.
+    steps : ndarray, shape (parameters, samples)
+        The distances of the samples from the medians.
+    value : float
+        The answer at the medians.
+    answers : ndarray, shape (samples,)
+        Those of the samples, NaN where there is none.
+    """
+
+    names: tuple[str, ...]
+    at: np.ndarray
+    steps: np.ndarray
+    value: float
+    answers: np.ndarray
+
+
+def _sample_answers(
+    function: DrivenAnswer,
+    medians: Mapping[str, float],
+    coefficients: Mapping[str, float],
+    uncertain: Uncertain,
+) -> _Sample:
+    """Draw samples of the uncertain parameters, and compute the answer at all of them."""
     names = tuple(coefficients)
     # The samples of which `outcome_probabilities` counts the outcomes: half of its columns.
     normal = draw_normal_numbers(2 * len(names), uncertain.samples, uncertain.seed)
-    samples = map_normal_numbers(normal[:, : len(names)], medians, coefficients)
-    at = np.array([medians[name] for name in names])
-    points = {name: np.append(samples[name], medians[name]) for name in names}
+    drawn = map_normal_numbers(normal[:, : len(names)], medians, coefficients)
+    # With the medians as the last sample: one batch.
+    points = {name: np.append(drawn[name], medians[name]) for name in names}
     answers = function.evaluate(points)
-    value = float(answers[-1])
-    answers = answers[:-1]
-    interval = _find_interval(function, float(scale), strength, uncertainty)
-    steps = np.stack([samples[name] for name in names]) - at[:, None]
-    explained = _explain_by_plane(answers, steps)
-    derivatives = np.full(at.shape, np.nan)
-    differentiable = np.isfinite(value) and not interval.narrow
-    # No tangent explains more than the best plane: without that nothing is compiled.
-    if differentiable and explained >= _EXPLAINED:
-        derivatives, explained = _compute_tangent(function, names, at, answers, steps)
-    meaningful = bool(differentiable and explained >= _EXPLAINED)
-    if not meaningful:
-        derivatives = np.full(at.shape, np.nan)
-    # An answer of 0 has no elasticity.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        elasticities = derivatives * at / value
-    return LocalDependence(
-        answer=function.title,
-        names=names,
-        at=at,
-        value=value,
-        overturned=interval.overturned,
-        factor_low=interval.low,
-        factor_high=interval.high,
-        factor_range=interval.range,
-        meaningful=meaningful,
-        derivatives=derivatives,
-        elasticities=elasticities,
-        explained_variance=explained,
-        mean=float(answers.mean()),
-        standard_deviation=float(answers.std()),
-        left_out=float(1 - np.isfinite(answers).mean()),
-        reason=_write_reason(interval, function.title, value, explained),
-    )
+    answers = np.where(np.isfinite(answers), answers, np.nan)
+    at = np.array([medians[name] for name in names])
+    steps = np.stack([drawn[name] for name in names]) - at[:, None]
+    return _Sample(names, at, steps, float(answers[-1]), answers[:-1])
 
 
-def _find_interval(
-    function: DrivenAnswer, scale: float, strength: float, uncertainty: float
-) -> _Interval:
-    """Find the scale factors around a motion at which the outcome stays.
-
-    Parameters
-    ----------
-    function : DrivenAnswer
-        With the motion by the factor `strength`, which is 1 or `scale`.
-    scale, strength, uncertainty : float
-    """
-    width = _RANGE * float(np.log1p(uncertainty**2) ** 0.5)
-    factors = np.exp(np.linspace(-width, width, _FACTORS))
-    boundaries = overturning_boundaries(
-        function.block,
-        function.restitution,
-        function.motion.scaled(scale / strength),
-        "factor",
-        factors,
-        model=function.model,
-    )
-    low, high = (scale * factors[[0, -1]]).tolist()
-    require_complete(boundaries.complete, scale=f"from {low:.3g} to {high:.3g}")
-    places = np.asarray(boundaries.value, float)
-    below = places[places <= 1]
-    above = places[places > 1]
-    return _Interval(
-        scale=scale,
-        low=scale * float(below[-1]) if below.size else np.nan,
-        high=scale * float(above[0]) if above.size else np.nan,
-        range=(low, high),
-        # The outcome changes at each boundary below the scene.
-        overturned=bool(boundaries.overturns_first) != bool(len(below) % 2),
-        uncertainty=uncertainty,
-    )
-
-
-def _explain_by_plane(answers: np.ndarray, steps: np.ndarray) -> float:
-    """Compute the fraction of the variance of answers that the best plane explains.
-
-    Parameters
-    ----------
-    answers, steps : ndarray, shape (samples,), (parameters, samples)
-        The answers, NaN where there is none, and the distances from the medians.
+def _differentiate(
+    function: DrivenAnswer, interval: OutcomeInterval, sample: _Sample
+) -> tuple[np.ndarray | None, float]:
+    """Compute derivatives at the medians, and the fraction of the variance they explain.
 
     Returns
     -------
-    float
+    derivatives : ndarray, shape (parameters,)
+        None where they are not meaningful.
+    explained : float
         NaN if all answers are equal, 0 if there is none.
     """
-    finite = np.isfinite(answers)
-    answers = answers[finite]
+    finite = np.isfinite(sample.answers)
+    answers = sample.answers[finite]
+    steps = sample.steps[:, finite]
     if not answers.size:
-        return 0.0
+        return None, 0.0
     # 64 units of rounding: a margin of 1 is not the same to its last digit in all samples.
     if np.ptp(answers) <= 64 * np.finfo(answers.dtype).eps * abs(answers).max():
-        return np.nan
-    columns = np.vstack([np.ones_like(answers), steps[:, finite]]).T
+        return None, np.nan
+    columns = np.vstack([np.ones_like(answers), steps]).T
     plane = columns @ np.linalg.lstsq(columns, answers)[0]
-    return _compute_explained_fraction(answers, plane)
-
-
-def _compute_tangent(
-    function: DrivenAnswer,
-    names: tuple[str, ...],
-    at: np.ndarray,
-    answers: np.ndarray,
-    steps: np.ndarray,
-) -> tuple[np.ndarray, float]:
-    """Compute the derivatives at the medians, and the fraction that the tangent explains."""
-    finite = np.isfinite(answers)
+    explained = _compute_explained_fraction(answers, plane)
+    # No tangent explains more than the best plane: without that nothing is compiled.
+    if interval.narrow or not np.isfinite(sample.value) or explained < _EXPLAINED:
+        return None, explained
     parametric = make_parametric(
         eqx.tree_at(lambda part: part.motion, function, function.motion.bucketed()),
-        dict(zip(names, at.tolist(), strict=True)),
+        dict(zip(sample.names, sample.at.tolist(), strict=True)),
     )
     value, gradient = parametric.evaluate(np.asarray(parametric.values), 1)
     # JAX sorts the names of a dictionary.
-    derivatives = gradient[[parametric.names.index(name) for name in names]]
-    tangent = value + derivatives @ steps[:, finite]
-    return derivatives, _compute_explained_fraction(answers[finite], tangent)
+    derivatives = gradient[[parametric.names.index(name) for name in sample.names]]
+    explained = _compute_explained_fraction(answers, value + derivatives @ steps)
+    return derivatives if explained >= _EXPLAINED else None, explained
 
 
 def _compute_explained_fraction(answers: np.ndarray, fitted: np.ndarray) -> float:
@@ -385,16 +329,13 @@ def _compute_explained_fraction(answers: np.ndarray, fitted: np.ndarray) -> floa
     return 1 - float(((answers - fitted) ** 2).mean()) / float(answers.var())
 
 
-def _write_outcome(overturned: bool) -> str:
-    """Write what the block does."""
-    return "overturns" if overturned else "stands"
-
-
-def _write_reason(interval: _Interval, title: str, value: float, explained: float) -> str:
+def _write_reason(
+    interval: OutcomeInterval, title: str, value: float, explained: float
+) -> str:
     """Write in words what makes derivatives meaningful or not."""
     if interval.narrow:
         return f"{interval}{_OMITTED}"
-    if np.isnan(value):
+    if not np.isfinite(value):
         return f"{interval}; there the {title} does not exist, nor do its derivatives"
     if np.isnan(explained):
         return f"{interval}; the {title} does not vary within the uncertainty{_OMITTED}"

@@ -34,7 +34,7 @@ class Sensitivities(Printed):
     sides: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        columns = {"at": self.at, "slope": self.gradient, "elasticity": self.elasticity}
+        columns = {"at": self.at, "derivative": self.gradient, "elasticity": self.elasticity}
         return format_table(
             f"{self.value:.6g}", label_sides(self.names, self.sides), **columns
         )
@@ -67,7 +67,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
     >>> print(jr.sensitivities(jr.rotation_ratio, wall))
     0.123215
-                                    at         slope    elasticity
+                                    at    derivative    elasticity
     half_width                     0.4     -0.329681      -1.07027
     slenderness                      5     0.0280581       1.13859
     gravity                       9.81    -0.0134427      -1.07027

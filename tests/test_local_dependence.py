@@ -1,0 +1,264 @@
+"""Local dependence: its interval against both outcomes, its derivatives against differences."""
+
+import jaxtyping
+import numpy as np
+import pytest
+
+import jaxrock as jr
+from jaxrock.sensitivity.outcome_interval import OutcomeInterval
+
+pytestmark = pytest.mark.float64
+SLIM = jr.Block.from_size(width=0.2, height=0.8)
+STURDY = jr.Block.from_size(width=0.4, height=1.6)
+OF_PULSE = ("width", "height", "restitution", "amplitude", "duration")
+
+
+def compute_ratio(parameters, motion_class=jr.HalfSine, answer="rotation_ratio"):
+    """The answer of blocks under pulses, by the batch alone."""
+    sizes = {name: parameters[name] for name in ("width", "height")}
+    block = jr.Block.from_size(**sizes)
+    motion = motion_class(parameters["amplitude"], parameters["duration"])
+    response = jr.respond_batch(block, parameters["restitution"], motion, motion.end + 10)
+    if answer == "margin":
+        return np.asarray(response.margin)
+    ratio = np.asarray(response.peak_rotation / block.critical_angle)
+    return np.where(response.overturned, np.nan, ratio)
+
+
+def differentiate(function, medians, step=1e-4):
+    """Central differences with respect to each parameter, steps relative to its value."""
+    derivatives = []
+    for name, value in medians.items():
+        ends = [function(medians | {name: value * (1 + sign * step)}) for sign in (-1, 1)]
+        derivatives.append((ends[1] - ends[0]) / (2 * step * value))
+    return np.array(derivatives)
+
+
+def test_a_narrow_interval_of_a_record():
+    """The block stands between two factors that are 0.004 apart, and overturns beside them."""
+    record = jr.example_record()
+    uncertain = jr.Uncertain(dict.fromkeys(("width", "restitution", "scale"), 0.05))
+    local = jr.sensitivity.local_dependence(SLIM, 0.8, record, uncertain, scale=2.0)
+    assert 1.99 < local.factor_low < 2 < local.factor_high < 2.01
+    ends = np.array([local.factor_low, local.factor_high])
+    for outward, overturns in ((-1e-4, False), (1e-4, True)):
+        motions = record.scaled(ends * [1 - outward, 1 + outward])
+        response = jr.respond_batch(SLIM, 0.8, motions)
+        assert (np.asarray(response.overturned) == overturns).all()
+    grid = np.linspace(1.95, 2.05, 401)
+    places = np.asarray(jr.overturning_boundaries(SLIM, 0.8, record, "factor", grid).value)
+    assert abs(places[:, None] - ends).min(axis=0).max() < 1e-9
+    assert not local.overturned
+    assert not local.meaningful
+    assert np.isnan(local.derivatives).all()
+    assert np.isnan(local.elasticities).all()
+    response = jr.respond_batch(SLIM, 0.8, record.scaled(2.0), record.end + 10)
+    assert local.value == float(response.peak_rotation / SLIM.critical_angle)
+    assert np.isnan(local.mean)
+    assert 0.2 < local.left_out < 0.8
+    assert local.reason == (
+        "the block stands only for scale factors 1.9979 to 2.0017, a range narrower than the"
+        " assumed uncertainty (5 %); derivatives are not meaningful and are omitted"
+    )
+    assert str(local).endswith(local.reason)
+    # A motion that is twice as strong is the same question.
+    doubled = jr.sensitivity.local_dependence(SLIM, 0.8, record.scaled(2.0), uncertain)
+    assert doubled.factor_low == pytest.approx(local.factor_low / 2, rel=1e-12)
+    assert doubled.value == local.value
+    with pytest.raises(AttributeError):
+        local.value = 0.0
+
+
+@pytest.mark.thorough
+def test_derivatives_under_a_pulse():
+    medians = dict(zip(OF_PULSE, (0.4, 1.6, 0.9, 3.0, 0.3), strict=True))
+    uncertain = jr.Uncertain(dict.fromkeys(OF_PULSE, 0.05), samples=512)
+    local = jr.sensitivity.local_dependence(STURDY, 0.9, jr.HalfSine(3.0, 0.3), uncertain)
+    assert local.meaningful
+    assert local.names == OF_PULSE
+    np.testing.assert_allclose(local.at, list(medians.values()), rtol=1e-12)
+    expected = differentiate(compute_ratio, medians)
+    np.testing.assert_allclose(local.derivatives, expected, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(
+        local.elasticities, expected * local.at / local.value, rtol=1e-4, atol=1e-9
+    )
+    # No boundary within four standard deviations: the block stands at both ends.
+    assert np.isnan([local.factor_low, local.factor_high]).all()
+    ends = np.array(local.factor_range)
+    np.testing.assert_allclose(
+        np.log(ends), 4 * np.sqrt(np.log1p(0.05**2)) * np.array([-1, 1])
+    )
+    assert np.isfinite(compute_ratio(medians | {"amplitude": 3.0 * ends})).all()
+    # The samples are those of the probabilities.
+    outcomes = jr.sensitivity.outcome_probabilities(
+        STURDY, 0.9, jr.HalfSine(3.0, 0.3), uncertain
+    )
+    answers = compute_ratio(outcomes.inputs)
+    assert local.mean == pytest.approx(answers.mean(), rel=1e-12)
+    assert local.standard_deviation == pytest.approx(answers.std(), rel=1e-12)
+    steps = np.stack([outcomes.inputs[name] for name in OF_PULSE]) - local.at[:, None]
+    left = answers - local.value - expected @ steps
+    explained = 1 - (left**2).mean() / answers.var()
+    assert local.explained_variance == pytest.approx(explained, rel=1e-4)
+    assert "the tangent explains 85.8 % of the variance of the rotation ratio" in str(local)
+    row = next(line for line in str(local).splitlines() if line.startswith("width at this"))
+    assert row.split()[-3:] == ["0.4", "-0.409839", "-10.3661"]
+
+
+@pytest.mark.thorough
+def test_a_block_that_overturns():
+    """It has a margin, which has derivatives, and no rotation ratio."""
+    pulse = jr.HalfSine(9.0, 0.5)
+    medians = dict(zip(OF_PULSE, (0.2, 0.8, 0.9, 9.0, 0.5), strict=True))
+    uncertain = jr.Uncertain(dict.fromkeys(OF_PULSE, 0.05))
+    margin = jr.sensitivity.local_dependence(SLIM, 0.9, pulse, uncertain, answer="margin")
+    assert margin.overturned
+    assert margin.meaningful
+    expected = differentiate(lambda at: compute_ratio(at, answer="margin"), medians)
+    np.testing.assert_allclose(margin.derivatives, expected, rtol=1e-4, atol=1e-9)
+    ratio = jr.sensitivity.local_dependence(SLIM, 0.9, pulse, uncertain)
+    assert ratio.overturned
+    assert not ratio.meaningful
+    assert np.isnan(ratio.value)
+    assert ratio.left_out == 1
+    assert ratio.reason == (
+        "the block overturns for all scale factors from 0.819 to 1.22; there the rotation ratio"
+        " does not exist, nor do its derivatives"
+    )
+    assert str(ratio).startswith("rotation ratio: none, the block overturns; no mean")
+
+
+def test_a_block_that_never_lifts():
+    pulse = jr.Sine(1.0, 0.3)
+    local = jr.sensitivity.local_dependence(
+        STURDY, 0.9, pulse, jr.Uncertain({"width": 0.05, "amplitude": 0.05})
+    )
+    assert not local.meaningful
+    assert local.value == local.mean == local.standard_deviation == 0
+    assert np.isnan(local.explained_variance)
+    assert "; the rotation ratio does not vary within the uncertainty;" in local.reason
+
+
+def test_a_tangent_that_says_little():
+    """Impacts make the response rough, far from overturning."""
+    uncertain = jr.Uncertain({"width": 0.02, "scale": 0.02})
+    local = jr.sensitivity.local_dependence(STURDY, 0.9, jr.example_record(), uncertain)
+    assert not local.meaningful
+    assert np.isnan(local.derivatives).all()
+    assert 0 < local.explained_variance < 0.5
+    assert local.left_out == 0
+    said = f"a tangent explains at most {100 * local.explained_variance:.3g} % of the variance"
+    assert said in local.reason
+
+
+@pytest.mark.thorough
+def test_derivatives_under_a_record():
+    """Within a small uncertainty they are meaningful; of the peak, by name and by a function."""
+    record = jr.example_record()
+    uncertain = jr.Uncertain({"half_width": 0.002, "slenderness": 0.002, "scale": 0.002})
+    question = (STURDY, 0.9, record, uncertain)
+    local = jr.sensitivity.local_dependence(*question, answer="peak_rotation", scale=0.6)
+
+    def compute_peak(at):
+        block = jr.Block(at["half_width"], at["slenderness"])
+        motion = record.scaled(at["scale"])
+        return float(jr.respond_batch(block, 0.9, motion, motion.end + 10).peak_rotation)
+
+    assert local.meaningful
+    medians = {"half_width": 0.2, "slenderness": 4.0, "scale": 0.6}
+    expected = differentiate(compute_peak, medians, step=1e-5)
+    np.testing.assert_allclose(local.derivatives, expected, rtol=1e-3)
+    again = jr.sensitivity.local_dependence(
+        *question, answer=lambda block, response: response.peak_rotation, scale=0.6
+    )
+    np.testing.assert_array_equal(again.derivatives, local.derivatives)
+    assert again.answer == "answer"
+    # Without the scale among the uncertain parameters, the motion is as strong.
+    fixed = jr.Uncertain({"half_width": 0.002, "slenderness": 0.002})
+    other = jr.sensitivity.local_dependence(STURDY, 0.9, record, fixed, scale=0.6)
+    assert other.value == pytest.approx(local.value / float(STURDY.critical_angle), rel=1e-12)
+
+
+@pytest.mark.thorough
+def test_derivatives_on_a_harmonic_floor():
+    names = ("slenderness", "amplitude", "frequency")
+    floor = jr.Harmonic(2.8, 8.0, 1)
+    uncertain = jr.Uncertain(dict.fromkeys(names, 1e-4))
+    local = jr.sensitivity.local_dependence(STURDY, 0.9, floor, uncertain, answer="margin")
+
+    def compute_margin(at):
+        block = jr.Block(0.2, at["slenderness"])
+        motion = jr.Harmonic(at["amplitude"], at["frequency"], 1)
+        return float(jr.respond_batch(block, 0.9, motion).margin)
+
+    assert local.meaningful
+    medians = {"slenderness": 4.0, "amplitude": 2.8, "frequency": 8.0}
+    expected = differentiate(compute_margin, medians, step=1e-5)
+    np.testing.assert_allclose(local.derivatives, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "uncertainty", "words", "narrow"),
+    [
+        (np.nan, np.nan, 0.05, "for all scale factors from 1.6 to 2.5", False),
+        (1.99, 2.02, 0.05, "only for scale factors 1.99 to 2.02, a range narrower than", True),
+        (1.97, 2.4, 0.05, "factors 1.97 to 2.4, of which one is nearer than the", True),
+        (1.7, 2.4, 0.05, "only for scale factors 1.7 to 2.4, a range wider than", False),
+        (np.nan, 2.05, 0.05, "up to a scale factor of 2.05, nearer than the assumed", True),
+        (np.nan, 2.05, 0.02, "factor of 2.05, further away than the assumed", False),
+        (1.7, np.nan, 0.05, "from a scale factor of 1.7 on, further away than", False),
+    ],
+)
+def test_words_of_an_interval(low, high, uncertainty, words, narrow):
+    interval = OutcomeInterval(2.0, low, high, (1.6, 2.5), True, uncertainty)
+    assert interval.narrow == narrow
+    assert words in str(interval)
+    assert str(interval).startswith("the block overturns ")
+
+
+def test_the_boundary_is_the_critical_amplitude():
+    local = jr.sensitivity.local_dependence(
+        SLIM, 0.9, jr.HalfSine(3.7, 0.5), jr.Uncertain({"amplitude": 0.05})
+    )
+    (critical,) = jr.critical_amplitude(SLIM, 0.9, jr.HalfSine, 0.5).value
+    assert local.factor_high == pytest.approx(float(critical) / 3.7, rel=1e-9)
+    assert np.isnan(local.factor_low)
+    assert not local.meaningful
+
+
+@pytest.fixture
+def as_users_have_it():
+    """Without the types that the tests check, which would answer before the package does."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.mark.usefixtures("as_users_have_it")
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"uncertain": {"width": 0.1}}, "uncertain must be a Uncertain"),
+        ({"uncertain": jr.Uncertain({})}, "must have a coefficient greater than 0, got none"),
+        (
+            {"uncertain": jr.Uncertain({"width": 0.0})},
+            "must have a coefficient greater than 0",
+        ),
+        ({"uncertain": jr.Uncertain({"duration": 0.1})}, "has 'duration', which is none of"),
+        ({"answer": "impacts"}, "answer must be one of rotation_ratio, peak_rotation, margin"),
+        ({"answer": 3}, "answer must be one of rotation_ratio, peak_rotation, margin, got 3"),
+        ({"scale": 0.0}, "scale must be finite and greater than 0"),
+        ({"block": jr.Block(np.array([0.1, 0.2]), 5.0)}, r"got arrays of shape \(2,\)"),
+        ({"motion": jr.Suite([jr.Record([0.0, 1.0, 0.0], 0.1)])}, "motion must be a Pulse"),
+        ({"restitution": 1.2}, "restitution must be between 0 and 1"),
+    ],
+)
+def test_questions_that_are_refused(change, words):
+    question = {
+        "block": SLIM,
+        "restitution": 0.8,
+        "motion": jr.Record([0.0, 1.0, 0.0], 0.1),
+        "uncertain": jr.Uncertain({"width": 0.05}),
+    }
+    with pytest.raises(ValueError, match=words):
+        jr.sensitivity.local_dependence(**question | change)

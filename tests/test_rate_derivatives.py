@@ -1,0 +1,292 @@
+"""Derivatives and elasticities of rates, and rates of many objects and of uncertain ones."""
+
+import jax
+import mpmath
+import numpy as np
+import pytest
+import scenes
+from references.half_sine_rates import OFTEN, POWER, closed_rate, hazard, pulses
+
+import jaxrock as jr
+from jaxrock.risk.objects import gather_objects
+from jaxrock.risk.outcome_table import Cases, compute_rates, tabulate_outcomes
+
+DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+CURVE = ([0.2, 0.6, 1.5, 4.0], [1e-2, 1e-3, 1e-4, 1e-5])
+PARAMETERS = {
+    "half_width": 0.1,
+    "slenderness": 4.0,
+    "gravity": 9.81,
+    "inertia_ratio": 2.0,
+    "restitution": 0.7,
+}
+# Of a block under a record of twenty, many of whose boundaries bound narrow windows.
+STATUE = {**PARAMETERS, "half_width": 0.3, "inertia_ratio": 4 / 3, "restitution": 0.8}
+
+
+def sine_site(**options):
+    """A second of a sine, sampled coarsely: three boundaries."""
+    sine = jr.Record(3 * np.sin(2 * np.pi * 0.02 * np.arange(51)), 0.02)
+    return jr.Site(jr.Suite([sine]), jr.Hazard(*CURVE), **options)
+
+
+def example_site():
+    curve = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+    return jr.Site(jr.example_suite(), curve)
+
+
+def rates_at_ends(parameters, site, change):
+    """Rates with each parameter changed to both sides, shape (names, 2)."""
+    ends = np.array(list(parameters.values()))[:, None, None] * np.ones((5, 2))
+    for k in range(5):
+        ends[k, k] *= 1 + change * np.array([-1, 1])
+    *block, restitution = ends.reshape(5, -1)
+    answer = jr.overturning_rate(jr.Block(*block), restitution, site)
+    return np.asarray(answer.rate).reshape(5, 2)
+
+
+def compute_exact(parameters, site, change, rate):
+    """Elasticities from the rates at both ends, by located boundaries."""
+    low, high = rates_at_ends(parameters, site, change).T
+    return (high - low) / (2 * change) / float(rate)
+
+
+def ask_elasticities(parameters, site, change):
+    *block, restitution = parameters.values()
+    answer = jr.risk.rate_elasticities(jr.Block(*block), restitution, site, change=change)
+    assert answer.names == tuple(parameters)
+    return answer
+
+
+@DOUBLE
+def test_elasticities_under_a_sine():
+    """Over a change and at the point; where the boundary is smooth the two agree."""
+    site = sine_site()
+    answer = ask_elasticities(PARAMETERS, site, 0.02)
+    exact = compute_exact(PARAMETERS, site, 0.02, answer.rate.rate)
+    np.testing.assert_allclose(answer.over_change, exact, atol=1e-3)
+    assert float(answer.over_change[0]) == pytest.approx(-0.289, abs=1e-3)
+    # A difference over a thousandth of that is the derivative, up to where boundaries lie.
+    difference = compute_exact(PARAMETERS, site, 2e-5, answer.rate.rate)
+    np.testing.assert_allclose(answer.at_point, difference, atol=1e-4)
+    assert str(answer).splitlines()[1].split() == ["over", "+-2%", "at", "the", "point"]
+
+
+@DOUBLE
+@SLOW
+@pytest.mark.parametrize("change", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize(
+    ("parameters", "make_site"),
+    [
+        pytest.param(PARAMETERS, sine_site, id="one record"),
+        pytest.param(STATUE, example_site, id="twenty records"),
+    ],
+)
+def test_elasticities_over_a_change(parameters, make_site, change):
+    """Against rates by located boundaries, whatever windows there are in between."""
+    site = make_site()
+    answer = ask_elasticities(parameters, site, change)
+    exact = compute_exact(parameters, site, change, answer.rate.rate)
+    np.testing.assert_allclose(answer.over_change, exact, atol=1e-3)
+
+
+SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
+LEVELS = np.geomspace(0.9, 6.0, 40)
+
+
+@DOUBLE
+@SLOW
+def test_elasticities_in_closed_form():
+    """Levels 5 % apart and a change of less; an impact has no part in it."""
+    site = jr.Site(pulses(100), hazard, levels=LEVELS)
+    answer = jr.risk.rate_elasticities(
+        jr.Block(*SHAPE[:2]), 0.85, site, change=0.02, model="linearized"
+    )
+    for name, place in (("half_width", 0), ("slenderness", 1), ("inertia_ratio", 2)):
+        low, high = (
+            float(closed_rate("pgv", *(SHAPE * (1 + sign * 0.02 * np.eye(3)[place]))))
+            for sign in (-1, 1)
+        )
+        exact = (high - low) / 0.04 / float(closed_rate("pgv", *SHAPE))
+        k = answer.names.index(name)
+        assert float(answer.over_change[k]) == pytest.approx(exact, abs=2e-3)
+        assert float(answer.at_point[k]) == pytest.approx(exact, rel=0.01)
+    assert float(answer.over_change[-1]) == 0
+    with pytest.raises(ValueError, match=r"greater than 0 and less than 0\.5, got 1"):
+        jr.risk.rate_elasticities(jr.Block(*SHAPE[:2]), 0.85, site, change=1.0)
+
+
+@SLOW
+def test_elasticities_by_sides():
+    """The chain rule, in both precisions; each of two objects has its own."""
+    site = jr.Site(pulses(50), hazard, levels=LEVELS[::4])
+    blocks = jr.Block(np.array([0.25, 0.3]), np.array([4.0, 3.5]))
+    shape, sides = (
+        jr.risk.rate_elasticities(blocks, 0.85, site, by=by, model="linearized")
+        for by in ("shape", "sides")
+    )
+    assert sides.names[:2] == ("width", "height")
+    assert sides.at_point.shape == sides.over_change.shape == (5, 2)
+    # ln b = ln w - ln 2 and ln lambda = ln h - ln w.
+    by_width = shape.at_point[0] - shape.at_point[1]
+    np.testing.assert_allclose(sides.at_point[0], by_width, rtol=1e-3)
+    np.testing.assert_allclose(sides.at_point[1], shape.at_point[1], rtol=1e-3)
+
+
+@DOUBLE
+@SLOW
+def test_derivatives_against_differences():
+    """With respect to the block, the restitution and the rates of the hazard, in both modes."""
+    at = (*PARAMETERS.values(), np.array(CURVE[1]))
+    suite = sine_site().suite
+    levels = np.geomspace(0.2, 4.0, 60).clip(0.2, 4.0)
+
+    def rate(*at):
+        site = jr.Site(suite, jr.Hazard(CURVE[0], at[5]), levels=levels)
+        return jr.overturning_rate(jr.Block(*at[:4]), at[4], site).rate
+
+    value, reverse = jax.value_and_grad(rate, range(6))(*at)
+    derivatives = np.concatenate([np.array(reverse[:5], float), np.asarray(reverse[5])])
+    numbers = np.concatenate([np.array(at[:5]), at[5]])
+    differences = []
+    for k, number in enumerate(numbers):
+        step = 1e-4 * number * np.eye(9)[k]
+        ends = (numbers + step, numbers - step)
+        high, low = (float(rate(*end[:5], end[5:])) for end in ends)
+        differences.append((high - low) / (2e-4 * number))
+    scale = float(value) / numbers
+    np.testing.assert_allclose(derivatives / scale, differences / scale, atol=1e-4)
+    # The rate is proportional to the rates of the hazard.
+    assert np.dot(derivatives[5:], at[5]) == pytest.approx(float(value), rel=1e-12)
+    directions = np.eye(9)[:, :5], np.eye(9)[:, 5:]
+    forward = [
+        float(jax.jvp(rate, at, (*map(float, of_five), of_hazard))[1])
+        for of_five, of_hazard in zip(*directions, strict=True)
+    ]
+    np.testing.assert_allclose(forward / scale, derivatives / scale, rtol=1e-9, atol=1e-12)
+    compiled = jax.jit(rate)(*at)
+    assert float(compiled) == pytest.approx(float(value), rel=1e-9)
+
+
+@DOUBLE
+@SLOW
+def test_derivatives_in_closed_form():
+    numbers = (*SHAPE, OFTEN, POWER, 0.85)
+    suite = pulses(400)
+
+    def rate(*at):
+        site = jr.Site(suite, lambda x: at[3] * x ** -at[4], levels=LEVELS)
+        block = jr.Block(at[0], at[1], inertia_ratio=at[2])
+        return jr.overturning_rate(block, at[5], site, model="linearized").rate
+
+    def exact(*at):
+        return closed_rate("pgv", *at[:3], often=at[3], power=at[4])
+
+    value, reverse = jax.value_and_grad(rate, range(6))(*numbers)
+    assert float(value) == pytest.approx(float(exact(*numbers[:5])), rel=1e-6)
+    expected = [
+        float(mpmath.diff(exact, numbers[:5], tuple(int(k == of) for k in range(5))))
+        for of in range(5)
+    ]
+    np.testing.assert_allclose(reverse[:5], expected, rtol=1e-6)
+    assert abs(float(reverse[5])) < 1e-12 * float(value)  # no impact comes before
+    forward = jax.jvp(rate, numbers, (*SHAPE, 0.0, 0.0, 0.0))[1]
+    assert float(forward) == pytest.approx(np.dot(expected[:3], SHAPE), rel=1e-6)
+
+
+@SLOW
+@DOUBLE
+def test_derivatives_under_recorded_motions():
+    """A wider and a less slender block overturns more seldom."""
+    site = jr.Site(jr.example_suite()[18:], example_site().hazard)
+
+    def rate(block, restitution):
+        return jr.overturning_rate(block, restitution, site).rate
+
+    value, derivatives = jax.value_and_grad(rate, (0, 1))(jr.Block(0.3, 4.0), 0.8)
+    assert 0 < float(value) < 1e-4
+    assert all(np.isfinite(derivative) for derivative in jax.tree.leaves(derivatives))
+    assert float(derivatives[0].half_width) < 0 < float(derivatives[0].slenderness)
+
+
+NOISE = jr.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
+
+
+@DOUBLE
+def test_a_rate_has_the_bits_that_it_has_alone():
+    """Whatever other objects, and however many boundaries they have."""
+    site = jr.Site(scenes.suite(), NOISE, spacing=0.05)
+    widths, ratios = np.array([0.05, 0.12, 0.3]), np.array([8.0, 6.0, 4.0])
+    many = jr.overturning_rate(jr.Block(widths, ratios), 0.8, site)
+    counts = np.asarray(many.boundaries.count).sum(axis=0)
+    assert len({*counts.tolist()}) == 3
+    for k in range(3):
+        alone = jr.overturning_rate(jr.Block(widths[k], ratios[k]), 0.8, site)
+        for name in ("rate", "contributions", "standard_error", "not_detected", "complete"):
+            expected = np.asarray(getattr(alone, name))
+            assert np.asarray(getattr(many, name))[..., k].tobytes() == expected.tobytes(), (
+                name
+            )
+
+
+def two_sines():
+    """No two boundaries lie between neighbouring levels, of which either could be located."""
+    along = np.sin(2 * np.pi * np.linspace(0, 1, 51))
+    suite = jr.Suite([jr.Record(3 * along, duration / 50) for duration in (0.8, 1.0)])
+    return jr.Site(suite, jr.Hazard(*CURVE))
+
+
+@DOUBLE
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_located_rates_are_as_accurate_as_asked(accuracy):
+    """Against boundaries located to 1e-9; the stated error is at most the accuracy."""
+    site = two_sines()
+    block = jr.Block(np.array([0.1, 0.12, 0.14]), 4.0)
+    exact = np.asarray(jr.overturning_rate(block, 0.7, site).rate)
+    cases = Cases.of(gather_objects(block, 0.7), site, jr.Nonlinear())
+    levels = np.asarray(site.levels)
+    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
+    assert (rates.error <= accuracy * rates.rate).all()
+    assert (abs(rates.rate - exact) <= 4 * rates.error + 1e-8 * exact).all()
+    np.testing.assert_allclose(rates.contributions.mean(axis=0), rates.rate, rtol=1e-13)
+
+
+@DOUBLE
+def test_the_rate_of_samples_is_the_mean_of_theirs():
+    site = two_sines()
+    block = jr.Block(np.array([0.1, 0.12]), 4.0)
+    uncertain = jr.Uncertain({"restitution": 0.05, "half_width": 0.1}, samples=4, seed=3)
+    answer = jr.overturning_rate(block, 0.7, site, uncertain)
+    draws = uncertain.draw(block, 0.7)
+    flat = jax.tree.map(np.ravel, draws.block)
+    exact = jr.overturning_rate(flat, draws.restitution.ravel(), site)
+    by_sample = np.reshape(exact.rate, (2, 4))
+    # Each is accurate to a standard error of 1e-4.
+    np.testing.assert_allclose(answer.sample_rates, by_sample, rtol=4e-4)
+    np.testing.assert_allclose(answer.rate, by_sample.mean(axis=1), rtol=4e-4)
+    contributions = np.reshape(exact.contributions, (2, 2, 4)).mean(axis=-1)
+    np.testing.assert_allclose(answer.contributions, contributions, rtol=1e-3)
+    error = np.asarray(answer.contributions).std(axis=0, ddof=1) / np.sqrt(2)
+    np.testing.assert_allclose(answer.standard_error, error, rtol=1e-12)
+    assert answer.boundaries is None
+
+
+@DOUBLE
+@SLOW
+def test_the_rate_of_an_uncertain_block_in_closed_form():
+    """The mean over a lognormal half-width, by Gauss and Hermite's rule."""
+    site = jr.Site(pulses(100), hazard, levels=np.geomspace(0.5, 12.0, 100))
+    uncertain = jr.Uncertain({"half_width": 0.2}, samples=256)
+    answer = jr.overturning_rate(
+        jr.Block(*SHAPE[:2]), 0.85, site, uncertain, model="linearized"
+    )
+    places, weights = np.polynomial.hermite_e.hermegauss(12)
+    sigma = np.sqrt(np.log1p(0.2**2))
+    rates = [
+        float(closed_rate("pgv", SHAPE[0] * np.exp(sigma * z), *SHAPE[1:])) for z in places
+    ]
+    exact = np.dot(weights, rates) / weights.sum()
+    assert float(answer.rate) == pytest.approx(exact, rel=2e-3)
+    deviation = np.sqrt(np.dot(weights, (rates - exact) ** 2) / weights.sum())
+    assert float(answer.sample_rates.std()) == pytest.approx(deviation, rel=0.02)
+    assert "256 samples of uncertain parameters" in str(answer)
