@@ -33,6 +33,12 @@ def find_width(target=TARGET, height=HEIGHT):
     return optimize.brentq(lambda w: float(rate_of_width(w, height)) - target, *BOUNDS)
 
 
+def sine_suite(cycles=1):
+    """Full sines, above whose first boundary there are windows of survival."""
+    along = np.sin(np.linspace(0, 2 * np.pi * cycles, 100 * cycles))
+    return jr.Suite([jr.Record(along, duration / 100) for duration in (0.4, 0.6)])
+
+
 @DOUBLE
 def test_width_at_this_height_in_closed_form():
     """Within the resolution, on the safe side."""
@@ -42,7 +48,9 @@ def test_width_at_this_height_in_closed_form():
     )
     assert exact * (1 - 1e-5) < float(answer.value) < exact * 1.005
     assert float(answer.rate) <= TARGET
-    assert float(answer.rate) == pytest.approx(float(rate_of_width(answer.value)), rel=1e-5)
+    assert float(answer.rate) == pytest.approx(
+        float(rate_of_width(float(answer.value))), rel=1e-5
+    )
     assert int(answer.count) == 1
     assert float(answer.crossings[0]) == float(answer.value)
     assert f"{float(answer.value):.6g} m, width at this height: from there on" in str(answer)
@@ -64,26 +72,39 @@ def test_many_objects_at_once():
 
 
 @DOUBLE
-@pytest.mark.parametrize("cases", [3, pytest.param(23, marks=SLOW)])
-def test_the_rate_at_the_value_is_not_above_the_target(cases):
-    """Under noise, with many windows: it is the one of `overturning_rate`, computed there."""
+@pytest.mark.parametrize(
+    ("make_suite", "cases"),
+    [
+        (sine_suite, 3),
+        pytest.param(sine_suite, 23, marks=SLOW),
+        pytest.param(scenes.suite, 23, marks=SLOW),
+    ],
+)
+def test_the_rate_at_the_value_is_not_above_the_target(make_suite, cases):
+    """It is the one of `overturning_rate` there, and not interpolated."""
     rng = np.random.default_rng(11)
     height = rng.uniform(0.6, 2.0, cases)
     restitution = rng.uniform(0.6, 0.9, cases)
-    curve = jr.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
-    site = jr.Site(scenes.suite(), curve, spacing=0.03)
+    curve = jr.Hazard([0.1, 0.4, 1.0, 4.0], [1e-2, 1e-3, 1e-4, 1e-6])
+    site = jr.Site(make_suite(), curve, spacing=0.02)
     width = height * rng.uniform(0.12, 0.3, cases)
     block = jr.Block.from_size(width=width, height=height)
     target = np.asarray(jr.overturning_rate(block, restitution, site).rate)
-    bounds = (0.08 * height, 0.5 * height)
+    bounds = (0.08 * height, 0.6 * height)
     answer = jr.required_value(
         block, restitution, site, target, "width", bounds, resolution=0.01
     )
     assert np.isfinite(answer.value).all()
+    assert (np.asarray(answer.rate) <= target).all()
     changed = jr.Block.from_size(width=np.asarray(answer.value), height=height)
     exact = jr.overturning_rate(changed, restitution, site)
-    np.testing.assert_allclose(answer.rate, exact.rate, rtol=1e-9)
-    assert (np.asarray(answer.rate) <= target).all()
+    difference = abs(np.asarray(answer.rate) - np.asarray(exact.rate))
+    # Under noise several boundaries may lie between two levels, of which `overturning_rate` may
+    # locate another one: that is a part of what is not detected.
+    bound = np.asarray(exact.not_detected)
+    allowed = 1e-5 * np.asarray(exact.rate) if make_suite is sine_suite else bound
+    np.testing.assert_array_less(difference, allowed)
+    np.testing.assert_allclose(answer.not_detected, exact.not_detected, rtol=1e-9)
 
 
 @DOUBLE
@@ -106,12 +127,6 @@ def test_derivatives_by_the_implicit_function_theorem():
     assert float(forward) == pytest.approx(1e-6 * float(derivatives[0]), rel=1e-9)
 
 
-def sine_suite():
-    """Pulses of a full sine, above whose first boundary there are windows of survival."""
-    along = np.sin(np.linspace(0, 2 * np.pi, 100))
-    return jr.Suite([jr.Record(along, duration / 100) for duration in (0.4, 0.6)])
-
-
 @DOUBLE
 @pytest.mark.parametrize("objects", [1, pytest.param(20, marks=[SLOW, pytest.mark.release])])
 def test_against_brute_force(objects):
@@ -121,7 +136,7 @@ def test_against_brute_force(objects):
     crossings, all of which are reported.
     """
     random = np.random.default_rng(3)
-    site = jr.Site(sine_suite(), hazard, levels=np.geomspace(0.2, 4.0, 100))
+    site = jr.Site(sine_suite(cycles=2), hazard, levels=np.geomspace(0.2, 4.0, 200))
     number = 400 if objects == 1 else 2000
     crossings = 0
     for _ in range(objects):
@@ -154,7 +169,7 @@ def test_against_brute_force(objects):
         (
             {"target": 1e-7},
             np.inf,
-            "none: at the upper bound, 1.2 m, width at this height, it",
+            "none: at the upper bound, 1.2 m, width at this height, the rate",
         ),
         ({"target": 1e-2}, 0.3, "0.3 m, width at this height: the rate is below 0.01 at all"),
         ({"along": "height", "side": "below", "bounds": (0.5, 5.0)}, None, "up to there the"),
@@ -164,7 +179,11 @@ def test_against_brute_force(objects):
             None,
             "half-width at this slenderness",
         ),
-        ({"along": "restitution", "bounds": (0.0, 1.0)}, np.inf, "1 restitution, it is still"),
+        (
+            {"along": "restitution", "bounds": (0.0, 1.0), "target": 5e-5},
+            np.inf,
+            "1 restitution, the rate is still",
+        ),
     ],
 )
 def test_what_the_answer_says(change, value, reason):

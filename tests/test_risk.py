@@ -407,7 +407,7 @@ OF_FRAGILITY = [
     ({"confidence": 1.0}, "confidence must be a number between 0 and 1, got 1.0"),
 ]
 OF_SITES = [
-    ({"measure": "pgv_ratio"}, "measure must be one of pga, pgv, got 'pgv_ratio'"),
+    ({"measure": "pgv_ratio"}, "measure must be one of pgv, pga, got 'pgv_ratio'"),
     ({"hazard": 0.01}, "hazard must be a Hazard or a function, got 0.01"),
     (
         {"hazard": jr.Hazard([0.5, 5.0], [1e-2, 1e-4], "pga")},
@@ -467,7 +467,8 @@ def test_an_integration_that_does_not_finish_is_named(monkeypatch):
 
     def follow_none(batch, model):
         response = follow_batch(batch, model)
-        return dataclasses.replace(response, complete=np.zeros(batch.shape, bool))
+        stopped = np.full(batch.shape, jr.Status.STOPPED, np.int8)
+        return dataclasses.replace(response, status=stopped)
 
     objects = gather_objects(jr.Block(np.array([0.2, 0.3]), 5.0), 0.8, ["vase", "urn"])
     site = jr.Site(scenes.suite(), jr.Hazard([0.1, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9])
