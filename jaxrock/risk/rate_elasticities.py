@@ -1,6 +1,7 @@
 """Elasticities of the rate of overturning, at a point and over a change."""
 
 from collections.abc import Mapping, Sequence
+from typing import cast, get_args
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ from jaxtyping import Array, Float
 from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
 from ..host import Printed, format_fields, format_table
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import Number, Reals, check_kind
+from ..validation import Number, Reals, as_name, check_kind
 from .objects import Objects, gather_objects
 from .outcome_table import Cases, compute_rates, tabulate_outcomes
 from .overturning_rate import OverturningRate, overturning_rate
@@ -94,7 +95,7 @@ def rate_elasticities(
     Raises
     ------
     ValueError
-        As in `overturning_rate`, or if the change is out of range.
+        As in `overturning_rate`, or if `change` or `by` is not one of the above.
 
     Examples
     --------
@@ -110,6 +111,7 @@ def rate_elasticities(
             f"change must be greater than 0 and less than 0.5, got {change!r:.60}"
         )
     check_kind("site", site, Site)
+    by = cast("SizeDescription", as_name("by", by, get_args(SizeDescription)))
     objects = gather_objects(block, restitution)
     parameters = list_parameters(objects, by)
 
