@@ -76,18 +76,24 @@ def test_elasticities_under_a_sine():
 @SLOW
 @pytest.mark.parametrize("change", [0.01, 0.02, 0.05])
 @pytest.mark.parametrize(
-    ("parameters", "make_site"),
+    ("parameters", "make_site", "error"),
     [
-        pytest.param(PARAMETERS, sine_site, id="one record"),
-        pytest.param(STATUE, example_site, id="twenty records"),
+        pytest.param(PARAMETERS, sine_site, 1e-5, id="one record"),
+        pytest.param(STATUE, example_site, 0.01, id="twenty records"),
     ],
 )
-def test_elasticities_over_a_change(parameters, make_site, change):
-    """Against rates by located boundaries, whatever windows there are in between."""
+def test_elasticities_over_a_change(parameters, make_site, error, change):
+    """Against rates by `overturning_rate` at both ends.
+
+    Under twenty records there are steps of the levels with several boundaries, of which both
+    may locate different ones: so rates differ by up to 0.6 %, far less than what is not
+    detected.
+    """
     site = make_site()
     answer = ask_elasticities(parameters, site, change)
     exact = compute_exact(parameters, site, change, answer.rate.rate)
-    np.testing.assert_allclose(answer.over_change, exact, atol=1e-3)
+    atol = 1e-3 + error / (2 * change)
+    np.testing.assert_allclose(answer.over_change, exact, rtol=0, atol=atol)
 
 
 SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio

@@ -128,38 +128,46 @@ def test_derivatives_by_the_implicit_function_theorem():
 
 
 @DOUBLE
-@pytest.mark.parametrize("objects", [1, pytest.param(20, marks=[SLOW, pytest.mark.release])])
-def test_against_brute_force(objects):
+@pytest.mark.parametrize(
+    ("cycles", "objects"),
+    [
+        (1, 1),
+        pytest.param(1, 20, marks=[SLOW, pytest.mark.release]),
+        pytest.param(2, 20, marks=SLOW),
+    ],
+)
+def test_against_brute_force(cycles, objects):
     """Beyond the value every rate of a fine grid is below the target, just before it one above.
 
-    Under sines a wider block may overturn where a narrower one survives: there are several
-    crossings, all of which are reported.
+    Under one cycle all crossings are reported. Under two, windows as narrow as the steps of the
+    levels come and go with the width: the rates are known up to what is not detected.
     """
     random = np.random.default_rng(3)
-    site = jr.Site(sine_suite(cycles=2), hazard, levels=np.geomspace(0.2, 4.0, 200))
-    number = 400 if objects == 1 else 2000
-    crossings = 0
+    site = jr.Site(sine_suite(cycles), hazard, levels=np.geomspace(0.2, 4.0, 200))
     for _ in range(objects):
         height = random.uniform(0.8, 2.0)
         restitution = random.uniform(0.7, 0.95)
         bounds = (0.1 * height, 0.8 * height)
-        widths = np.geomspace(*bounds, number)
+        widths = np.geomspace(*bounds, 400)
         blocks = jr.Block.from_size(width=widths, height=height)
-        rates = np.asarray(jr.overturning_rate(blocks, restitution, site, **LINEARIZED).rate)
+        exact = jr.overturning_rate(blocks, restitution, site, **LINEARIZED)
+        rates, unknown = np.asarray(exact.rate), np.asarray(exact.not_detected)
         target = float(np.quantile(rates, random.uniform(0.2, 0.8))) * 1.0001
         block = jr.Block.from_size(width=1.0, height=height)
         answer = jr.required_value(
             block, restitution, site, target, "width", bounds, resolution=1e-3, **LINEARIZED
         )
-        last = np.flatnonzero(rates > target)[-1]
-        assert widths[last] * 0.998 < float(answer.value) < widths[last + 1] * 1.002
-        changes = np.flatnonzero(np.diff((rates > target).astype(int)))
-        listed = np.asarray(answer.crossings)[: int(answer.count)]
-        for at in changes:
-            nearest = np.min(abs(listed / widths[at] - 1))
-            assert nearest < 2 * (widths[1] / widths[0] - 1) + 2e-3
-        crossings += changes.size
-    assert crossings > objects
+        beyond = widths > float(answer.value)
+        before = np.flatnonzero(~beyond)[-1]
+        slack = unknown if cycles > 1 else np.zeros(400)
+        assert (rates[beyond] <= target + slack[beyond]).all()
+        # The grid is 0.5 % apart, the value within 0.1 % of the crossing.
+        assert max(rates[before - 1 : before + 1]) > target - slack[before]
+        if cycles == 1:
+            listed = np.asarray(answer.crossings)[: int(answer.count)]
+            for at in np.flatnonzero(np.diff((rates > target).astype(int))):
+                nearest = np.min(abs(listed / widths[at] - 1))
+                assert nearest < 2 * (widths[1] / widths[0] - 1) + 2e-3
 
 
 @DOUBLE
