@@ -213,7 +213,7 @@ class _Sums(NamedTuple):
     overturns_first: AnyArray
 
 
-class _Edges(NamedTuple):
+class _RateEdges(NamedTuple):
     """The fields of `Boundaries` on which rates depend, padded to few numbers of columns."""
 
     value: AnyArray
@@ -230,7 +230,7 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
     columns = boundaries.value.shape[-1]
     room = max(8, 1 << (columns - 1).bit_length())
     padded = pad_boundaries(boundaries, room, ("value", "overturns_beyond"))
-    edges = _Edges(
+    edges = _RateEdges(
         padded.value,
         padded.overturns_beyond,
         padded.overturns_first,
@@ -247,7 +247,9 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
     return _sum_traced(edges, site.hazard(value), site.rates, site.levels)
 
 
-def _sum_edges(edges: _Edges, at_edges: AnyArray, rates: AnyArray, levels: AnyArray) -> _Sums:
+def _sum_edges(
+    edges: _RateEdges, at_edges: AnyArray, rates: AnyArray, levels: AnyArray
+) -> _Sums:
     """Sum the rates at the boundaries, H(a_0) - H(a_1) + ..."""
     library = choose_namespace((edges, at_edges, rates))
     exists = library.isfinite(edges.value)

@@ -78,7 +78,7 @@ class _Point:
 # and between decided neighbours a value is added in the middle if the rate crosses the target
 # between them, or might, until they are as close as the resolution.
 class ValueSearch(NamedTuple):
-    """How to search, for all objects.
+    """The kind of a search, for all objects.
 
     Attributes
     ----------
