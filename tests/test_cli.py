@@ -367,7 +367,7 @@ def test_fragility(tmp_path, capsys):
     assert code == 0
     answer = json.loads(text)
     suite, block = jr.read_suite(tmp_path), jr.Block(0.1, 5.0)
-    expected = jr.overturning_rate(block, 0.8, suite, jr.read_hazard(hazard))
+    expected = jr.overturning_rate(block, 0.8, jr.Site(suite, jr.read_hazard(hazard)))
     assert answer["rate"] == pytest.approx(float(expected.rate), rel=1e-12)
     assert answer["hazard"].startswith("max hazard of pgv")
     assert answer["thresholds"] == ["0.5", "overturning"]
@@ -378,10 +378,12 @@ def test_fragility(tmp_path, capsys):
     _, table = without_remarks(out / "fragility.csv")
     assert len(table) == 1 + 3 * 2
     # The same with an uncertain restitution: as the library has it.
-    scattered = (*options, "--scatter", "restitution=0.05", "--samples", 4)
-    code, text, _ = run(capsys, "fragility", *scattered, "--out", tmp_path / "scattered")
+    with_uncertainty = (*options, "--uncertain", "restitution=0.05", "--samples", 4)
+    code, text, _ = run(
+        capsys, "fragility", *with_uncertainty, "--out", tmp_path / "uncertain"
+    )
     assert code == 0
-    scatter = {"restitution": 0.05}
+    uncertain = jr.Uncertain({"restitution": 0.05}, samples=4)
     curves = jr.fragility(
         block,
         0.8,
@@ -389,10 +391,9 @@ def test_fragility(tmp_path, capsys):
         [0.2, 0.5, 0.8],
         "pgv",
         (0.5, "overturning"),
-        scatter=scatter,
-        samples=4,
+        uncertain=uncertain,
     )
-    with xarray.open_dataset(tmp_path / "scattered" / "fragility.nc") as dataset:
+    with xarray.open_dataset(tmp_path / "uncertain" / "fragility.nc") as dataset:
         np.testing.assert_array_equal(dataset.exceedance, curves.exceedance)
     parts = json.loads(text)["dispersion_of_parameters"]
     assert len(parts) == 2
@@ -408,7 +409,7 @@ def test_fragility(tmp_path, capsys):
         ("rocking-spectrum --period 0", "period must be finite and greater than 0"),
         ("fragility --records nowhere", "nowhere': there is no such folder or file"),
         ("fragility --unit g", 'records "example" have their unit and time step'),
-        ("fragility --levels 2 1", "levels must be increasing"),
+        ("fragility --levels 2 1", "levels must increase, got 1 after 2"),
         ("fragility --threshold fallen", "thresholds must be rotation ratios"),
         ("fragility --hazard-site 10.5 45", "hazard_site goes with a hazard only"),
         (
@@ -417,15 +418,15 @@ def test_fragility(tmp_path, capsys):
         ),
         ("fragility --hazard missing.csv", "missing.csv"),
         (
-            "fragility --scatter restitution",
-            "scatter must be NAME=NUMBER, such as restitution",
+            "fragility --uncertain restitution",
+            "uncertain must be NAME=NUMBER, such as restitution",
         ),
         (
-            "fragility --scatter mass=0.1",
+            "fragility --uncertain mass=0.1",
             "coefficients_of_variation has 'mass', which is none",
         ),
-        ("fragility --scatter width=0.1 --samples 5", "samples must be a power of 2, got 5"),
-        ("fragility --samples 16", "samples goes with scatter only"),
+        ("fragility --uncertain width=0.1 --samples 5", "samples must be a power of 2, got 5"),
+        ("fragility --samples 16", "samples goes with uncertain only"),
         (
             "fragility --hazard missing.csv --measure pgv_ratio",
             "hazard goes with the measures",

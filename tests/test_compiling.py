@@ -146,6 +146,9 @@ CALLS = {
     "outcome_probabilities": lambda k: jr.sensitivity.outcome_probabilities(
         block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})
     ),
+    "local_dependence": lambda k: jr.sensitivity.local_dependence(
+        block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})
+    ),
     "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
     "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
     "fit_free_rocking": lambda k: jr.fit_free_rocking(
@@ -243,6 +246,7 @@ LEFT_OUT = {
     "write_inventory_page": "writes without JAX",
     "Inventory": "holds numbers",
     "Site": "holds numbers",
+    "Uncertain": "holds numbers",
     "assess_inventory": "what computes for it is called: outcomes, required values",
     "read_impact_times": "reads without JAX",
     "read_suite": "reads without JAX",
@@ -258,6 +262,8 @@ LEFT_OUT = {
 ANSWERS = {
     jr.risk.RequiredValue,
     jr.sensitivity.OutcomeProbabilities,
+    jr.sensitivity.LocalDependence,
+    jr.sensitivity.Draws,
     jr.driven.BatchResponse,
     jr.overturning.Boundaries,
     jr.accuracy.Choice,

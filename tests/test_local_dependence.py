@@ -47,7 +47,8 @@ def test_a_narrow_interval_of_a_record():
         assert (np.asarray(response.overturned) == overturns).all()
     grid = np.linspace(1.95, 2.05, 401)
     places = np.asarray(jr.overturning_boundaries(SLIM, 0.8, record, "factor", grid).value)
-    assert abs(places[:, None] - ends).min(axis=0).max() < 1e-9
+    # Around an end the outcome changes several times, so that other factors find other places.
+    assert abs(places[:, None] - ends).min(axis=0).max() < 1e-5
     assert not local.overturned
     assert not local.meaningful
     assert np.isnan(local.derivatives).all()

@@ -430,7 +430,7 @@ def test_bad_questions(coefficients, change, words):
 @pytest.mark.thorough
 @float64
 def test_the_command_gives_probabilities_where_derivatives_say_nothing(capsys, tmp_path):
-    """The scene lies in a window of survival 0.002 wide."""
+    """The scene lies in a window of scale factors 0.004 wide."""
     scene = ["--scale", "2", "--width", "0.2", "--height", "0.8", "--restitution", "0.8"]
     words = ["sensitivity", "--record", "example", *scene, "--samples", "512"]
     main([*words, "--out", str(tmp_path), "--json"])

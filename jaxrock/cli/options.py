@@ -225,7 +225,7 @@ class SuiteOptions(Command):
     with_vertical: bool = False
     """Include the vertical component of each record."""
     hazard: Path | None = None
-    """A .csv file: columns of levels and yearly rates, or a curve of OpenQuake or nshmp-haz."""
+    """A .csv file: columns of levels and rates per year, or a curve of OpenQuake or nshmp-haz."""
     hazard_unit: str | None = None
     """Unit of these levels: m/s, cm/s, m/s2, g ...; if the file states none."""
     hazard_site: Grid | None = None

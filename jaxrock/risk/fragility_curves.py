@@ -29,6 +29,7 @@ from ..validation import (
 )
 from .exceedance import NAMED_THRESHOLDS, Threshold, add_curves, describe_variable
 from .objects import Objects, gather_objects
+from .site import require_single_scales
 
 if TYPE_CHECKING:
     import xarray
@@ -133,8 +134,7 @@ def fragility(
     """
     check_kind("suite", suite, Suite)
     objects = gather_objects(block, restitution, names)
-    if any(np.shape(record.scale) for record in suite):
-        raise ValueError("scales of records must be single ones, got arrays of them")
+    require_single_scales(suite)
     levels = _check_levels(levels)
     if not isinstance(confidence, float | int) or not 0 < confidence < 1:
         raise ValueError(

@@ -146,6 +146,17 @@ def find_last_point(hazard: Hazard) -> int:
     return min(int(np.count_nonzero(positive)), len(rates) - 1)
 
 
+def compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
+    """Compute return periods of levels [yr]: inf at a rate of 0, NaN outside of the curve."""
+    low, high = np.asarray(hazard.levels)[[0, -1]]
+    # Levels that were found from the rates at the ends are outside by rounding.
+    near = np.clip(levels, low, high)
+    inside = np.isclose(near, levels, rtol=1e-6, atol=0)
+    with np.errstate(divide="ignore"):
+        periods = 1 / np.asarray(hazard(near.astype(low.dtype)))
+    return np.where(inside, periods, np.nan)
+
+
 def find_fault(levels: Reals | np.ndarray, rates: Reals | np.ndarray) -> Fault | None:
     """Find the first level that does not increase, or else the first rate that rises.
 

@@ -26,7 +26,8 @@ class Inventory(Printed, eqx.Module):
     restitution : array_like
         C [-], between 0 and 1; one, or one for each object.
     uncertain : Uncertain, optional
-        Uncertain parameters, with one coefficient of variation for all objects or one for each.
+        Uncertain parameters, with one coefficient of variation for all objects or one for
+        each.
     remarks : sequence of str, optional
         What was assumed for each object.
 

@@ -14,7 +14,7 @@ from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
 from .clopper_pearson import bound_probabilities
 from .exceedance import describe_variable
-from .hazard import Hazard
+from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
 from .lognormal import fit_lognormal
 from .not_detected import bound_not_detected
@@ -103,8 +103,8 @@ def assess_inventory(
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
         ``slenderness``, ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
         ``critical_angle``; ``uplift_intensity``, the median over the records; ``median`` and
-        ``dispersion`` of the maximum-likelihood lognormal curve; ``rate`` of overturning with its
-        ``standard_error`` (from record to record) and ``not_detected`` (see
+        ``dispersion`` of the maximum-likelihood lognormal curve; ``rate`` of overturning with
+        its ``standard_error`` (from record to record) and ``not_detected`` (see
         `overturning_rate`); ``required_width``, the width at this height from which on the
         rate stays below the target, inf where there is none, with ``required_width_reason``;
         ``most_important``, the parameter with the largest elasticity; a ``remark``.
@@ -122,11 +122,12 @@ def assess_inventory(
 
     Notes
     -----
-    Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the rate
-    and the probabilities. The required width and the elasticities are computed with the medians;
-    no change of a restitution goes further than halfway to 1. Widths are examined from half the
-    present one to the larger of twice the present one and 1.5 times the height, and the
-    restitution stays what it is. The answers for an object do not depend on the others.
+    Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
+    rate and the probabilities. The required width and the elasticities are computed with the
+    medians; no change of a restitution goes further than halfway to 1. Widths are examined
+    from half the present one to the larger of twice the present one and 1.5 times the height,
+    and the restitution stays what it is. The answers for an object do not depend on the
+    others.
 
     Examples
     --------
@@ -309,7 +310,7 @@ def _make_dataset(
     samples = (
         {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
     )
-    periods = _compute_return_periods(site.hazard, reported)
+    periods = compute_return_periods(site.hazard, reported)
     dataset = make_dataset(
         "Inventory of objects, ranked by the rate of overturning",
         variables,
@@ -349,7 +350,8 @@ def describe_need(answer: "xarray.Dataset") -> str:
         return "no width suffices"
     if required > width:
         return f"needs {required:.2f} m"
-    # The width is sought with the median of the restitution, whose uncertainty adds to the rate.
+    # The width is sought with the median of the restitution, whose uncertainty adds to the
+    # rate.
     return "misses the target by the uncertainty alone"
 
 
@@ -373,17 +375,6 @@ def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarra
         )
     check_increasing("reported_levels", places)
     return places
-
-
-def _compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
-    """Compute return periods of levels: inf at a rate of 0, NaN outside of the hazard curve."""
-    low, high = np.asarray(hazard.levels)[[0, -1]]
-    # Levels that were found from the rates at the ends are outside by rounding.
-    near = np.clip(levels, low, high)
-    inside = np.isclose(near, levels, rtol=1e-6, atol=0)
-    with np.errstate(divide="ignore"):
-        periods = 1 / np.asarray(hazard(near.astype(low.dtype)))
-    return np.where(inside, periods, np.nan)
 
 
 def _find_uplift_intensities(block: Block, site: Site, model: RockingModel) -> np.ndarray:

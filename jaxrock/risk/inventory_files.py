@@ -38,7 +38,7 @@ _ALLOWED = (
 
 
 class _Object(NamedTuple):
-    """An object: its name; width, height, inertia ratio, restitution, its coefficient; a remark."""
+    """An object: name; width, height, inertia ratio, restitution, its coefficient; remark."""
 
     name: str
     numbers: tuple[float, float, float, float, float]
@@ -62,11 +62,11 @@ def read_inventory(
         that of the centre of mass. It may have a ``depth``: then the
         shorter of the two sides of its base is the width over which it rocks. An ``inertia
         ratio`` that is missing is 4/3, a ``restitution`` that is missing Housner's. The
-        ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is missing.
-        A column or a cell may be missing, but for the first three columns.
+        ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
+        missing. A column or a cell may be missing, but for the first three columns.
 
-        Lengths are in m, cm, mm, in or ft, a coefficient of variation is a number or in %. Units
-        stand in the heads, in brackets or behind the name.
+        Lengths are in m, cm, mm, in or ft, a coefficient of variation is a number or in %.
+        Units stand in the heads, in brackets or behind the name.
     samples, seed : int
         Of uncertain restitutions; see `Uncertain`.
 

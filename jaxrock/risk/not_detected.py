@@ -13,20 +13,21 @@ _RULE_OF_THREE = 3
 # The population is all levels of shaking beyond the first, each counted by how often per year
 # it occurs, which is how much the hazard falls there. A species is a window: a range of levels
 # within which the outcome under one record differs from the outcome on both sides, be it that
-# the block overturns there or that it survives. The sample is the levels at which the block was
-# simulated, and each belongs to the window in which it lies. The wider a window is (in rate of
-# the hazard), the more likely a level hits it, as a frequent species is more likely to be met.
+# the block overturns there or that it survives. The sample is the levels at which the block
+# was simulated, and each belongs to the window in which it lies. The wider a window is (in
+# rate of the hazard), the more likely a level hits it, as a frequent species is more likely to
+# be met.
 #
 # Good and Turing: the species without a member in the sample have together the fraction N1 / N
 # of the population, where N1 species have exactly one member and N is the size of the sample.
 # Here a level does not stand for 1 / N but for a fraction of its own, half of the fall of the
-# hazard between its neighbours. So the sum of these fractions over the levels that are alone in
-# their window estimates the width of all windows that no level hits.
+# hazard between its neighbours. So the sum of these fractions over the levels that are alone
+# in their window estimates the width of all windows that no level hits.
 #
 # A window that was missed changes the rate by its width, up or down. The sum of the widths is
 # thus a bound of the change, in which no signs cancel.
 def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
-    """Bound the change of rates by windows between levels, and by levels beyond the last, to 95 %.
+    """Bound the change of rates by windows that no level hits, and beyond the last level.
 
     After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
     doi:10.1093/biomet/43.1-2.45).
@@ -40,7 +41,7 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
     Returns
     -------
     Array, shape (...)
-        [1/yr], of the mean over the records.
+        Upper bound (95 %) of the change of the mean over the records [1/yr].
     """
     library = choose_namespace((overturned, rates))
     windows = estimate_windows(overturned, rates)
@@ -74,7 +75,7 @@ class WindowEstimate(NamedTuple):
 
 
 def estimate_windows(overturned: AnyArray, rates: AnyArray) -> WindowEstimate:
-    """Estimate the width of windows that are hit by exactly one level; see `bound_not_detected`."""
+    """Estimate the width of windows that exactly one level hits; see `bound_not_detected`."""
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[..., 1:] != overturned[..., :-1]

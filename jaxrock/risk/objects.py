@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ..block import Block
+from ..block import Block, change_block
 from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_kind
 
 
@@ -81,3 +81,24 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
     if twice:
         raise ValueError(f"names must differ, got {twice[0]!r} twice")
     return names
+
+
+def change_objects(
+    objects: Objects, indices: np.ndarray, values: np.ndarray, along: str
+) -> Objects:
+    """Select objects by their indices, and give each a value of the parameter."""
+    dtype = np.asarray(objects.restitution).dtype
+    block, restitution = jax.tree.map(
+        lambda leaf: np.atleast_1d(leaf)[indices], (objects.block, objects.restitution)
+    )
+    block, restitution = change_parameter(block, restitution, along, values.astype(dtype))
+    return objects._replace(block=block, restitution=restitution, names=())
+
+
+def change_parameter(
+    block: Block, restitution: AnyArray, along: str, value: AnyArray
+) -> tuple[Block, AnyArray]:
+    """Give a block, or its impacts, a value of the parameter."""
+    if along == "restitution":
+        return block, value
+    return change_block(block, along, value), restitution

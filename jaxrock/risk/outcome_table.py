@@ -17,10 +17,11 @@ from ..validation import AnyArray
 from .objects import Objects
 from .site import Site
 
-# Responses that are simulated at once: so many that a batch is efficient, and so few that their
-# arrays take 100 MB.
+# Responses that are simulated at once: so many that a batch is efficient, and so few that
+# their arrays take 100 MB.
 AT_ONCE = 2**18
-# The end of the refinement of a crossing, relative: it is as good as exact in double precision.
+# The end of the refinement of a crossing, relative: it is as good as exact in double
+# precision.
 _EXACT = 1e-13
 # So many standard errors away from a target a rate is on one side of it.
 _DECIDED = 5.0
@@ -131,7 +132,8 @@ class Rates(NamedTuple):
     contributions : ndarray, shape (records, objects)
         The rate if each motion were like this record [1/yr].
     error : ndarray, shape (objects,)
-        Standard error due to the width of the intervals in which boundaries are located [1/yr].
+        Standard error due to the width of the intervals in which boundaries are located
+        [1/yr].
     """
 
     rate: np.ndarray
@@ -160,8 +162,8 @@ def list_crossings(overturned: np.ndarray, levels: np.ndarray) -> Crossings:
     return Crossings(objects, records, levels[places], levels[places + 1], begins)
 
 
-# A boundary lies anywhere between the two levels, uniformly in the rate of the hazard: 1 / 12 is
-# the variance of that.
+# A boundary lies anywhere between the two levels, uniformly in the rate of the hazard: 1 / 12
+# is the variance of that.
 def locate_crossings(
     cases: Cases,
     overturned: np.ndarray,
@@ -204,7 +206,7 @@ def locate_crossings(
 
 
 def sum_rates(cases: Cases, overturned: np.ndarray, crossings: Crossings) -> Rates:
-    """Sum the hazard over crossings, those at which overturning begins less those at which it ends.
+    """Sum the hazard over crossings, with a minus sign where overturning ends.
 
     Above the highest level the outcome there is assumed to persist; below the lowest level the
     contribution is zero.

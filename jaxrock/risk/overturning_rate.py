@@ -54,8 +54,10 @@ class OverturningRate(Printed, eqx.Module):
     sample_rates : Array, shape (..., samples), or None
         The rate of each sample of uncertain parameters [1/yr].
     complete : Array of bool, shape (...)
-        Whether no record overturns the block at the lowest level, all integrations finished, and
-        all boundaries are listed. If not, the rate may be another.
+        Whether no record overturns the block at the lowest level, all integrations finished,
+        and all boundaries are listed. If not, the rate may be another.
+    overturns_first : Array of bool, shape (records, ...)
+        Whether each record overturns the block at the lowest level.
     records : tuple of str
         Names of the records.
     """
@@ -100,8 +102,8 @@ class OverturningRate(Printed, eqx.Module):
             more = int(first.sum()) - 1
             also = f" (and {more} other{'s' * (more > 1)})" if more else ""
             lines.append(
-                f"incomplete: record {name!r}{also} overturns it at the lowest level, so that the"
-                " rate may be more"
+                f"incomplete: record {name!r}{also} overturns it at the lowest level, so that"
+                " the rate may be more"
             )
         if self.boundaries is None:
             return lines
@@ -161,11 +163,11 @@ def overturning_rate(
     Notes
     -----
     Boundaries are located to a relative 1e-9 and, of samples, so that the rate is accurate to
-    1e-4. Above the highest level the outcome there is assumed to persist; below the lowest level
-    the contribution is zero. Derivatives with respect to the block, the restitution and the
-    hazard, in both modes, are those of the boundaries found; a boundary that rounding hides adds
-    nothing to them (see `overturning_boundaries`).
-    For a change of some per cent, compare them with `rate_elasticities`.
+    1e-4. Above the highest level the outcome there is assumed to persist; below the lowest
+    level the contribution is zero. Derivatives with respect to the block, the restitution and
+    the hazard, in both modes, are those of the boundaries found; a boundary that rounding
+    hides adds nothing to them (see `overturning_boundaries`). For a change of some per cent,
+    compare them with `rate_elasticities`.
 
     By Good-Turing, the hazard mass of windows hit by exactly one level estimates the mass of
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
@@ -211,7 +213,7 @@ class _Sums(NamedTuple):
     overturns_first: AnyArray
 
 
-class _Edges(NamedTuple):
+class _RateEdges(NamedTuple):
     """The fields of `Boundaries` on which rates depend, padded to few numbers of columns."""
 
     value: AnyArray
@@ -228,7 +230,7 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
     columns = boundaries.value.shape[-1]
     room = max(8, 1 << (columns - 1).bit_length())
     padded = pad_boundaries(boundaries, room, ("value", "overturns_beyond"))
-    edges = _Edges(
+    edges = _RateEdges(
         padded.value,
         padded.overturns_beyond,
         padded.overturns_first,
@@ -245,7 +247,9 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
     return _sum_traced(edges, site.hazard(value), site.rates, site.levels)
 
 
-def _sum_edges(edges: _Edges, at_edges: AnyArray, rates: AnyArray, levels: AnyArray) -> _Sums:
+def _sum_edges(
+    edges: _RateEdges, at_edges: AnyArray, rates: AnyArray, levels: AnyArray
+) -> _Sums:
     """Sum the rates at the boundaries, H(a_0) - H(a_1) + ..."""
     library = choose_namespace((edges, at_edges, rates))
     exists = library.isfinite(edges.value)
@@ -258,9 +262,12 @@ def _sum_edges(edges: _Edges, at_edges: AnyArray, rates: AnyArray, levels: AnyAr
     if records > 1:
         error = contributions.std(axis=0, ddof=1) / math.sqrt(records)
     # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
-    # is not below anything.
+    # is not below anything. At a boundary itself the block stands: one that is a level is
+    # below it where the block stands beyond.
     along_levels = levels.reshape(*(1 for _ in edges.value.shape), -1)
-    before = (edges.value[..., None] < along_levels).sum(axis=-2)
+    value = edges.value[..., None]
+    stands_there = (value == along_levels) & ~edges.overturns_beyond[..., None]
+    before = ((value < along_levels) | stands_there).sum(axis=-2)
     overturned = (before % 2 == 1) != edges.overturns_first[..., None]
     complete = edges.complete & edges.is_listed & ~edges.overturns_first
     if library is jnp:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from ..block import Block, change_block
+from ..block import Block
 from ..host import Printed, format_fields
 from ..overturning import UNITS
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -32,7 +32,7 @@ from ..validation import (
     is_traced,
 )
 from .not_detected import bound_not_detected, estimate_windows
-from .objects import Objects, gather_objects
+from .objects import Objects, change_objects, change_parameter, gather_objects
 from .outcome_table import Cases, compute_rates, tabulate_outcomes
 from .overturning_rate import overturning_rate
 from .site import Site
@@ -57,7 +57,9 @@ _BELOW = 1 - 10 * _ACCURACY
 
 
 class RequiredValue(Printed, eqx.Module):
-    """The value beyond which, or up to which, a rate stays below a target; see `required_value`.
+    """The value from which on, or up to which, a rate stays below a target.
+
+    See `required_value`.
 
     Attributes
     ----------
@@ -65,7 +67,8 @@ class RequiredValue(Printed, eqx.Module):
         In the unit of the parameter; inf (or -inf, where lower values are safe) if there is
         none within the bounds.
     rate : Array, shape (...)
-        The rate of overturning there [1/yr], not above the target; NaN where there is no value.
+        The rate of overturning there [1/yr], not above the target; NaN where there is no
+        value.
     not_detected : Array, shape (...)
         See `OverturningRate` [1/yr].
     crossings : Array, shape (..., crossings)
@@ -109,7 +112,7 @@ def required_value(
     resolution: float = 5e-3,
     model: ModelLike = Nonlinear(),
 ) -> RequiredValue:
-    """Find the value of a parameter from which on the rate of overturning stays below a target.
+    """Find the value of a parameter from which on the rate stays below a target.
 
     Compute the rate on a grid between the bounds and refine the grid at every crossing of the
     target down to `resolution`. The rate need not be monotone, so there may be several
@@ -135,8 +138,8 @@ def required_value(
         it, as for a height or a slenderness.
     resolution : float
         Relative distance of neighbouring values at a crossing, at least 1e-6 and less than
-        0.1. Crossings that are closer together are not detected. Nor are those between two first
-        values, 10 % or 8 resolutions apart, if the rate is far from the target at both.
+        0.1. Crossings that are closer together are not detected. Nor are those between two
+        first values, 10 % or 8 resolutions apart, if the rate is far from the target at both.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -179,7 +182,7 @@ def required_value(
     return _search_value(parts, ends=ends, search=search)
 
 
-class _Search(NamedTuple):
+class _ValueKind(NamedTuple):
     """The kind of a search for a value; see `required_value` for its fields."""
 
     along: str
@@ -188,7 +191,7 @@ class _Search(NamedTuple):
     model: RockingModel
 
 
-def _check_search(along: str, side: str, resolution: float, model: ModelLike) -> _Search:
+def _check_search(along: str, side: str, resolution: float, model: ModelLike) -> _ValueKind:
     """Check how to search; a `ValueError` if that is not allowed."""
     along = as_name("along", along, _QUANTITIES)
     side = cast("Side", as_name("side", side, get_args(Side)))
@@ -197,7 +200,7 @@ def _check_search(along: str, side: str, resolution: float, model: ModelLike) ->
         raise ValueError(
             f"resolution must be at least 1e-6 and less than 0.1, got {resolution!r:.60}"
         )
-    return _Search(along, side, float(resolution), as_model(model))
+    return _ValueKind(along, side, float(resolution), as_model(model))
 
 
 def _check_bounds(bounds: tuple[Number, Number], along: str) -> tuple[np.ndarray, np.ndarray]:
@@ -217,7 +220,7 @@ _Parts = tuple[Block, Reals, Site, Reals]
 
 @eqx.filter_custom_jvp
 def _search_value(
-    parts: _Parts, *, ends: tuple[AnyArray, AnyArray], search: _Search
+    parts: _Parts, *, ends: tuple[AnyArray, AnyArray], search: _ValueKind
 ) -> RequiredValue:
     """Search the value, for arguments that have been checked but for those of objects."""
     block, restitution, site, target = parts
@@ -246,7 +249,7 @@ def _search_value(
         row[: answer.crossings.size] = answer.crossings
     # Those without a value are simulated at their lower bound, and taken out afterwards.
     exists = np.isfinite(values)
-    changed = _change_objects(
+    changed = change_objects(
         objects, np.arange(objects.number), np.where(exists, values, low), search.along
     )
     cases = cases.replace_objects(changed)
@@ -284,18 +287,6 @@ def _broadcast_to_objects(number: int, *arrays: Number) -> list[np.ndarray]:
         ) from None
 
 
-def _change_objects(
-    objects: Objects, indices: np.ndarray, values: np.ndarray, along: str
-) -> Objects:
-    """Select objects by their indices, and give each a value of the parameter."""
-    dtype = np.asarray(objects.restitution).dtype
-    block, restitution = jax.tree.map(
-        lambda leaf: np.atleast_1d(leaf)[indices], (objects.block, objects.restitution)
-    )
-    block, restitution = _change_parameter(block, restitution, along, values.astype(dtype))
-    return objects._replace(block=block, restitution=restitution, names=())
-
-
 def _estimate_rates(
     objects: Objects,
     cases: Cases,
@@ -308,7 +299,7 @@ def _estimate_rates(
     known: Sequence[np.ndarray],
 ) -> RateEstimate:
     """Estimate the rates of objects at values of the parameter, from a part of the levels."""
-    cases = cases.replace_objects(_change_objects(objects, indices, values, along))
+    cases = cases.replace_objects(change_objects(objects, indices, values, along))
     site = cases.site
     levels = np.asarray(site.levels)
     place = _choose_levels(levels, strides[stage])
@@ -336,22 +327,13 @@ def _choose_levels(levels: np.ndarray, stride: int) -> np.ndarray:
     return np.unique(np.append(np.arange(0, last, stride), last))
 
 
-def _change_parameter(
-    block: Block, restitution: AnyArray, along: str, value: AnyArray
-) -> tuple[Block, AnyArray]:
-    """Give a block, or its impacts, a value of the parameter."""
-    if along == "restitution":
-        return block, value
-    return change_block(block, along, value), restitution
-
-
 @_search_value.def_jvp
 def _differentiate_value(
     primals: tuple[_Parts],
     tangents: tuple[tuple[PyTree, ...]],
     *,
     ends: tuple[AnyArray, AnyArray],
-    search: _Search,
+    search: _ValueKind,
 ) -> tuple[RequiredValue, RequiredValue]:
     """Differentiate the value by the implicit function theorem: the rate stays the target."""
     (parts,) = primals
@@ -361,7 +343,7 @@ def _differentiate_value(
     safe = jnp.where(jnp.isfinite(value), value, jnp.asarray(ends[0], value.dtype))
 
     def compute_rate(block: Block, restitution: Reals, site: Site, value: Reals) -> Reals:
-        changed = _change_parameter(block, restitution, search.along, value)
+        changed = change_parameter(block, restitution, search.along, value)
         return overturning_rate(*changed, site, model=search.model).rate
 
     # No value, or one at a bound because there is no crossing, does not move.
@@ -388,7 +370,7 @@ def _move_value(
     around: Reals,
     still: Booleans,
 ) -> Reals:
-    """Compute how far the value moves when parameters and the target change; NaN if not smooth.
+    """Compute how far the value moves with parameters and target; NaN if not smooth.
 
     Those that are `still` do not move.
     """

@@ -33,10 +33,10 @@ _TOGETHER = 2**12
 class Site(Printed, eqx.Module):
     """Ground motions and the hazard of a site, checked once.
 
-    Each record is scaled to levels of the intensity measure, and the hazard says how often they
-    are exceeded. At these levels outcomes are simulated; a boundary of overturning is located
-    between two of them whose outcomes differ. Two boundaries between neighbouring levels are not
-    detected.
+    Each record is scaled to levels of the intensity measure, and the hazard says how often
+    they are exceeded. At these levels outcomes are simulated; a boundary of overturning is
+    located between two of them whose outcomes differ. Two boundaries between neighbouring
+    levels are not detected.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class Site(Printed, eqx.Module):
     measure : {"pgv", "pga"}
         The intensity measure of the hazard [m/s], [m/s2].
     levels : array_like, shape (n,), optional
-        At least two increasing levels, inside of the hazard curve. By default over all of it, up
-        to the first rate of 0; needed with a hazard that is a function.
+        At least two increasing levels, inside of the hazard curve. By default over all of it,
+        up to the first rate of 0; needed with a hazard that is a function.
     spacing : float
         Relative distance of the levels by default, from 0.001 to 0.2.
 
@@ -62,8 +62,8 @@ class Site(Printed, eqx.Module):
     Raises
     ------
     ValueError
-        If an argument is out of range, the hazard is one of another measure, its rates rise with
-        the level or are 0 at the first one, or a record has no intensity.
+        If an argument is out of range, the hazard is one of another measure, its rates rise
+        with the level or are 0 at the first one, or a record has no intensity.
 
     Examples
     --------
@@ -116,7 +116,18 @@ class Site(Printed, eqx.Module):
         return f"{self.suite}\n{hazard}\n{levels} {unit}"
 
     def exceed(self, levels: np.ndarray) -> np.ndarray:
-        """Compute the rates at which concrete levels are exceeded [1/yr], on the host."""
+        """Compute the rates at which concrete levels are exceeded, on the host.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (...)
+            Inside of the hazard curve [m/s or m/s2].
+
+        Returns
+        -------
+        ndarray, shape (...)
+            [1/yr]
+        """
         flat = levels.reshape(-1)
         size = -(-max(flat.size, 1) // _TOGETHER) * _TOGETHER
         first = np.asarray(self.levels)[0]
@@ -171,14 +182,14 @@ def _choose_levels(hazard: Exceedance, levels: Numbers | None, spacing: float) -
     high = float(places[-1])
     if ends and (low < ends[0] * (1 - slack) or high > ends[1] * (1 + slack)):
         raise ValueError(
-            f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g}, got"
-            f" {low:.6g} to {high:.6g}"
+            f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g},"
+            f" got {low:.6g} to {high:.6g}"
         )
     return jnp.clip(places, *ends) if ends else places
 
 
 def _check_rates(rates: AnyArray, levels: Reals) -> None:
-    """Raise `ValueError` if the hazard is concrete, and rises with the level or begins with 0."""
+    """Raise `ValueError` if a concrete hazard rises with the level, or begins with 0."""
     if is_traced(rates):
         return
     check("the rates of the hazard", rates, NON_NEGATIVE)

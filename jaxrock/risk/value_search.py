@@ -33,8 +33,8 @@ class RateEstimate(NamedTuple):
     overturned: np.ndarray
 
 
-# Takes indices of objects and values of the parameter along one axis, a stage, and the outcomes
-# of the stage before for each value; of the first stage there are none.
+# Takes indices of objects and values of the parameter along one axis, a stage, and the
+# outcomes of the stage before for each value; of the first stage there are none.
 Estimate = Callable[[np.ndarray, np.ndarray, int, Sequence[np.ndarray]], RateEstimate]
 
 
@@ -65,20 +65,20 @@ class _Point:
         self.overturned = np.empty(0, bool)
 
 
-# Most values are far from where the rate crosses the target, and few levels tell on which side of
-# it they are. A pass simulates all blocks that are asked for; then
+# Most values are far from where the rate crosses the target, and few levels tell on which side
+# of it they are. A pass simulates all blocks that are asked for; then
 #
 #   a value        whose rate                                    what happens to it
-#   -------------  --------------------------------------------  ---------------------------------
+#   -------------  --------------------------------------------  ---------------------------
 #   is decided     is further from the target than its error     nothing more
-#   is undecided   is closer, and there are more levels          estimated again at more levels
+#   is undecided   is closer, and there are more levels          estimated at more levels
 #   is exact       was computed at all levels                    taken as it is
-#   is an answer   is decided, beside a crossing                 computed at all levels as well
+#   is an answer   is decided, beside a crossing                 computed at all levels
 #
 # and between decided neighbours a value is added in the middle if the rate crosses the target
 # between them, or might, until they are as close as the resolution.
 class ValueSearch(NamedTuple):
-    """How to search, for all objects.
+    """The kind of a search, for all objects.
 
     Attributes
     ----------
@@ -170,9 +170,9 @@ class ValueSearch(NamedTuple):
                 continue
             first = before.rate - target
             second = after.rate - target
-            # It might cross the target and come back: if the nearer end is closer to the target
-            # than half of what the ends are apart and two standard errors. A rate at all levels
-            # has an error as well: between neighbouring values windows come and go.
+            # It might cross the target and come back: if the nearer end is closer to the
+            # target than half of what the ends are apart and two standard errors. A rate at
+            # all levels has an error as well: between neighbouring values windows come and go.
             error = max(before.error, after.error)
             apart = 0.5 * abs(after.rate - before.rate) + 2 * error
             crosses = (first > 0) != (second > 0)
@@ -222,8 +222,8 @@ def read_scan(scan: RateScan, target: float, along: str, side: str) -> ScanAnswe
         bound = "upper" if upwards else "lower"
         missing = math.inf if upwards else -math.inf
         reason = (
-            f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still about"
-            f" {rates[end]:.3g}, above {target:g}"
+            f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still"
+            f" about {rates[end]:.3g}, above {target:g}"
         )
         return ScanAnswer(missing, crossings, reason)
     if not unsafe.size:

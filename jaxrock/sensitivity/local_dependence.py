@@ -245,7 +245,7 @@ def _check_question(
     return coefficients
 
 
-class _Sample(NamedTuple):
+class _AnswerSample(NamedTuple):
     """An answer at the medians of the uncertain parameters, and at samples of them.
 
     Attributes
@@ -272,7 +272,7 @@ def _sample_answers(
     medians: Mapping[str, float],
     coefficients: Mapping[str, float],
     uncertain: Uncertain,
-) -> _Sample:
+) -> _AnswerSample:
     """Draw samples of the uncertain parameters, and compute the answer at all of them."""
     names = tuple(coefficients)
     # The samples of which `outcome_probabilities` counts the outcomes: half of its columns.
@@ -284,11 +284,11 @@ def _sample_answers(
     answers = np.where(np.isfinite(answers), answers, np.nan)
     at = np.array([medians[name] for name in names])
     steps = np.stack([drawn[name] for name in names]) - at[:, None]
-    return _Sample(names, at, steps, float(answers[-1]), answers[:-1])
+    return _AnswerSample(names, at, steps, float(answers[-1]), answers[:-1])
 
 
 def _differentiate(
-    function: DrivenAnswer, interval: OutcomeInterval, sample: _Sample
+    function: DrivenAnswer, interval: OutcomeInterval, sample: _AnswerSample
 ) -> tuple[np.ndarray | None, float]:
     """Compute derivatives at the medians, and the fraction of the variance they explain.
 
