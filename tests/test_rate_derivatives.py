@@ -79,7 +79,9 @@ def test_elasticities_under_a_sine():
     ("parameters", "make_site", "error"),
     [
         pytest.param(PARAMETERS, sine_site, 1e-5, id="one record"),
-        pytest.param(STATUE, example_site, 0.01, id="twenty records"),
+        pytest.param(
+            STATUE, example_site, 0.01, id="twenty records", marks=pytest.mark.release
+        ),
     ],
 )
 def test_elasticities_over_a_change(parameters, make_site, error, change):

@@ -133,7 +133,7 @@ def test_derivatives_by_the_implicit_function_theorem():
     [
         (1, 1),
         pytest.param(1, 20, marks=[SLOW, pytest.mark.release]),
-        pytest.param(2, 20, marks=SLOW),
+        pytest.param(2, 20, marks=[SLOW, pytest.mark.release]),
     ],
 )
 def test_against_brute_force(cycles, objects):
