@@ -298,3 +298,21 @@ def test_the_rate_of_an_uncertain_block_in_closed_form():
     deviation = np.sqrt(np.dot(weights, (rates - exact) ** 2) / weights.sum())
     assert float(answer.sample_rates.std()) == pytest.approx(deviation, rel=0.02)
     assert "256 samples of uncertain parameters" in str(answer)
+
+
+@DOUBLE
+def test_both_ways_to_a_rate_find_the_same_boundaries():
+    """Under noise, with several boundaries between two levels: of these the same is found."""
+    noise = np.random.default_rng(5).standard_normal((3, 603)).cumsum(axis=1)
+    # Smooth, and without a drift.
+    noise = np.diff(noise[:, 2:] - noise[:, :-2], append=0.0)
+    suite = jr.Suite([jr.Record(samples, 0.02) for samples in noise])
+    site = jr.Site(suite, jr.Hazard([0.2, 20.0], [1e-2, 1e-4]), spacing=0.1)
+    block = jr.Block(0.1, 4.0)
+    expected = jr.overturning_rate(block, 0.95, site)
+    assert int(np.asarray(expected.boundaries.count).sum()) > 10
+    cases = Cases.of(gather_objects(block, 0.95), site, jr.Nonlinear())
+    levels = np.asarray(site.levels)
+    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, 1e-8)
+    assert rates.rate[0] == pytest.approx(float(expected.rate), rel=1e-7)
+    np.testing.assert_allclose(rates.contributions[:, 0], expected.contributions, rtol=1e-6)

@@ -4,6 +4,7 @@ All brackets are refined together. Outside of a transformation NumPy does the bo
 evaluations are made only for brackets that are still wide.
 """
 
+from collections.abc import Callable
 from types import ModuleType
 from typing import NamedTuple, TypeVar
 
@@ -73,7 +74,9 @@ def refine_brackets(
         the method is the one that is fastest for so many.
     tolerance : float, optional
         Width relative to the values at the ends, at which a bracket is not refined further
-        [-]. By default, and at least, as rounding allows: the ends are neighbours.
+        [-]. With a tolerance brackets are bisected: of several sign changes in one the same is
+        found whatever the tolerance is. By default, and at least, as rounding allows: the ends
+        are neighbours.
 
     Returns
     -------
@@ -84,12 +87,13 @@ def refine_brackets(
     relative = max(4 * float(jnp.finfo(ends[0].dtype).eps), tolerance or 0.0)
     widest = relative * library.maximum(abs(ends[0]), abs(ends[1]))
     iterate = _Iterate(ends, pairs.evaluations, widest)
+    propose = _propose_value if tolerance is None else _propose_middle
     if traced:
         _, iterate = jax.lax.while_loop(
             lambda state: (state[0] < _ITERATIONS) & ~state[1].has_converged().all(),
             lambda state: (
                 state[0] + 1,
-                _step_chandrupatla(evaluate, state[1], pairs.case, jnp),
+                _take_step(evaluate, propose, state[1], pairs.case, jnp),
             ),
             (0, iterate),
         )
@@ -107,12 +111,12 @@ def refine_brackets(
             if alone:
                 levels = max((parts + 1).bit_length() - 1, 1)
                 better = _step_ahead(
-                    evaluate, selected, pairs.case[wide], min(levels, _MOST_LEVELS)
+                    evaluate, propose, selected, pairs.case[wide], min(levels, _MOST_LEVELS)
                 )
-            elif parts >= 4:
+            elif parts >= 4 and tolerance is None:
                 better = _multisect(evaluate, selected, pairs.case[wide], parts // 4 * 4)
             else:
-                better = _step_chandrupatla(evaluate, selected, pairs.case[wide], np)
+                better = _take_step(evaluate, propose, selected, pairs.case[wide], np)
             # `leaves` are the arrays of `iterate` itself.
             for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):
                 leaf[wide] = new
@@ -131,18 +135,33 @@ def _select(where: AnyArray, this: _Tree, that: _Tree, library: ModuleType) -> _
     return jax.tree.map(lambda a, b: library.where(where, a, b), this, that)
 
 
-def _step_chandrupatla(
-    evaluate: Evaluate, iterate: _Iterate, case: AnyArray, library: ModuleType
+# Proposes where to look next.
+_Propose = Callable[[_Iterate, ModuleType], AnyArray]
+
+
+def _take_step(
+    evaluate: Evaluate,
+    propose: _Propose,
+    iterate: _Iterate,
+    case: AnyArray,
+    library: ModuleType,
 ) -> _Iterate:
-    """Take a step of Chandrupatla's method (1997, doi:10.1016/S0965-9978(96)00051-8)."""
-    x = _propose_value(iterate, library)
+    """Take a step of a method: evaluate where it proposes, and shrink the bracket."""
+    x = propose(iterate, library)
     return _shrink_bracket(iterate, x, evaluate(case, x), library)
+
+
+def _propose_middle(iterate: _Iterate, library: ModuleType) -> AnyArray:
+    """Propose the middle of the bracket."""
+    x1, x2, _ = iterate.x
+    return library.where(iterate.has_converged(), x1, 0.5 * (x1 + x2))
 
 
 def _propose_value(iterate: _Iterate, library: ModuleType) -> AnyArray:
     """Propose where to look next, by Chandrupatla's method.
 
-    By inverse quadratic interpolation where that is safe, bisection where not, as at a jump.
+    After Chandrupatla (1997, doi:10.1016/S0965-9978(96)00051-8). By inverse quadratic
+    interpolation where that is safe, bisection where not, as at a jump.
     """
     x1, x2, x3 = iterate.x
     f1, f2, f3 = iterate.f
@@ -174,9 +193,9 @@ def _shrink_bracket(
 
 
 def _step_ahead(
-    evaluate: Evaluate, iterate: _Iterate, case: AnyArray, levels: int
+    evaluate: Evaluate, propose: _Propose, iterate: _Iterate, case: AnyArray, levels: int
 ) -> _Iterate:
-    """Take up to `levels` steps of Chandrupatla's method at once, to the same bits.
+    """Take up to `levels` steps of a method at once, to the same bits.
 
     At a jump nearly all of them are bisections: evaluations are made where these would look,
     and the method goes on as far as they reach.
@@ -184,12 +203,15 @@ def _step_ahead(
     x1, x2, _ = iterate.x
 
     # The tree of bisections that may come next: 1, 2, 4, ... values. They are computed by the
-    # formula of `_propose_value`, so that their bits are those that it will ask for.
-    x = _propose_value(iterate, np)
+    # formulas of the proposals, so that their bits are those that these will ask for.
+    x = propose(iterate, np)
     tried = [x]
     halves = [(x, x2), (x, x1)]
     for _ in range(levels - 1):
-        middles = [near + 0.5 * (far - near) for near, far in halves]
+        if propose is _propose_middle:
+            middles = [0.5 * (near + far) for near, far in halves]
+        else:
+            middles = [near + 0.5 * (far - near) for near, far in halves]
         tried += middles
         halves = [
             (middle, end)
@@ -202,7 +224,7 @@ def _step_ahead(
     # Go on as long as the method asks for known values; what is left waits for another call.
     rows = np.arange(len(values))
     for _ in range(levels):
-        x = _propose_value(iterate, np)
+        x = propose(iterate, np)
         equal = values == x[:, None]
         column = equal.argmax(axis=1)
         at = jax.tree.map(lambda leaf, column=column: leaf[rows, column], known)

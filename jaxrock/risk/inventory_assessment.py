@@ -122,10 +122,9 @@ def assess_inventory(
 
     Notes
     -----
-    Rates are those of `overturning_rate`, accurate to 1e-4 where no more than one boundary
-    lies between two levels; of several, another one may be found. Uncertain parameters enter
-    the rate and the probabilities. The required width and the elasticities are computed with
-    the medians; no change of a restitution goes further than halfway to 1. Widths are examined
+    Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
+    rate and the probabilities. The required width and the elasticities are computed with the
+    medians; no change of a restitution goes further than halfway to 1. Widths are examined
     from half the present one to the larger of twice the present one and 1.5 times the height,
     and the restitution stays what it is. The answers for an object do not depend on the
     others.

@@ -198,7 +198,9 @@ def locate_crossings(
         (wide,) = np.nonzero(is_wide)
         if not wide.size:
             return located
-        middle = np.sqrt(low[wide] * high[wide])
+        # As `refine_brackets` does with a tolerance, to the same bits: of several boundaries
+        # between two levels both find the same.
+        middle = (0.5 * (low[wide] + high[wide])).astype(cases.batch.dtype)
         outcome = cases.simulate(crossings.records[wide], crossings.objects[wide], middle)
         is_beyond = outcome == crossings.begins[wide]
         high[wide[is_beyond]] = middle[is_beyond]
