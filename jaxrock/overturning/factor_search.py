@@ -119,7 +119,8 @@ def critical_factor(
     ratios : sequence of two floats
         The range of factors, over the one that just lifts the block; see `uplift_factor`.
     resolution : float
-        Factors that are examined differ by this share of them. What is narrower may go unseen.
+        Factors that are examined differ by this fraction of them. A narrower window may not be
+        detected.
 
     Returns
     -------

@@ -222,7 +222,7 @@ def survival_windows(
     block, restitution, motion, model
         One block; otherwise as in `overturning_boundaries`.
     factors : array_like, shape (n,)
-        Increasing factors on the motion. A window between two of them goes unseen.
+        Increasing factors on the motion. A window between two of them is not detected.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Seismic hazard: the yearly rates at which levels of shaking are exceeded."""
+"""Seismic hazard: the rates per year at which levels of shaking are exceeded."""
 
 from typing import NamedTuple
 
@@ -40,7 +40,7 @@ def as_hazard_measure(measure: object) -> str | None:
 
 
 class Hazard(Printed, Checked):
-    """A hazard curve: the yearly rate at which levels of an intensity measure are exceeded.
+    """A hazard curve: the rate per year at which levels of an intensity measure are exceeded.
 
     Log-log linear between its points, NaN outside. Plateaus and trailing rates of 0 are allowed.
     From the last positive rate to the first 0 the rate falls linearly with the logarithm of the
