@@ -42,7 +42,7 @@ def test_every_answer_is_that_of_its_function():
     error = found["linearization_error"]["stabilized"]["period"]
     assert error == pytest.approx(ratio[0] / ratio[1] - 1, abs=1e-6)
     text = assessment.write_text(found)
-    rows = {line[:34].strip(): line[34:].split()[:2] for line in text.splitlines()}
+    rows = {line[:38].strip(): line[38:].split()[:2] for line in text.splitlines()}
     for label, path in (
         ("half-width at this slenderness [1/m]", ("derivatives", "half_width")),
         ("intensity I [s/m]", ("derivatives", "intensity")),
@@ -88,7 +88,7 @@ def test_sensitivities_to_the_sides():
     text = assessment.write_text(found, by_sides=True)
     slopes = [found["models"][m]["derivatives"]["width_at_this_height"]
               for m in ("linearized", "nonlinear")]  # fmt: skip
-    assert f"width at this height [1/m]{slopes[0]:>20.6g}{slopes[1]:>14.6g}" in text
+    assert f"width at this height [1/m]{slopes[0]:>24.6g}{slopes[1]:>14.6g}" in text
     assert "at this slenderness" not in text
 
 
@@ -107,7 +107,7 @@ def test_a_block_that_overturns():
 @pytest.mark.thorough
 def test_restitution_of_one():
     text = assessment.write_text(jr.assess(jr.Scene(BLOCK, 1.0, 0.15)))
-    assert "overturning margin [-]                    -inf          -inf" in text
+    assert "overturning margin [-]                        -inf          -inf" in text
     assert "Overturns in half-cycle 7" in text
 
 

@@ -368,7 +368,8 @@ def test_fragility(tmp_path, capsys):
     answer = json.loads(text)
     suite, block = jr.read_suite(tmp_path), jr.Block(0.1, 5.0)
     expected = jr.overturning_rate(block, 0.8, jr.Site(suite, jr.read_hazard(hazard)))
-    assert answer["rate"] == pytest.approx(float(expected.rate), rel=1e-12)
+    # Boundaries that are differentiated are located more closely.
+    assert answer["rate"] == pytest.approx(float(expected.rate), rel=1e-8)
     assert answer["hazard"].startswith("max hazard of pgv")
     assert answer["thresholds"] == ["0.5", "overturning"]
     assert answer["elasticities"]["half_width"] < 0

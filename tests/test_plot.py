@@ -216,8 +216,8 @@ def museum():
     """Two objects, of which one overturns less often than the target."""
     objects = jr.risk.Inventory(["bust", "vase"], jr.Block(np.array([0.3, 0.2]), 4.0), 0.85)
     hazard = jr.Hazard([0.5, 12.0], [1e-3, 6e-7])
-    options = {"spacing": 0.1, "model": "linearized"}
-    return jr.risk.assess_inventory(objects, half_sines(50), hazard, 5e-5, **options)
+    site = jr.Site(half_sines(50), hazard, spacing=0.1)
+    return jr.risk.assess_inventory(objects, site, 5e-5, model="linearized")
 
 
 def windows(values=(4.0, 8.0, 8.4), first=False, along="factor"):

@@ -29,7 +29,7 @@ _ROWS = (
     ("Housner's restitution [-]", "scene.housner_restitution"),
     ("launch velocity (Eq. 2) [rad/s]", "scene.launch_velocity"),
     ("", ""),
-    (f"{'':34}{'linearized':>14}{'nonlinear':>14}{'error':>10}", ""),
+    (f"{'':38}{'linearized':>14}{'nonlinear':>14}{'error':>10}", ""),
     ("critical velocity [rad/s]", "critical_velocity"),
     ("after one pulse", ""),
     ("peak rotation [rad]", "single_pulse.peak_rotation"),
@@ -268,7 +268,7 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
         "",
     ]
     for label, place in _ROWS + (_ROWS_BY_SIDES if by_sides else _ROWS_BY_SHAPE):
-        line = f"  {label:32}" if place else label
+        line = f"  {label:36}" if place else label
         for number in (column[place] for column in columns if place in column):
             never = place == "overturning_half_cycle" and math.isinf(number)
             shown = "never" if never else "none" if math.isnan(number) else f"{number:.6g}"

@@ -91,7 +91,8 @@ def read_inventory(
     ...     print(jr.risk.read_inventory(path))
     2 objects
                              width [m]    height [m]   restitution
-    vase                           0.2           0.6           0.8...
+    vase                           0.2           0.6          0.85
+    bust                           0.3           0.9          0.85
     """
     table = read_table(Path(path))
     columns = _find_columns(table)

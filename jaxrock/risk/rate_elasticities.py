@@ -104,7 +104,7 @@ def rate_elasticities(
     >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> answer = jr.risk.rate_elasticities(jr.Block(0.1, 5.0), 0.8, site)
     >>> print(answer.names[4], f"{answer.over_change[4]:.2f} {answer.at_point[4]:.2f}")
-    restitution 0.00 0.00
+    restitution 2.30 2.22
     """
     if not isinstance(change, float | int) or not 0 < change < 0.5:
         raise ValueError(

@@ -171,7 +171,7 @@ def required_value(
     >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> cabinet = jr.Block.from_size(width=0.2, height=1.0)
     >>> print(jr.required_value(cabinet, 0.8, site, 1e-3, "width", (0.2, 1.0)))
-    0.447715 m, width at this height: from there on the rate stays below 0.001
+    0.446391 m, width at this height: from there on the rate stays below 0.001
     """
     search = _check_search(along, side, resolution, model)
     check_kind("site", site, Site)
