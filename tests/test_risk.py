@@ -268,7 +268,7 @@ def test_the_fields_and_the_words_of_a_rate():
         f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr,"
         " about once in 17,000 years\n"
         f"standard error {error:.6g} 1/yr from 3 records\n"
-        f"windows that were not detected change it by {bound:.6g} 1/yr at most (95 %)"
+        f"missed windows and levels beyond the last change it by {bound:.6g} 1/yr at most (95 %)"
     )
 
 

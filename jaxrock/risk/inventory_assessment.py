@@ -123,11 +123,11 @@ def assess_inventory(
     Notes
     -----
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
-    rate and the probabilities. The required width and the elasticities are computed with the
-    medians; no change of a restitution goes further than halfway to 1. Widths are examined
-    from half the present one to the larger of twice the present one and 1.5 times the height,
-    and the restitution stays what it is. The answers for an object do not depend on the
-    others.
+    rate with its errors, the probabilities and the curve. The required width and the
+    elasticities are computed with the medians; no change of a restitution goes further than
+    halfway to 1. Widths are examined from half the present one to the larger of twice the
+    present one and 1.5 times the height, and the restitution stays what it is. The answers for
+    an object do not depend on the others.
 
     Examples
     --------
@@ -250,8 +250,8 @@ def _simulate_objects(
         error = math.nan
         if cases.records > 1:
             error = contributions.std(ddof=1) / math.sqrt(cases.records)
-        # Samples are further records to the estimate of windows, which share their levels.
-        bound = bound_not_detected(outcomes.reshape(-1, levels.size), np.asarray(site.rates))
+        # Samples of a record share its windows, and are no further records.
+        bound = np.mean(bound_not_detected(outcomes, np.asarray(site.rates)))
         separate.append(
             {
                 "median": fit.median,
@@ -267,7 +267,7 @@ def _simulate_objects(
         words = [f"lognormal curve: {fit.remark}"] if fit.remark else []
         if outcomes[..., 0].any():
             words.append(
-                "overturns at the lowest level of the hazard, so that the rate may be more"
+                "overturns at the lowest level of the site, so that the rate may be more"
             )
         remarks.append("; ".join(words))
     answers = {name: np.array([answer[name] for answer in separate]) for name in separate[0]}

@@ -33,12 +33,6 @@ class Objects(NamedTuple):
         """Number of objects."""
         return self.shape[0] if self.shape else 1
 
-    def select(self, number: int) -> tuple[Block, AnyArray | np.floating]:
-        """Select one object: its block and its restitution, as numbers."""
-        if not self.shape:
-            return self.block, self.restitution
-        return jax.tree.map(lambda leaf: leaf[number], (self.block, self.restitution))
-
 
 def gather_objects(
     block: Block, restitution: Number, names: Sequence[str] | None = None

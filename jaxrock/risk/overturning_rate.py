@@ -84,7 +84,8 @@ class OverturningRate(Printed, eqx.Module):
         error = format_number(self.standard_error, "1/yr")
         lines.append(f"standard error {error} from {len(self.records)} records")
         bound = format_number(self.not_detected, "1/yr")
-        lines.append(f"windows that were not detected change it by {bound} at most (95 %)")
+        changes = f"missed windows and levels beyond the last change it by {bound}"
+        lines.append(f"{changes} at most (95 %)")
         if self.sample_rates is not None:
             deviation = format_number(self.sample_rates.std(), "1/yr")
             samples = f"{self.sample_rates.size} samples of uncertain parameters"
@@ -173,8 +174,9 @@ def overturning_rate(
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
     doi:10.1093/biomet/40.3-4.237; I. J. Good and G. H. Toulmin, Biometrika 43 (1956) 45-63,
     doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
-    three, three windows of the widest step at which an outcome changes. The standard error
-    assumes independent records.
+    three, three windows of the widest step at which an outcome changes; of samples it is the
+    mean. Windows at much lower levels than any change of outcome are not covered. The standard
+    error assumes independent records.
 
     Examples
     --------
@@ -306,10 +308,10 @@ def _average_samples(
     error = np.full(objects.shape, np.nan)
     if records > 1:
         error = contributions.std(axis=0, ddof=1) / math.sqrt(records)
-    # Samples are further records to the estimate of windows, which share their levels.
+    # Of each sample, and their mean: samples of a record share its windows, and are no further
+    # records.
     outcomes = overturned.reshape(records, *shape, levels.size)
-    rows = np.moveaxis(outcomes, -2, 1).reshape(-1, *objects.shape, levels.size)
-    bound = bound_not_detected(rows, np.asarray(site.rates))
+    bound = np.asarray(bound_not_detected(outcomes, np.asarray(site.rates))).mean(axis=-1)
     overturns_first = outcomes[..., 0].any(axis=-1)
     real = {
         "rate": contributions.mean(axis=0),

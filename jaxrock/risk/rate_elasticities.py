@@ -23,8 +23,6 @@ from .site import Site
 _ACCURACY = 2e-4
 # Decimal places to which two blocks are the same, beyond the digits of single precision.
 _DIGITS = 12
-# Domains of the two parameters that have ends: kappa >= 1, 0 <= C <= 1.
-_LEAST = {"inertia_ratio": 1.0, "restitution": 0.0}
 
 
 class RateElasticities(Printed, eqx.Module):
@@ -194,7 +192,8 @@ def compute_elasticities(
     for name in names:
         value = parameters[name]
         low, high = (value * (1 + sign * change) for sign in (-1, 1))
-        low = np.maximum(low, _LEAST.get(name, 0.0))
+        if name == "inertia_ratio":
+            low = np.maximum(low, 1.0)
         if name == "restitution":
             # With C = 1 a block would bounce without end: it goes halfway there at most.
             high = np.minimum(high, 0.5 * (1 + value))

@@ -72,8 +72,8 @@ class RequiredValue(Printed, eqx.Module):
     not_detected : Array, shape (...)
         See `OverturningRate` [1/yr].
     crossings : Array, shape (..., crossings)
-        Every value at which the rate crosses the target, in increasing order; NaN beyond their
-        number.
+        The crossings of the target that were found, each at its safe end, in increasing order;
+        NaN beyond their number.
     count : Array of int, shape (...)
         Number of crossings.
     complete : Array of bool, shape (...)
@@ -116,7 +116,7 @@ def required_value(
 
     Compute the rate on a grid between the bounds and refine the grid at every crossing of the
     target down to `resolution`. The rate need not be monotone, so there may be several
-    crossings; return the last one.
+    crossings; the outermost one on the side that is asked for is returned.
 
     Parameters
     ----------
