@@ -566,3 +566,14 @@ def test_derivatives_of_boundaries_under_records(which):
     assert compared.mean() >= 0.8
     assert unknown == 0
     np.testing.assert_array_less(errors[compared], 1e-5)
+
+
+@DOUBLE
+def test_equal_samples_detect_no_more_windows():
+    """Samples of a record share its windows: the bound is the one without uncertainty."""
+    block = jr.Block(*SIZE)
+    site = jr.Site(scenes.suite(), HAZARD, spacing=0.1)
+    certain = jr.overturning_rate(block, 0.8, site)
+    uncertain = jr.Uncertain({"restitution": 0.0}, samples=8)
+    sampled = jr.overturning_rate(block, 0.8, site, uncertain)
+    assert float(sampled.not_detected) == pytest.approx(float(certain.not_detected), rel=1e-9)
