@@ -1,21 +1,29 @@
-"""The command line; a command is a class: its options as fields, `check`, `run`."""
+"""The command line: a command is a function, its parameters are the options."""
 
-import signal
+import os
+import sys
 from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command. A command that is not allowed or cannot be done ends with exit code 2.
+    """Run a command; by default the one of this process.
 
-    Without arguments it is the command of this process, which signals may end and which starts
-    from what others have compiled. With them, Ctrl-C raises `SystemExit` with exit code 130.
+    Raises
+    ------
+    SystemExit
+        With 2 for a command that is not allowed or cannot be done, 130 after Ctrl-C, and with
+        what the answer of the command says.
     """
-    if arguments is None and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        # While JAX is imported, which takes a second, Ctrl-C ends the process without a word.
-        # The handlers that end it with a line are installed only after that, in `run_main`.
-        # One that was set by somebody else stays.
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # Imported here, so that the line above comes before everything that is slow.
-    from .main_program import run_main
+    try:
+        # Imported here, so that Ctrl-C is answered while JAX is imported, which takes a second.
+        from .application import run_command
 
-    run_main(arguments)
+        code = run_command(sys.argv[1:] if arguments is None else arguments)
+    except KeyboardInterrupt:
+        print("jaxrock: interrupted", file=sys.stderr, flush=True)
+        code = 130
+        if arguments is None:
+            # Python would wait for threads of JAX, which may compute for a minute yet.
+            os._exit(code)
+    if code:
+        raise SystemExit(code)

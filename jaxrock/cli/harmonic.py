@@ -1,27 +1,55 @@
 """The command about harmonic floors."""
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..driven import uplift_acceleration
 from ..grids import as_axis, write_table
+from ..host import write_whole
 from ..resonance import as_model
-from ..spectra import add_size, harmonic_spectrum
-from ..validation import COUNT, POSITIVE, UNIT_INTERVAL, as_real, check
-from .command import Answer, Count, Folder, Grid, ModelName, Steps, Writing, save_picture
+from ..spectra import add_size, harmonic_spectrum, lowest_stable_amplitude
+from ..validation import COUNT, UNIT_INTERVAL, check
+from .answers import Answer, save_picture
+from .options import (
+    Count,
+    FileOutput,
+    Folder,
+    Grid,
+    ModelName,
+    divide_sides,
+    make_block,
+    read_numbers,
+    refuse,
+)
 
 if TYPE_CHECKING:
     import xarray
 
-_FREQUENCIES_TOLD = 5
+_FILES = ("harmonic.nc", "harmonic.csv", "harmonic.png")
+_MAX_LINES = 5  # of frequencies that are printed; JSON has all
 
 
-class HarmonicFloor(Writing):
-    """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude.
+def harmonic(
+    *,
+    width: float | None = None,
+    height: float | None = None,
+    slenderness: float | None = None,
+    gravity: float | None = None,
+    restitution: float | None = None,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    frequency_ratio: Grid | None = None,
+    amplitude_ratio: Grid | None = None,
+    frequency: Grid | None = None,
+    amplitude: Grid | None = None,
+    model: ModelName = "nonlinear",
+    cycles: Count = 100,
+    out: Folder = Path("harmonic"),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Map steady rocking on a harmonic floor, over its frequency and amplitude.
 
     Where one impact in every half period goes on for ever, whether that is stable, how high
     the block rocks then, and what it does elsewhere and from rest. With a width, in Hz and
@@ -31,147 +59,151 @@ class HarmonicFloor(Writing):
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
 
     Example: jaxrock harmonic --width 0.4 --height 2 --frequency 0.5:5:46
+
+    Parameters
+    ----------
+    width
+        Full width 2b of the base [m]; if not given, the answer is for every size of block.
+    height
+        Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness.
+    slenderness
+        Height over width [-]. 5 if neither is given.
+    gravity
+        Acceleration of gravity [m/s2]. 9.81 if not given.
+    restitution
+        Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given.
+    inertia_ratio
+        Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution.
+    frequency_ratio
+        Frequency of the floor over p [-], without a width; 1:12:45 if not given.
+    amplitude_ratio
+        Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if not given.
+    frequency
+        Frequency of the floor [Hz], with a width; 45, from 1 to 12 p / 2 pi, if not given.
+    amplitude
+        Amplitude of the floor [m/s2], with a width; as with amplitude_ratio if not given.
+    model
+        Equation of motion.
+    cycles
+        Periods for which blocks are simulated.
+    out
+        Folder to write to; made if it is missing.
     """
-
-    command = "harmonic"
-
-    width: float | None = None
-    """Full width 2b of the base [m]; if not given, the answer is for every size of block."""
-    height: float | None = None
-    """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
-    slenderness: float | None = None
-    """Height over width [-]. 5 if neither is given."""
-    gravity: float = 9.81
-    """Acceleration of gravity [m/s2]."""
-    restitution: float | None = None
-    """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
-    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
-    """Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution."""
-    frequency_ratio: Grid = ("1:12:45",)
-    """Frequency of the floor over p [-], without a width."""
-    amplitude_ratio: Grid | None = None
-    """Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if not given."""
-    frequency: Grid | None = None
-    """Frequency of the floor [Hz], with a width; 45, from 1 to 12 p / 2 pi, if not given."""
-    amplitude: Grid | None = None
-    """Amplitude of the floor [m/s2], with a width; as with amplitude_ratio if not given."""
-    model: ModelName = "nonlinear"
-    """Equation of motion."""
-    cycles: Count = 100
-    """Periods for which blocks are followed."""
-    out: Folder = Path("harmonic")
-
-    def _carry_out(self) -> Steps:
-        block = self._make_block()
-        frequencies, amplitudes = self._read_axes(block)
-        check("cycles", np.asarray(self.cycles), COUNT)
-        if self.restitution is not None:
-            check("restitution", as_real("restitution", self.restitution), UNIT_INTERVAL)
-        folder = yield [f"harmonic.{kind}" for kind in ("nc", "csv", "png")]
+    if width is None:
+        refuse(
+            "a width", height=height, gravity=gravity, frequency=frequency, amplitude=amplitude
+        )
+    elif frequency_ratio is not None or amplitude_ratio is not None:
+        raise ValueError(
+            "frequency_ratio and amplitude_ratio exclude a width, with which frequency in Hz"
+            " and amplitude in m/s2 are given"
+        )
+    # Without a width one of any size, 1 m wide.
+    base = 1.0 if width is None else width
+    ratio = 5.0 if slenderness is None else slenderness
+    if height is not None:
+        ratio = divide_sides(base, height, slenderness)
+    block = make_block(base, ratio, 9.81 if gravity is None else gravity, inertia_ratio)
+    check("cycles", np.asarray(cycles), COUNT)
+    if restitution is not None:
+        check("restitution", restitution, UNIT_INTERVAL)
+    frequencies = _read_frequencies(block, frequency_ratio or ("1:12:45",), frequency)
+    amplitudes = _read_amplitudes(block, model, amplitude_ratio, amplitude)
+    with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_harmonic
 
-        alike = "restitution", "inertia_ratio", "model", "cycles"
-        options = {name: getattr(self, name) for name in alike}
-        slenderness = float(block.slenderness)
-        found = harmonic_spectrum(frequencies, amplitudes, slenderness=slenderness, **options)
-        if self.width is not None:
-            found = add_size(found, block)
-            # To the last digit as they were asked for, which ratios are not.
-            for name in ("frequency", "amplitude"):
-                if getattr(self, name) is not None:
-                    exact = found[name].copy(data=self.read_numbers(name))
-                    found = found.assign_coords({name: exact})
-        found.to_netcdf(folder / "harmonic.nc")
-        write_table(found, folder / "harmonic.csv")
-        save_picture(plot_harmonic(found), folder / "harmonic.png")
-        sizes = {str(name): size for name, size in found.sizes.items()}
-        # The classes are flags of the CF conventions: numbers, whose meanings are in
-        # attributes.
-        shares = {
-            name: {
-                str(meaning): float((found[name] == flag).mean())
-                for flag, meaning in zip(
-                    found[name].flag_values, found[name].flag_meanings.split(), strict=True
-                )
-            }
-            for name in ("region", "from_rest")
-        }
-        lines = [f"{np.prod(list(sizes.values()))} points"]
-        for name, title in (("region", "steady rocking"), ("from_rest", "from rest")):
-            parts = [
-                f"{share:.1%} {word.replace('_', ' ')}" for word, share in shares[name].items()
-            ]
-            lines.append(f"{title}: {', '.join(parts)}")
-        data = {"sizes": sizes, "model": self.model, **shares}
-        if self.width is not None:
-            sized, rows = _describe_frequencies(found)
-            lines += sized
-            data |= {"uplift_amplitude": found.attrs["uplift_amplitude"], "rows": rows}
-        return Answer("\n".join(lines), data)
-
-    def _make_block(self) -> Block:
-        """Make the block; without a width one of any size, 1 m wide."""
-        if self.width is None:
-            self.refuse("height", "gravity", "frequency", "amplitude", only_with="a width")
-        elif self.amplitude_ratio or self.frequency_ratio != type(self).frequency_ratio:
-            raise ValueError(
-                "frequency_ratio and amplitude_ratio exclude a width, with which frequency in"
-                " Hz and amplitude in m/s2 are given"
-            )
-        width = 1.0 if self.width is None else self.width
-        check("width", width, POSITIVE)
-        if self.height is not None and self.slenderness is not None:
-            raise ValueError("height and slenderness exclude each other, got both")
-        slenderness = 5.0 if self.slenderness is None else self.slenderness
-        if self.height is not None:
-            check("height", self.height, POSITIVE)
-            slenderness = self.height / width
-        return Block(width / 2, slenderness, self.gravity, self.inertia_ratio)
-
-    def _read_axes(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        """Read frequencies over p, and amplitudes over what just lifts the block."""
-        p = float(block.frequency_parameter)
-        uplift = float(uplift_acceleration(block, as_model(self.model)))
-        if self.frequency is None:
-            frequencies = as_axis("frequency_ratio", self.read_numbers("frequency_ratio"))
-        else:
-            given = as_axis("frequency", self.read_numbers("frequency"))
-            frequencies = given * (2 * np.pi / p)
-        if self.amplitude is not None:
-            amplitudes = as_axis("amplitude", self.read_numbers("amplitude")) / uplift
-        elif self.amplitude_ratio is not None:
-            amplitudes = as_axis("amplitude_ratio", self.read_numbers("amplitude_ratio"))
-        else:
-            # Evenly in logarithms, from gently to far beyond what lifts the block.
-            amplitudes = np.geomspace(0.05, 12, 60)
-        return frequencies, amplitudes
+        dataset = harmonic_spectrum(
+            frequencies,
+            amplitudes,
+            slenderness=ratio,
+            restitution=restitution,
+            inertia_ratio=inertia_ratio,
+            model=model,
+            cycles=cycles,
+        )
+        if width is not None:
+            dataset = _add_axes(add_size(dataset, block), frequency, amplitude)
+        dataset.to_netcdf(folder / "harmonic.nc")
+        write_table(dataset, folder / "harmonic.csv")
+        save_picture(plot_harmonic(dataset), folder / "harmonic.png")
+    fractions = {name: _compute_fractions(dataset[name]) for name in ("region", "from_rest")}
+    lines = [f"{dataset.region.size} points"]
+    for name, title in (("region", "steady rocking"), ("from_rest", "from rest")):
+        parts = [
+            f"{fraction:.1%} {meaning.replace('_', ' ')}"
+            for meaning, fraction in fractions[name].items()
+        ]
+        lines.append(f"{title}: {', '.join(parts)}")
+    sizes = {str(name): size for name, size in dataset.sizes.items()}
+    data: dict[str, object] = {"sizes": sizes, "model": model, **fractions}
+    if width is not None:
+        lowest = lowest_stable_amplitude(dataset)
+        lines += _describe_frequencies(dataset, lowest)
+        data["uplift_amplitude"] = dataset.attrs["uplift_amplitude"]
+        data["rows"] = [
+            {"frequency": float(value.frequency), "rocks_on_from": float(value)}
+            for value in lowest
+        ]
+    return Answer("\n".join(lines), data, output, [out / name for name in _FILES])
 
 
-def _describe_frequencies(
-    found: "xarray.Dataset",
-) -> tuple[list[str], list[dict[str, float]]]:
-    """Describe from which amplitude on a block goes on rocking: lines of text, and data.
+def _read_frequencies(block: Block, ratios: Grid, frequencies: Grid | None) -> np.ndarray:
+    """Read the frequencies of the floor over p [-]."""
+    if frequencies is None:
+        return as_axis("frequency_ratio", read_numbers("frequency_ratio", ratios))
+    values = as_axis("frequency", read_numbers("frequency", frequencies))
+    return values * (2 * np.pi / float(block.frequency_parameter))
 
-    That is the lowest one of the grid with steady rocking that is stable.
-    """
-    uplift = found.attrs["uplift_amplitude"]
-    found = found.sortby(["frequency_ratio", "amplitude_ratio"])
-    count = found.sizes["frequency_ratio"]
-    lowest = float(found.amplitude.values[0])
-    rows = []
+
+def _read_amplitudes(
+    block: Block, model: ModelName, ratios: Grid | None, amplitudes: Grid | None
+) -> np.ndarray:
+    """Read the amplitudes of the floor over what just lifts the block [-]."""
+    if ratios is not None:
+        return as_axis("amplitude_ratio", read_numbers("amplitude_ratio", ratios))
+    if amplitudes is not None:
+        uplift = float(uplift_acceleration(block, as_model(model)))
+        return as_axis("amplitude", read_numbers("amplitude", amplitudes)) / uplift
+    # Evenly in logarithms, from gently to far beyond what lifts the block.
+    return np.geomspace(0.05, 12, 60)
+
+
+def _add_axes(dataset: "xarray.Dataset", *axes: Grid | None) -> "xarray.Dataset":
+    """Put frequencies and amplitudes as they were asked for, which ratios lose a digit of."""
+    for name, values in zip(("frequency", "amplitude"), axes, strict=True):
+        if values is not None:
+            exact = dataset[name].copy(data=read_numbers(name, values))
+            dataset = dataset.assign_coords({name: exact})
+    return dataset
+
+
+def _compute_fractions(flags: "xarray.DataArray") -> dict[str, float]:
+    """Compute the fraction of points of each class."""
+    # The classes are flags of the CF conventions: numbers, whose meanings are in attributes.
+    attributes: Any = flags.attrs
+    return {
+        str(meaning): float((flags == flag).mean())
+        for flag, meaning in zip(
+            attributes["flag_values"], attributes["flag_meanings"].split(), strict=True
+        )
+    }
+
+
+def _describe_frequencies(dataset: "xarray.Dataset", lowest: "xarray.DataArray") -> list[str]:
+    """Describe for a few frequencies from which amplitude on a block goes on rocking."""
+    uplift = dataset.attrs["uplift_amplitude"]
+    least = float(dataset.amplitude.min())
     lines = []
-    # Data for every frequency, text for a few from the first to the last.
-    told = set(np.linspace(0, count - 1, min(count, _FREQUENCIES_TOLD)).round().astype(int))
-    for k, frequency in enumerate(found.frequency.values):
-        stable = found.amplitude.values[found.region.values[k] == 1]
-        least = float(stable[0]) if stable.size else math.nan
-        rows.append({"frequency": float(frequency), "rocks_on_from": least})
-        if k in told:
-            begins = "rocks on from" if least > lowest else "rocks on at the lowest amplitude,"
-            rocks = (
-                f"{begins} {least:.3g} m/s2" if stable.size else "does not rock on steadily"
-            )
-            lines.append(
-                f"at {frequency:.3g} Hz: {rocks}, lifted from rest at {uplift:.3g} m/s2"
-            )
-    return lines, rows
+    # From the first to the last.
+    count = min(lowest.size, _MAX_LINES)
+    for k in np.linspace(0, lowest.size - 1, count).round().astype(int):
+        amplitude = float(lowest[k])
+        if np.isnan(amplitude):
+            rocks = "does not rock on steadily"
+        elif amplitude > least:
+            rocks = f"rocks on from {amplitude:.3g} m/s2"
+        else:
+            rocks = f"rocks on at the lowest amplitude, {amplitude:.3g} m/s2"
+        frequency = float(lowest.frequency[k])
+        lines.append(f"at {frequency:.3g} Hz: {rocks}, lifted from rest at {uplift:.3g} m/s2")
+    return lines

@@ -1,84 +1,93 @@
 """The command about an inventory of objects."""
 
-from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..ground_motion import MEASURES
-from ..host import format_table
+from ..host import format_table, write_whole
 from ..reports import list_remarks, write_inventory_page
 from ..risk import Site, assess_inventory, read_inventory
 from ..tables import write_csv
-from ..validation import POSITIVE, as_real, check, check_increasing
-from .command import Answer, Folder, Grid, ModelName, Steps, Writing, save_picture
-from .options import SuiteOptions
+from ..validation import POSITIVE, check, check_increasing
+from .answers import Answer, describe_options, save_picture
+from .options import FileOutput, Folder, Grid, ModelName, SuiteOptions, read_numbers
 
 if TYPE_CHECKING:
     import xarray
 
+_FILES = ("inventory.nc", "inventory.csv", "inventory.png", "inventory.html")
 # Relative distance of the levels at which outcomes are simulated: enough for a ranking.
 _SPACING = 0.04
 
 
-class AssessInventory(SuiteOptions, Writing):
-    """Objects of a museum or a building, ranked by their rates of overturning.
+def inventory(
+    file: Path,
+    *,
+    target: float,
+    measure: Literal["pgv", "pga"] = "pgv",
+    level: Grid | None = None,
+    model: ModelName = "nonlinear",
+    suite_options: SuiteOptions = SuiteOptions(),
+    out: Folder = Path("inventory"),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Rank objects of a museum or a building by their rates of overturning.
 
     The file has a line for each object below one line with the names of its columns: name,
     width [m], height [m], and perhaps depth [m], inertia ratio, restitution and restitution
-    coefficient of variation, lengths also in cm or mm. Gives the uplift intensity of each, the
-    probability and the rate of overturning, the most important parameter, and the width at this
-    height from which on the rate stays below the target.
+    coefficient of variation, lengths also in cm or mm. A hazard must be given. Gives the
+    uplift intensity of each, the probability and the rate of overturning, the most important
+    parameter, and the width at this height from which on the rate stays below the target.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
 
     Example: jaxrock inventory objects.csv --hazard hazard.csv --target 1e-4
+
+    Parameters
+    ----------
+    file
+        The file with the objects.
+    target
+        The rate of overturning that is tolerated [1/yr].
+    measure
+        Peak ground velocity [m/s] or acceleration [m/s2].
+    level
+        Levels for probabilities; by default of the return periods 475 and 2,475 years.
+    model
+        Equation of motion.
+    out
+        Folder to write to; made if it is missing.
     """
-
-    command = "inventory"
-
-    file: Path = field(kw_only=False)
-    """The file with the objects."""
-    hazard: Path = field()
-    """A .csv file with two columns, level of the measure and rate of exceedance [1/yr]."""
-    target: float
-    """The rate of overturning that is tolerated [1/yr]."""
-    measure: Literal["pgv", "pga"] = "pgv"
-    """Peak ground velocity [m/s] or acceleration [m/s2]."""
-    level: Grid | None = None
-    """Levels for probabilities; by default of the return periods 475 and 2,475 years."""
-    model: ModelName = "nonlinear"
-    """Equation of motion."""
-    out: Folder = Path("inventory")
-
-    def _carry_out(self) -> Steps:
-        inventory = read_inventory(self.file)
-        check("target", as_real("target", self.target), POSITIVE)
-        reported_levels = None
-        if self.level is not None:
-            reported_levels = np.array(self.read_numbers("level"))
-            check("level", reported_levels, POSITIVE)
-            check_increasing("level", reported_levels)
-        hazard = self.read_hazard(self.measure)
-        if hazard is None:
-            raise ValueError("hazard must be given")
-        site = Site(self.read_suite(), hazard, self.measure, spacing=_SPACING)
-        folder = yield [f"inventory.{kind}" for kind in ("nc", "csv", "png", "html")]
+    about = describe_options("inventory", locals())
+    objects = read_inventory(file)
+    check("target", target, POSITIVE)
+    reported_levels = None
+    if level is not None:
+        reported_levels = np.array(read_numbers("level", level))
+        check("level", reported_levels, POSITIVE)
+        check_increasing("level", reported_levels)
+    hazard = suite_options.read_hazard(measure)
+    if hazard is None:
+        raise ValueError("hazard must be given")
+    site = Site(suite_options.read_suite(), hazard, measure, spacing=_SPACING)
+    with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_inventory
 
         assessed = assess_inventory(
-            inventory, site, self.target, reported_levels=reported_levels, model=self.model
+            objects, site, target, reported_levels=reported_levels, model=model
         )
-        assessed = assessed.assign_attrs(self.about)
+        assessed = assessed.assign_attrs(about)
         assessed.to_netcdf(folder / "inventory.nc")
         columns, units = _collect_columns(assessed)
-        write_csv(folder / "inventory.csv", columns, units, self.about)
+        write_csv(folder / "inventory.csv", columns, units, about)
         save_picture(plot_inventory(assessed), folder / "inventory.png")
         picture = (folder / "inventory.png").read_bytes()
         page = write_inventory_page(assessed, picture)
         (folder / "inventory.html").write_text(page, encoding="utf-8")
-        return _make_answer(assessed)
+    text = "\n".join([_write_table(assessed), *list_remarks(assessed)])
+    return Answer(text, _collect_data(assessed), output, [out / name for name in _FILES])
 
 
 def _collect_columns(
@@ -113,8 +122,8 @@ def _label_entries(
     return [((k,), f" at {word}" if unit else f" to {word}") for k, word in enumerate(words)]
 
 
-def _make_answer(assessed: "xarray.Dataset") -> Answer:
-    """Write the ranked table, and the reasons where no width suffices."""
+def _write_table(assessed: "xarray.Dataset") -> str:
+    """Write the ranked table."""
     unit = MEASURES[assessed.attrs["measure"]][1]
     target = assessed.attrs["target"]
     names = assessed.object.values.tolist()
@@ -134,17 +143,20 @@ def _make_answer(assessed: "xarray.Dataset") -> Answer:
         f" {assessed.attrs['record_count']} records and a {assessed.attrs['hazard_curve']};"
         " needs: the width at this height for the target"
     )
-    table = format_table(title, [name[:19] for name in names], **columns)
+    return format_table(title, [name[:19] for name in names], **columns)
+
+
+def _collect_data(assessed: "xarray.Dataset") -> dict[str, object]:
+    """Collect the assessment of each object, in the order of their ranks."""
     objects = [
         {"name": name, "rank": k + 1}
         | {str(n): v.values[k].tolist() for n, v in assessed.data_vars.items()}
-        for k, name in enumerate(names)
+        for k, name in enumerate(assessed.object.values.tolist())
     ]
-    data: dict[str, object] = {
-        "target": target,
+    return {
+        "target": assessed.attrs["target"],
         "measure": assessed.attrs["measure"],
         "levels": assessed.level.values.tolist(),
         "parameters": assessed.parameter.values.tolist(),
         "objects": objects,
     }
-    return Answer("\n".join([table, *list_remarks(assessed)]), data)

@@ -1,15 +1,20 @@
-"""Options that several commands have: of a block, of a record, of a pulse."""
+"""Options that several commands have, in groups: a block, a motion, a suite, the output."""
 
-import functools
+import contextlib
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
+
+import numpy as np
+from cyclopts import Group, Parameter, Token
 
 from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import (
     FEMA_SETS,
     PULSES,
     Motion,
-    Record,
     Suite,
     example_record,
     example_suite,
@@ -20,200 +25,236 @@ from ..ground_motion import (
 from ..impact import housner_restitution
 from ..risk import Hazard, read_hazard
 from ..validation import POSITIVE, UNIT_INTERVAL, check
-from .command import OF_BLOCK, OF_MOTION, Command, Grid
 
+# Panels of the help, in their order below a command's own options.
+MOTION = Group("Ground motion", sort_key=2)
+_OUTPUT = Group("Output", sort_key=3)
+# Decorators of the classes below: their fields become options of a command.
+_OF_BLOCK = Parameter(name="*", group=Group("Block", sort_key=1))
+_OF_MOTION = Parameter(name="*", group=MOTION)
+_OF_OUTPUT = Parameter(name="*", group=_OUTPUT)
+_OF_STORE = Parameter(name="*", group=Group("Store", sort_key=4))
+
+Grid = tuple[float | str, ...]  # numbers, and texts START:STOP:COUNT
+Folder = Annotated[Path, Parameter(group=_OUTPUT)]
+ModelName = Literal["linearized", "nonlinear"]
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 
 
-class BlockOptions(Command):
+def _convert_count(_: type, tokens: Sequence[Token]) -> int:
+    """Convert a word to a whole number; cyclopts itself would round 1.5."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
+
+
+Count = Annotated[int, Parameter(converter=_convert_count)]
+
+
+def read_numbers(name: str, values: Grid) -> list[float]:
+    """List the numbers of an option, given one by one or as START:STOP:COUNT."""
+    if not values:
+        raise ValueError(f"{name} must be at least one number, got none")
+    return [number for value in values for number in _parse_numbers(name, value)]
+
+
+def _parse_numbers(name: str, value: float | str) -> list[float]:
+    """Parse one number, or START:STOP:COUNT."""
+    # All that `float`, `int` and unpacking refuse ends in the one sentence below.
+    with contextlib.suppress(ValueError):
+        if ":" not in str(value):
+            return [float(value)]
+        start, stop, count = str(value).split(":")
+        ends = float(start), float(stop)
+        if np.isfinite(ends).all() and int(count) > 0:
+            return np.linspace(*ends, int(count)).tolist()
+    raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")
+
+
+def refuse(only_with: str, **options: object) -> None:
+    """Raise `ValueError` if one of these options is given, since it would be ignored."""
+    for name, value in options.items():
+        if value is not None:
+            raise ValueError(f"{name} goes with {only_with} only")
+
+
+@_OF_OUTPUT
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """Options of a command that prints an answer."""
+
+    json: bool = False
+    """Print JSON; null stands for what does not exist or never happens."""
+
+
+@_OF_OUTPUT
+@dataclass(frozen=True, kw_only=True)
+class FileOutput(Output):
+    """Options of a command that writes files as well."""
+
+    force: bool = False
+    """Overwrite existing files."""
+
+
+@_OF_BLOCK
+@dataclass(frozen=True, kw_only=True)
+class BlockOptions:
     """Options that describe one block."""
 
-    width: Annotated[float, OF_BLOCK] = 0.8
+    width: float = 0.8
     """Full width 2b of the base [m]."""
-    height: Annotated[float | None, OF_BLOCK] = None
+    height: float | None = None
     """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
-    slenderness: Annotated[float | None, OF_BLOCK] = None
+    slenderness: float | None = None
     """Height over width [-]. 5 if neither is given."""
-    restitution: Annotated[float | None, OF_BLOCK] = None
+    restitution: float | None = None
     """Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given."""
-    gravity: Annotated[float, OF_BLOCK] = 9.81
+    gravity: float = 9.81
     """Acceleration of gravity [m/s2]."""
-    inertia_ratio: Annotated[float, OF_BLOCK] = RECTANGLE_INERTIA_RATIO
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
 
-    @functools.cached_property
-    def block(self) -> Block:
-        """The block."""
-        check("width", self.width, POSITIVE)
-        if self.height is None:
-            slenderness = 5.0 if self.slenderness is None else self.slenderness
-        elif self.slenderness is not None:
-            raise ValueError("height and slenderness exclude each other, got both")
-        else:
-            check("height", self.height, POSITIVE)
-            slenderness = self.height / self.width
-        return Block(self.width / 2, slenderness, self.gravity, self.inertia_ratio)
-
-    def _write_remark(self) -> str:
-        """Write a remark on a size that was perhaps given in centimetres or millimetres."""
-        words = {"width": "wide", "height": "high"}
-        sizes = {name: float(getattr(self.block, name)) for name in words}
-        large = [
-            f"{size:.4g} m {words[name]}"
-            for name, size in sizes.items()
-            if size > LARGEST_SIZES[name]
-        ]
-        return f"the block is {' and '.join(large)}; lengths are in metres" if large else ""
-
-    def _collect_options(self) -> dict[str, object]:
-        """Collect the options, with the slenderness and the restitution that were used."""
-        slenderness = float(self.block.slenderness)
-        return super()._collect_options() | {
-            "slenderness": slenderness,
-            "restitution": self.coefficient,
-        }
-
-    @functools.cached_property
-    def coefficient(self) -> float:
-        """The coefficient of restitution."""
+    def read(self) -> tuple[Block, float]:
+        """Return the block and its coefficient of restitution."""
+        slenderness = 5.0 if self.slenderness is None else self.slenderness
+        if self.height is not None:
+            slenderness = divide_sides(self.width, self.height, self.slenderness)
+        block = make_block(self.width, slenderness, self.gravity, self.inertia_ratio)
+        _warn_of_large(block)
         if self.restitution is not None:
             check("restitution", self.restitution, UNIT_INTERVAL)
-            return self.restitution
+            return block, self.restitution
         # Housner's C = 1 - (3/2) sin(alpha_c)^2 of a rectangle falls below 0 if it is stocky.
-        housner = float(housner_restitution(self.block))
+        housner = float(housner_restitution(block))
         if housner < 0:
             raise ValueError(
                 f"restitution must be given for a block this stocky: Housner's is"
                 f" {housner:.3g}, and it must be between 0 and 1"
             )
-        return housner
+        return block, housner
 
 
-class RecordOptions(Command):
+def divide_sides(width: float, height: float, slenderness: float | None) -> float:
+    """Return the slenderness of a block with these sides; it must not be given as well."""
+    if slenderness is not None:
+        raise ValueError("height and slenderness exclude each other, got both")
+    check("width", width, POSITIVE)
+    check("height", height, POSITIVE)
+    return height / width
+
+
+def make_block(
+    width: float, slenderness: float, gravity: float, inertia_ratio: float
+) -> Block:
+    """Make a block from the full width of its base [m]."""
+    check("width", width, POSITIVE)
+    return Block(width / 2, slenderness, gravity, inertia_ratio)
+
+
+def _warn_of_large(block: Block) -> None:
+    """Warn of a size that was perhaps given in centimetres or millimetres."""
+    adjectives = {"width": "wide", "height": "high"}
+    large = [
+        f"{float(getattr(block, name)):.4g} m {adjective}"
+        for name, adjective in adjectives.items()
+        if float(getattr(block, name)) > LARGEST_SIZES[name]
+    ]
+    if large:
+        sizes = " and ".join(large)
+        warnings.warn(f"the block is {sizes}; lengths are in metres", stacklevel=3)
+
+
+@_OF_MOTION
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions:
     """Options that describe a record."""
 
-    record: Annotated[str | None, OF_MOTION] = None
+    record: str | None = None
     """A file of a record, such as .AT2 or .csv, or "example" for the one of jaxrock."""
-    unit: Annotated[str | None, OF_MOTION] = None
+    unit: str | None = None
     """Unit of the record: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if the file states none."""
-    column: Annotated[str | None, OF_MOTION] = None
+    column: str | None = None
     """Column or channel of the horizontal acceleration, where a file has several."""
-    vertical: Annotated[str | None, OF_MOTION] = None
+    vertical: str | None = None
     """Column or channel of the vertical acceleration, or another file with it."""
-    time_step: Annotated[float | None, OF_MOTION] = None
+    time_step: float | None = None
     """Time between samples [s], where the file states none."""
-    scale: Annotated[float, OF_MOTION] = 1.0
-    """Factor on the ground motion."""
+    scale: float | None = None
+    """Factor on the ground motion [-]. 1 if not given."""
 
     @property
-    def motion(self) -> Motion:
-        """The record, scaled."""
-        found = read_motion(self.record, self.unit, self.column, self.vertical, self.time_step)
-        if isinstance(found, str):
-            raise ValueError(found)
-        return found.scaled(self.scale)
+    def factor(self) -> float:
+        """The factor on the ground motion."""
+        return 1.0 if self.scale is None else self.scale
 
-
-_OF_RECORD = ("unit", "column", "vertical", "time_step")
-_OF_PULSE = ("amplitude", "pulse_duration")
-
-
-@functools.cache
-def read_motion(
-    record: str | None,
-    unit: str | None,
-    column: str | None,
-    vertical: str | None,
-    time_step: float | None,
-) -> Record | str:
-    """Read a record, or return the error in words; the jobs of a study read it once."""
-    # An error is returned, since a cache keeps no exceptions: a hundred jobs with a record
-    # that is wrong would read it a hundred times.
-    try:
+    def read_unscaled(self, default: str | None = None) -> Motion:
+        """Read the record, without the factor."""
+        record = self.record or default
         if record is None:
             raise ValueError("record must be given")
         if record != "example":
             return read_record(
-                record, unit=unit, column=column, vertical=vertical, time_step=time_step
+                record,
+                unit=self.unit,
+                column=self.column,
+                vertical=self.vertical,
+                time_step=self.time_step,
             )
-        refuse_stated_units('record "example" has its', unit, time_step)
-        column = column or "north"
-        if column not in ("north", "east") or vertical not in (None, "up"):
-            got = f"got {column!r}" + (f" and {vertical!r}" if vertical else "")
-            must = "must be north or east, and vertical up if given"
-            raise ValueError(f'column of the record "example" {must}, {got}')
-        return example_record(column, vertical=vertical is not None)
-    except ValueError as error:
-        return str(error)
-
-
-def refuse_stated_units(example: str, unit: str | None, time_step: float | None) -> None:
-    """Raise `ValueError` for what records that come with jaxrock state themselves."""
-    options = {"--unit": unit, "--time-step": time_step}
-    given = [name for name, value in options.items() if value is not None]
-    if given:
-        raise ValueError(f"{example} unit and time step: leave out {' and '.join(given)}")
-
-
-def read_records(
-    records: str, unit: str | None, time_step: float | None, vertical: bool = False
-) -> Suite:
-    """Read the records of a folder, or take the suite of this name."""
-    fema_set = records.removeprefix("fema-")
-    named = records == "example" or (fema_set != records and fema_set in FEMA_SETS)
-    if not named:
-        if fema_set != records and not Path(records).exists():
-            sets = ", ".join(f"fema-{name}" for name in FEMA_SETS)
+        _refuse_stated_units('record "example" has its', self.unit, self.time_step)
+        column = self.column or "north"
+        if column not in ("north", "east") or self.vertical not in (None, "up"):
+            vertical = f" and {self.vertical!r}" if self.vertical else ""
             raise ValueError(
-                f"records must be a folder, example, or one of {sets}, got {records!r}"
+                'column of the record "example" must be north or east, and vertical up if'
+                f" given, got {column!r}{vertical}"
             )
-        return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
-    refuse_stated_units(f'records "{records}" have their', unit, time_step)
-    if records == "example":
-        return example_suite(vertical=vertical)
-    if vertical:
-        raise ValueError(f'records "{records}" have no vertical component')
-    return fema_p695_suite(fema_set)
+        return example_record(column, vertical=self.vertical is not None)
+
+    def read(self, default: str | None = None) -> Motion:
+        """Read the record, scaled; the one named by `default` if none is given."""
+        return self.read_unscaled(default).scaled(self.factor)
+
+    def refuse_all(self, only_with: str) -> None:
+        """Raise `ValueError` if any of these options is given."""
+        refuse(only_with, **vars(self))
 
 
+@_OF_MOTION
+@dataclass(frozen=True, kw_only=True)
 class MotionOptions(RecordOptions):
     """Options that describe a pulse or a record."""
 
-    pulse: Annotated[PulseShape | None, OF_MOTION] = None
+    pulse: PulseShape | None = None
     """Shape of a pulse. Give this or a record."""
-    amplitude: Annotated[float | None, OF_MOTION] = None
+    amplitude: float | None = None
     """Largest acceleration of the pulse [m/s2]."""
-    pulse_duration: Annotated[float | None, OF_MOTION] = None
+    pulse_duration: float | None = None
     """Duration of the pulse [s]."""
 
     @property
-    def shaken(self) -> bool:
+    def given(self) -> bool:
         """True if a pulse or a record is given."""
         return self.pulse is not None or self.record is not None
 
-    def check(self) -> None:
-        """Raise `ValueError` also for a part of a pulse or a record without the rest."""
-        # With neither, the options of both would be ignored. With one of them `motion` refuses
-        # the options of the other.
-        if not self.shaken:
-            self.refuse(*_OF_PULSE, *_OF_RECORD, "scale", only_with="a pulse or a record")
-        super().check()
-
-    @property
-    def motion(self) -> Motion:
-        """The pulse or the record, scaled."""
+    def read_unscaled(self, default: str | None = None) -> Motion:
+        """Make the pulse, or read the record, without the factor."""
         if (self.pulse is None) == (self.record is None):
             raise ValueError("pulse or record must be given, one of the two")
         if self.pulse is None:
-            self.refuse(*_OF_PULSE, only_with="a pulse")
-            return super().motion
-        self.refuse(*_OF_RECORD, only_with="a record")
+            of_pulse = ("amplitude", "pulse_duration")
+            refuse("a pulse", **{name: getattr(self, name) for name in of_pulse})
+            return super().read_unscaled(default)
+        of_record = ("unit", "column", "vertical", "time_step")
+        refuse("a record", **{name: getattr(self, name) for name in of_record})
         if self.amplitude is None or self.pulse_duration is None:
             raise ValueError("amplitude and pulse_duration must be given with a pulse")
-        return PULSES[self.pulse](self.amplitude, self.pulse_duration).scaled(self.scale)
+        return PULSES[self.pulse](self.amplitude, self.pulse_duration)
 
 
-class SuiteOptions(Command):
+@_OF_MOTION
+@dataclass(frozen=True, kw_only=True)
+class SuiteOptions:
     """Options that describe a suite of records, and the hazard of a site."""
 
     records: str = "example"
@@ -238,14 +279,66 @@ class SuiteOptions(Command):
     def read_hazard(self, measure: str) -> Hazard | None:
         """Read the hazard, of this measure; None if none is given."""
         if self.hazard is None:
-            self.refuse("hazard_unit", "hazard_site", only_with="a hazard")
+            refuse("a hazard", hazard_unit=self.hazard_unit, hazard_site=self.hazard_site)
             return None
         if measure not in ("pgv", "pga"):
             raise ValueError(f"hazard goes with the measures pgv and pga, not {measure}")
         site = None
         if self.hazard_site is not None:
-            site = tuple(self.read_numbers("hazard_site"))
+            site = tuple(read_numbers("hazard_site", self.hazard_site))
             if len(site) != 2:
-                got = f"got {len(site)} numbers"
-                raise ValueError(f"hazard_site must be a longitude and a latitude, {got}")
+                raise ValueError(
+                    f"hazard_site must be a longitude and a latitude, got {len(site)} numbers"
+                )
         return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
+
+
+def read_records(
+    records: str, unit: str | None, time_step: float | None, vertical: bool = False
+) -> Suite:
+    """Read the records of a folder, or take the suite of this name."""
+    fema_set = records.removeprefix("fema-")
+    is_fema = fema_set != records
+    if records != "example" and not (is_fema and fema_set in FEMA_SETS):
+        if is_fema and not Path(records).exists():
+            sets = ", ".join(f"fema-{name}" for name in FEMA_SETS)
+            raise ValueError(
+                f"records must be a folder, example, or one of {sets}, got {records!r}"
+            )
+        return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
+    _refuse_stated_units(f'records "{records}" have their', unit, time_step)
+    if records == "example":
+        return example_suite(vertical=vertical)
+    if vertical:
+        raise ValueError(f'records "{records}" have no vertical component')
+    return fema_p695_suite(fema_set)
+
+
+def _refuse_stated_units(example: str, unit: str | None, time_step: float | None) -> None:
+    """Raise `ValueError` for what records that come with jaxrock state themselves."""
+    options = {"--unit": unit, "--time-step": time_step}
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise ValueError(f"{example} unit and time step: leave out {' and '.join(given)}")
+
+
+@_OF_STORE
+@dataclass(frozen=True, kw_only=True)
+class StoreOptions:
+    """Options of a command whose answer can go to a Zarr store."""
+
+    store: Path | None = None
+    """Zarr store to write instead of the files; one that this command has begun is continued."""
+    workers: Count | None = None
+    """Processes of this machine that compute the store; one for each processor if not given."""
+
+    def check(self, out: Path | None, force: bool) -> bool:
+        """Return whether there is a store; `ValueError` for options that exclude each other."""
+        if self.store is None:
+            refuse("a store", workers=self.workers)
+            return False
+        if out is not None or force:
+            raise ValueError("out and force go without a store only, which is not overwritten")
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"workers must be at least 1, got {self.workers}")
+        return True

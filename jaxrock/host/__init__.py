@@ -5,9 +5,7 @@ from .datasets import make_dataset as make_dataset
 from .extras import find_optional as find_optional
 from .extras import import_optional as import_optional
 from .files import CannotWrite as CannotWrite
-from .files import check_free as check_free
 from .files import read_regular as read_regular
-from .files import remove_unfinished as remove_unfinished
 from .files import sync as sync
 from .files import write_whole as write_whole
 from .printing import Printed as Printed
@@ -17,9 +15,7 @@ from .printing import format_number as format_number
 from .printing import format_table as format_table
 from .progress import announce as announce
 from .progress import hide_progress as hide_progress
-from .progress import show_clock as show_clock
 from .progress import show_progress as show_progress
-from .progress import speak_of_waits as speak_of_waits
 from .status import Status as Status
 from .status import describe_status as describe_status
 from .threads import apply_settings as apply_settings

@@ -10,7 +10,7 @@ import numpy as np
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
-from ..host import Printed, format_fields, show_clock
+from ..host import Printed, format_fields
 from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
@@ -172,7 +172,6 @@ def search_boundaries(
     return find_boundaries(subject, places, search)
 
 
-@show_clock("boundaries")
 def find_boundaries(subject: Subject, places: Reals, search: Search) -> Boundaries:
     """Find the boundaries between values, for a subject that has been checked."""
     if search.max_boundaries < 1:

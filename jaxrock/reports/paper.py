@@ -90,6 +90,19 @@ class Report:
         findings = [f for f in (*self.claims, *self.faults) if not f.valid]
         return entries + [f"{f.where}: {f.statement} ({f.figure})" for f in findings]
 
+    def count(self) -> dict[str, object]:
+        """Count what was compared, and list the mismatches."""
+        return {
+            "printed": len(self.entries),
+            "agreeing": sum(entry.agrees for entry in self.entries),
+            "known_faults_in_tables": sum(bool(entry.fault) for entry in self.entries),
+            "claims_that_hold": sum(claim.valid for claim in self.claims),
+            "claims": len(self.claims),
+            "faults_reproduced": sum(fault.valid for fault in self.faults),
+            "faults": len(self.faults),
+            "mismatches": self.mismatches,
+        }
+
 
 def read_printed_tables() -> dict[str, Any]:
     """Read the printed tables, the claims and the faults, with the bounds that judge them."""

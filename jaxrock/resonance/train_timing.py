@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import show_clock
 from ..validation import (
     UNIT_INTERVAL,
     Booleans,
@@ -32,7 +31,6 @@ _STEP = 0.005  # relative, of the grid of spacings and strengths: the 0.5 % that
 _TRAINS_AT_ONCE = 1024
 
 
-@show_clock("timing costs")
 def timing_costs(
     block: Block, restitution: Number, count: int, model: ModelLike = Linearized()
 ) -> dict[str, float]:

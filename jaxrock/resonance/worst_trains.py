@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import Printed, Status, show_clock
+from ..host import Printed, Status
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
@@ -102,7 +102,6 @@ class WorstTrain(Printed):
         return "\n".join(lines)
 
 
-@show_clock("worst train")
 def worst_train(
     block: Block,
     restitution: Number,

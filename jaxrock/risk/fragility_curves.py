@@ -55,7 +55,7 @@ def fragility(
     block: Block,
     restitution: Number,
     suite: Suite,
-    levels: Numbers,
+    levels: Numbers | None = None,
     measure: str = "pgv",
     thresholds: Sequence[Threshold] = ("uplift", 0.5, 1.0, "overturning"),
     *,
@@ -75,8 +75,9 @@ def fragility(
     restitution : array_like
         C [-], between 0 and 1; for all blocks, or an array with a value for each.
     suite : Suite
-    levels : array_like, shape (n,)
-        Increasing levels to which each record is scaled [unit of the measure].
+    levels : array_like, shape (n,), optional
+        Increasing levels to which each record is scaled [unit of the measure]; by default 25,
+        from far below what lifts blocks of this size to far above what overturns them.
     measure : str
         ``"pgv"``, ``"pga"``, ``"pgv_ratio"`` or ``"pga_ratio"``; see `intensity_measure`.
     thresholds : sequence of float or str
@@ -135,7 +136,6 @@ def fragility(
     check_kind("suite", suite, Suite)
     objects = gather_objects(block, restitution, names)
     require_single_scales(suite)
-    levels = _check_levels(levels)
     if not isinstance(confidence, float | int) or not 0 < confidence < 1:
         raise ValueError(
             f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
@@ -144,6 +144,9 @@ def fragility(
     threshold_names = name_thresholds(thresholds)
     model = as_model(model)
     measure = as_name("measure", measure, MEASURES)
+    if levels is None:
+        levels = _choose_levels(objects.block, measure)
+    levels = _check_levels(levels)
     strengths = np.asarray(require_positive_measures(suite, measure, objects.block))
     # A single block has no axis of objects; without uncertainty there is none of samples.
     axes = {"object": np.arange(objects.number)} if objects.shape else {}
@@ -180,6 +183,20 @@ def fragility(
         labels["object"] = (objects.names, "object")
     responses = add_names(grid.build_dataset(chunks), **labels)
     return add_curves(responses, thresholds, threshold_names, confidence)
+
+
+def _choose_levels(block: Block, measure: str) -> np.ndarray:
+    """Choose levels around the intensities that lift and overturn blocks of these sizes."""
+    uplift = block.gravity / block.slenderness
+    if measure.startswith("pga"):
+        unit = 1.0 if measure == "pga_ratio" else uplift
+        low, high = (0.5, 8.0)
+    else:
+        # Velocities scale with 1 / p: it takes a faster ground to overturn a larger block.
+        unit = 1.0 if measure == "pgv_ratio" else uplift / block.frequency_parameter
+        low, high = (0.1, 3.0)
+    smallest = np.min(unit)
+    return smallest * np.geomspace(low, high * np.max(unit) / smallest, 25)
 
 
 def _check_levels(levels: Numbers) -> np.ndarray:

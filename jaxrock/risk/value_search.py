@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import SIZES_IN_WORDS
-from ..host import show_clock
 from ..overturning import UNITS
 
 # Distance of the values that are examined at first, in logarithms, at least and over the
@@ -96,7 +95,6 @@ class ValueSearch(NamedTuple):
     targets: np.ndarray
     resolution: float
 
-    @show_clock("required values")
     def scan(self, low: np.ndarray, high: np.ndarray) -> list[RateScan]:
         """Compute rates at values between the bounds of each object, many near its target."""
         points = [

@@ -1,8 +1,8 @@
 """The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
 
 from .array_slopes import value_and_slopes
-from .driven_answer import DrivenAnswer as DrivenAnswer
 from .driven_answer import DrivenAnswerName as DrivenAnswerName
+from .driven_tornado import driven_tornado
 from .local_dependence import LocalDependence, local_dependence
 from .measures import (
     DerivativeBasedMeasures,
@@ -12,8 +12,6 @@ from .measures import (
     sensitivities,
     tornado,
 )
-from .measures import arrange_bars as arrange_bars
-from .measures import list_ends as list_ends
 from .moments import MomentEstimate, monte_carlo, propagate
 from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
 from .parameters import describe_parameter as describe_parameter
@@ -32,6 +30,7 @@ __all__ = [
     "TornadoBars",
     "Uncertain",
     "derivative_based_measures",
+    "driven_tornado",
     "failure_probability",
     "local_dependence",
     "monte_carlo",

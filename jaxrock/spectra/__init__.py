@@ -2,6 +2,7 @@
 
 from .driven import overturning_spectrum, rocking_spectrum
 from .harmonic import add_size, harmonic_spectrum
+from .harmonic import lowest_stable_amplitude as lowest_stable_amplitude
 from .overturning_map import overturning_map
 from .resonance import RESONANCE_AXES as RESONANCE_AXES
 from .resonance import resonance_spectrum

@@ -312,3 +312,20 @@ def _flag_toppled(peak: np.ndarray) -> np.ndarray:
     # By rotation and not by energy: the floor goes on moving, so that it does not count what
     # the block would do on a floor at rest.
     return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)
+
+
+def lowest_stable_amplitude(dataset: "xarray.Dataset") -> "xarray.DataArray":
+    """Find the lowest amplitude of a grid at which steady rocking is stable.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A harmonic spectrum with the units of one block, of `add_size`.
+
+    Returns
+    -------
+    xarray.DataArray
+        Amplitude [m/s2] over the increasing frequency, NaN where it is stable at none.
+    """
+    stable = dataset.region == _FLAGS["region"][1].split().index("stable")
+    return dataset.amplitude.where(stable).min("amplitude_ratio").sortby("frequency_ratio")

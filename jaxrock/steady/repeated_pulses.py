@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike
 
 from ..block import Block
 from ..ground_motion import Pulse
-from ..host import Printed, format_fields, show_clock
+from ..host import Printed, format_fields
 from ..numerics import (
     ABOVE,
     BELOW,
@@ -86,7 +86,6 @@ class PulsedPhase(Printed, eqx.Module):
         return format_fields(self, **dict.fromkeys(self.__dataclass_fields__, "") | units)
 
 
-@show_clock("pulsed phase")
 def pulsed_phase(
     block: Block,
     restitution: Number,

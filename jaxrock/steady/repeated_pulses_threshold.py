@@ -17,7 +17,7 @@ from jaxtyping import ArrayLike
 from ..block import Block
 from ..driven import Equation, Response, uplift_acceleration
 from ..ground_motion import Pulse, check_pulse_class
-from ..host import Printed, format_fields, show_clock
+from ..host import Printed, format_fields
 from ..numerics import ABOVE, BELOW, Root, Sample, Scan, differentiate_implicitly, select_tree
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Integers, Number, Reals, is_traced
@@ -77,7 +77,6 @@ class PulsedThreshold(Printed, eqx.Module):
         return format_fields(self, **units)
 
 
-@show_clock("critical amplitude of pulses")
 def critical_pulsed_amplitude(
     block: Block,
     restitution: Number,

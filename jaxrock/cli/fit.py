@@ -1,0 +1,173 @@
+"""The command that fits measured impact times."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..calibration import FreeRockingFit, fit_free_rocking, read_impact_times
+from ..host import write_whole
+from ..tables import write_csv
+from ..validation import POSITIVE, check
+from .answers import Answer, describe_options, list_rows, save_picture
+from .options import FileOutput, Folder, ModelName, divide_sides, make_block, refuse
+
+_FILES = ("fit.csv", "fit.png")
+_UNITS = {
+    **dict.fromkeys(("time", "residual"), "s"),
+    **dict.fromkeys(("velocity_ratio", "restitution", "restitution_error"), "-"),
+    **dict.fromkeys(("peak_rotation", "rotation_residual"), "rad"),
+}
+_SUMMARY = (
+    *("time_noise", "rotation_noise", "restitution_change", "restitution_change_error"),
+    *("restitution_change_p_value", "frequency_p_value", "degrees_of_freedom"),
+)
+
+
+def fit(
+    file: Path,
+    *,
+    width: float | None = None,
+    height: float | None = None,
+    slenderness: float | None = None,
+    gravity: float | None = None,
+    inertia_ratio: float | None = None,
+    frequency_unknown: bool = False,
+    model: ModelName | None = None,
+    time_noise: float | None = None,
+    rotation_noise: float | None = None,
+    no_repair: bool = False,
+    out: Folder = Path("fit"),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Fit the restitution of a block, and if need be its p, to the times of its impacts.
+
+    In a test the block is tilted and let go; a microphone or an accelerometer beside it hears
+    the impacts. The file has a line for each: its time [s], and perhaps after a comma the
+    largest rotation between it and the next [rad]. Without a width the block is unknown, and p
+    is fitted too. Writes fit.csv, a line for each time, and fit.png.
+
+    Example: jaxrock fit times.csv
+
+    Example: jaxrock fit times.csv --width 0.2 --height 1
+
+    Parameters
+    ----------
+    file
+        The file with the times of the impacts.
+    width
+        Full width 2b of the base [m]; if not given, the block is unknown.
+    height
+        Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness.
+    slenderness
+        Height over width [-].
+    gravity
+        Acceleration of gravity [m/s2]. 9.81 if not given.
+    inertia_ratio
+        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3, of a rectangle, if not
+        given.
+    frequency_unknown
+        Fit p although the block is given; its shape is kept.
+    model
+        Equation of motion; by default nonlinear with a block, without one always linearized.
+    time_noise
+        Standard deviation of a measured time [s]; by default from the residuals.
+    rotation_noise
+        Standard deviation of a measured rotation [rad]; by default from the residuals.
+    no_repair
+        Do not look for impacts that are missing, or times that are wrong.
+    out
+        Folder to write to; made if it is missing.
+    """
+    about = describe_options("fit", locals())
+    block = None
+    if width is not None:
+        block = _make_block(width, height, slenderness, gravity, inertia_ratio)
+    else:
+        refuse(
+            "a width",
+            height=height,
+            slenderness=slenderness,
+            gravity=gravity,
+            inertia_ratio=inertia_ratio,
+            frequency_unknown=frequency_unknown or None,
+            model=model,
+        )
+    for name, noise in (("time_noise", time_noise), ("rotation_noise", rotation_noise)):
+        if noise is not None:
+            check(name, noise, POSITIVE)
+    times, peaks = read_impact_times(file)
+    # Only the file says whether there are peaks, so it has to be read first.
+    if peaks is None:
+        refuse("peak rotations in the file", rotation_noise=rotation_noise)
+    with write_whole("out", out, _FILES, output.force) as folder:
+        from ..plot import plot_free_rocking_fit
+
+        fitted = fit_free_rocking(
+            times,
+            block,
+            peak_rotations=peaks,
+            model=model,
+            frequency_known=not frequency_unknown,
+            time_noise=time_noise,
+            rotation_noise=rotation_noise,
+            repair=not no_repair,
+        )
+        columns = _collect_columns(fitted, peaks)
+        write_csv(folder / "fit.csv", columns, _UNITS, about)
+        save_picture(plot_free_rocking_fit(fitted), folder / "fit.png")
+    data = {"model": fitted.model, **_summarize(fitted), "rows": list_rows(columns)}
+    return Answer(str(fitted), data, output, [out / name for name in _FILES])
+
+
+def _make_block(
+    width: float,
+    height: float | None,
+    slenderness: float | None,
+    gravity: float | None,
+    inertia_ratio: float | None,
+) -> Block:
+    """Make the block, of a width and one of height and slenderness."""
+    if (height is None) == (slenderness is None):
+        raise ValueError("height or slenderness must be given with a width, one of the two")
+    if height is not None:
+        slenderness = divide_sides(width, height, None)
+    assert slenderness is not None
+    return make_block(
+        width,
+        slenderness,
+        9.81 if gravity is None else gravity,
+        RECTANGLE_INERTIA_RATIO if inertia_ratio is None else inertia_ratio,
+    )
+
+
+def _collect_columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[object]]:
+    """List a value for each time, NaN where there is none."""
+    # A restitution compares the half-cycles before and after an impact, which the first and
+    # the last time do not have.
+    columns = {
+        "impact": fit.impact_numbers,
+        "time": fit.impact_times,
+        "used": fit.used,
+        "residual": fit.time_residuals,
+        "velocity_ratio": np.pad(fit.velocity_ratios, 1, constant_values=math.nan),
+        "restitution": np.pad(fit.restitutions, 1, constant_values=math.nan),
+        "restitution_error": np.pad(fit.restitution_errors, 1, constant_values=math.nan),
+    }
+    if peaks is not None:
+        columns["peak_rotation"] = np.append(peaks, math.nan)
+        columns["rotation_residual"] = np.append(fit.rotation_residuals, math.nan)
+    return {name: np.asarray(column).tolist() for name, column in columns.items()}
+
+
+def _summarize(fit: FreeRockingFit) -> dict[str, object]:
+    """Summarize a fit in numbers, NaN for those that it does not determine."""
+    values = {name: float(getattr(fit, name)) for name in fit.names}
+    errors = {
+        name: math.nan if math.isnan(value) else float(fit.standard_errors[name])
+        for name, value in values.items()
+    }
+    summary = {name: float(getattr(fit, name)) for name in _SUMMARY}
+    counts = {"impacts": fit.used.size, "used": int(fit.used.sum())}
+    return {**counts, **values, "standard_errors": errors, **summary, "remarks": fit.remarks}

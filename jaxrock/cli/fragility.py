@@ -1,0 +1,246 @@
+"""The command about suites of records: fragility, and the rate of overturning at a site."""
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from .. import risk
+from ..grids import write_table
+from ..ground_motion import MEASURES
+from ..host import format_table, write_whole
+from ..risk import (
+    Hazard,
+    RateElasticities,
+    Site,
+    name_thresholds,
+    overturning_rate,
+    rate_elasticities,
+)
+from ..sensitivity import Uncertain
+from ..validation import POSITIVE, check
+from .answers import Answer, describe_options, save_picture
+from .options import (
+    BlockOptions,
+    Count,
+    FileOutput,
+    Folder,
+    Grid,
+    ModelName,
+    StoreOptions,
+    SuiteOptions,
+    read_numbers,
+    refuse,
+)
+from .stores import write_store
+
+if TYPE_CHECKING:
+    import xarray
+
+_FILES = ("fragility.nc", "fragility.csv", "fragility.png")
+
+
+def fragility(
+    *,
+    measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv",
+    levels: Grid | None = None,
+    threshold: tuple[str, ...] = ("uplift", "0.5", "1", "overturning"),
+    tolerance: float = 1e-3,
+    uncertain: tuple[str, ...] = (),
+    samples: Count | None = None,
+    model: ModelName = "nonlinear",
+    suite_options: SuiteOptions = SuiteOptions(),
+    block_options: BlockOptions = BlockOptions(),
+    out: Folder | None = None,
+    output: FileOutput = FileOutput(),
+    store_options: StoreOptions = StoreOptions(),
+) -> Answer:
+    """Compute the fragility of a block under records; with a hazard, the rate of overturning.
+
+    Writes fragility.nc, fragility.csv and fragility.png: the probability that each
+    threshold is exceeded at each level, with intervals and lognormal curves.
+
+    Example: jaxrock fragility --records example --width 0.6 --height 2.4 --restitution 0.8
+
+    Parameters
+    ----------
+    measure
+        Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the
+        block.
+    levels
+        Increasing levels of the measure for the curves; by default by the size of the block.
+    threshold
+        Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning".
+    tolerance
+        Relative error of peak rotations that is allowed.
+    uncertain
+        Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02.
+    samples
+        Samples of uncertain parameters, a power of 2. 64 if not given.
+    model
+        Equation of motion.
+    out
+        Folder to write to; made if it is missing. "fragility" if not given.
+    """
+    about = describe_options("fragility", locals())
+    block, c = block_options.read()
+    suite = suite_options.read_suite()
+    thresholds = [_read_threshold(word) for word in threshold]
+    name_thresholds(thresholds)
+    check("tolerance", tolerance, POSITIVE)
+    # Every record must have some of the measure, or it could not be scaled to a level.
+    suite.factors(1.0, measure, block)
+    hazard = suite_options.read_hazard(measure)
+    site = None if hazard is None else Site(suite, hazard, measure)
+    uncertainty = _read_uncertain(uncertain, samples)
+    if uncertainty is not None:
+        # Drawn once here, so that a name that is none is refused before anything is computed.
+        uncertainty.draw(block, c)
+    compute = functools.partial(
+        risk.fragility,
+        block,
+        c,
+        suite,
+        None if levels is None else read_numbers("levels", levels),
+        measure,
+        thresholds,
+        uncertain=uncertainty,
+        tolerance=tolerance,
+        model=model,
+    )
+
+    def answer(curves: "xarray.Dataset") -> Answer:
+        """Describe the curves, and with a hazard the rate as well."""
+        lines, data = _describe_curves(curves, str(suite))
+        if site is not None:
+            # Of a block that is given by its sides, these are what can be changed.
+            by = "shape" if block_options.height is None else "sides"
+            elasticities = rate_elasticities(block, c, site, model=model, by=by)
+            rate_lines, rates = _describe_rate(site, elasticities)
+            lines += rate_lines
+            data |= rates
+            if uncertainty is not None:
+                mean = overturning_rate(block, c, site, uncertainty, model=model)
+                lines.append(f"with uncertain parameters: {mean}")
+                data["rate_with_uncertainty"] = float(mean.rate)
+        return Answer("\n".join(lines), data, output)
+
+    if store_options.check(out, output.force):
+        return write_store(compute(chunks="auto").assign_attrs(about), store_options, answer)
+    target = out or Path("fragility")
+    with write_whole("out", target, _FILES, output.force) as folder:
+        from ..plot import plot_fragility
+
+        curves = compute().assign_attrs(about)
+        curves.to_netcdf(folder / "fragility.nc")
+        # A table has columns of one length: fits of whole curves are in the other files.
+        over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
+        write_table(curves[over_level], folder / "fragility.csv")
+        save_picture(plot_fragility(curves), folder / "fragility.png")
+        described = answer(curves)
+    return replace(described, files=[target / name for name in _FILES])
+
+
+def _read_threshold(word: str) -> float | str:
+    """Read a threshold: a number, or a word that `name_thresholds` checks."""
+    try:
+        return float(word)
+    except ValueError:
+        return word
+
+
+def _read_uncertain(words: tuple[str, ...], samples: int | None) -> Uncertain | None:
+    """Read what is uncertain; None without any."""
+    if not words:
+        refuse("uncertain", samples=samples)
+        return None
+    coefficients = dict[str, float]()
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            coefficients[name] = float(value)
+        except ValueError:
+            raise ValueError(
+                f"uncertain must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
+            ) from None
+    return Uncertain(coefficients, samples=64 if samples is None else samples)
+
+
+def _describe_curves(
+    curves: "xarray.Dataset", suite: str
+) -> tuple[list[str], dict[str, object]]:
+    """Describe medians and dispersions of the curves: lines of text, and data."""
+    measure = curves.attrs["measure"]
+    chaotic = 1 - float(curves.within_tolerance.mean())
+    median = curves["lognormal_median"].values
+    dispersion = curves["lognormal_dispersion"].values
+    unit = MEASURES[measure][1]
+    unit = "" if unit == "1" else unit
+    names = [str(name) for name in curves.threshold.values]
+    descriptions = [_describe_threshold(name) for name in names]
+    levels = curves.level.values
+    lines = [
+        f"{suite}, {levels.size} levels of {measure}, {levels[0]:.4g} to"
+        f" {levels[-1]:.4g}{unit and f' {unit}'}",
+        format_table(
+            f"level of {measure} at which half of the records make the block ...",
+            descriptions,
+            **{f"median{unit and f' [{unit}]'}": median},
+            dispersion=dispersion,
+        ),
+    ]
+    for words, remark in zip(descriptions, curves.remark.values, strict=True):
+        if remark:
+            lines.append(f"{words}: {remark}")
+    if chaotic:
+        lines.append(f"{chaotic:.1%} of the responses are not within the tolerance")
+    data: dict[str, object] = {
+        "records": curves.sizes["record"],
+        "thresholds": names,
+        "median": median.tolist(),
+        "dispersion": dispersion.tolist(),
+        "remarks": curves.remark.values.tolist(),
+        "fraction_within_tolerance": 1 - chaotic,
+    }
+    if "sample" in curves.dims:
+        parts = {
+            name.removeprefix("dispersion_"): curves[name].values
+            for name in ("dispersion_of_records", "dispersion_of_parameters")
+        }
+        lines.append(format_table("dispersion by its causes", descriptions, **parts))
+        data |= {f"dispersion_{name}": part.tolist() for name, part in parts.items()}
+    return lines, data
+
+
+def _describe_threshold(name: str) -> str:
+    """Describe what a block does beyond a threshold, in words that need no formula."""
+    words = {
+        "uplift": "lift off an edge",
+        "overturning": "overturn",
+        "1": "rock to the critical angle",
+    }
+    return words.get(name, f"rock to {name} of the critical angle")
+
+
+def _describe_rate(
+    site: Site, elasticities: RateElasticities
+) -> tuple[list[str], dict[str, object]]:
+    """Describe the rate of overturning, and what it depends on: lines of text, and data."""
+    rate = elasticities.rate
+    lines = [f"{rate}\n{elasticities}"]
+    assert isinstance(site.hazard, Hazard)
+    if site.hazard.statistic:
+        lines.insert(0, str(site.hazard))
+    names = elasticities.names
+    over_change = elasticities.over_change.tolist()
+    at_point = elasticities.at_point.tolist()
+    data: dict[str, object] = {
+        "hazard": str(site.hazard),
+        "rate": float(rate.rate),
+        "standard_error": float(rate.standard_error),
+        "not_detected": float(rate.not_detected),
+        "complete": bool(rate.complete),
+        "elasticities": dict(zip(names, over_change, strict=True)),
+        "elasticities_at_point": dict(zip(names, at_point, strict=True)),
+    }
+    return lines, data

@@ -1,0 +1,31 @@
+"""The command that regenerates the paper."""
+
+from pathlib import Path
+
+from ..host import write_whole
+from ..reports import paper as report_of_paper
+from .answers import Answer
+from .options import FileOutput, Folder
+
+
+def paper(*, out: Folder = Path("paper"), output: FileOutput = FileOutput()) -> Answer:
+    """Regenerate the paper's tables and figures and compare them with what it prints.
+
+    Writes report.md, the tables as CSV and the figures as PNG. Exits with 1 if anything
+    disagrees that is not a known fault of the paper.
+
+    Example: jaxrock paper --out paper
+
+    Parameters
+    ----------
+    out
+        Folder to write to; made if it is missing.
+    """
+    with write_whole("out", out, report_of_paper.FILES, output.force) as folder:
+        report = report_of_paper.regenerate()
+        report_of_paper.write(report, folder)
+    mismatches = [f"mismatch: {line}" for line in report.mismatches]
+    text = "\n".join([report_of_paper.summarize(report), *mismatches])
+    files = [out / name for name in report_of_paper.FILES]
+    # By the exit code a test run can tell that something disagrees.
+    return Answer(text, report.count(), output, files, code=1 if mismatches else 0)

@@ -1,0 +1,99 @@
+"""The question of the command about sensitivities: an answer, and what it depends on."""
+
+from typing import Literal, NamedTuple
+
+from ..block import SHAPE, SIDES, SIZES_IN_WORDS, Block, size_of
+from ..overturning import UNITS
+from ..sensitivity import Uncertain
+from ..validation import POSITIVE, check
+from .options import ModelName
+
+AnswerName = Literal[
+    "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
+]
+UNITS_OF_PARAMETERS = {**UNITS, "intensity": "m/s"}
+_UNITS_OF_ANSWERS = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}
+
+
+class Question(NamedTuple):
+    """An answer, the values of the parameters it depends on, and how uncertain these are.
+
+    Attributes
+    ----------
+    answer : str
+        Its name.
+    model : str
+        Equation of motion.
+    block : Block
+        With the parameters that are constant.
+    sides : tuple of str
+        Names of the sides of the block, if it is described by them.
+    at : dict
+        Values of the parameters, by name.
+    relative_change : float
+        By which the tornado lowers and raises each of them [-].
+    coefficient_of_variation : float
+        Of each of them [-].
+    """
+
+    answer: AnswerName
+    model: ModelName
+    block: Block
+    sides: tuple[str, ...]
+    at: dict[str, float]
+    relative_change: float
+    coefficient_of_variation: float
+
+    @property
+    def label(self) -> str:
+        """The answer and its unit, for an axis."""
+        unit = _UNITS_OF_ANSWERS.get(self.answer, "-")
+        return f"{self.answer.replace('-', ' ')} [{unit}]"
+
+    @property
+    def sizes_in_words(self) -> str:
+        """What a change of size leaves as it is."""
+        sizes = [name for name in self.at if name in SIZES_IN_WORDS]
+        return ", ".join(f"{name} is the {SIZES_IN_WORDS[name]}" for name in sizes)
+
+    def make_ranges(self) -> dict[str, tuple[float, float]]:
+        """Make the ranges of the tornado."""
+        low = 1 - self.relative_change
+        high = 1 + self.relative_change
+        ranges = {name: (value * low, value * high) for name, value in self.at.items()}
+        # Beyond 1 an impact would give energy to the block.
+        c = self.at["restitution"]
+        return ranges | {"restitution": (c * low, min(c * high, 1.0))}
+
+    def make_uncertain(self, samples: int, seed: int = 0) -> Uncertain:
+        """Make all parameters uncertain."""
+        coefficients = dict.fromkeys(self.at, self.coefficient_of_variation)
+        return Uncertain(coefficients, samples=samples, seed=seed)
+
+    def describe_missing(self) -> str:
+        """Describe that the answer does not exist for a block that overturns."""
+        given = f"restitution {self.at['restitution']:.4g}"
+        if "intensity" in self.at:
+            given += f" and {self.at['intensity']:g} m/s"
+        return f"answer {self.answer} does not exist here: the block overturns at {given}"
+
+
+def ask(
+    answer: AnswerName,
+    model: ModelName,
+    block: Block,
+    restitution: float,
+    sides: bool,
+    relative_change: float,
+    coefficient_of_variation: float,
+) -> Question:
+    """Check the question of a block; what shakes it adds parameters."""
+    check("relative_change", relative_change, POSITIVE)
+    if relative_change >= 1:
+        raise ValueError(f"relative_change must be less than 1, got {relative_change:g}")
+    check("coefficient_of_variation", coefficient_of_variation, POSITIVE)
+    size = size_of(block, "sides" if sides else "shape")
+    at = {name: float(size[name]) for name in (SIDES if sides else SHAPE)}
+    at["restitution"] = restitution
+    names = SIDES if sides else ()
+    return Question(answer, model, block, names, at, relative_change, coefficient_of_variation)

@@ -1,0 +1,183 @@
+"""The commands that compute spectra of many blocks."""
+
+import functools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from ..block import RECTANGLE_INERTIA_RATIO
+from ..grids import as_axis, compute_overturned_fraction, write_table
+from ..host import write_whole
+from ..spectra import resonance_spectrum
+from ..spectra import rocking_spectrum as compute_rocking_spectrum
+from ..validation import AT_LEAST_ONE, POSITIVE, check
+from .answers import Answer, describe_options, save_picture
+from .options import (
+    FileOutput,
+    Folder,
+    Grid,
+    RecordOptions,
+    StoreOptions,
+    read_numbers,
+    refuse,
+)
+from .stores import write_store
+
+if TYPE_CHECKING:
+    import xarray
+
+_FILES = ("spectrum.nc", "spectrum.csv", "spectrum.png")
+_ROCKING_FILES = ("rocking_spectrum.nc", "rocking_spectrum.csv", "rocking_spectrum.png")
+
+
+def spectrum(
+    *,
+    slenderness: Grid = ("3:10:141",),
+    width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2),
+    restitution: Grid = (0.6, 0.7, 0.8),
+    intensity: Grid = (0.15,),
+    gravity: float = 9.81,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    model: Literal["linearized", "nonlinear", "auto"] = "linearized",
+    tolerance: float | None = None,
+    out: Folder | None = None,
+    output: FileOutput = FileOutput(),
+    store_options: StoreOptions = StoreOptions(),
+) -> Answer:
+    """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
+
+    Writes spectrum.nc, spectrum.csv and spectrum.png. Values of the grid are given one by
+    one, or as START:STOP:COUNT. A grid too large for that goes to a Zarr store.
+
+    Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
+
+    Parameters
+    ----------
+    slenderness
+        Height over width [-].
+    width
+        Full widths 2b of the base [m].
+    restitution
+        Coefficients of restitution [-], 0 to 1.
+    intensity
+        Change of ground velocity in each pulse [m/s].
+    gravity
+        Acceleration of gravity [m/s2].
+    inertia_ratio
+        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
+    model
+        Equation of free rocking; auto takes at each point the cheapest within the tolerance.
+    tolerance
+        Relative error that is allowed, for the model auto. 1e-3 if not given.
+    out
+        Folder to write to; made if it is missing. "spectrum" if not given.
+    """
+    about = describe_options("spectrum", locals())
+    if model != "auto":
+        refuse("the model auto", tolerance=tolerance)
+    relative_error = 1e-3 if tolerance is None else tolerance
+    check("gravity", gravity, POSITIVE)
+    check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
+    check("tolerance", relative_error, POSITIVE)
+    intensities = as_axis("intensity", read_numbers("intensity", intensity))
+    compute = functools.partial(
+        resonance_spectrum,
+        as_axis("slenderness", read_numbers("slenderness", slenderness)),
+        as_axis("width", read_numbers("width", width)),
+        as_axis("restitution", read_numbers("restitution", restitution)),
+        intensities[0] if len(intensities) == 1 else intensities,  # one is no dimension
+        model=model,
+        tolerance=relative_error,
+        gravity=gravity,
+        inertia_ratio=inertia_ratio,
+    )
+
+    def answer(
+        dataset: "xarray.Dataset", overturned: float, files: Sequence[Path] = ()
+    ) -> Answer:
+        """Say how many scenes there are, and which fraction of them overturns."""
+        sizes = {str(name): size for name, size in dataset.sizes.items()}
+        count = math.prod(sizes.values())
+        text = f"{count} scenes, {100 * overturned:.1f} % of them overturn"
+        data = {"sizes": sizes, "model": model, "overturned": overturned}
+        return Answer(text, data, output, files)
+
+    if store_options.check(out, output.force):
+        return write_store(
+            compute(chunks="auto").assign_attrs(about),
+            store_options,
+            lambda dataset: answer(dataset, float((dataset.overturning_margin <= 0).mean())),
+        )
+    target = out or Path("spectrum")
+    files = [target / name for name in _FILES]
+    with write_whole("out", target, _FILES, output.force) as folder:
+        from ..plot import plot_spectrum
+
+        # Into the file, part by part: a large grid need not fit into memory.
+        with compute(store=folder / "spectrum.nc") as dataset:
+            write_table(dataset, folder / "spectrum.csv")
+            save_picture(plot_spectrum(dataset), folder / "spectrum.png")
+            return answer(dataset, compute_overturned_fraction(dataset), files)
+
+
+def rocking_spectrum(
+    *,
+    period: Grid = ("1:4:241", "4.05:8:80"),
+    slenderness: Grid = (4.0, 6.0, 8.0),
+    restitution: Grid = (0.9,),
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    record_options: RecordOptions = RecordOptions(),
+    out: Folder | None = None,
+    output: FileOutput = FileOutput(),
+    store_options: StoreOptions = StoreOptions(),
+) -> Answer:
+    """Compute the rocking spectrum of a record: peak rotation over the size of the block.
+
+    Of the example record if none is given. Writes rocking_spectrum.nc, .csv and .png.
+
+    Example: jaxrock rocking-spectrum --record example --scale 1.5
+
+    Parameters
+    ----------
+    period
+        2 pi / p of the blocks [s].
+    slenderness
+        Height over width [-].
+    restitution
+        Velocity after an impact over velocity before it [-].
+    inertia_ratio
+        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
+    out
+        Folder to write to; made if it is missing. "rocking_spectrum" if not given.
+    """
+    about = describe_options("rocking-spectrum", locals())
+    check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
+    compute = functools.partial(
+        compute_rocking_spectrum,
+        record_options.read(default="example"),
+        as_axis("period", read_numbers("period", period)),
+        as_axis("slenderness", read_numbers("slenderness", slenderness)),
+        as_axis("restitution", read_numbers("restitution", restitution)),
+        inertia_ratio=inertia_ratio,
+    )
+
+    def answer(dataset: "xarray.Dataset", files: Sequence[Path] = ()) -> Answer:
+        """Say how many blocks there are, and which fraction of them overturns."""
+        overturned = 100 * float(dataset.overturned.mean())
+        text = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
+        sizes = {str(name): size for name, size in dataset.sizes.items()}
+        return Answer(text, {"sizes": sizes}, output, files)
+
+    if store_options.check(out, output.force):
+        return write_store(compute(chunks="auto").assign_attrs(about), store_options, answer)
+    target = out or Path("rocking_spectrum")
+    files = [target / name for name in _ROCKING_FILES]
+    with write_whole("out", target, _ROCKING_FILES, output.force) as folder:
+        from ..plot import plot_rocking_spectrum
+
+        dataset = compute().assign_attrs(about)
+        dataset.to_netcdf(folder / "rocking_spectrum.nc")
+        write_table(dataset, folder / "rocking_spectrum.csv")
+        save_picture(plot_rocking_spectrum(dataset), folder / "rocking_spectrum.png")
+        return answer(dataset, files)

@@ -1,0 +1,71 @@
+"""Zarr stores that commands write, computed by workers of this machine."""
+
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from .answers import Answer
+from .options import StoreOptions
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def write_store(
+    lazy: "xarray.Dataset",
+    options: StoreOptions,
+    make_answer: Callable[["xarray.Dataset"], Answer],
+) -> Answer:
+    """Write a lazy dataset to a store, or the chunks of it that are missing.
+
+    Parameters
+    ----------
+    lazy : xarray.Dataset
+        Of Dask arrays.
+    options : StoreOptions
+        The store, and how many workers compute it.
+    make_answer : callable
+        Makes the answer from the dataset in the store, on which Dask computes by the workers.
+
+    Returns
+    -------
+    Answer
+        The same, and how much of the store was there before.
+
+    Raises
+    ------
+    ValueError
+        If the workers cannot do it; what they have written stays for the next run.
+    """
+    # Dask takes a second to import, and only stores need it.
+    import xarray
+    from distributed import Client
+    from distributed.scheduler import KilledWorker
+
+    from ..grids import local_cluster, write_zarr
+
+    assert options.store is not None
+    try:
+        # The client is closed before the cluster that it belongs to.
+        with local_cluster(options.workers) as cluster, Client(cluster) as client:
+            # Only for somebody who watches: in a log the address would be a line that differs.
+            if sys.stderr.isatty():
+                print(f"jaxrock: dashboard at {client.dashboard_link}", file=sys.stderr)
+            stored = write_zarr(lazy, options.store)
+            with xarray.open_zarr(options.store, zarr_format=2) as dataset:
+                answer = make_answer(dataset)
+    # Errors of Dask are long and about its insides.
+    except KilledWorker as error:
+        raise ValueError(
+            f"workers ended again and again at one chunk, perhaps for want of memory: {error}"
+        ) from error
+    except RuntimeError as error:  # such as where workers have no jaxrock
+        raise ValueError(f"the workers cannot do it: {error}") from error
+    data = {
+        "store": str(options.store),
+        "chunks": stored.chunks,
+        "taken_over": stored.taken_over,
+    }
+    return Answer(
+        f"{answer.text}\n{stored}", {**answer.data, **data}, answer.output, (), answer.code
+    )

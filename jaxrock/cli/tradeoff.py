@@ -1,0 +1,61 @@
+"""The command that measures speed against accuracy."""
+
+from pathlib import Path
+
+from ..accuracy import make_default_scene, measure_tradeoff
+from ..driven import DrivenScene
+from ..grids import write_table
+from ..host import write_whole
+from ..resonance import Scene
+from .answers import Answer, describe_options, save_picture
+from .options import BlockOptions, FileOutput, Folder, MotionOptions
+
+_FILES = ("tradeoff.nc", "tradeoff.csv", "tradeoff.png")
+
+
+def tradeoff(
+    *,
+    intensity: float | None = None,
+    block_options: BlockOptions = BlockOptions(),
+    motion_options: MotionOptions = MotionOptions(),
+    out: Folder = Path("tradeoff"),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Measure speed against accuracy on this machine: every dial turned, errors and times.
+
+    Of a block under a pulse or a record, with --intensity under the pulses of resonance, by
+    default under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
+
+    Example: jaxrock tradeoff --record example
+
+    Parameters
+    ----------
+    intensity
+        Change of ground velocity in each instantaneous pulse [m/s].
+    out
+        Folder to write to; made if it is missing.
+    """
+    about = describe_options("tradeoff", locals())
+    block, c = block_options.read()
+    motion = make_default_scene().motion
+    if motion_options.given:
+        motion = motion_options.read()
+        if intensity is not None:
+            raise ValueError("intensity excludes a pulse or a record")
+    else:
+        motion_options.refuse_all("a pulse or a record")
+    scene = Scene(block, c, intensity) if intensity is not None else None
+    with write_whole("out", out, _FILES, output.force) as folder:
+        from ..plot import plot_tradeoff
+
+        measured = measure_tradeoff(scene or DrivenScene(block, c, motion))
+        dataset = measured.dataset.assign_attrs(about)
+        dataset.to_netcdf(folder / "tradeoff.nc")
+        write_table(dataset, folder / "tradeoff.csv")
+        save_picture(plot_tradeoff(measured.dataset), folder / "tradeoff.png")
+    data = {
+        "rows": dataset.to_dataframe().to_dict("records"),
+        "sentence": measured.sentence(),
+        "notes": measured.notes(),
+    }
+    return Answer(str(measured), data, output, [out / name for name in _FILES])
