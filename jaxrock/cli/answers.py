@@ -86,7 +86,7 @@ def describe_options(
     return about | {
         name: _make_attribute(value)
         for name, value in described.items()
-        if value not in (None, False, ())
+        if not (value is None or value is False or value == ())
     }
 
 
