@@ -9,7 +9,7 @@ from ..accuracy import make_default_scene, measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
 from ..driven import DrivenScene
 from ..grids import as_axis, compute_overturned_fraction, write_table
-from ..reports import conformance, paper
+from ..reports import paper
 from ..resonance import Scene
 from ..spectra import RESONANCE_AXES, resonance_spectrum, rocking_spectrum
 from ..validation import AT_LEAST_ONE, POSITIVE, check
@@ -235,24 +235,6 @@ class Paper(Writing):
         return Answer(text, data, code=1 if mismatches else 0)
 
 
-class Conformance(Writing):
-    """Write a table of cases that other programs can be run against.
-
-    Blocks, inputs as files, what to compare, value, tolerance and where the value comes from:
-    cases.csv, the same as cases.json, and the ground motions as CSV.
-
-    Example: jaxrock conformance --out conformance
-    """
-
-    command = "conformance"
-
-    out: Folder = Path("conformance")
-
-    def _carry_out(self) -> Steps:
-        count = conformance.write((yield conformance.FILES))
-        return Answer(f"{count} cases", {"cases": count})
-
-
 _ALL = (
     Assess,
     Spectrum,
@@ -266,6 +248,5 @@ _ALL = (
     Fit,
     MeasureTradeoff,
     Paper,
-    Conformance,
 )
 COMMANDS: dict[str, type[Command]] = {each.command: each for each in _ALL}
