@@ -67,7 +67,9 @@ NABESHIMA = (
     "2:9: V_c = 2 sin(alpha_c / 2) sqrt(4 g R / 3) / (cos(alpha_c) (1 + C))"
 )
 _CONVERGED = "adaptive Runge-Kutta pairs at rtol 1e-11 and Taylor polynomials at rtol 1e-13"
-_BOUNDARY = "zero of the margin by Taylor polynomials at rtol 1e-9, difference from that at 1e-13"
+_BOUNDARY = (
+    "zero of the margin by Taylor polynomials at rtol 1e-9, difference from that at 1e-13"
+)
 _AROUND = np.array([1 - 1e-5, 1 + 1e-5])
 
 Row = dict[str, Any]
